@@ -1,0 +1,1 @@
+"""The daemons: one folder each; `core.py` decides, `service.py` does. A daemon never imports a daemon."""

@@ -1,0 +1,172 @@
+"""The frame: one 48-byte header and a payload, the same in shared memory, ipc, network and log."""
+
+import struct
+from enum import IntEnum, IntFlag
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import WireError
+from swarmware.names import ANY
+
+MAGIC: Final = b"SW"
+VERSION: Final = 1
+HEADER_BYTES: Final = 48
+PAYLOAD_LIMIT: Final = 4 * 1024 * 1024
+"""Largest payload of one frame on a link: libzmq's MAXMSGSIZE follows it; larger data is split."""
+
+_HEADER = struct.Struct("<2sBBHBBIIIIIIqII")
+assert _HEADER.size == HEADER_BYTES
+
+HOPS: Final = 24
+"""Hops a frame may take: more than the diameter of any swarm simulated (18 at 1 000 nodes)."""
+
+
+class Kind(IntEnum):
+    """What a frame is for."""
+
+    BOARD = 1
+    MESSAGE = 2
+    STREAM = 3
+    FILE = 4
+    ACK = 5
+    REQUEST = 6
+    REPLY = 7
+    NOTIFY = 8
+    BEACON = 9
+    HELLO = 10
+    ROUTE = 11
+    EVENT = 12
+
+
+class Flag(IntFlag):
+    """Header flags; the codec of the payload stands in bits 8–10."""
+
+    FRAGMENT = 1
+    URGENT = 2
+    WANTS_ACK = 4
+    SEALED = 8
+
+
+class Codec(IntEnum):
+    """How the payload is coded on top of its type's MessagePack."""
+
+    NONE = 0
+    ZLIB = 1
+    ZSTD = 2
+    PACKED = 7
+    """The type's own quantised form instead of MessagePack."""
+
+
+_CODEC_SHIFT: Final = 8
+_CODEC_MASK: Final = 0x7 << _CODEC_SHIFT
+_CODECS: Final = {int(codec): codec for codec in Codec}
+_KINDS: Final = {int(kind): kind for kind in Kind}
+
+
+class Frame(msgspec.Struct, gc=False):
+    """One unit of data that moves."""
+
+    kind: Kind
+    data_id: int
+    """Of resource path and type, see `names.data_id`."""
+    sender_hw: int = 0
+    sender_app: int = 0
+    receiver_hw: int = ANY
+    receiver_app: int = ANY
+    sequence: int = 0
+    """Per (sender, data id), modulo 2³²."""
+    stamp_ns: int = 0
+    """Sender's hardware clock at send."""
+    echo_tx_us: int = 0
+    """The receiver's last send time, 32-bit µs of the receiver's clock."""
+    echo_rx_us: int = 0
+    """When that arrived here, 32-bit µs of the sender's clock."""
+    flags: int = 0
+    codec: Codec = Codec.NONE
+    hops_left: int = HOPS
+    extension: bytes = b""
+    payload: bytes | memoryview = b""
+
+
+def encode(frame: Frame) -> bytes:
+    """The frame as bytes."""
+    return b"".join(
+        (
+            _HEADER.pack(
+                MAGIC,
+                VERSION,
+                frame.kind,
+                frame.flags | frame.codec << _CODEC_SHIFT,
+                frame.hops_left,
+                len(frame.extension),
+                frame.data_id,
+                frame.sender_hw,
+                frame.sender_app,
+                frame.receiver_hw,
+                frame.receiver_app,
+                frame.sequence & 0xFFFF_FFFF,
+                frame.stamp_ns,
+                frame.echo_tx_us & 0xFFFF_FFFF,
+                frame.echo_rx_us & 0xFFFF_FFFF,
+            ),
+            frame.extension,
+            frame.payload,
+        )
+    )
+
+
+def decode(data: bytes | memoryview) -> Frame:
+    """The frame in these bytes; the payload is a slice of them (bytes stay bytes, a view stays a view).
+
+    Raises: WireError for anything that is no frame of a version we speak.
+    """
+    if len(data) < HEADER_BYTES:
+        raise WireError(f"frame of {len(data)} bytes: expected at least {HEADER_BYTES}")
+    (
+        magic,
+        version,
+        kind_number,
+        flags,
+        hops_left,
+        extension_length,
+        data_id,
+        sender_hw,
+        sender_app,
+        receiver_hw,
+        receiver_app,
+        sequence,
+        stamp_ns,
+        echo_tx_us,
+        echo_rx_us,
+    ) = _HEADER.unpack_from(data)
+    if magic != MAGIC:
+        raise WireError(f"frame starts with {magic!r}: expected {MAGIC!r}")
+    if not VERSION - 1 <= version <= VERSION + 1:
+        raise WireError(f"frame of version {version}: expected {VERSION}, one before or one after")
+    kind = _KINDS.get(kind_number)
+    if kind is None:
+        raise WireError(f"frame of unknown kind {kind_number}: expected one of {sorted(_KINDS)}")
+    codec = _CODECS.get((flags & _CODEC_MASK) >> _CODEC_SHIFT)
+    if codec is None:
+        raise WireError(f"frame of unknown codec {(flags & _CODEC_MASK) >> _CODEC_SHIFT}")
+    start = HEADER_BYTES + extension_length
+    if len(data) < start:
+        raise WireError(f"frame of {len(data)} bytes: its extension needs {start}")
+    return Frame(
+        kind,
+        data_id,
+        sender_hw,
+        sender_app,
+        receiver_hw,
+        receiver_app,
+        sequence,
+        stamp_ns,
+        echo_tx_us,
+        echo_rx_us,
+        flags & ~_CODEC_MASK,
+        codec,
+        hops_left,
+        bytes(data[HEADER_BYTES:start]),
+        data[start:],
+    )

@@ -1,0 +1,128 @@
+"""Type names, and how values become payload bytes and values again."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from importlib import import_module
+from typing import Final, Protocol, TypeVar, runtime_checkable
+
+import msgspec
+
+from swarmware.errors import NotFound, WireError
+from swarmware.frame import PAYLOAD_LIMIT, Codec
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+_AREAS: Final = ("scalar", "vehicle", "system", "rpc", "net", "tree", "time", "health", "mission", "log")
+"""Modules of this package that define types; imported when a type is asked for by name."""
+
+_TYPES: dict[str, type[msgspec.Struct]] = {}
+
+_encoder = msgspec.msgpack.Encoder()
+
+
+@runtime_checkable
+class Packs(Protocol):
+    """A type with a quantised wire form of its own, shorter than MessagePack.
+
+    Its classmethod `unpack(data)` is the inverse and raises WireError for anything else.
+    """
+
+    def pack(self) -> bytes:
+        """The quantised form."""
+        ...
+
+
+def register(cls: type[T]) -> type[T]:
+    """Class decorator: makes a payload type known by its class name.
+
+    Raises: ValueError when another class has the name already.
+    """
+    known = _TYPES.setdefault(cls.__name__, cls)
+    if known is not cls and known.__module__ != cls.__module__:
+        raise ValueError(f"type {cls.__name__} of {cls.__module__}: the name belongs to {known.__module__}")
+    _TYPES[cls.__name__] = cls
+    return cls
+
+
+def type_name(cls: type[msgspec.Struct]) -> str:
+    """Name of a payload type in descriptors and data ids."""
+    return cls.__name__
+
+
+def find(name: str) -> type[msgspec.Struct]:
+    """The payload type of that name.
+
+    Raises: NotFound when no loaded module defines it.
+    """
+    if name not in _TYPES:
+        for area in _AREAS:
+            import_module(f"swarmware.types.{area}")
+    try:
+        return _TYPES[name]
+    except KeyError:
+        raise NotFound(f"type {name!r}: unknown here; expected one of {', '.join(sorted(_TYPES))}") from None
+
+
+def encode(value: msgspec.Struct) -> bytes:
+    """The value as MessagePack."""
+    return _encoder.encode(value)
+
+
+@lru_cache(maxsize=512)
+def _decoder(cls: type[T]) -> Callable[[bytes | memoryview], T]:
+    return msgspec.msgpack.Decoder(cls).decode
+
+
+def pack(value: msgspec.Struct) -> tuple[bytes, Codec]:
+    """The value's shortest wire form and the codec that says which it is."""
+    if isinstance(value, Packs):
+        return value.pack(), Codec.PACKED
+    return _encoder.encode(value), Codec.NONE
+
+
+def decode(cls: type[T], data: bytes | memoryview, codec: Codec = Codec.NONE) -> T:
+    """The value in a payload.
+
+    Raises: WireError with the path of the field that does not fit the type.
+    """
+    if codec is Codec.PACKED:
+        unpack: Callable[[bytes | memoryview], T] | None = getattr(cls, "unpack", None)
+        if unpack is None:
+            raise WireError(f"payload of type {cls.__name__}: packed, but the type has no packed form")
+        return unpack(data)
+    if codec is not Codec.NONE:
+        data = decompress(data, codec)
+    try:
+        value: T = _decoder(cls)(data)
+        return value
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise WireError(f"payload of type {cls.__name__}: {error}") from error
+
+
+def decompress(data: bytes | memoryview, codec: Codec) -> bytes:
+    """The payload without its compression, never longer than a frame may be.
+
+    Raises: WireError when it is damaged or grows beyond the limit.
+    """
+    if codec is Codec.ZLIB:
+        import zlib
+
+        inflate = zlib.decompressobj()
+        try:
+            out = inflate.decompress(data, PAYLOAD_LIMIT)
+        except zlib.error as error:
+            raise WireError(f"zlib payload: {error}") from error
+        if not inflate.eof:
+            raise WireError(f"zlib payload: cut short, or more than {PAYLOAD_LIMIT} bytes")
+        return out
+    if codec is Codec.ZSTD:
+        import zstandard
+
+        try:
+            out = zstandard.ZstdDecompressor().decompress(data, max_output_size=PAYLOAD_LIMIT)
+        except zstandard.ZstdError as error:
+            raise WireError(f"zstd payload: {error}") from error
+        if len(out) > PAYLOAD_LIMIT:
+            raise WireError(f"zstd payload: more than {PAYLOAD_LIMIT} bytes")
+        return out
+    return bytes(data)
