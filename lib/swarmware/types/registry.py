@@ -3,17 +3,16 @@
 from collections.abc import Callable
 from functools import lru_cache
 from importlib import import_module
-from typing import Final, Protocol, TypeVar, runtime_checkable
+from pkgutil import iter_modules
+from typing import Protocol, TypeVar, runtime_checkable
 
 import msgspec
 
+import swarmware.types
 from swarmware.errors import NotFound, WireError
 from swarmware.frame import PAYLOAD_LIMIT, Codec
 
 T = TypeVar("T", bound=msgspec.Struct)
-
-_AREAS: Final = ("scalar", "vehicle", "system", "rpc", "net", "tree", "time", "health", "mission", "log")
-"""Modules of this package that define types; imported when a type is asked for by name."""
 
 _TYPES: dict[str, type[msgspec.Struct]] = {}
 
@@ -55,8 +54,8 @@ def find(name: str) -> type[msgspec.Struct]:
     Raises: NotFound when no loaded module defines it.
     """
     if name not in _TYPES:
-        for area in _AREAS:
-            import_module(f"swarmware.types.{area}")
+        for area in iter_modules(swarmware.types.__path__):
+            import_module(f"swarmware.types.{area.name}")
     try:
         return _TYPES[name]
     except KeyError:

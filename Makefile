@@ -1,0 +1,54 @@
+# Every target sets up what it needs in .venv first; nothing else has to be installed than python3 >= 3.11.
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+RUN := $(BIN)/python -m
+LAB_ARGS ?= --nodes 16
+REPORT ?= report
+
+.PHONY: lab test check bench docs clean
+
+lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
+	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
+
+test: $(VENV)/.test ## all tests
+	$(RUN) pytest -q tests
+
+check: $(VENV)/.test ## the fast part: style, types, layering, unit and architecture tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy lib daemons cli tests share/swarm/examples
+	$(BIN)/lint-imports --no-cache
+	$(RUN) pytest -q tests/unit tests/architecture
+
+bench: $(VENV)/.bench ## measures; ratios in one run
+	for file in tests/bench/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
+
+docs: $(VENV)/.test ## writes the generated part of share/doc
+	$(BIN)/python share/doc/generate.py
+
+clean:
+	rm -rf $(VENV) report dist build .mypy_cache .ruff_cache .hypothesis
+
+# Debian's python3 comes without ensurepip unless python3-venv is there: say so instead of failing in a trace.
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "swarmware needs python3 >= 3.11; set PYTHON="; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "python3 has no venv module: install python3-venv (apt-get install python3-venv)"; exit 1; }
+	@echo "making $(VENV)"
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.lab: pyproject.toml | $(VENV)/bin/python
+	@echo "installing swarmware into $(VENV)"
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/.test: pyproject.toml | $(VENV)/bin/python
+	@echo "installing swarmware and its test tools into $(VENV)"
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@touch $@ $(VENV)/.lab
+
+$(VENV)/.bench: $(VENV)/.test
+	@echo "installing the peers to measure against into $(VENV)"
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,bench]'
+	@touch $@

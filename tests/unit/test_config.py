@@ -1,0 +1,61 @@
+"""Configuration files: what is wrong is named by file, key and expectation."""
+
+import contextlib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmware import config
+from swarmware.errors import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('serwices = ["a"]', r"node.toml: key serwices: unknown; did you mean services\?"),
+        ("[clock]\nzzz = 1", r"key clock.zzz: unknown; expected one of offset_s, drift_ppm"),
+        ('[clock]\noffset_s = "x"', r"key clock.offset_s: expected `float`, got `str` \(it is 'x'\)"),
+        ("[clock]\noffset_s = 1e9", r"key clock.offset_s: .*<= 3600.* \(it is 1000000000.0\)"),
+        ('services = ["a", 3]', r"key services\[1\]: expected `str`"),
+        ('services = ["a", "a"]', "services: a name stands there twice"),
+        ('kind = "boat"', r"key kind: invalid enum value 'boat'"),
+        ('platform = "UAV"', r"node.toml: .*platform name 'UAV'"),
+        ("x =", "no valid TOML"),
+    ],
+)
+def test_a_mistake_is_named_by_file_key_and_expectation(text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        config.parse(text, config.NodeConfig, "node.toml")
+
+
+def test_a_missing_file_says_what_was_expected_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"node\.toml: no such file; expected a NodeConfig in TOML"):
+        config.load_node(tmp_path)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "node.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        config.load_node(tmp_path)
+
+
+def test_a_service_without_a_file_has_its_defaults(tmp_path: Path) -> None:
+    assert config.load_service(tmp_path, "clock", config.ClockConfig) == config.ClockConfig()
+
+
+def test_directories_follow_the_platform_unless_they_are_given() -> None:
+    node = config.parse('platform = "ugv7"', config.NodeConfig, "node.toml")
+    assert node.shm_path == Path("/dev/shm/swarm-ugv7")
+    assert config.parse('shm_dir = "/x"', config.NodeConfig, "node.toml").shm_path == Path("/x")
+
+
+def test_the_share_directory_of_this_checkout_is_found() -> None:
+    assert (config.share_dir() / "templates").is_dir()
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_a_configuration_or_a_config_error(text: str) -> None:
+    with contextlib.suppress(ConfigError):
+        config.parse(text, config.NodeConfig, "node.toml")

@@ -1,0 +1,74 @@
+"""Payload types: names, MessagePack, packed forms, and bytes that are none of it."""
+
+import contextlib
+import math
+import zlib
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmware.errors import NotFound, WireError
+from swarmware.frame import PAYLOAD_LIMIT, Codec
+from swarmware.types import registry
+from swarmware.types.scalar import Float, Text
+from swarmware.types.vehicle import BatteryState, Pose
+
+METRES = st.floats(-2e6, 2e6)
+SPEED = st.floats(-300, 300)
+POSES = st.builds(
+    lambda x, y, z, yaw, v: Pose.planar(x, y, z, yaw, (v, -v, 0.0), 0.5),
+    METRES,
+    METRES,
+    METRES,
+    st.floats(-3.1, 3.1),
+    SPEED,
+)
+
+
+@given(POSES)
+def test_a_packed_pose_is_true_to_half_a_millimetre_and_half_a_centimetre_per_second(pose: Pose) -> None:
+    data, codec = registry.pack(pose)
+    assert codec is Codec.PACKED
+    assert len(data) < len(registry.encode(pose)) / 2
+    back = registry.decode(Pose, data, codec)
+    assert math.dist((pose.x_m, pose.y_m, pose.z_m), (back.x_m, back.y_m, back.z_m)) < 1e-3
+    assert abs(pose.vx_m_s - back.vx_m_s) <= 0.00501
+    assert abs(math.remainder(pose.yaw_rad - back.yaw_rad, math.tau)) < 1e-3
+
+
+def test_values_beyond_the_packed_range_are_clipped_to_it() -> None:
+    back = Pose.unpack(Pose(1e9, -1e9, vx_m_s=1e6).pack())
+    assert back.x_m == pytest.approx(2147483.647)
+    assert back.vx_m_s == pytest.approx(327.67)
+
+
+@given(st.sampled_from([Pose, BatteryState, Float, Text]), st.binary(max_size=80), st.sampled_from(Codec))
+def test_any_bytes_give_a_value_or_a_wire_error(cls: type[msgspec.Struct], data: bytes, codec: Codec) -> None:
+    with contextlib.suppress(WireError):
+        registry.decode(cls, data, codec)
+
+
+def test_a_field_that_does_not_fit_is_named_by_its_path() -> None:
+    data = msgspec.msgpack.encode([12.0, "much", 0.5])
+    with pytest.raises(WireError, match=r"BatteryState.*\$\[1\]"):
+        registry.decode(BatteryState, data)
+
+
+def test_a_compressed_payload_is_read_and_a_bomb_is_refused() -> None:
+    data = zlib.compress(registry.encode(Text("a" * 1000)))
+    assert registry.decode(Text, data, Codec.ZLIB) == Text("a" * 1000)
+    with pytest.raises(WireError, match="zlib"):
+        registry.decode(Text, zlib.compress(bytes(PAYLOAD_LIMIT + 1)), Codec.ZLIB)
+
+
+def test_a_type_is_found_by_name_without_having_been_imported() -> None:
+    assert registry.find("Pose") is Pose
+    with pytest.raises(NotFound, match=r"'Pse'.*Pose"):
+        registry.find("Pse")
+
+
+def test_two_types_of_one_name_are_refused() -> None:
+    with pytest.raises(ValueError, match="belongs to"):
+        registry.register(msgspec.defstruct("Pose", [("x", int)], module="elsewhere"))
