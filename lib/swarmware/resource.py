@@ -86,6 +86,8 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
             names.check_path(self.path)
         except SwarmError as error:
             raise ValueError(str(error)) from error
+        if self.path.startswith("/"):
+            raise ValueError(f"path {self.path!r}: names a platform; expected a local path such as nav/pose")
         if not self.category:
             periodic = self.rate_hz > 0 and self.kind in {Kind.BOARD, Kind.STREAM}
             msgspec.structs.force_setattr(self, "category", "periodic" if periodic else "conditional")
