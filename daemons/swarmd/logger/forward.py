@@ -1,0 +1,127 @@
+"""Store and forward: from the local ring to MongoDB, each entry once, holes named."""
+
+from itertools import islice
+from pathlib import Path
+from typing import Protocol
+
+from swarmware.record.entry import Entry
+from swarmware.record.mongo import Cursor
+from swarmware.record.ring import segments
+from swarmware.record.segment import SegmentReader
+from swarmware.types import registry
+from swarmware.types.log import LogGap
+
+
+class Store(Protocol):
+    """Where entries are forwarded to."""
+
+    def prepare(self) -> None:
+        """Makes what the store needs before the first entry."""
+        ...
+
+    def cursor(self, platform: str) -> Cursor:
+        """How far the platform's ring is stored."""
+        ...
+
+    def write(self, entries: list[Entry], platform: str, cursor: Cursor) -> None:
+        """Stores entries idempotently, then the cursor."""
+        ...
+
+
+class Forwarder:
+    """Follows the ring of one platform; every call may block, so it runs in a thread of its own.
+
+    After any error of the store it starts again from the store's own cursor: what was stored
+    twice falls into the same slots.
+    """
+
+    def __init__(self, directory: Path, platform: str, store: Store, batch: int) -> None:
+        self._directory = directory
+        self._platform = platform
+        self._store = store
+        self._batch = batch
+        self._cursor: Cursor | None = None
+        self._reader: SegmentReader | None = None
+        self.forwarded = 0
+        """Entries stored since the start."""
+        self.gaps = 0
+        """Entries that the ring overwrote before they were stored."""
+
+    def step(self) -> int:
+        """Stores the next batch; how many entries it had, 0 when all is stored.
+
+        Raises: what the store raises; the next call tries again.
+        """
+        try:
+            if self._cursor is None:
+                self._store.prepare()
+                self._cursor = self._store.cursor(self._platform)
+                self._reader = None
+            return self._forward(self._cursor)
+        except BaseException:
+            self._cursor = None
+            raise
+
+    def _forward(self, cursor: Cursor) -> int:
+        while (reader := self._segment(cursor)) is not None:
+            number = int(reader.path.stem)
+            # asked before the reading: what is written in between belongs to a segment not yet done with
+            complete = self._has_newer(number)
+            try:
+                entries = list(islice(reader.entries(), self._batch))
+            except FileNotFoundError:
+                entries, complete = [], True  # the ring overwrote it while we read
+            if entries:
+                sequences = dict(cursor.sequences)
+                documents = self._with_gaps(entries, sequences)
+                moved = Cursor(number, reader.offset, sequences)
+                self._store.write(documents, self._platform, moved)
+                self._cursor = moved
+                self.forwarded += len(entries)
+                return len(entries)
+            if not complete:
+                return 0
+            cursor = self._cursor = Cursor(number + 1, 0, cursor.sequences)
+        return 0
+
+    def _segment(self, cursor: Cursor) -> SegmentReader | None:
+        if self._reader is not None and int(self._reader.path.stem) == cursor.segment:
+            return self._reader
+        for path in segments(self._directory):
+            number = int(path.stem)
+            if number >= cursor.segment:
+                self._reader = SegmentReader(path, cursor.offset if number == cursor.segment else 0)
+                return self._reader
+        return None
+
+    def _has_newer(self, number: int) -> bool:
+        paths = segments(self._directory)
+        return bool(paths) and int(paths[-1].stem) > number
+
+    def _with_gaps(self, entries: list[Entry], sequences: dict[str, int]) -> list[Entry]:
+        out: list[Entry] = []
+        for entry in entries:
+            expected = sequences.get(entry.queue, 0) + 1
+            if entry.sequence > expected:
+                out.append(self._gap(entry, expected, sequences))
+            sequences[entry.queue] = max(entry.sequence, expected - 1)
+            out.append(entry)
+        return out
+
+    def _gap(self, entry: Entry, expected: int, sequences: dict[str, int]) -> Entry:
+        missing = entry.sequence - expected
+        self.gaps += missing
+        queue = f"{self._platform}:upload:gaps"
+        sequences[queue] = sequences.get(queue, 0) + 1
+        gap = LogGap("ring overwritten", entry.queue, "", missing, expected, entry.sequence - 1)
+        return Entry(
+            queue,
+            sequences[queue],
+            self._platform,
+            "log/gaps",
+            "event",
+            registry.type_name(LogGap),
+            entry.stamp_ns,
+            entry.utc_ns,
+            registry.encode(gap),
+        )

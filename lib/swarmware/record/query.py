@@ -1,0 +1,131 @@
+"""One question, the same answer from the local ring, a report folder or MongoDB."""
+
+import heapq
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from swarmware import names
+from swarmware.errors import NotFound
+from swarmware.record.entry import Entry
+from swarmware.record.ring import segments
+from swarmware.record.segment import SegmentReader
+
+
+class Query(msgspec.Struct, frozen=True, kw_only=True):
+    """Which entries are wanted."""
+
+    pattern: str = "/**"
+    """Global paths, such as /uav*/nav/pose."""
+    types: tuple[str, ...] = ()
+    """Type names; empty: all."""
+    since_ns: int | None = None
+    """UTC, included."""
+    until_ns: int | None = None
+    """UTC, excluded."""
+    limit: int | None = None
+    """At most so many; the newest of them when `newest` is set, else the oldest."""
+    newest: bool = False
+
+
+class QueueStats(msgspec.Struct, frozen=True):
+    """What a source holds of one queue."""
+
+    queue: str
+    entries: int
+    bytes: int
+    first_sequence: int
+    last_sequence: int
+    first_utc_ns: int
+    last_utc_ns: int
+    missing: int
+    """Sequences between first and last that are not there."""
+
+
+class Source(Protocol):
+    """A place where entries are."""
+
+    def entries(self, query: Query) -> Iterator[Entry]:
+        """Entries that answer the query, by UTC."""
+        ...
+
+
+class FolderSource:
+    """Entries in folders of segments: a node's ring, or the logs of a report."""
+
+    def __init__(self, directories: Iterable[Path]) -> None:
+        self.directories = tuple(directories)
+        for directory in self.directories:
+            if not directory.is_dir():
+                raise NotFound(f"log folder {directory}: no such directory; expected one with .mcap segments")
+
+    def entries(self, query: Query) -> Iterator[Entry]:
+        """Entries that answer the query, by UTC."""
+        wanted = _Filter(query)
+        runs = [filter(wanted, _folder(directory)) for directory in self.directories]
+        merged = heapq.merge(*runs, key=_by_utc)
+        if query.limit is None:
+            return iter(merged)
+        if query.newest:
+            return iter(sorted(heapq.nlargest(query.limit, merged, key=_by_utc), key=_by_utc))
+        return islice(merged, query.limit)
+
+
+class _Filter:
+    """A query made ready to be asked of many entries."""
+
+    def __init__(self, query: Query) -> None:
+        self._query = query
+        self._pattern = names.Pattern(query.pattern)
+        self._topics: dict[tuple[str, str], bool] = {}
+
+    def __call__(self, entry: Entry) -> bool:
+        query = self._query
+        if query.since_ns is not None and entry.utc_ns < query.since_ns:
+            return False
+        if query.until_ns is not None and entry.utc_ns >= query.until_ns:
+            return False
+        if query.types and entry.type not in query.types:
+            return False
+        key = (entry.platform, entry.path)
+        matches = self._topics.get(key)
+        if matches is None:
+            matches = self._topics[key] = self._pattern.matches(entry.topic)
+        return matches
+
+
+def stats(entries: Iterable[Entry]) -> list[QueueStats]:
+    """Totals by queue."""
+    seen: dict[str, list[Entry]] = {}
+    sizes: dict[str, int] = {}
+    sequences: dict[str, set[int]] = {}
+    for entry in entries:
+        ends = seen.setdefault(entry.queue, [entry, entry])
+        ends[1] = entry
+        sizes[entry.queue] = sizes.get(entry.queue, 0) + len(entry.payload)
+        sequences.setdefault(entry.queue, set()).add(entry.sequence)
+    return [
+        QueueStats(
+            queue,
+            len(sequences[queue]),
+            sizes[queue],
+            min(sequences[queue]),
+            max(sequences[queue]),
+            first.utc_ns,
+            last.utc_ns,
+            max(sequences[queue]) - min(sequences[queue]) + 1 - len(sequences[queue]),
+        )
+        for queue, (first, last) in sorted(seen.items())
+    ]
+
+
+def _by_utc(entry: Entry) -> int:
+    return entry.utc_ns
+
+
+def _folder(directory: Path) -> Iterator[Entry]:
+    for path in segments(directory):
+        yield from SegmentReader(path).entries()

@@ -1,0 +1,53 @@
+"""What the logger says about itself and about what it had to leave out."""
+
+import msgspec
+
+from swarmware.types.registry import register
+
+
+@register
+class LogGap(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Entries that are missing: a gap is a row of the log, never silence (event `log/gaps`)."""
+
+    where: str
+    """ring (shared memory overran) | disk | ring overwritten | upload."""
+    queue: str
+    """Queue that misses them."""
+    path: str
+    """Resource, when it was one."""
+    count: int
+    first: int = 0
+    """First missing sequence, when known."""
+    last: int = 0
+    """Last missing sequence, when known."""
+
+
+@register
+class LogStatsRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Asks the logger how it does (`sys/log/stats`)."""
+
+    flush: bool = False
+    """First write out what is still in memory."""
+
+
+@register
+class LogStats(msgspec.Struct, frozen=True):
+    """How the logger does (board `log/stats`)."""
+
+    frames: int
+    """Entries written to the local ring since the logger started."""
+    bytes: int
+    gaps: int
+    """Entries missing, in all gap records since the logger started."""
+    resources: int
+    """Resources being logged."""
+    segments: int
+    ring_bytes: int
+    """Size of the local ring on disk."""
+    log_dir: str
+    forwarded: int = 0
+    """Entries acknowledged by MongoDB."""
+    backlog: int = 0
+    """Entries in the ring that MongoDB has not acknowledged."""
+    mongodb: str = "off"
+    """off | connected | away: reason."""

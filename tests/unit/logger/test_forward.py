@@ -1,0 +1,131 @@
+"""Store and forward from the ring: each entry once, in order, holes named; whatever the store does."""
+
+import contextlib
+import random
+from pathlib import Path
+
+import pytest
+
+from swarmd.logger.forward import Forwarder
+from swarmware.errors import NoAnswer
+from swarmware.record.entry import Entry
+from swarmware.record.mongo import Cursor
+from swarmware.record.ring import LogRing, segments
+from swarmware.record.segment import Channel
+from swarmware.types import registry
+from swarmware.types.log import LogGap
+from swarmware.types.scalar import Int
+
+QUEUE = "uav1:navigator:out"
+CHANNEL = Channel("uav1", "nav/count", "board", "Int", QUEUE)
+
+
+class Slots:
+    """A store of fixed slots that fails when it is told to, before or after it has stored."""
+
+    def __init__(self) -> None:
+        self.slots: dict[str, Entry] = {}
+        self.saved = Cursor()
+        self.fails: list[str] = []
+
+    def prepare(self) -> None:
+        if self.fails and self.fails[0] == "prepare":
+            self.fails.pop(0)
+            raise NoAnswer("away")
+
+    def cursor(self, platform: str) -> Cursor:
+        return self.saved
+
+    def write(self, entries: list[Entry], platform: str, cursor: Cursor) -> None:
+        fail = self.fails.pop(0) if self.fails else ""
+        if fail == "before":
+            raise NoAnswer("away")
+        for entry in entries[: len(entries) // 2 if fail == "half" else None]:
+            self.slots[f"{entry.queue}:{entry.sequence}"] = entry
+        if fail in ("half", "after"):
+            raise NoAnswer("away")
+        self.saved = cursor
+
+    def numbers(self) -> list[int]:
+        found = sorted((e.sequence, e.value()) for e in self.slots.values() if e.queue == QUEUE)
+        return [value.value for _, value in found if isinstance(value, Int)]
+
+
+def fill(ring: LogRing, numbers: range) -> None:
+    for number in numbers:
+        ring.append(CHANNEL, number, number, registry.encode(Int(number)))
+
+
+def drain(forwarder: Forwarder) -> None:
+    for _ in range(1000):
+        try:
+            if forwarder.step() == 0:
+                return
+        except NoAnswer:
+            continue
+    raise AssertionError("never drained")
+
+
+def test_entries_arrive_over_segments_and_while_the_ring_grows(tmp_path: Path) -> None:
+    ring = LogRing(tmp_path, segment_bytes=2000)
+    store = Slots()
+    forwarder = Forwarder(tmp_path, "uav1", store, batch=7)
+    for start in range(0, 300, 30):
+        fill(ring, range(start, start + 30))
+        ring.flush()
+        drain(forwarder)
+        assert store.numbers() == list(range(start + 30))
+    assert len(segments(tmp_path)) > 2
+    ring.close()
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_no_gap_and_no_duplicate_whatever_fails_and_whoever_restarts(tmp_path: Path, seed: int) -> None:
+    chance = random.Random(seed)
+    ring = LogRing(tmp_path, segment_bytes=3000)
+    store = Slots()
+    forwarder = Forwarder(tmp_path, "uav1", store, batch=chance.randint(1, 40))
+    written = 0
+    for _ in range(60):
+        match chance.choice(["write", "write", "step", "fail", "new forwarder", "new ring"]):
+            case "write":
+                count = chance.randint(1, 20)
+                fill(ring, range(written, written + count))
+                written += count
+                ring.flush()
+            case "step":
+                with contextlib.suppress(NoAnswer):
+                    forwarder.step()
+            case "fail":
+                store.fails.append(chance.choice(["before", "half", "after", "prepare"]))
+            case "new forwarder":
+                forwarder = Forwarder(tmp_path, "uav1", store, batch=chance.randint(1, 40))
+            case "new ring":
+                ring.close()
+                ring = LogRing(tmp_path, segment_bytes=3000)
+    ring.flush()
+    store.fails.clear()
+    drain(forwarder)
+    ring.close()
+    assert store.numbers() == list(range(written))
+    assert len(store.slots) == written
+
+
+def test_what_the_ring_overwrote_before_it_was_stored_is_a_gap_with_its_size(tmp_path: Path) -> None:
+    ring = LogRing(tmp_path, segment_bytes=2000, ring_bytes=8000, min_free_bytes=0)
+    store = Slots()
+    forwarder = Forwarder(tmp_path, "uav1", store, batch=50)
+    fill(ring, range(10))
+    ring.flush()
+    drain(forwarder)
+    for start in range(10, 1000, 10):
+        fill(ring, range(start, start + 10))
+        ring.flush()
+    drain(forwarder)
+    ring.close()
+    numbers = store.numbers()
+    gaps = [value for e in store.slots.values() if isinstance(value := e.value(), LogGap)]
+    assert len(gaps) == 1
+    assert gaps[0].where == "ring overwritten"
+    assert gaps[0].count == 1000 - len(numbers) == forwarder.gaps
+    assert (gaps[0].first, gaps[0].last) == (11, 10 + gaps[0].count)

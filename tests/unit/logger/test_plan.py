@@ -1,0 +1,54 @@
+"""Which resources are logged how often."""
+
+import pytest
+
+from swarmd.logger.core import Plan, track
+from swarmware.resource import Kind, Resource
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("kind", "log", "every", "period_ns"),
+    [
+        (Kind.BOARD, "10hz", False, SECOND // 10),
+        (Kind.BOARD, "all", False, 0),
+        (Kind.EVENT, "all", True, 0),
+        (Kind.STREAM, "2hz", False, SECOND // 2),
+        (Kind.COMMAND, "all", True, 0),
+    ],
+)
+def test_a_resource_is_logged_as_its_descriptor_says(
+    kind: Kind, log: str, every: bool, period_ns: int
+) -> None:
+    made = track(Resource(path="a/b", kind=kind, type="Int", log=log, owner="me"))
+    assert made is not None
+    assert (made.every, made.period_ns, made.module) == (every, period_ns, "me")
+
+
+def test_what_is_not_to_be_logged_has_no_track() -> None:
+    assert track(Resource(path="a/b", type="Int", log="none")) is None
+    assert track(Resource(path="a/b", type="Int", log="0hz")) is None
+    assert track(Resource(path="a", kind=Kind.BRANCH, log="all")) is None
+
+
+def test_the_plan_follows_the_table() -> None:
+    plan = Plan()
+    one = Resource(path="a", type="Int", log="all")
+    two = Resource(path="b", type="Int", log="10hz")
+    assert [made.path for made in plan.update([two, one])[0]] == ["a", "b"]
+    assert plan.update([one, two]) == ([], [])
+    faster = Resource(path="b", type="Int", log="20hz")
+    opened, closed = plan.update([faster])
+    assert ([made.path for made in opened], closed) == (["b"], ["a", "b"])
+    assert [made.path for made in plan.tracks] == ["b"]
+
+
+def test_a_decimated_resource_keeps_its_rate_although_the_looks_are_late() -> None:
+    plan = Plan()
+    plan.update([Resource(path="a", type="Int", log="10hz")])
+    looks = [
+        start + late
+        for start, late in zip(range(0, 10 * SECOND, SECOND // 50), [0, 7, 13] * 200, strict=False)
+    ]
+    assert sum(plan.due("a", now_ns) for now_ns in looks) == 100
