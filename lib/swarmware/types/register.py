@@ -1,0 +1,59 @@
+"""Application register: who runs where, on this platform and on all others (S1.51–55)."""
+
+import msgspec
+
+from swarmware.types.registry import register
+
+
+@register
+class Application(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One running application instance."""
+
+    name: str
+    instance: int
+    pid: int
+    started_ns: int
+    """Hardware clock of its start."""
+    endpoint: str = ""
+    """Where its messages go; means something on its own computer only."""
+    provides: int = 0
+    """Number of resources it provides."""
+    serves: tuple[str, ...] = ()
+    """Paths of the commands it answers, as far as they fit the table."""
+
+
+@register
+class ApplicationTable(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Register of one hardware unit, published by its master."""
+
+    platform: str
+    unit: str
+    boot_id: int
+    epoch: int
+    """Fencing number: counts the masters of this unit; a table of an older one is void."""
+    version: int
+    """Counts the changes under one master; (boot_id, epoch, version) orders tables."""
+    master: str
+    """Application that holds the role: `register#1`."""
+    stamp_ns: int
+    applications: tuple[Application, ...] = ()
+    omitted: int = 0
+    """Applications that did not fit."""
+
+
+@register
+class KnownUnit(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Register of one hardware unit as it is known here."""
+
+    table: ApplicationTable
+    hops: int
+    """0: this unit; 1: a neighbour; more: known through others (S1.55)."""
+    age_s: float
+    """Since its master made the table, or since it was received where clocks cannot be compared."""
+
+
+@register
+class Register(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Registers of all units known here: the answer of `sys/register/apps`."""
+
+    units: tuple[KnownUnit, ...] = ()

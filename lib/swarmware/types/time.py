@@ -1,0 +1,177 @@
+"""Clock-conversion functions: clocks are never adjusted, stamps are converted (S1.61, S1.64)."""
+
+import math
+from enum import StrEnum
+from typing import Final
+
+import msgspec
+
+from swarmware.types.registry import register
+
+AGEING: Final = 5.196e-8
+"""Drift slack in s per s^1.5: 3·q/√3 with a random walk of q = 0.03 ppm/√s (scale.md 4.3)."""
+
+LIKELY_SIGMAS: Final = 8.0
+"""Sigmas that hold 99.9 % of composed errors in simulation (scale.md 4.4)."""
+
+
+class Order(StrEnum):
+    """Which of two instants came first."""
+
+    BEFORE = "before"
+    AFTER = "after"
+    CANNOT_TELL = "cannot tell"
+
+
+@register
+class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """How the clock of another hardware unit reads, as a function of this unit's clock.
+
+    remote(t) = t + offset_ns + skew · (t − t0_ns), with t on the local clock.
+    """
+
+    platform: str
+    """Whose clock it is."""
+    unit: str
+    hardware: int
+    """`names.hardware_id(platform, unit)`."""
+    boot_id: int
+    """Start of that unit for which this holds; another boot is another clock."""
+    offset_ns: int
+    """Remote minus local at t0: positive when theirs is ahead."""
+    skew: float
+    """How much faster their clock runs, as a ratio: 1e-6 is one ppm."""
+    t0_ns: int
+    """Local instant for which the offset was found."""
+    bound_ns: int
+    """Hard bound of the error at t0; always holds, also for asymmetric links."""
+    sigma_ns: int
+    """Statistical error at t0."""
+    skew_bound: float
+    """Hard bound of the skew's error, as a ratio: how the bound grows away from t0."""
+    conv_epoch: int
+    """Counts the steps of either clock; functions of different epochs must not be mixed."""
+    hops: int = 1
+    """1: measured directly; more: composed over that many links."""
+    via: str = ""
+    """Platform over which it was composed; empty when measured directly."""
+    samples: int = 0
+    """Exchanges behind it; a first value from a partner has none."""
+    rtt_ns: int = 0
+    """Smallest round trip seen in the window; 0 when composed."""
+    suspect: bool = False
+    """A partner's function contradicts it beyond both bounds (S1.70)."""
+
+    def to_remote(self, local_ns: int) -> int:
+        """Their clock's reading at an instant of ours."""
+        return local_ns + self.offset_ns + round(self.skew * (local_ns - self.t0_ns))
+
+    def to_local(self, remote_ns: int) -> int:
+        """Our clock's reading at an instant of theirs."""
+        since_ns = remote_ns - self.offset_ns - self.t0_ns
+        return self.t0_ns + since_ns - round(since_ns * self.skew / (1.0 + self.skew))
+
+    def age_s(self, now_ns: int) -> float:
+        """Time since the newest exchange behind it."""
+        return max(0.0, (now_ns - self.t0_ns) / 1e9)
+
+    def bound_at_ns(self, local_ns: int) -> int:
+        """Hard bound of the error at any instant of ours: it grows away from t0."""
+        away_s = abs(local_ns - self.t0_ns) / 1e9
+        return self.bound_ns + round((self.skew_bound * away_s + AGEING * away_s * math.sqrt(away_s)) * 1e9)
+
+    def likely_at_ns(self, local_ns: int) -> int:
+        """Bound that 99.9 % of errors keep on links without a constant asymmetry."""
+        away_s = abs(local_ns - self.t0_ns) / 1e9
+        grown_ns = (self.skew_bound / 4 * away_s + AGEING * away_s * math.sqrt(away_s)) * 1e9
+        return min(round(LIKELY_SIGMAS * self.sigma_ns + grown_ns), self.bound_at_ns(local_ns))
+
+    def interval(self, remote_ns: int) -> tuple[int, int]:
+        """Earliest and latest instant of our clock that their stamp can mean."""
+        local_ns = self.to_local(remote_ns)
+        bound_ns = self.bound_at_ns(local_ns)
+        return local_ns - bound_ns, local_ns + bound_ns
+
+    def inverse(self, platform: str, unit: str, hardware: int, boot_id: int) -> "Conversion":
+        """The same relation from the other side: our clock, of the unit named, as a function of theirs."""
+        return msgspec.structs.replace(
+            self,
+            platform=platform,
+            unit=unit,
+            hardware=hardware,
+            boot_id=boot_id,
+            offset_ns=-self.offset_ns,
+            skew=-self.skew / (1.0 + self.skew),
+            t0_ns=self.t0_ns + self.offset_ns,
+        )
+
+    def then(self, further: "Conversion", via: str) -> "Conversion":
+        """Composition over one more hop: `self` is ours → via, `further` is via → the unit of the result.
+
+        Source: scale.md 4.4.
+        """
+        at_ns = self.t0_ns
+        offset_ns = further.to_remote(self.to_remote(at_ns)) - at_ns
+        via_ns = self.to_remote(at_ns)
+        return Conversion(
+            platform=further.platform,
+            unit=further.unit,
+            hardware=further.hardware,
+            boot_id=further.boot_id,
+            offset_ns=offset_ns,
+            skew=(1.0 + self.skew) * (1.0 + further.skew) - 1.0,
+            t0_ns=at_ns,
+            bound_ns=self.bound_ns + further.bound_at_ns(via_ns),
+            sigma_ns=round(math.hypot(self.sigma_ns, further.sigma_at_ns(via_ns))),
+            skew_bound=self.skew_bound + further.skew_bound,
+            conv_epoch=(self.conv_epoch + further.conv_epoch) & 0xFFFF_FFFF,
+            hops=self.hops + further.hops,
+            via=via,
+            samples=min(self.samples, further.samples),
+            suspect=self.suspect or further.suspect,
+        )
+
+    def sigma_at_ns(self, local_ns: int) -> int:
+        """Statistical error at any instant of ours."""
+        away_s = abs(local_ns - self.t0_ns) / 1e9
+        return round(math.hypot(self.sigma_ns, self.skew_bound / 8 * away_s * 1e9))
+
+
+def compare(a_ns: int, a: Conversion | None, b_ns: int, b: Conversion | None) -> Order:
+    """Which of two stamps came first, each with the conversion of the clock that made it.
+
+    None stands for our own clock. When the bounds overlap, nobody can tell; two stamps of one
+    clock always compare exactly.
+    """
+    same = a is b or (a is not None and b is not None and (a.hardware, a.boot_id) == (b.hardware, b.boot_id))
+    if same:
+        earliest_a = latest_a = a_ns
+        earliest_b = latest_b = b_ns
+    else:
+        earliest_a, latest_a = (a_ns, a_ns) if a is None else a.interval(a_ns)
+        earliest_b, latest_b = (b_ns, b_ns) if b is None else b.interval(b_ns)
+    if latest_a < earliest_b:
+        return Order.BEFORE
+    if latest_b < earliest_a:
+        return Order.AFTER
+    return Order.CANNOT_TELL
+
+
+@register
+class TimeFunctions(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """All conversion functions of one hardware unit, sorted by hardware unit (S1.69)."""
+
+    platform: str
+    """Whose functions they are: their `local` is this unit's clock."""
+    unit: str
+    boot_id: int
+    stamp_ns: int
+    """That unit's clock when the list was made."""
+    functions: tuple[Conversion, ...] = ()
+
+    def of(self, platform: str, unit: str = "main") -> Conversion | None:
+        """The function of one unit, or None when it was never heard of."""
+        for function in self.functions:
+            if function.platform == platform and function.unit == unit:
+                return function
+        return None
