@@ -1,0 +1,7 @@
+"""`python -m swarmctl`."""
+
+import sys
+
+from swarmctl.main import main
+
+sys.exit(main())

@@ -1,0 +1,1 @@
+"""Commands, a file each: read the options, make one call, print. No logic of their own."""

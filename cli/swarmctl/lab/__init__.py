@@ -1,0 +1,1 @@
+"""The lab: a whole swarm of real processes on this machine, its experiment and the report."""

@@ -1,0 +1,124 @@
+"""`swarmctl`: one command for the whole swarm."""
+
+import os
+import sys
+from typing import Final
+
+import click
+
+from swarmctl.lazy import Lazy, LazyGroup
+from swarmctl.settings import PREFIX, Settings, settings, shared_options
+from swarmware import __version__
+from swarmware.errors import SwarmError
+
+_NAME: Final = "swarmctl"
+_COMPLETE: Final = "_SWARMCTL_COMPLETE"
+"""Variable by which a shell asks for completions."""
+INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C (128 + SIGINT)."""
+
+COMMANDS: Final[dict[str, Lazy]] = {
+    "node": Lazy("swarmctl.commands.node:cmd", "Nodes of the swarm."),
+    "app": Lazy("swarmctl.commands.app:cmd", "Applications that run on the nodes."),
+    "tree": Lazy("swarmctl.commands.tree:cmd", "Resources: list, read, set and watch them."),
+    "topo": Lazy("swarmctl.commands.topo:cmd", "Who hears whom, as a graph."),
+    "link": Lazy("swarmctl.commands.link:cmd", "Links and their quality."),
+    "traffic": Lazy("swarmctl.commands.traffic:cmd", "Bytes and frames per channel; set a channel's rate."),
+    "mission": Lazy("swarmctl.commands.mission:cmd", "Check, start, watch and abort missions."),
+    "time": Lazy("swarmctl.commands.time:cmd", "Clock conversions between nodes."),
+    "health": Lazy("swarmctl.commands.health:cmd", "State and faults of the nodes."),
+    "log": Lazy("swarmctl.commands.log:cmd", "Query, follow and export what was recorded."),
+    "lab": Lazy("swarmctl.commands.lab:cmd", "Run a whole swarm on this machine."),
+    "config": Lazy("swarmctl.commands.config:cmd", "Settings of the nodes."),
+    "doctor": Lazy("swarmctl.commands.doctor:cmd", "Look for what is wrong on this machine."),
+}
+"""Every command and where it is; nothing of it is imported before it is called."""
+
+
+@click.group(
+    cls=LazyGroup,
+    commands_table=COMMANDS,
+    context_settings={
+        "auto_envvar_prefix": PREFIX,
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 110,
+    },
+    epilog="Every option is also read from the environment: SWARMCTL_NODE, SWARMCTL_LAB, SWARMCTL_JSON …",
+)
+@click.version_option(__version__, prog_name="swarmctl", message="%(prog)s %(version)s")
+@click.pass_context
+def cli(ctx: click.Context) -> None:
+    """Hold a swarm of unmanned vehicles with one command.
+
+    Example: swarmctl lab run formation --nodes 4
+    """
+    ctx.obj = settings(ctx)
+
+
+cli.params += shared_options(set())
+
+
+@cli.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell.
+
+    Example: eval "$(swarmctl completion bash)"
+    """
+    from click.shell_completion import get_completion_class
+
+    completer = get_completion_class(shell)
+    if completer is None:
+        raise click.UsageError(f"no completion for {shell}")
+    click.echo(completer(cli, {}, _NAME, _COMPLETE).source())
+
+
+def main(args: list[str] | None = None) -> int:
+    """Runs one command; every error becomes one line on stderr and an exit code (share/doc/cli.md)."""
+    if _COMPLETE in os.environ:
+        cli.main(args, prog_name=_NAME, complete_var=_COMPLETE)
+    words = sys.argv[1:] if args is None else list(args)
+    try:
+        # not cli.main(): it turns a reader that has seen enough (EPIPE) into a failure
+        with cli.make_context(_NAME, words, obj=Settings()) as ctx:
+            cli.invoke(ctx)
+        sys.stdout.flush()
+    except click.exceptions.Exit as done:
+        return done.exit_code
+    except click.exceptions.Abort:
+        return INTERRUPTED
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # the reader has seen enough; without this the interpreter complains once more at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except SwarmError as error:
+        return _report(error)
+    except ExceptionGroup as group:
+        return _report(_first(group))
+    except Exception as error:  # noqa: BLE001 - the outermost place: a bug is one line and exit code 1
+        return _report(error)
+    return 0
+
+
+def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    """The error that a person wants to read: the first of ours, else the first."""
+    leaves = [_first(e) if isinstance(e, BaseExceptionGroup) else e for e in group.exceptions]
+    return next((error for error in leaves if isinstance(error, SwarmError)), leaves[0])
+
+
+def _report(error: BaseException) -> int:
+    if os.environ.get(f"{PREFIX}_TRACEBACK"):
+        import traceback
+
+        traceback.print_exception(error)
+    if isinstance(error, SwarmError):
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    where = f"; {PREFIX}_TRACEBACK=1 shows where"
+    print(f"error: {type(error).__name__}: {error}{where}", file=sys.stderr)
+    return 1

@@ -1,0 +1,128 @@
+"""What a command prints: results on stdout as table or JSON, talk on stderr."""
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any, Final, TextIO
+
+import msgspec
+
+from swarmctl.settings import Settings
+
+SCHEMA_VERSION: Final = 1
+"""Of every JSON document; rises when a key changes its meaning or goes."""
+
+Cell = str | int | float | bool | None
+
+
+class Column(msgspec.Struct, frozen=True):
+    """A column of a table."""
+
+    name: str
+    right: bool = False
+    """Numbers stand on the right."""
+
+
+class Output:
+    """The two streams of a command and the rules for them.
+
+    A table is drawn with colours on a terminal, and plain, complete and never cut short elsewhere.
+    """
+
+    def __init__(
+        self, settings: Settings, stdout: TextIO | None = None, stderr: TextIO | None = None
+    ) -> None:
+        self.settings = settings
+        self._out = stdout or sys.stdout
+        self._err = stderr or sys.stderr
+
+    @property
+    def fancy(self) -> bool:
+        """Whether stdout is a terminal that wants colours."""
+        return self._out.isatty() and self.colors
+
+    @property
+    def lively(self) -> bool:
+        """Whether stderr is a terminal on which progress may move."""
+        return self._err.isatty() and not self.settings.quiet
+
+    @property
+    def colors(self) -> bool:
+        """Colours are not forbidden (NO_COLOR, --no-color, a dumb terminal)."""
+        forbidden = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+        return not (forbidden or self.settings.no_color)
+
+    def say(self, text: str) -> None:
+        """Talk: what is being done now; silent with --quiet."""
+        if not self.settings.quiet:
+            print(text, file=self._err, flush=True)
+
+    def detail(self, text: str) -> None:
+        """Talk that only --verbose wants."""
+        if self.settings.verbose:
+            print(text, file=self._err, flush=True)
+
+    def warn(self, text: str) -> None:
+        """Something an operator should look at; --quiet does not hide it."""
+        print(f"warning: {text}", file=self._err, flush=True)
+
+    def text(self, text: str) -> None:
+        """A result that is text already."""
+        print(text, file=self._out)
+
+    def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
+        """A result for people."""
+        cells = [[show(cell) for cell in row] for row in rows]
+        if not self.fancy:
+            self.text(plain_table(columns, cells, title))
+            return
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+
+        drawn = Table(
+            title=title or None, title_justify="left", header_style="bold", box=None, pad_edge=False
+        )
+        for column in columns:
+            drawn.add_column(column.name, justify="right" if column.right else "left", overflow="fold")
+        for row in cells:
+            drawn.add_row(*(Text(cell) for cell in row))
+        Console(file=self._out, highlight=False).print(drawn)
+
+    def document(self, value: Any) -> None:
+        """One JSON document: the fields of a Struct (or a dict of parts) after the schema's version."""
+        fields = msgspec.to_builtins(value, str_keys=True)
+        self.exact({"schema_version": SCHEMA_VERSION, **fields})
+
+    def exact(self, value: Any) -> None:
+        """One JSON document with exactly these keys."""
+        data = msgspec.json.format(msgspec.json.encode(value), indent=2)
+        self.text(data.decode())
+
+    def line(self, value: Any) -> None:
+        """One line of JSON Lines; written out at once, because somebody may be following."""
+        print(msgspec.json.encode(value).decode(), file=self._out, flush=True)
+
+
+def show(cell: Cell) -> str:
+    """A value as people read it: no value is a dash, a number has no more digits than it deserves."""
+    if cell is None or cell == "":
+        return "-"
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    if isinstance(cell, float):
+        return f"{cell:.4g}" if abs(cell) < 1e4 else f"{cell:.0f}"
+    return str(cell)
+
+
+def plain_table(columns: Sequence[Column], cells: Sequence[Sequence[str]], title: str = "") -> str:
+    """The table as text: columns two blanks apart, nothing cut."""
+    widths = [max([len(c.name), *(len(row[i]) for row in cells)]) for i, c in enumerate(columns)]
+    lines = [title] if title else []
+    for row in [[c.name for c in columns], *cells]:
+        padded = [
+            text.rjust(width) if column.right else text.ljust(width)
+            for text, width, column in zip(row, widths, columns, strict=True)
+        ]
+        lines.append("  ".join(padded).rstrip())
+    return "\n".join(lines)

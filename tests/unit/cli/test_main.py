@@ -1,0 +1,169 @@
+"""`swarmctl` itself: lazy commands, shared options, errors and exit codes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import click
+import pytest
+
+from swarmctl import main as swarmctl
+from swarmctl.lazy import Command, Group, Lazy
+from swarmctl.settings import Settings, settings
+from swarmware import errors
+
+
+@pytest.fixture
+def probe(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """A command group `probe` of the test, reached through the table as every other."""
+    module = ModuleType("swarmctl_probe")
+
+    @click.group(cls=Group)
+    def cmd() -> None:
+        """Probe."""
+
+    @cmd.command()
+    @click.option("--rate", type=float, default=1.0)
+    @click.pass_context
+    def show(ctx: click.Context, rate: float) -> None:
+        """Print the settings."""
+        module.seen = settings(ctx)  # type: ignore[attr-defined]
+        module.rate = rate  # type: ignore[attr-defined]
+
+    @cmd.command()
+    @click.argument("kind")
+    def fail(kind: str) -> None:
+        """Raise."""
+        if kind == "group":
+            raise ExceptionGroup("tasks", [ValueError("x"), ExceptionGroup("y", [errors.NotFound("inner")])])
+        if kind in errors.KINDS:
+            raise errors.from_kind(kind, "nav/pose (uav3): gone; expected alive")
+        raise {"interrupt": KeyboardInterrupt, "abort": click.Abort, "bug": ZeroDivisionError}[kind]("oh")
+
+    @cmd.command()
+    @click.pass_context
+    def partly(ctx: click.Context) -> None:
+        """Say that some of it is missing."""
+        ctx.exit(3)
+
+    module.cmd = cmd  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "swarmctl_probe", module)
+    monkeypatch.setitem(swarmctl.COMMANDS, "probe", Lazy("swarmctl_probe:cmd", "Probe."))
+    return module
+
+
+def test_shared_options_stand_before_or_after_the_command(probe: ModuleType) -> None:
+    assert swarmctl.main(["--json", "-n", "uav1", "probe", "show", "--timeout", "2", "--rate", "3"]) == 0
+    assert probe.seen == Settings(node="uav1", json=True, timeout_s=2.0)
+    assert probe.rate == 3.0
+    assert swarmctl.main(["-n", "uav1", "probe", "show", "-n", "uav2", "-q"]) == 0
+    assert probe.seen == Settings(node="uav2", quiet=True)
+
+
+def test_every_option_is_also_read_from_the_environment(
+    probe: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SWARMCTL_NODE", "uav7")
+    monkeypatch.setenv("SWARMCTL_TIMEOUT", "9")
+    monkeypatch.setenv("SWARMCTL_JSON", "1")
+    monkeypatch.setenv("SWARMCTL_PROBE_SHOW_RATE", "5")
+    assert swarmctl.main(["probe", "show"]) == 0
+    assert probe.seen == Settings(node="uav7", timeout_s=9.0, json=True)
+    assert probe.rate == 5.0
+    assert swarmctl.main(["probe", "show", "-n", "uav1"]) == 0
+    assert probe.seen.node == "uav1", "the command line goes before the environment"
+
+
+def test_a_command_that_uses_the_letter_itself_keeps_it() -> None:
+    own = Command("x", params=[click.Option(["-n", "--number"])])
+    spellings = [name for param in own.params for name in param.opts]
+    assert spellings.count("-n") == 1
+    assert "--json" in spellings
+
+
+@pytest.mark.parametrize(("kind", "cls"), errors.KINDS.items())
+def test_each_error_is_one_line_on_stderr_and_its_exit_code(
+    probe: ModuleType, capsys: pytest.CaptureFixture[str], kind: str, cls: type[errors.SwarmError]
+) -> None:
+    assert swarmctl.main(["probe", "fail", kind]) == cls.exit_code
+    shown = capsys.readouterr()
+    assert (shown.out, shown.err) == ("", "error: nav/pose (uav3): gone; expected alive\n")
+
+
+def test_our_error_is_found_inside_groups_of_tasks(
+    probe: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert swarmctl.main(["probe", "fail", "group"]) == 6
+    assert capsys.readouterr().err == "error: inner\n"
+
+
+def test_a_bug_of_ours_is_named_and_fails(probe: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    assert swarmctl.main(["probe", "fail", "bug"]) == 1
+    assert "ZeroDivisionError: oh" in capsys.readouterr().err
+
+
+def test_interruption_usage_and_part_results_have_codes_of_their_own(probe: ModuleType) -> None:
+    assert swarmctl.main(["probe", "fail", "interrupt"]) == 130
+    assert swarmctl.main(["probe", "fail", "abort"]) == 130
+    assert swarmctl.main(["probe", "show", "--rate", "fast"]) == 2
+    assert swarmctl.main(["probe", "show", "--timeout", "0"]) == 2
+    assert swarmctl.main(["probe", "partly"]) == 3
+
+
+def test_an_unknown_command_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert swarmctl.main(["missin"]) == 2
+    assert "did you mean 'mission'?" in capsys.readouterr().err
+
+
+def test_the_list_of_commands_is_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert swarmctl.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    for name, lazy in swarmctl.COMMANDS.items():
+        assert name in shown
+        assert lazy.summary in shown
+
+
+def test_the_summary_in_the_table_is_the_first_sentence_of_the_commands_help() -> None:
+    from swarmctl.commands.lab import cmd
+
+    assert cmd.get_short_help_str(limit=200) == swarmctl.COMMANDS["lab"].summary
+
+
+def test_completions_come_from_the_table_and_import_nothing() -> None:
+    env = {
+        **os.environ,
+        "_SWARMCTL_COMPLETE": "bash_complete",
+        "COMP_WORDS": "swarmctl mi",
+        "COMP_CWORD": "1",
+    }
+    run = [sys.executable, "-m", "swarmctl"]
+    done = subprocess.run(run, env=env, capture_output=True, text=True, check=True)
+    assert done.stdout == "plain,mission\n"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts_are_printed(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert swarmctl.main(["completion", shell]) == 0
+    assert "_SWARMCTL_COMPLETE" in capsys.readouterr().out
+
+
+def test_a_program_on_the_path_is_a_command(tmp_path: Path) -> None:
+    program = tmp_path / "swarmctl-hey"
+    program.write_text('#!/bin/sh\necho "hey $*"\nexit 9\n')
+    program.chmod(0o755)
+    env = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    run = [sys.executable, "-m", "swarmctl"]
+    done = subprocess.run(
+        [*run, "hey", "--loud", "-x", "1"], env=env, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (9, "hey --loud -x 1\n")
+    listed = subprocess.run([*run, "--help"], env=env, capture_output=True, text=True, check=True).stdout
+    assert "swarmctl-hey" in listed
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    script = f"{sys.executable} -m swarmctl --help | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,50 @@
+"""The receiving end of sd_notify."""
+
+import socket
+from pathlib import Path
+
+from swarmctl.lab.notify import NotifySocket
+
+
+def say(path: Path, *messages: bytes) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        sender.connect(str(path))
+        for message in messages:
+            sender.send(message)
+
+
+def test_a_node_is_ready_when_it_says_so_and_not_any_more_when_it_stops(tmp_path: Path) -> None:
+    path = tmp_path / "n"
+    heard = NotifySocket(path)
+    try:
+        said: list[tuple[bool, str]] = []
+        for messages in (
+            [],
+            [b"STATUS=loading\nMAINPID=7\n", b"READY=1\nSTATUS=15 neighbours"],
+            [b"STOPPING=1"],
+        ):
+            say(path, *messages)
+            heard.drain()
+            said.append((heard.ready, heard.status))
+        assert said == [(False, ""), (True, "15 neighbours"), (False, "15 neighbours")]
+    finally:
+        heard.close()
+    assert not path.exists()
+
+
+def test_garbage_changes_nothing(tmp_path: Path) -> None:
+    heard = NotifySocket(tmp_path / "n")
+    heard.take(b"\xff\xfe\0READY\n=1\nREADY=2")
+    assert not heard.ready
+    heard.close()
+
+
+def test_a_stale_socket_file_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "n"
+    first = NotifySocket(path)
+    second = NotifySocket(path)
+    say(path, b"READY=1")
+    second.drain()
+    assert second.ready
+    first.close()
+    second.close()

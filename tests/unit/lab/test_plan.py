@@ -1,0 +1,48 @@
+"""Who the nodes of a lab are."""
+
+import pytest
+
+from swarmctl.lab import plan
+from swarmware.errors import InvalidInput
+
+
+@pytest.mark.parametrize(
+    ("nodes", "expected"), [(16, (5, 10)), (6, (2, 3)), (4, (1, 2)), (3, (1, 1)), (50, (16, 33))]
+)
+def test_there_is_one_ground_vehicle_to_about_two_in_the_air(nodes: int, expected: tuple[int, int]) -> None:
+    assert plan.kinds(nodes) == expected
+
+
+@pytest.mark.parametrize("nodes", [-1, 0, 2, 201])
+def test_a_number_that_makes_no_swarm_is_refused(nodes: int) -> None:
+    with pytest.raises(InvalidInput, match="number of nodes"):
+        plan.kinds(nodes)
+
+
+def test_the_same_seed_gives_the_same_swarm_and_another_seed_another() -> None:
+    assert plan.members(16, 7) == plan.members(16, 7)
+    assert plan.members(16, 7) != plan.members(16, 8)
+
+
+def test_clocks_differ_and_stay_within_what_is_promised() -> None:
+    who = plan.members(16, 1)
+    assert all(abs(m.offset_s) <= 5 and abs(m.drift_ppm) <= 50 for m in who)
+    assert len({m.offset_s for m in who}) == 16
+    assert [m.platform for m in who][:3] == ["gcs", "ugv1", "ugv2"]
+
+
+def test_nodes_start_in_a_random_order_that_the_seed_repeats() -> None:
+    who = plan.members(16, 1)
+    orders = {tuple(plan.start_order(who, seed)) for seed in range(20)}
+    assert len(orders) == 20
+    assert plan.start_order(who, 3) == plan.start_order(who, 3)
+    assert all(sorted(order) == sorted(m.platform for m in who) for order in orders)
+
+
+def test_a_process_for_each_service_on_any_of_the_nodes() -> None:
+    who = plan.members(4, 1)
+    assert plan.per_daemon(None, who) == frozenset()
+    assert plan.per_daemon("all", who) == {"gcs", "ugv1", "uav1", "uav2"}
+    assert plan.per_daemon("uav1, gcs", who) == {"uav1", "gcs"}
+    with pytest.raises(InvalidInput, match="usv9"):
+        plan.per_daemon("uav1,usv9", who)
