@@ -1,0 +1,80 @@
+"""The shape of the repository: small files, defaults that are shipped as they are, nothing named by habit."""
+
+import re
+import tomllib
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from swarmware.config import NodeConfig
+
+ROOT = Path(__file__).parents[2]
+SOURCES = sorted(
+    path
+    for folder in ("lib", "daemons", "cli", "tests", "share")
+    for path in (ROOT / folder).rglob("*.py")
+    if "__pycache__" not in path.parts
+)
+SERVICES = sorted(
+    tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["swarmware.services"]
+)
+LINES = 500
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_no_file_is_longer_than_500_lines(path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= LINES
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_no_file_is_named_after_what_it_is_not(path: Path) -> None:
+    assert not re.search(r"(^|_)(utils?|helpers?|common|manager|base|misc|part\d*)$", path.stem)
+
+
+@pytest.mark.parametrize("path", [p for p in SOURCES if p.name == "__init__.py"], ids=name)
+def test_a_package_says_what_may_live_there(path: Path) -> None:
+    assert path.read_text().lstrip().startswith('"""')
+
+
+def test_the_shipped_node_file_equals_the_defaults() -> None:
+    shipped = tomllib.loads((ROOT / "etc/swarm/node.toml").read_text())
+    assert shipped == plain(NodeConfig())
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_the_shipped_service_file_equals_the_defaults(service: str) -> None:
+    config = import_module(f"swarmd.{service}.config").Config()
+    text = (ROOT / f"etc/swarm/services/{service}.toml").read_text()
+    assert tomllib.loads(text) == plain(config)
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_every_key_of_a_shipped_file_is_explained(service: str) -> None:
+    text = (ROOT / f"etc/swarm/services/{service}.toml").read_text()
+    paragraphs = [part for part in text.split("\n\n") if re.search(r"^\w+ *=", part, re.MULTILINE)]
+    assert all("#" in part for part in paragraphs)
+
+
+def test_every_shipped_file_belongs_to_a_service() -> None:
+    assert {path.stem for path in (ROOT / "etc/swarm/services").glob("*.toml")} == set(SERVICES)
+
+
+def test_every_daemon_has_a_core_and_a_shell() -> None:
+    for service in SERVICES:
+        folder = ROOT / "daemons/swarmd" / service
+        assert (folder / "service.py").exists(), service
+        assert (folder / "core.py").exists() or (folder / "core").is_dir(), service
+
+
+def plain(value: Any) -> Any:
+    """As TOML has it: no tuples, and no nulls (a key that may be absent is left out)."""
+    return msgspec.to_builtins(
+        {key: item for key, item in msgspec.to_builtins(value).items() if item is not None}, builtin_types=()
+    )
