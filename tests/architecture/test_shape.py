@@ -74,7 +74,6 @@ def test_every_daemon_has_a_core_and_a_shell() -> None:
 
 
 def plain(value: Any) -> Any:
-    """As TOML has it: no tuples, and no nulls (a key that may be absent is left out)."""
-    return msgspec.to_builtins(
-        {key: item for key, item in msgspec.to_builtins(value).items() if item is not None}, builtin_types=()
-    )
+    """As TOML has it: lists for tuples, and no key for what may be absent."""
+    found: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(value))
+    return {key: item for key, item in found.items() if item is not None}
