@@ -139,6 +139,8 @@ class Imu(msgspec.Struct, frozen=True, array_like=True, gc=False):
     ax_m_s2: float
     ay_m_s2: float
     az_m_s2: float
+    yaw_rad: float | None = None
+    """Heading from its own attitude filter (gyro and compass), 0 is east, counter-clockwise."""
 
 
 @register
@@ -178,6 +180,10 @@ class ArmRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     armed: bool
 
 
+GOAL_KINDS: Final = ("hold", "goto", "takeoff", "land", "formation")
+NAV_STATES: Final = ("idle", "moving", "arrived", "holding", "blocked")
+
+
 @register
 class Goal(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What the navigator shall reach or keep: the mission's only wish to it (board `nav/goal`)."""
@@ -185,11 +191,13 @@ class Goal(msgspec.Struct, frozen=True, array_like=True, gc=False):
     seq: int
     """Counts up with each new goal; NavStatus answers with it."""
     kind: str
-    """hold | goto | takeoff | land | formation."""
+    """hold | goto | takeoff | land | formation: one of GOAL_KINDS."""
     x_m: float = 0.0
     y_m: float = 0.0
     z_m: float = 0.0
+    """goto: where to; takeoff: only the height; land: where it is."""
     yaw_rad: float | None = None
+    """goto: heading at the end; without it the vehicle arrives as it comes."""
     speed_m_s: float = 1.5
     leader: str = ""
     """Formation: platform that leads."""
@@ -207,8 +215,9 @@ class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     goal_seq: int
     state: str
-    """idle | moving | arrived | holding | blocked."""
+    """idle | moving | arrived | holding | blocked: one of NAV_STATES."""
     distance_m: float = 0.0
+    """To the goal; in a formation to the own slot, of an advancing leader to the end of the course."""
     formation_error_m: float = 0.0
     note: str = ""
 
@@ -223,3 +232,29 @@ class Collision(msgspec.Struct, frozen=True, array_like=True, gc=False):
     y_m: float
     z_m: float
     speed_m_s: float
+
+
+@register
+class DriverStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """How well one driver of the hardware abstraction keeps its period."""
+
+    name: str
+    state: str
+    """running | waiting (for its device) | failed."""
+    asked_hz: float
+    real_hz: float
+    """Over the last report's interval."""
+    worst_late_ms: float
+    """Latest start of a read after its due time, over the last report's interval."""
+    reads: int
+    errors: int
+    missed: int = 0
+    """Periods that were skipped because a read or the computer was too slow."""
+    note: str = ""
+
+
+@register
+class DriverTable(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """The drivers of a platform (board `hal/drivers`)."""
+
+    drivers: tuple[DriverStatus, ...] = ()
