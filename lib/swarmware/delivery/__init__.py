@@ -1,0 +1,25 @@
+"""Delivery of messages and requests, as decisions only: what to send, what to answer, what became of it.
+
+Sans-io: time is an argument, no sockets, no clock. `swarmware.post` carries out what comes back.
+"""
+
+from swarmware.delivery.answer import answer, expired, reply, with_lifetime
+from swarmware.delivery.outbox import Action, Key, Outbox, Settle, Transmit
+from swarmware.delivery.outcome import Outcome, Status
+from swarmware.delivery.received import Received, Seen
+
+__all__ = [
+    "Action",
+    "Key",
+    "Outbox",
+    "Outcome",
+    "Received",
+    "Seen",
+    "Settle",
+    "Status",
+    "Transmit",
+    "answer",
+    "expired",
+    "reply",
+    "with_lifetime",
+]

@@ -1,0 +1,64 @@
+"""Answer frames, and the lifetime that a message carries in its header extension."""
+
+import struct
+
+from swarmware.delivery.outcome import Status
+from swarmware.frame import HOPS, Flag, Frame, Kind
+from swarmware.types.registry import encode
+from swarmware.types.rpc import Ack
+
+_LIFETIME_TAG = 1
+_LIFETIME = struct.Struct("<BBI")
+"""Element of a header extension: tag, length of what follows, lifetime in ms from the header's stamp."""
+
+
+def answer(
+    question: Frame,
+    status: Status,
+    *,
+    where: str,
+    detail: str = "",
+    stamp_ns: int,
+    received_ns: int = 0,
+) -> Frame:
+    """The acknowledgement or refusal of a message or request; any hop may give one for the receiver."""
+    return reply(question, Kind.ACK, encode(Ack(int(status), where, detail, received_ns)), stamp_ns)
+
+
+def reply(question: Frame, kind: Kind, payload: bytes, stamp_ns: int) -> Frame:
+    """The frame that goes back: sender and receiver swapped, data id and sequence of the question."""
+    return Frame(
+        kind,
+        question.data_id,
+        question.receiver_hw,
+        question.receiver_app,
+        question.sender_hw,
+        question.sender_app,
+        question.sequence,
+        stamp_ns,
+        flags=question.flags & Flag.URGENT,
+        hops_left=HOPS,
+        payload=payload,
+    )
+
+
+def with_lifetime(timeout_s: float) -> bytes:
+    """Header extension of a message that must not be delivered later than this after its stamp."""
+    return _LIFETIME.pack(_LIFETIME_TAG, 4, min(max(0, round(timeout_s * 1000)), 0xFFFF_FFFF))
+
+
+def lifetime_ns(extension: bytes) -> int | None:
+    """Lifetime in a header extension; None when it holds none, or is no list of tagged elements."""
+    at = 0
+    while at + 2 <= len(extension):
+        tag, length = extension[at], extension[at + 1]
+        if tag == _LIFETIME_TAG and length == 4 and at + 6 <= len(extension):
+            return int(_LIFETIME.unpack_from(extension, at)[2]) * 1_000_000
+        at += 2 + length
+    return None
+
+
+def expired(frame: Frame, sender_now_ns: int) -> bool:
+    """Whether the lifetime of a message is over; the time is that of the clock that stamped it."""
+    lifetime = lifetime_ns(frame.extension)
+    return lifetime is not None and sender_now_ns > frame.stamp_ns + lifetime

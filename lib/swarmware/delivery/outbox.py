@@ -1,0 +1,178 @@
+"""The sender's side: what waits for an answer, when it is sent again, and when it is given up."""
+
+import heapq
+from itertools import count
+from typing import Final
+
+import msgspec
+
+from swarmware.delivery.outcome import Outcome, Status
+from swarmware.delivery.roundtrip import Pace, RoundTrip
+from swarmware.frame import Frame, Kind
+from swarmware.types.rpc import Ack
+
+Key = tuple[int, int, int]
+"""Application, data id, sequence: what an answer repeats of its question."""
+
+LOCAL: Final = Pace(first_ns=50_000_000, floor_ns=50_000_000, ceiling_ns=400_000_000)
+"""Inside a platform a message is lost only with its receiver, or waits for a full inbox."""
+REMOTE: Final = Pace(first_ns=300_000_000, floor_ns=100_000_000, ceiling_ns=2_400_000_000)
+"""Between platforms, over radio links: 0.3, 0.6, 1.2 s until a round trip was measured."""
+
+GRACE_NS: Final = 1_000_000_000
+"""How long a receiver that is not there may take to appear: there is no start order (S0.37)."""
+
+
+class Transmit(msgspec.Struct, frozen=True):
+    """Send this frame (again)."""
+
+    frame: Frame
+    again: bool
+    """Not the first time: look the receiver up anew, it may have died."""
+
+
+class Settle(msgspec.Struct, frozen=True):
+    """Tell the sender what became of it."""
+
+    key: Key
+    outcome: Outcome
+
+
+Action = Transmit | Settle
+
+
+class _Pending(msgspec.Struct):
+    frame: Frame
+    expires_ns: int
+    grace_ends_ns: int
+    sent_ns: int
+    wait_ns: int
+    pace: Pace
+    times_sent: int = 1
+    trouble: Outcome | None = None
+    """Newest soft refusal: it counts if nothing better comes in time."""
+
+
+class Outbox:
+    """Messages and requests that are on their way."""
+
+    def __init__(self, hardware: int, grace_ns: int = GRACE_NS) -> None:
+        self._hardware = hardware
+        self._grace_ns = grace_ns
+        self._pending: dict[Key, _Pending] = {}
+        self._due: list[tuple[int, int, Key]] = []
+        self._order = count()
+        self._round_trips: dict[int, RoundTrip] = {}
+        self.resent = 0
+        """Frames sent more than once."""
+
+    def __len__(self) -> int:
+        return len(self._pending)
+
+    @staticmethod
+    def key(frame: Frame) -> Key:
+        """The key of a message or request."""
+        return frame.sender_app, frame.data_id, frame.sequence
+
+    def submit(self, frame: Frame, now_ns: int, timeout_ns: int) -> list[Action]:
+        """A new message or request."""
+        key = self.key(frame)
+        pace = LOCAL if frame.receiver_hw == self._hardware else REMOTE
+        round_trip = self._round_trips.get(frame.receiver_hw)
+        wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.first_ns
+        expires_ns = now_ns + timeout_ns
+        self._pending[key] = _Pending(
+            frame, expires_ns, min(expires_ns, now_ns + self._grace_ns), now_ns, wait_ns, pace
+        )
+        self._schedule(key, min(now_ns + wait_ns, expires_ns))
+        return [Transmit(frame, again=False)]
+
+    def on_ack(self, key: Key, ack: Ack, now_ns: int) -> list[Action]:
+        """An acknowledgement, or a hop's reason why there is none; unknown keys are duplicates."""
+        pending = self._pending.get(key)
+        if pending is None:
+            return []
+        try:
+            status = Status(ack.status)
+        except ValueError:
+            status = Status.REFUSED
+        if status is Status.ABSENT and now_ns >= pending.grace_ends_ns:
+            status = Status.REFUSED
+        outcome = Outcome(status, ack.where, ack.detail, ack.received_ns)
+        if status is Status.ABSENT or status is Status.UNREACHABLE:
+            pending.trouble = outcome
+            return []
+        if status is Status.DELIVERED and pending.frame.kind is Kind.REQUEST:
+            # the receiver works on it: ask again at the slowest pace, in case the reply is lost
+            pending.wait_ns = pending.pace.ceiling_ns
+            pending.trouble = None
+            return []
+        self._measure(pending, now_ns)
+        del self._pending[key]
+        return [Settle(key, outcome)]
+
+    def on_reply(self, key: Key, now_ns: int) -> bool:
+        """The reply to a request; False for a duplicate."""
+        pending = self._pending.pop(key, None)
+        if pending is None:
+            return False
+        self._measure(pending, now_ns)
+        return True
+
+    def drop(self, key: Key) -> None:
+        """The sender does not want to know any more."""
+        self._pending.pop(key, None)
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """What is due by now."""
+        actions: list[Action] = []
+        while self._due and self._due[0][0] <= now_ns:
+            _, _, key = heapq.heappop(self._due)
+            pending = self._pending.get(key)
+            if pending is None:
+                continue
+            if now_ns >= pending.expires_ns or self._refused_for_good(pending, now_ns):
+                del self._pending[key]
+                actions.append(Settle(key, _given_up(pending)))
+            else:
+                pending.sent_ns = now_ns
+                pending.times_sent += 1
+                self.resent += 1
+                pending.wait_ns = min(pending.wait_ns * 2, pending.pace.ceiling_ns)
+                actions.append(Transmit(pending.frame, again=True))
+                self._schedule(key, self._next_ns(pending, now_ns))
+        return actions
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` must be called, or None."""
+        while self._due and self._due[0][2] not in self._pending:
+            heapq.heappop(self._due)
+        return self._due[0][0] if self._due else None
+
+    def _next_ns(self, pending: _Pending, now_ns: int) -> int:
+        due_ns = min(now_ns + pending.wait_ns, pending.expires_ns)
+        if pending.trouble is not None and now_ns < pending.grace_ends_ns:
+            due_ns = min(due_ns, pending.grace_ends_ns)
+        return due_ns
+
+    def _refused_for_good(self, pending: _Pending, now_ns: int) -> bool:
+        trouble = pending.trouble
+        return trouble is not None and trouble.status is Status.ABSENT and now_ns >= pending.grace_ends_ns
+
+    def _measure(self, pending: _Pending, now_ns: int) -> None:
+        if pending.times_sent != 1 or pending.frame.kind is Kind.REQUEST:
+            return  # Karn: nobody knows which copy was answered; a request's time is its handler's
+        hardware = pending.frame.receiver_hw
+        self._round_trips.setdefault(hardware, RoundTrip()).add(now_ns - pending.sent_ns)
+
+    def _schedule(self, key: Key, due_ns: int) -> None:
+        heapq.heappush(self._due, (due_ns, next(self._order), key))
+
+
+def _given_up(pending: _Pending) -> Outcome:
+    trouble = pending.trouble
+    if trouble is None:
+        return Outcome(Status.EXPIRED, detail=f"no answer after {pending.times_sent} tries")
+    if trouble.status is Status.ABSENT:
+        return Outcome(Status.REFUSED, trouble.where, trouble.detail)
+    return trouble

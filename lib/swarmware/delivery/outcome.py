@@ -1,0 +1,46 @@
+"""What became of a message, as its sender is told."""
+
+from enum import IntEnum
+
+import msgspec
+
+
+class Status(IntEnum):
+    """Ends of a message; the value travels in `Ack.status`."""
+
+    DELIVERED = 0
+    """It is in the inbox of the receiver."""
+    REFUSED = 1
+    """The receiver is there and will not have it: no such inbox, or the payload does not fit its type."""
+    EXPIRED = 2
+    """Nobody answered in time."""
+    UNREACHABLE = 3
+    """There was no way to the receiver, or the receiver has died."""
+    ABSENT = 4
+    """On the wire only: nobody has such an inbox yet. After the grace time the sender sees REFUSED."""
+
+
+class Outcome(msgspec.Struct, frozen=True):
+    """What became of one message."""
+
+    status: Status
+    where: str = ""
+    """Hop at which it stopped, as platform or platform:application; the receiver when delivered."""
+    detail: str = ""
+    """Reason, when it was not delivered."""
+    received_ns: int = 0
+    """Receiver's hardware clock when it was put into the inbox."""
+
+    @property
+    def delivered(self) -> bool:
+        """Whether it is in the receiver's inbox."""
+        return self.status is Status.DELIVERED
+
+    def __bool__(self) -> bool:
+        return self.delivered
+
+    def __str__(self) -> str:
+        text = self.status.name.lower()
+        if self.where:
+            text += f" at {self.where}"
+        return f"{text}: {self.detail}" if self.detail else text

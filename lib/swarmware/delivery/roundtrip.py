@@ -1,0 +1,41 @@
+"""Round-trip time to one hardware unit, and the pace of re-sending that follows from it."""
+
+import msgspec
+
+
+class Pace(msgspec.Struct, frozen=True):
+    """Limits of the time between two tries."""
+
+    first_ns: int
+    """As long as no round trip was measured."""
+    floor_ns: int
+    ceiling_ns: int
+
+
+class RoundTrip:
+    """Smoothed round-trip time and its variation.
+
+    Source: RFC 6298, section 2.
+    """
+
+    __slots__ = ("_smoothed_ns", "_variation_ns")
+
+    def __init__(self) -> None:
+        self._smoothed_ns = 0.0
+        self._variation_ns = 0.0
+
+    def add(self, sample_ns: int) -> None:
+        """One measured round trip."""
+        if self._smoothed_ns == 0.0:
+            self._smoothed_ns = float(sample_ns)
+            self._variation_ns = sample_ns / 2
+            return
+        self._variation_ns += 0.25 * (abs(self._smoothed_ns - sample_ns) - self._variation_ns)
+        self._smoothed_ns += 0.125 * (sample_ns - self._smoothed_ns)
+
+    def timeout_ns(self, pace: Pace) -> int:
+        """When to send again for the first time."""
+        if self._smoothed_ns == 0.0:
+            return pace.first_ns
+        timeout_ns = round(self._smoothed_ns + 4 * self._variation_ns)
+        return max(pace.floor_ns, min(timeout_ns, pace.ceiling_ns))
