@@ -79,6 +79,8 @@ class LabRecord(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     folder: str
     created_utc_ns: int
+    starter: Identity
+    """Process that started it, or still does."""
     multicast_group: str
     udp_port: int
     mongodb_uri: str = ""

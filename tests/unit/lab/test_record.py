@@ -40,6 +40,7 @@ def make(folder: Path, name: str, *, living: bool, created: int = 1) -> LabRecor
         seed=1,
         folder=str(folder / name),
         created_utc_ns=created,
+        starter=who,
         multicast_group="239.255.1.2",
         udp_port=4000,
         nodes=nodes,

@@ -1,0 +1,200 @@
+"""The folders of a lab: made before the first process starts, removed after the last has ended."""
+
+import os
+import random
+import shutil
+import socket
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import tomli_w
+
+from swarmctl.lab import plan, processes, record
+from swarmctl.lab.plan import Member
+from swarmctl.lab.record import LabRecord, NodeRecord
+from swarmware.errors import Conflict, InvalidInput, NoAnswer
+from swarmware.security import make_swarm
+
+SHM: Final = Path("/dev/shm")
+LOOPBACK: Final = "127.0.0.1"
+PORTS: Final = range(20_000, 32_000)
+"""Below the range from which kernels give ports to clients (32768 and up)."""
+NETS: Final = ("loopback",)
+CLAIM_TRIES: Final = 99
+
+STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
+"""A ground station has no body to simulate and nothing to steer."""
+VEHICLE: Final = (*STATION, "sim", "navigator")
+TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "uav": "multirotor"}
+
+
+class Wish(msgspec.Struct, frozen=True, kw_only=True):
+    """What somebody wants a lab to be."""
+
+    experiment: str
+    nodes: int
+    seed: int
+    name: str = ""
+    """Empty: the experiment's name, with a number when that is taken."""
+    net: str = "loopback"
+    per_daemon: str | None = None
+    """None: one process per node; `all` or names: one per daemon on those."""
+    mongodb_uri: str = ""
+
+
+def make(wish: Wish) -> LabRecord:
+    """Makes the lab's folders, configuration and keys.
+
+    Raises: InvalidInput for a wish that cannot be met, Conflict when the name is taken.
+    """
+    if wish.net not in NETS:
+        raise InvalidInput(f"--net {wish.net}: unknown; expected one of {', '.join(NETS)}")
+    who = plan.members(wish.nodes, wish.seed)
+    separate = plan.per_daemon(wish.per_daemon, who)
+    folder = _claim(wish)
+    try:
+        lab = LabRecord(
+            name=folder.name,
+            experiment=wish.experiment,
+            net=wish.net,
+            seed=wish.seed,
+            folder=str(folder),
+            created_utc_ns=time.time_ns(),
+            starter=processes.identity(os.getpid()),
+            multicast_group=_group(),
+            udp_port=_free_port(),
+            mongodb_uri=wish.mongodb_uri,
+            nodes=tuple(_node(folder, member, member.platform in separate) for member in who),
+        )
+        record.save(lab)
+        keys = folder / "keys"
+        make_swarm(keys, {m.platform: "operator" if m.kind == "gcs" else "node" for m in who})
+        for node in lab.nodes:
+            _write(lab, node, keys)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return lab
+
+
+def remove(lab: LabRecord, *, keep: bool = False) -> None:
+    """Removes what the lab left: shared memory and sockets; with `keep` not configuration and logs."""
+    for node in lab.nodes:
+        shutil.rmtree(node.shm_dir, ignore_errors=True)
+        shutil.rmtree(node.run_dir, ignore_errors=True)
+        with suppress(FileNotFoundError):
+            node.notify_path.unlink()
+    if not keep:
+        shutil.rmtree(lab.folder, ignore_errors=True)
+
+
+def down(lab: LabRecord, *, keep: bool = False) -> int:
+    """Ends all processes of the lab and removes what it left; how many had to be forced.
+
+    Raises: NoAnswer when a process cannot be ended.
+    """
+    forced = processes.end([node.identity for node in lab.nodes if node.pid], lab.mark)
+    if left := processes.marked(lab.mark):
+        pids = ", ".join(str(process.pid) for process in left)
+        raise NoAnswer(f"lab {lab.name}: processes {pids} do not end; expected them to")
+    remove(lab, keep=keep)
+    return forced
+
+
+def _claim(wish: Wish) -> Path:
+    labs = record.labs_folder()
+    if wish.name:
+        names = [record.check_name(wish.name)]
+    else:
+        names = [wish.experiment, *(f"{wish.experiment}{i}" for i in range(2, CLAIM_TRIES))]
+    for name in names:
+        _bury(labs / name)
+        with suppress(FileExistsError):
+            (labs / name).mkdir(mode=0o700)
+            return labs / name
+    raise Conflict(f"lab {names[0]!r}: is there already; expected another --name, or `swarmctl lab down`")
+
+
+def _bury(folder: Path) -> None:
+    """Removes a lab of which no process is left; its name becomes free."""
+    if not (folder / record.FILE).exists():
+        return
+    lab = record.load(folder)
+    starting = lab.starter.alive() and not all(node.pid for node in lab.nodes)
+    if not (lab.running or starting or processes.marked(lab.mark)):
+        remove(lab)
+
+
+def _node(folder: Path, member: Member, separate: bool) -> NodeRecord:
+    return NodeRecord(
+        platform=member.platform,
+        kind=member.kind,
+        folder=str(folder / "n" / member.platform),
+        shm_dir=str(SHM / f"swarm-{os.getuid()}-{folder.name}-{member.platform}"),
+        processes="per-daemon" if separate else "one",
+        offset_s=member.offset_s,
+        drift_ppm=member.drift_ppm,
+    )
+
+
+def _write(lab: LabRecord, node: NodeRecord, keys: Path) -> None:
+    for directory in (node.config_dir / "services", node.run_dir, node.data_dir):
+        directory.mkdir(mode=0o700, parents=True)
+    shutil.rmtree(node.shm_dir, ignore_errors=True)
+    Path(node.shm_dir).mkdir(mode=0o700)
+    shutil.move(keys / node.platform, node.keys_dir)
+    _toml(
+        node.config_dir / "node.toml",
+        {
+            "platform": node.platform,
+            "kind": node.kind,
+            "template": TEMPLATES[node.kind],
+            "services": list(STATION if node.kind == "gcs" else VEHICLE),
+            "processes": node.processes,
+            "run_dir": str(node.run_dir),
+            "shm_dir": node.shm_dir,
+            "data_dir": str(node.data_dir),
+            "keys_dir": str(node.keys_dir),
+            "clock": {"offset_s": node.offset_s, "drift_ppm": node.drift_ppm},
+        },
+    )
+    for name, settings in _services(lab, node).items():
+        _toml(node.config_dir / "services" / f"{name}.toml", settings)
+
+
+def _services(lab: LabRecord, node: NodeRecord) -> dict[str, dict[str, Any]]:
+    settings: dict[str, dict[str, Any]] = {
+        "broker": {
+            "multicast_group": lab.multicast_group,
+            "multicast_interface": LOOPBACK,
+            "bind_address": LOOPBACK,
+            "udp_port": lab.udp_port,
+        },
+    }
+    if lab.mongodb_uri:
+        settings["logger"] = {"mongodb_uri": lab.mongodb_uri, "mongodb_database": f"swarm_{lab.name}"}
+    return settings
+
+
+def _toml(path: Path, data: dict[str, Any]) -> None:
+    path.write_text(tomli_w.dumps(data), "utf-8")
+
+
+def _group() -> str:
+    """A multicast group of its own, of those meant for one site (RFC 2365)."""
+    chance = random.SystemRandom()
+    return f"239.255.{chance.randrange(1, 255)}.{chance.randrange(1, 255)}"
+
+
+def _free_port() -> int:
+    """A UDP port that nobody listens on now."""
+    chance = random.SystemRandom()
+    for _ in range(CLAIM_TRIES):
+        port = chance.choice(PORTS)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
+            probe.bind(("", port))
+            return port
+    raise Conflict(f"UDP ports {PORTS.start}..{PORTS.stop}: none free; expected one")

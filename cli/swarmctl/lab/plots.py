@@ -1,0 +1,280 @@
+"""The pictures of a report: PNG bytes from a scene. Importing this imports matplotlib."""
+
+import io
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle as CirclePatch
+from matplotlib.patches import Rectangle
+
+from swarmctl.lab.scene import Neighbour, Scene
+from swarmware.names import natural
+from swarmware.world import Circle, Obstacle
+
+DPI: Final = 130
+PAPER_GLOBAL_KBPS: Final = 56.07
+"""S0's global traffic with 16 nodes."""
+PAPER_EGRESS_KBPS: Final = 14.89
+"""S0's egress traffic."""
+
+INK: Final = "#1f2933"
+PALE: Final = "#9aa5b1"
+GRID: Final = "#e4e7eb"
+COLOURS: Final = {"ugv": "#d55e00", "uav": "#0072b2", "gcs": "#009e73", "usv": "#56b4e9"}
+"""Okabe and Ito's palette: told apart by every kind of colour vision."""
+WORDS: Final = {
+    "ugv": "ground vehicle",
+    "uav": "air vehicle",
+    "gcs": "ground station",
+    "usv": "surface vessel",
+}
+
+STYLE: Final[dict[Any, Any]] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.edgecolor": PALE,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "text.color": INK,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+}
+
+
+def paths(scene: Scene) -> bytes:
+    """Paths over the world with its obstacles, and heights over time below."""
+
+    def draw(figure: Figure) -> None:
+        world, heights = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3.2, 1]})
+        _world(world, scene)
+        heights.set_title("Height")
+        for name in sorted(scene.tracks, key=natural):
+            track = scene.tracks[name]
+            heights.plot(track.t_s, track.xyz_m[:, 2], color=_colour(scene, name), linewidth=1, alpha=0.8)
+        _spans(heights, scene)
+        heights.set_xlabel("s since the command")
+        heights.set_ylabel("m")
+
+    return _png(draw, 9.5, 9.5)
+
+
+def _world(ax: Axes, scene: Scene) -> None:
+    ax.set_title("Paths")
+    for obstacle in scene.obstacles:
+        ax.add_patch(_patch(obstacle))
+    if scene.course:
+        ax.plot(
+            [x for x, _ in scene.course],
+            [y for _, y in scene.course],
+            linestyle=(0, (2, 3)),
+            color=PALE,
+            marker="x",
+            markersize=6,
+            linewidth=1,
+        )
+    for name in sorted(scene.tracks, key=natural):
+        track, colour = scene.tracks[name], _colour(scene, name)
+        if len(track.t_s) == 0:
+            continue
+        x, y = track.xyz_m[:, 0], track.xyz_m[:, 1]
+        leads = name == scene.leader
+        ax.plot(x, y, color=colour, linewidth=2.2 if leads else 1.1, alpha=0.95 if leads else 0.75)
+        ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=colour)
+        ax.plot(x[-1], y[-1], marker="o", markersize=5, color=colour)
+        ax.annotate(
+            name, (x[-1], y[-1]), xytext=(4, 4), textcoords="offset points", fontsize=7.5, color=colour
+        )
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel("east, m")
+    ax.set_ylabel("north, m")
+    kinds = sorted({scene.kinds[name] for name in scene.tracks})
+    handles = [Line2D([], [], color=COLOURS[kind], label=WORDS[kind]) for kind in kinds]
+    handles.append(_mark(INK, "white", "start"))
+    handles.append(_mark(INK, INK, "end"))
+    if scene.obstacles:
+        handles.append(_mark("#7b8794", "#cbd2d9", "obstacle", "s"))
+    if scene.course:
+        handles.append(Line2D([], [], color=PALE, marker="x", linestyle=(0, (2, 3)), label="course"))
+    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=6, fontsize=8.5)
+
+
+def _mark(edge: str, face: str, label: str, marker: str = "o") -> Line2D:
+    return Line2D(
+        [],
+        [],
+        marker=marker,
+        linestyle="",
+        markeredgecolor=edge,
+        markerfacecolor=face,
+        color=edge,
+        label=label,
+    )
+
+
+def _patch(obstacle: Obstacle) -> CirclePatch | Rectangle:
+    look = {"facecolor": "#cbd2d9", "edgecolor": "#7b8794", "linewidth": 0.8, "zorder": 1.5}
+    if isinstance(obstacle, Circle):
+        return CirclePatch((obstacle.x_m, obstacle.y_m), obstacle.radius_m, **look)
+    width, depth = obstacle.size_m
+    corner = (obstacle.x_m - width / 2, obstacle.y_m - depth / 2)
+    angle = math.degrees(obstacle.yaw_rad)
+    return Rectangle(corner, width, depth, angle=angle, rotation_point="center", **look)
+
+
+def formation(scene: Scene, limit_m: float) -> bytes:
+    """Distance of each follower from its slot over time."""
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        ax.set_title("Formation error")
+        _spans(ax, scene)
+        errors = [scene.formation_errors[name] for name in sorted(scene.formation_errors, key=natural)]
+        names = sorted(scene.formation_errors, key=natural)
+        for name, error in zip(names, errors, strict=True):
+            ax.plot(error.t_s, error.value, color=_colour(scene, name), linewidth=0.8, alpha=0.45)
+        if errors:
+            stack = np.stack([error.value for error in errors])
+            seen = np.isfinite(stack).any(axis=0)
+            mean = np.full(stack.shape[1], np.nan)
+            mean[seen] = np.nanmean(stack[:, seen], axis=0)
+            ax.plot(errors[0].t_s, mean, color=INK, linewidth=2, label="mean of the followers")
+        ax.axhline(limit_m, color="#cc79a7", linestyle="--", linewidth=1, label=f"goal {limit_m:g} m (mean)")
+        ax.set_yscale("symlog", linthresh=1.0)
+        ax.set_ylim(bottom=0)
+        ticks = [0, 0.25, 0.5, 0.75, 1, 2, 5, 10, 20, 50, 100]
+        top = ax.get_ylim()[1]
+        ax.set_yticks([tick for tick in ticks if tick <= top])
+        ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        ax.minorticks_off()
+        ax.set_xlabel("s since the command")
+        ax.set_ylabel("m from the slot")
+        ax.legend(loc="upper right")
+
+    return _png(draw, 9.5, 4.2)
+
+
+def topology(scene: Scene) -> bytes:
+    """Who hears whom: a circle of nodes, lines darker where more of the datagrams arrive."""
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        names = [node.platform for node in scene.nodes]
+        angles = np.linspace(math.pi / 2, math.pi / 2 - 2 * math.pi, len(names), endpoint=False)
+        place = {name: (math.cos(a), math.sin(a)) for name, a in zip(names, angles, strict=True)}
+        pairs = _pairs(scene.neighbours)
+        lines = [(place[a], place[b]) for a, b in pairs if a in place and b in place]
+        strengths = [quality for (a, b), quality in pairs.items() if a in place and b in place]
+        colours = [(*mpl.colors.to_rgb("#3e4c59"), 0.08 + 0.47 * quality) for quality in strengths]
+        ax.add_collection(LineCollection(lines, colors=colours, linewidths=1))
+        for name, angle in zip(names, angles, strict=True):
+            x, y = place[name]
+            ax.plot(
+                x, y, marker="o", markersize=15, color=_colour(scene, name), markeredgecolor="white", zorder=3
+            )
+            ax.text(
+                1.16 * math.cos(angle), 1.16 * math.sin(angle), name, ha="center", va="center", fontsize=9.5
+            )
+        rtts = [n.rtt_ms for n in scene.neighbours if n.rtt_ms is not None]
+        words = f"{len(pairs)} links between {len(names)} nodes"
+        if rtts:
+            words += f", round trip p50 {np.percentile(rtts, 50):.2f} ms"
+        ax.set_title(f"Topology: {words}")
+        ax.set_xlim(-1.4, 1.4)
+        ax.set_ylim(-1.3, 1.3)
+        ax.set_aspect("equal")
+        ax.axis("off")
+
+    return _png(draw, 7.5, 7)
+
+
+def _pairs(neighbours: tuple[Neighbour, ...]) -> dict[tuple[str, str], float]:
+    """Links without direction, each with its worse side's quality."""
+    pairs: dict[tuple[str, str], float] = {}
+    for link in neighbours:
+        key = (min(link.node, link.hears), max(link.node, link.hears))
+        pairs[key] = min(pairs.get(key, 1.0), max(0.0, min(1.0, link.quality)))
+    return pairs
+
+
+def traffic(scene: Scene) -> bytes:
+    """Bytes on the wire: each node's mean, and the whole swarm over time."""
+
+    def draw(figure: Figure) -> None:
+        bars, total = figure.subplots(2, 1, gridspec_kw={"height_ratios": [1.3, 1]})
+        nodes = sorted(scene.nodes, key=lambda node: natural(node.platform))
+        x = np.arange(len(nodes))
+        colours = [COLOURS[node.kind] for node in nodes]
+        bars.bar(x - 0.2, [node.egress_kbps for node in nodes], 0.38, color=colours, label="sent")
+        bars.bar(
+            x + 0.2, [node.ingress_kbps for node in nodes], 0.38, color=colours, alpha=0.35, label="received"
+        )
+        bars.set_xticks(x, [node.platform for node in nodes], rotation=45 if len(nodes) > 8 else 0)
+        bars.set_title("Traffic per node: sent (full), received (pale)")
+        bars.set_ylabel("kB/s")
+        bars.axhline(PAPER_EGRESS_KBPS, color="#cc79a7", linestyle="--", linewidth=1)
+        bars.annotate(
+            "paper: egress", (0.995, PAPER_EGRESS_KBPS), xycoords=("axes fraction", "data"),
+            ha="right", va="bottom", fontsize=8, color="#cc79a7",
+        )  # fmt: skip
+        bars.grid(axis="x", visible=False)
+        total.set_title("All nodes' egress over time")
+        if scene.traffic:
+            series = list(scene.traffic.values())
+            t_s = series[0].t_s
+            parts = [np.interp(t_s, s.t_s, s.value) for s in series if len(s.t_s)]
+            whole = np.sum(parts, axis=0) if parts else np.zeros(len(t_s))
+            total.fill_between(t_s, whole, color="#0072b2", alpha=0.2)
+            total.plot(t_s, whole, color="#0072b2", linewidth=1.5)
+        total.axhline(PAPER_GLOBAL_KBPS, color="#cc79a7", linestyle="--", linewidth=1)
+        total.annotate(
+            "paper: global, 16 nodes", (0.995, PAPER_GLOBAL_KBPS), xycoords=("axes fraction", "data"),
+            ha="right", va="bottom", fontsize=8, color="#cc79a7",
+        )  # fmt: skip
+        _spans(total, scene)
+        total.set_ylim(0, total.get_ylim()[1] * 1.08)
+        total.set_xlabel("s since the command")
+        total.set_ylabel("kB/s")
+
+    return _png(draw, 9.5, 7)
+
+
+def _spans(ax: Axes, scene: Scene) -> None:
+    for start_s, end_s in scene.formed:
+        ax.axvspan(start_s, end_s, color="#009e73", alpha=0.08, linewidth=0)
+    if scene.formed:
+        ax.annotate(
+            "formed", (scene.formed[0][0], 1), xycoords=("data", "axes fraction"), xytext=(4, -10),
+            textcoords="offset points", fontsize=8, color="#009e73",
+        )  # fmt: skip
+
+
+def _colour(scene: Scene, name: str) -> str:
+    return COLOURS.get(scene.kinds.get(name, ""), INK)
+
+
+def _png(draw: Callable[[Figure], None], width_in: float, height_in: float) -> bytes:
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        draw(figure)
+        out = io.BytesIO()
+        figure.savefig(out, format="png")
+    return out.getvalue()

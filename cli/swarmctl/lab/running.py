@@ -1,0 +1,174 @@
+"""A lab whose processes this process starts: who is up, who has fallen over."""
+
+import asyncio
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+
+from swarmctl.lab import processes, record
+from swarmctl.lab.notify import NotifySocket
+from swarmctl.lab.processes import MARK
+from swarmctl.lab.record import LabRecord, NodeRecord
+from swarmware.errors import NoAnswer, SwarmError
+
+Watcher = Callable[[str, str], None]
+"""Told of each change: platform, and `started` or `ready`."""
+
+TAIL_LINES: Final = 12
+"""Lines of a fallen node's log that its error quotes."""
+
+ENVIRONMENT: Final = {
+    # a thread pool per process and node would only fight over the cores
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "PYTHONUNBUFFERED": "1",
+}
+
+
+def at_once() -> int:
+    """Nodes that may be starting at the same time: more only make each other late."""
+    return max(2, 2 * (os.cpu_count() or 1))
+
+
+class RunningLab:
+    """Starts the nodes, a few at a time, and watches them through the kernel: no polling."""
+
+    def __init__(self, lab: LabRecord, watcher: Watcher = lambda _platform, _what: None) -> None:
+        self.record = lab
+        self._watcher = watcher
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._pidfds: dict[str, int] = {}
+        self._sockets: dict[str, NotifySocket] = {}
+        self._changed = asyncio.Event()
+        self.fallen: dict[str, int] = {}
+        """Exit codes of nodes that ended; negative: the signal that ended them."""
+        self.began_mono_ns = 0
+        """When the first process was started."""
+
+    def ready(self, platform: str) -> bool:
+        """Whether the node has said so."""
+        return platform in self._sockets and self._sockets[platform].ready
+
+    async def start(self, order: list[str], timeout_s: float) -> None:
+        """Starts all nodes in this order and returns when all are ready.
+
+        Raises: SwarmError when a node falls over, NoAnswer when one is not ready in time.
+        """
+        self.began_mono_ns = time.monotonic_ns()
+        waiting = list(order)
+        starting: set[str] = set()
+        try:
+            async with asyncio.timeout(timeout_s):
+                while waiting or starting:
+                    self._changed.clear()
+                    for platform in sorted(starting):
+                        if self.ready(platform):
+                            starting.discard(platform)
+                            self._watcher(platform, "ready")
+                    while waiting and len(starting) < at_once():
+                        platform = waiting.pop(0)
+                        self._launch(self.record.node(platform))
+                        starting.add(platform)
+                        self._watcher(platform, "started")
+                    self.check()
+                    if waiting or starting:
+                        await self._changed.wait()
+        except TimeoutError:
+            late = ", ".join(sorted(starting))
+            status = "; ".join(self._sockets[name].status or "silent" for name in sorted(starting))
+            raise NoAnswer(
+                f"lab {self.record.name}: {late} not ready ({status}); expected within {timeout_s:g} s"
+            ) from None
+
+    def check(self) -> None:
+        """Raises: SwarmError with the end of its log when a node has fallen over."""
+        for platform, code in self.fallen.items():
+            node = self.record.node(platform)
+            how = f"signal {-code}" if code < 0 else f"exit code {code}"
+            raise SwarmError(
+                f"node {platform}: ended with {how} ({node.log_file}); expected to run\n{_tail(node)}"
+            )
+
+    async def until_fallen(self) -> None:
+        """Returns when any node has ended."""
+        while not self.fallen:
+            self._changed.clear()
+            await self._changed.wait()
+
+    def _launch(self, node: NodeRecord) -> None:
+        heard = NotifySocket(node.notify_path)
+        self._sockets[node.platform] = heard
+        loop = asyncio.get_running_loop()
+        loop.add_reader(heard.fileno(), self._on_notify, heard)
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
+        environment |= ENVIRONMENT | {MARK: self.record.mark, "NOTIFY_SOCKET": str(node.notify_path)}
+        environment.pop("WATCHDOG_USEC", None)
+        with node.log_file.open("ab") as log:
+            child = subprocess.Popen(
+                [sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                cwd=node.folder,
+                start_new_session=True,
+            )
+        self._children[node.platform] = child
+        self._pidfds[node.platform] = os.pidfd_open(child.pid)
+        loop.add_reader(self._pidfds[node.platform], self._on_exit, node.platform)
+        who = processes.identity(child.pid)
+        known = msgspec.structs.replace(node, pid=who.pid, pid_start=who.start_ticks)
+        nodes = tuple(known if old.platform == node.platform else old for old in self.record.nodes)
+        self.record = msgspec.structs.replace(self.record, nodes=nodes)
+        record.save(self.record)
+
+    def note_ready(self) -> float:
+        """Writes down that the whole swarm is up; seconds since the first start."""
+        ready_s = (time.monotonic_ns() - self.began_mono_ns) / 1e9
+        self.record = msgspec.structs.replace(self.record, ready_s=ready_s)
+        record.save(self.record)
+        return ready_s
+
+    def _on_notify(self, heard: NotifySocket) -> None:
+        heard.drain()
+        self._changed.set()
+
+    def _on_exit(self, platform: str) -> None:
+        fd = self._pidfds.pop(platform)
+        asyncio.get_running_loop().remove_reader(fd)
+        os.close(fd)
+        self.fallen[platform] = self._children[platform].wait()
+        self._changed.set()
+
+    def let_go(self) -> None:
+        """Stops watching; the nodes live on by themselves."""
+        loop = asyncio.get_running_loop()
+        for fd in self._pidfds.values():
+            loop.remove_reader(fd)
+            os.close(fd)
+        self._pidfds.clear()
+        for heard in self._sockets.values():
+            loop.remove_reader(heard.fileno())
+            heard.close()
+        for child in self._children.values():
+            # they are not ours to collect any more; without this the interpreter warns about it
+            child.returncode = child.returncode if child.returncode is not None else 0
+        self._children.clear()
+
+    def collect(self) -> None:
+        """Takes the exit codes of all children; call it when they were ended."""
+        for child in self._children.values():
+            child.wait()
+
+
+def _tail(node: NodeRecord) -> str:
+    try:
+        lines = node.log_file.read_text("utf-8", "replace").splitlines()
+    except OSError:
+        return ""
+    return "\n".join(f"  | {line}" for line in lines[-TAIL_LINES:])
