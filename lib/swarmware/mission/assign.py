@@ -1,0 +1,69 @@
+"""Who plays which role: platforms to roles by kind and order, parameters to platforms."""
+
+import msgspec
+
+from swarmware.errors import MissionError
+from swarmware.mission.binding import Binding
+from swarmware.mission.folder import Folder, RoleSpec, name_roles
+from swarmware.names import natural
+from swarmware.types.mission import Member, ParamValue
+
+
+class Platform(msgspec.Struct, frozen=True):
+    """A platform that could take part."""
+
+    name: str
+    kind: str
+
+
+class Part(msgspec.Struct, frozen=True):
+    """One platform's part in a mission."""
+
+    member: Member
+    file: str
+    binding: Binding
+
+
+class Cast(msgspec.Struct, frozen=True):
+    """All parts of a mission."""
+
+    parts: tuple[Part, ...]
+    """In the order of the roles, then of the platforms: who comes first opens the barriers."""
+    left_out: tuple[str, ...]
+    """Platforms that no role wanted."""
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The ensemble."""
+        return tuple(part.member for part in self.parts)
+
+
+def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, ParamValue]) -> Cast:
+    """Fills the roles in their order with platforms in natural order.
+
+    Raises: MissionError when a required role stays empty or an override is no parameter of the mission.
+    """
+    unknown = sorted(overrides.keys() - folder.param_names())
+    if unknown:
+        known = ", ".join(sorted(folder.param_names())) or "it has none"
+        raise MissionError(f"parameter {unknown[0]!r}: unknown in {folder.manifest.name}; expected {known}")
+    free = sorted(platforms, key=lambda platform: natural(platform.name))
+    filled: list[tuple[RoleSpec, list[Platform]]] = []
+    for role in folder.manifest.roles:
+        fitting = [platform for platform in free if platform.kind in role.kinds]
+        taken = fitting[: role.take or None]
+        if not taken and role.required:
+            kinds = " or ".join(role.kinds)
+            raise MissionError(f"role {role.name!r}: no {kinds} is there for it; expected at least one")
+        filled.append((role, taken))
+        free = [platform for platform in free if platform not in taken]
+    first = {role.name: taken[0].name for role, taken in filled if taken}
+    parts: list[Part] = []
+    for role, taken in filled:
+        for index, platform in enumerate(taken):
+            params = {**folder.manifest.params, **folder.role_params(role, index), **overrides}
+            binding = Binding(
+                platform.name, platform.kind, role.name, folder.manifest.name, name_roles(params, first)
+            )
+            parts.append(Part(Member(platform.name, role.name, platform.kind), role.file, binding))
+    return Cast(tuple(parts), tuple(platform.name for platform in free))

@@ -1,0 +1,270 @@
+"""One block of the file: its parameters against its type, its successors by outcome."""
+
+import math
+import re
+from collections.abc import Iterable
+from difflib import get_close_matches
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+import msgspec.inspect
+
+from swarmware.errors import MissionError
+from swarmware.mission.catalogue import BlockType, Catalogue, Nothing, Params
+from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, Edge
+from swarmware.mission.source import escape
+
+_ALWAYS: Final = ("type", "title", "comment")
+_TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
+_ERROR_EDGE: Final = ("nextError", "next_error")
+_TIMEOUT_VALUE: Final = ("timeout", "timeout_s")
+_EDGE_KEYS: Final = ("next", "on", *_TIMEOUT_EDGE, *_ERROR_EDGE, *_TIMEOUT_VALUE)
+_WHERE = re.compile(r" - at `\$\.?(?P<key>[^`]*)`$")
+_NUMBER = re.compile(r"[+-]?(\d{1,18}\.?\d{0,18}|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
+_UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
+
+TIMEOUT_LIMIT_S: Final = 86_400.0
+"""Longest time-out of a block: a day."""
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """A hint: the known word that looks most like this one, whatever its distance."""
+    lower = {name.lower(): name for name in known}
+    near = get_close_matches(word.lower(), list(lower), n=1, cutoff=0.0)
+    return f"nearest known: {lower[near[0]]}" if near else "nothing is known here"
+
+
+class BlockReader:
+    """Reads one block; what is wrong is collected in `remarks` as (pointer, rule, message)."""
+
+    def __init__(self, block_id: str, body: dict[str, Any], pointer: str, catalogue: Catalogue) -> None:
+        self.remarks: list[tuple[str, str, str]] = []
+        self._id = block_id
+        self._body = body
+        self._pointer = pointer
+        self._edges: dict[str, Edge] = {}
+        name = body["type"]
+        known = catalogue.find(name)
+        if known is None:
+            message = f"block type {name!r}: unknown; {nearest(name, catalogue.types)}"
+            self._wrong("type", "unknown-block", message)
+        self._known = known is not None
+        self._spec = known or BlockType(name, "Unknown here.", timeout_s=60.0)
+
+    def block(self) -> Block:
+        """The block, as far as it could be understood."""
+        timeout_s = self._timeout()
+        self._successors()
+        if TIMEOUT in self._edges and timeout_s is None:
+            place = self._edges[TIMEOUT].pointer
+            message = "a time-out successor, but no time-out: expected `timeout` in seconds beside it"
+            self.remarks.append((place, "timeout", message))
+        params = self._params()
+        return Block(self._id, self._spec, params, tuple(self._edges.values()), timeout_s, self._pointer)
+
+    def _wrong(self, key: str, rule: str, message: str) -> None:
+        place = f"{self._pointer}/{key}" if key else self._pointer
+        self.remarks.append((place, rule, message))
+
+    def _timeout(self) -> float | None:
+        given = [key for key in _TIMEOUT_VALUE if key in self._body]
+        if not given:
+            return self._spec.timeout_s
+        key = given[0]
+        if len(given) > 1:
+            self._wrong(given[1], "twice", f"the same as {key!r}: expected one of them")
+        if not self._spec.can_time_out:
+            self._wrong(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
+            return None
+        value = _number(self._body[key])
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= TIMEOUT_LIMIT_S:
+            message = f"{self._body[key]!r}: expected seconds, above 0, at most {TIMEOUT_LIMIT_S:g}"
+            self._wrong(key, "timeout", message)
+            return self._spec.timeout_s
+        return value
+
+    def _successors(self) -> None:
+        match self._spec.name:
+            case "End":
+                for key in (*_EDGE_KEYS, "cases"):
+                    if key in self._body and key not in _TIMEOUT_VALUE:
+                        self._wrong(key, "edge", "an End has no successor")
+            case "Fork":
+                self._fork()
+            case "Decision":
+                self._cases()
+                self._edge(OK, "next")
+                self._errors()
+            case "DecisionRandom":
+                self._edge("true", "nextIfTrue")
+                self._edge("false", "nextIfFalse")
+            case _:
+                self._edge(OK, "next")
+                self._timeouts()
+                self._errors()
+
+    def _fork(self) -> None:
+        targets = self._body.get("next")
+        if not isinstance(targets, list) or not targets or not all(isinstance(t, str) for t in targets):
+            self._wrong("next", "edge", 'expected a list of successors, such as ["b2", "b3"]')
+            return
+        for index, target in enumerate(targets):
+            if target in targets[:index]:
+                self._wrong(f"next/{index}", "edge", f"{target!r} stands there twice: expected each once")
+            self._add(f"{OK}:{index}", target, f"next/{index}")
+
+    def _cases(self) -> None:
+        cases = self._body.get("cases")
+        if not isinstance(cases, list) or not cases:
+            self._wrong("cases", "edge", 'expected a list [{"if": "battery < 30 %", "next": "b7"}]')
+            return
+        for index, case in enumerate(cases):
+            place = f"cases/{index}"
+            if not isinstance(case, dict) or set(case) != {"if", "next"}:
+                self._wrong(place, "edge", 'expected {"if": "<condition>", "next": "<block>"}')
+                continue
+            if not isinstance(case["if"], str) or not isinstance(case["next"], str):
+                self._wrong(place, "edge", "expected texts as condition and successor")
+                continue
+            try:
+                condition = parse_condition(case["if"])
+            except MissionError as error:
+                self._wrong(f"{place}/if", "condition", str(error))
+                continue
+            pointer = f"{self._pointer}/{place}/next"
+            outcome = f"case:{index}"
+            self._edges[outcome] = Edge(outcome, case["next"], pointer, condition)
+
+    def _edge(self, outcome: str, key: str) -> None:
+        target = self._body.get(key)
+        if isinstance(target, list) and len(target) == 1:
+            target = target[0]
+        if isinstance(target, str):
+            self._add(outcome, target, key)
+        elif target is None:
+            self._wrong("", "edge", f"no `{key}`: expected the block that follows")
+        else:
+            self._wrong(key, "edge", f"expected one block; only a Fork has several, it is {target!r}")
+
+    def _timeouts(self) -> None:
+        for key in _TIMEOUT_EDGE:
+            if key in self._body:
+                self._timeout_edge(self._body[key], key)
+        for key in _ERROR_EDGE:
+            if key in self._body and self._spec.instant:
+                self._wrong(key, "edge", f"a {self._spec.name} cannot fail: expected no `{key}`")
+
+    def _timeout_edge(self, target: Any, key: str) -> None:
+        if not self._spec.can_time_out:
+            self._wrong(key, "edge", f"a {self._spec.name} cannot time out: expected no `{key}`")
+        elif not isinstance(target, str):
+            self._wrong(key, "edge", f"expected a block, it is {target!r}")
+        else:
+            self._add(TIMEOUT, target, key)
+
+    def _errors(self) -> None:
+        for key in _ERROR_EDGE:
+            if key in self._body:
+                if isinstance(self._body[key], str):
+                    self._add(ERROR, self._body[key], key)
+                else:
+                    self._wrong(key, "edge", f"expected a block, it is {self._body[key]!r}")
+        others = self._body.get("on", {})
+        if not isinstance(others, dict):
+            self._wrong("on", "edge", 'expected {"timeout": "b7", "<error kind>": "b8"}')
+            return
+        for word, target in others.items():
+            place = f"on/{escape(word)}"
+            if word == TIMEOUT:
+                self._timeout_edge(target, place)
+                continue
+            kind = word.removeprefix(f"{ERROR}:")
+            if not isinstance(target, str):
+                self._wrong(place, "edge", f"expected a block, it is {target!r}")
+            elif kind == ERROR:
+                self._add(ERROR, target, place)
+            elif self._known and kind not in self._spec.errors:
+                kinds = (TIMEOUT, ERROR, *self._spec.errors)
+                message = f"a {self._spec.name} does not end with {word!r}; expected {', '.join(kinds)}"
+                self._wrong(place, "edge", message)
+            else:
+                self._add(f"{ERROR}:{kind}", target, place)
+
+    def _add(self, outcome: str, target: str, key: str) -> None:
+        pointer = f"{self._pointer}/{key}"
+        if outcome in self._edges:
+            first = self._edges[outcome].pointer.removeprefix(f"{self._pointer}/")
+            self._wrong(key, "twice", f"the successor for {outcome!r} stands at `{first}` already")
+            return
+        self._edges[outcome] = Edge(outcome, target, pointer)
+
+    def _params(self) -> Params:
+        if not self._known:
+            return Nothing()
+        special = {"DecisionRandom": ("nextIfTrue", "nextIfFalse"), "Decision": ("cases",)}
+        edge_keys = {*_ALWAYS, *_EDGE_KEYS, *special.get(self._spec.name, ())}
+        aliases = dict(self._spec.aliases)
+        raw: dict[str, Any] = {}
+        spelled: dict[str, str] = {}
+        texts = _text_fields(self._spec.params)
+        for key, value in self._body.items():
+            if key in edge_keys:
+                continue
+            name = aliases.get(key, key)
+            if name in raw:
+                self._wrong(escape(key), "twice", f"the same as {spelled[name]!r}: expected one of them")
+            # published missions write numbers as texts: "ms": "500"
+            raw[name], spelled[name] = value if name in texts else _number(value), key
+        try:
+            params = msgspec.convert(raw, self._spec.params)
+        except msgspec.ValidationError as error:
+            self._explain(str(error), spelled)
+            return Nothing()
+        for name, key in spelled.items():
+            if not _finite(getattr(params, name)):
+                self._wrong(escape(key), "param", f"{raw[name]!r}: expected a finite number")
+        return params
+
+    def _explain(self, text: str, spelled: dict[str, str]) -> None:
+        names = [field.encode_name for field in msgspec.structs.fields(self._spec.params)]
+        if unknown := _UNKNOWN.search(text):
+            key = unknown["key"]
+            hint = nearest(key, names) if names else "it has none"
+            message = f"parameter {key!r} of {self._spec.name}: unknown; {hint}"
+            self._wrong(escape(spelled.get(key, key)), "param", message)
+            return
+        where = _WHERE.search(text)
+        message = text[: where.start()] if where else text
+        steps = [step for step in re.split(r"[.\[\]]+", where["key"]) if step] if where else []
+        name = steps[0] if steps else ""
+        place = "/".join([spelled.get(name, name), *steps[1:]])
+        value = f", it is {self._body[spelled[name]]!r}" if name in spelled else ""
+        subject = f"parameter {spelled.get(name, name)!r} of {self._spec.name}" if name else self._spec.name
+        self._wrong(place, "param", f"{subject}: {message[:1].lower()}{message[1:]}{value}")
+
+
+@cache
+def _text_fields(params: type[Params]) -> frozenset[str]:
+    """Names of the parameters that are texts even when they look like numbers."""
+    return frozenset(
+        field.encode_name
+        for field in msgspec.inspect.type_info(params).fields  # type: ignore[attr-defined]  # a Struct's info
+        if isinstance(field.type, msgspec.inspect.StrType)
+    )
+
+
+def _number(value: Any) -> Any:
+    """The number that a text spells, anything else as it is."""
+    if not isinstance(value, str) or not _NUMBER.fullmatch(value):
+        return value
+    return int(value) if value.lstrip("+-").isdigit() else float(value)
+
+
+def _finite(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, tuple):
+        return all(_finite(item) for item in value)
+    return True

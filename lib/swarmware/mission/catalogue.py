@@ -1,0 +1,284 @@
+"""The blocks of the language: what each is for, its parameters, its ways to end.
+
+One table; the loader, the checks, the JSON Schema, the documentation and the player derive from it.
+"""
+
+from importlib.metadata import entry_points
+from typing import Annotated, Final, Literal
+
+import msgspec
+
+from swarmware.errors import MissionError
+
+GROUP: Final = "swarmware.blocks"
+"""Entry-point group of third parties' blocks."""
+
+VEHICLES: Final = ("uav", "ugv", "usv")
+"""Platform kinds that move."""
+
+Points = tuple[tuple[float, ...], ...]
+"""Positions in the map frame, metres."""
+
+Positive = Annotated[float, msgspec.Meta(gt=0, le=86_400)]
+Speed = Annotated[float, msgspec.Meta(gt=0, le=30)]
+Metres = Annotated[float, msgspec.Meta(ge=-100_000, le=100_000)]
+Altitude = Annotated[float, msgspec.Meta(gt=0, le=1_000)]
+Distance = Annotated[float, msgspec.Meta(gt=0, le=1_000)]
+Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
+
+
+class Params(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Parameters of a block; a block type has a subclass with its own."""
+
+
+class Nothing(Params, frozen=True):
+    """No parameters."""
+
+
+class DecisionRandom(Params, frozen=True):
+    """A throw of dice."""
+
+    chance_for_true: Ratio
+    """Chance of the first successor."""
+
+
+class Barrier(Params, frozen=True):
+    """A meeting of the ensemble."""
+
+    id: Name
+    """Same id, same barrier, in every member's mission."""
+    quorum: Literal["all"] | Annotated[int, msgspec.Meta(ge=1, le=1_000)] = "all"
+    """How many members open it: all that are still there, or a number."""
+    roles: tuple[Name, ...] = ()
+    """Roles that meet here; empty: all."""
+
+
+class Wait(Params, frozen=True):
+    """A pause; exactly one of the two."""
+
+    ms: Annotated[float, msgspec.Meta(ge=0, le=86_400_000)] | None = None
+    s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] | None = None
+
+    def __post_init__(self) -> None:
+        """Exactly one unit."""
+        if (self.ms is None) == (self.s is None):
+            raise ValueError("expected exactly one of `ms` and `s`")
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the pause."""
+        return self.s if self.s is not None else (self.ms or 0.0) / 1000
+
+
+class Takeoff(Params, frozen=True):
+    """Straight up."""
+
+    altitude_m: Altitude
+    """Above the map's origin."""
+    speed_m_s: Speed = 1.5
+
+
+class Goto(Params, frozen=True):
+    """One position."""
+
+    x_m: Metres
+    y_m: Metres
+    z_m: Metres = 0.0
+    yaw_rad: Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)] | None = None
+    """Heading at the end; without it the vehicle arrives as it comes."""
+    speed_m_s: Speed = 1.5
+
+
+class Formation(Params, frozen=True):
+    """A slot in a moving shape."""
+
+    leader: Name
+    """Platform that leads; the leader's own mission names itself."""
+    shape: Literal["wedge", "line", "column"] = "wedge"
+    slot: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
+    """Place in the shape: 0 is its head, then left and right in turn."""
+    spacing_m: Distance = 4.0
+    """Between neighbouring slots, along and across."""
+    offset_m: Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)] = (0.0, 0.0, 0.0)
+    """Where the shape's head is, seen from the leader: forward, left, up."""
+    course: Points = ()
+    """Waypoints of the leader, x and y."""
+    advance: bool = False
+    """Move along the course; without it the slots are taken and kept."""
+    speed_m_s: Speed = 1.5
+    tolerance_m: Distance = 1.0
+    """Formation error below which the slot counts as taken."""
+    settle_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 1.0
+    """How long the error must stay below."""
+
+    def __post_init__(self) -> None:
+        """Waypoints are pairs, and who advances has some."""
+        if any(len(point) != 2 for point in self.course):
+            raise ValueError("course: expected pairs [x, y] in metres")
+        if self.advance and not self.course:
+            raise ValueError("advance without a course: expected at least one waypoint in `course`")
+
+
+class Land(Params, frozen=True):
+    """Straight down, or at a spot."""
+
+    speed_m_s: Speed = 1.0
+
+
+class Hold(Params, frozen=True):
+    """Stay."""
+
+    s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
+    """For how long; 0: until the vehicle stands still, which it then keeps doing."""
+
+
+class BlockType(msgspec.Struct, frozen=True):
+    """What the language knows of one block."""
+
+    name: str
+    purpose: str
+    """One sentence."""
+    params: type[Params] = Nothing
+    control: bool = False
+    """Played by the player itself; otherwise a plugin does the work."""
+    timeout_s: float | None = None
+    """Time-out when the mission gives none; None: it needs none."""
+    kinds: tuple[str, ...] = ()
+    """Platform kinds that can do it; empty: every one."""
+    errors: tuple[str, ...] = ()
+    """Kinds of error it can end with."""
+    motion: bool = False
+    """Moves the vehicle; cancelled, it commands hold."""
+    instant: bool = False
+    """Takes no time, so a loop of nothing else would never rest."""
+    aliases: tuple[tuple[str, str], ...] = ()
+    """Other spellings of parameters, and what they mean."""
+
+    @property
+    def can_time_out(self) -> bool:
+        """Whether a time-out successor makes sense."""
+        return not self.instant and self.name != "Wait"
+
+
+_POINT: Final = (("x", "x_m"), ("y", "y_m"), ("z", "z_m"), ("yaw", "yaw_rad"), ("speed", "speed_m_s"))
+_SPEED: Final = (("speed", "speed_m_s"),)
+_MOVES: Final = ("blocked", "disarmed", "no_navigator")
+
+BLOCKS: Final = (
+    BlockType("Start", "Where the mission begins.", control=True, instant=True),
+    BlockType("End", "Ends the mission and cancels what still runs.", control=True, instant=True),
+    BlockType("Fork", "Starts all its successors at once.", control=True, instant=True),
+    BlockType("Join", "Waits until every branch that leads to it has arrived.", control=True, instant=True),
+    BlockType(
+        "Decision",
+        "Takes the first successor whose condition holds, else `next`.",
+        control=True,
+        instant=True,
+        errors=("unknown_value",),
+    ),
+    BlockType(
+        "DecisionRandom",
+        "Takes one of two successors by chance.",
+        DecisionRandom,
+        control=True,
+        instant=True,
+        aliases=(("chanceForTrue", "chance_for_true"),),
+    ),
+    BlockType(
+        "Barrier",
+        "Waits until all members of the ensemble are there; all leave at one common time.",
+        Barrier,
+        control=True,
+        errors=("broken",),
+    ),
+    BlockType("Wait", "A pause of `ms` milliseconds or `s` seconds.", Wait, control=True),
+    BlockType("Arm", "Arms the motors.", timeout_s=10.0, kinds=VEHICLES, errors=("refused", "no_vehicle")),
+    BlockType(
+        "Disarm", "Disarms the motors.", timeout_s=10.0, kinds=VEHICLES, errors=("refused", "no_vehicle")
+    ),
+    BlockType(
+        "Takeoff",
+        "Climbs straight up to an altitude.",
+        Takeoff,
+        timeout_s=60.0,
+        kinds=("uav",),
+        errors=_MOVES,
+        motion=True,
+        aliases=(("alt", "altitude_m"), ("altitude", "altitude_m"), *_SPEED),
+    ),
+    BlockType(
+        "Goto",
+        "Moves to a position.",
+        Goto,
+        timeout_s=300.0,
+        kinds=VEHICLES,
+        errors=_MOVES,
+        motion=True,
+        aliases=_POINT,
+    ),
+    BlockType(
+        "Formation",
+        "Takes a slot in a formation; with `advance`, keeps it along a course to its end.",
+        Formation,
+        timeout_s=600.0,
+        kinds=VEHICLES,
+        errors=(*_MOVES, "leader_lost"),
+        motion=True,
+        aliases=(*_SPEED, ("spacing", "spacing_m"), ("offset", "offset_m")),
+    ),
+    BlockType(
+        "Land",
+        "Lands where it is; a vehicle that does not fly stops.",
+        Land,
+        timeout_s=120.0,
+        kinds=VEHICLES,
+        errors=_MOVES,
+        motion=True,
+        aliases=_SPEED,
+    ),
+    BlockType(
+        "Hold",
+        "Stays where it is.",
+        Hold,
+        timeout_s=30.0,
+        kinds=VEHICLES,
+        errors=("no_navigator",),
+        motion=True,
+    ),
+)
+"""The built-in blocks."""
+
+
+class Catalogue:
+    """The block types known here, by name."""
+
+    def __init__(self, types: tuple[BlockType, ...]) -> None:
+        self.types: dict[str, BlockType] = {}
+        for block in types:
+            if block.name in self.types:
+                raise MissionError(f"block type {block.name!r}: defined twice; expected one definition")
+            self.types[block.name] = block
+
+    def find(self, name: str) -> BlockType | None:
+        """The type of that name."""
+        return self.types.get(name)
+
+
+def built_in() -> Catalogue:
+    """The blocks that are always there."""
+    return Catalogue(BLOCKS)
+
+
+def installed() -> Catalogue:
+    """The built-in blocks and those of installed packages.
+
+    Raises: MissionError when a package's entry point is no block, or takes a name that is in use.
+    """
+    foreign: list[BlockType] = []
+    for point in entry_points(group=GROUP):
+        spec = getattr(point.load(), "spec", None)
+        if not isinstance(spec, BlockType):
+            raise MissionError(f"entry point {GROUP}:{point.name}: expected a class with `spec: BlockType`")
+        foreign.append(spec)
+    return Catalogue((*BLOCKS, *foreign))

@@ -1,0 +1,100 @@
+"""All checks of mission files in one call: syntax, blocks, references, soundness, ensemble."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from swarmware.errors import ConfigError, NotFound
+from swarmware.mission import soundness
+from swarmware.mission.binding import Binding
+from swarmware.mission.catalogue import Catalogue, built_in
+from swarmware.mission.finding import Finding
+from swarmware.mission.folder import MANIFEST, Folder, read_folder
+from swarmware.mission.loader import Reading, read
+from swarmware.mission.source import SourceError
+from swarmware.mission.source import parse as parse_source
+
+_GRAPH_RULES = frozenset({"edge", "no-such-block", "into-start", "start", "shape"})
+"""Findings that leave no graph worth exploring."""
+
+
+def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> list[Finding]:
+    """Findings of mission files and of mission folders (those with a mission.toml), in this order.
+
+    Raises: NotFound when a path does not exist.
+    """
+    findings: list[Finding] = []
+    for path in paths:
+        if path.is_dir() or path.name == MANIFEST:
+            findings += _check_folder(path if path.is_dir() else path.parent, catalogue)
+            continue
+        try:
+            text = path.read_text("utf-8")
+        except FileNotFoundError:
+            raise NotFound(f"{path}: no such file; expected a mission in JSON, or a folder") from None
+        except (OSError, UnicodeDecodeError) as error:
+            findings.append(Finding(str(path), 0, "", "error", "syntax", f"cannot be read: {error}"))
+            continue
+        findings += check_text(text, str(path), Binding(), catalogue)[1]
+    return findings
+
+
+def check_text(
+    text: str, file: str, binding: Binding, catalogue: Catalogue | None = None
+) -> tuple[Reading, list[Finding]]:
+    """One member's mission: what was read, and everything that is wrong with it."""
+    reading = read(text, file, binding, catalogue or built_in())
+    findings = list(reading.findings)
+    mission = reading.mission
+    if mission is not None and not any(finding.rule in _GRAPH_RULES for finding in findings):
+        remarks = soundness.check(mission)
+        if remarks:
+            source = parse_source(text, file)
+            for remark in remarks:
+                pointer = mission.blocks[remark.block].pointer
+                findings.append(remark.finding(file, source.line(pointer), pointer))
+    return reading, findings
+
+
+def check_folder(folder: Folder, catalogue: Catalogue | None = None) -> list[Finding]:
+    """A whole ensemble's mission: every role by itself, then all together."""
+    from swarmware.mission.ensemble import Role, check_roles
+
+    findings: list[Finding] = []
+    roles: list[Role] = []
+    used: set[str] = set()
+    for role in folder.manifest.roles:
+        text = folder.texts[role.file]
+        file = folder.place(role.file)
+        binding = folder.example(role)
+        reading, found = check_text(text, file, binding, catalogue)
+        findings += found
+        used.update(reading.params)
+        if reading.mission is not None:
+            roles.append(Role(role.name, role.kinds, reading.mission, _lines(text, file)))
+    findings += check_roles(roles)
+    manifest = folder.place(MANIFEST)
+    for name in sorted(folder.param_names() - used):
+        message = f"parameter {name!r}: no role declares it; expected it in some file's `params`"
+        findings.append(Finding(manifest, 0, "", "error", "param-unused", message))
+    return findings
+
+
+def _check_folder(path: Path, catalogue: Catalogue | None) -> list[Finding]:
+    if not path.exists():
+        raise NotFound(f"{path}: no such folder; expected a mission folder with {MANIFEST}")
+    try:
+        folder = read_folder(path)
+    except ConfigError as error:
+        return [Finding(str(path / MANIFEST), 0, "", "error", "manifest", str(error))]
+    return check_folder(folder, catalogue)
+
+
+def _lines(text: str, file: str) -> "dict[str, int]":
+    """Line of every block, for remarks of the ensemble check."""
+    try:
+        source = parse_source(text, file)
+    except SourceError:
+        return {}
+    value = source.value
+    blocks = value.get("mission") if isinstance(value, dict) else None
+    return {block: source.line(f"/mission/{block}") for block in blocks} if isinstance(blocks, dict) else {}

@@ -1,0 +1,274 @@
+"""Conditions on resource values: `battery < 80 % or age(nav/pose) > 1`.
+
+Grammar: or, and, not, comparisons (< <= > >= == !=), parentheses; operands are numbers (with % as a
+hundredth), 'text', true, false, resource paths with an optional field, age(path) in seconds.
+"""
+
+import operator
+import re
+from collections.abc import Callable
+from typing import Final, Protocol
+
+import msgspec
+
+from swarmware.errors import MissionError
+
+Scalar = bool | float | str
+"""What a condition compares."""
+
+SHORT_NAMES: Final = {
+    "battery": "power/battery.remaining_ratio",
+    "batterylevel": "power/battery.remaining_ratio",
+    "altitude": "nav/pose.z_m",
+}
+"""Words of mission authors for resources that every vehicle has."""
+
+LENGTH_LIMIT: Final = 500
+"""Characters of one condition."""
+DEPTH_LIMIT: Final = 20
+"""Parentheses and `not` inside each other."""
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)(?P<percent>\s*%)?"
+    r"|'(?P<text>[^']*)'"
+    r"|(?P<path>/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*(?:\.[A-Za-z0-9_]+)*)"
+    r"|(?P<symbol><=|>=|==|!=|<|>|\(|\)))"
+)
+
+_COMPARE: Final[dict[str, Callable[[float | str, float | str], bool]]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
+
+
+class Lookup(Protocol):
+    """Where a condition finds the present values."""
+
+    def value(self, path: str, field: str) -> Scalar | None:
+        """Newest value of the resource's field (empty: its only one); None when there is none."""
+        ...
+
+    def age_s(self, path: str) -> float | None:
+        """Age of the newest value; None when there is none."""
+        ...
+
+
+class Literal(msgspec.Struct, frozen=True, tag=True):
+    """A value that stands in the text."""
+
+    value: Scalar
+
+
+class Field(msgspec.Struct, frozen=True, tag=True):
+    """A field of a resource."""
+
+    path: str
+    field: str
+
+
+class Age(msgspec.Struct, frozen=True, tag=True):
+    """Age of a resource in seconds."""
+
+    path: str
+
+
+class Compare(msgspec.Struct, frozen=True, tag=True):
+    """Left and right side of a comparison."""
+
+    symbol: str
+    left: "Operand"
+    right: "Operand"
+
+
+class Not(msgspec.Struct, frozen=True, tag=True):
+    """The opposite."""
+
+    inner: "Node"
+
+
+class Both(msgspec.Struct, frozen=True, tag=True):
+    """Both hold."""
+
+    left: "Node"
+    right: "Node"
+
+
+class Either(msgspec.Struct, frozen=True, tag=True):
+    """One of them holds, or both."""
+
+    left: "Node"
+    right: "Node"
+
+
+Operand = Literal | Field | Age
+Node = Compare | Not | Both | Either | Literal | Field | Age
+
+
+class Condition(msgspec.Struct, frozen=True):
+    """A condition and the text it was written as."""
+
+    text: str
+    node: Node
+
+    def holds(self, lookup: Lookup) -> bool | None:
+        """Whether it is true now; None when a value is missing that decides it (Kleene's logic)."""
+        return _truth(self.node, lookup)
+
+    def resources(self) -> frozenset[str]:
+        """Paths of the resources it looks at."""
+        return frozenset(_paths(self.node))
+
+
+def parse(text: str) -> Condition:
+    """The condition in this text.
+
+    Raises: MissionError with the place in the text and what was expected.
+    """
+    if len(text) > LENGTH_LIMIT:
+        raise MissionError(f"condition of {len(text)} characters: expected at most {LENGTH_LIMIT}")
+    reader = _Reader(text)
+    node = reader.either(0)
+    if reader.kind != "end":
+        raise reader.wrong("and, or, or the end")
+    return Condition(text, node)
+
+
+class _Reader:
+    """Recursive descent over the tokens."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._at = 0
+        self.kind = ""
+        self.word = ""
+        self._number = 0.0
+        self._advance()
+
+    def wrong(self, expected: str) -> MissionError:
+        place = f"at {self.word!r}" if self.kind != "end" else "at its end"
+        return MissionError(f"condition {self._text!r} {place}: expected {expected}")
+
+    def _advance(self) -> None:
+        rest = self._text[self._at :]
+        if not rest.strip():
+            self.kind, self.word = "end", ""
+            return
+        found = _TOKEN.match(self._text, self._at)
+        if found is None:
+            self.kind, self.word = "?", rest.strip()[:10]
+            raise self.wrong("a number, a resource path, 'text' or a comparison")
+        self._at = found.end()
+        self.kind = found.lastgroup or ""
+        if found["number"] is not None:
+            self.kind, self.word = "number", found[0].strip()
+            self._number = float(found["number"]) / (100.0 if found["percent"] else 1.0)
+        else:
+            self.word = found[self.kind]
+
+    def _take(self, kind: str, word: str) -> bool:
+        if self.kind == kind and self.word == word:
+            self._advance()
+            return True
+        return False
+
+    def either(self, depth: int) -> Node:
+        node = self._both(depth)
+        while self._take("path", "or"):
+            node = Either(node, self._both(depth))
+        return node
+
+    def _both(self, depth: int) -> Node:
+        node = self._not(depth)
+        while self._take("path", "and"):
+            node = Both(node, self._not(depth))
+        return node
+
+    def _not(self, depth: int) -> Node:
+        if depth > DEPTH_LIMIT:
+            raise self.wrong(f"at most {DEPTH_LIMIT} nested parts")
+        if self._take("path", "not"):
+            return Not(self._not(depth + 1))
+        if self._take("symbol", "("):
+            node = self.either(depth + 1)
+            if not self._take("symbol", ")"):
+                raise self.wrong(")")
+            return node
+        left = self._operand()
+        if self.kind == "symbol" and self.word in _COMPARE:
+            symbol = self.word
+            self._advance()
+            return Compare(symbol, left, self._operand())
+        if isinstance(left, Literal) and not isinstance(left.value, bool):
+            raise self.wrong("a comparison")
+        return left
+
+    def _operand(self) -> Operand:
+        kind, word, number = self.kind, self.word, self._number
+        if kind not in {"number", "text", "path"} or (kind == "path" and word in {"and", "or", "not"}):
+            raise self.wrong("a number, a resource path or 'text'")
+        self._advance()
+        if kind == "number":
+            return Literal(number)
+        if kind == "text":
+            return Literal(word)
+        if word in {"true", "false"}:
+            return Literal(word == "true")
+        if word == "age" and self._take("symbol", "("):
+            path = self.word
+            if self.kind != "path" or not self._resource(path):
+                raise self.wrong("a resource path")
+            self._advance()
+            if not self._take("symbol", ")"):
+                raise self.wrong(")")
+            return Age(path)
+        full = SHORT_NAMES.get(word.lower(), word)
+        path, _, field = full.partition(".")
+        if not self._resource(path):
+            self.kind, self.word = kind, word
+            raise self.wrong(f"a resource path such as power/battery, or one of {', '.join(SHORT_NAMES)}")
+        return Field(path, field)
+
+    @staticmethod
+    def _resource(path: str) -> bool:
+        return "/" in path.removeprefix("/") and path == path.lower()
+
+
+def _operand_value(node: Operand, lookup: Lookup) -> Scalar | None:
+    if isinstance(node, Literal):
+        return node.value
+    if isinstance(node, Age):
+        return lookup.age_s(node.path)
+    return lookup.value(node.path, node.field)
+
+
+def _truth(node: Node, lookup: Lookup) -> bool | None:
+    if isinstance(node, Compare):
+        left, right = _operand_value(node.left, lookup), _operand_value(node.right, lookup)
+        if left is None or right is None or isinstance(left, str) != isinstance(right, str):
+            return None
+        return _COMPARE[node.symbol](left, right)
+    if isinstance(node, Not):
+        inner = _truth(node.inner, lookup)
+        return None if inner is None else not inner
+    if isinstance(node, Both | Either):
+        decisive = isinstance(node, Either)
+        left_truth, right_truth = _truth(node.left, lookup), _truth(node.right, lookup)
+        if decisive in (left_truth, right_truth):
+            return decisive
+        return None if left_truth is None or right_truth is None else not decisive
+    value = _operand_value(node, lookup)
+    return value if isinstance(value, bool) else None
+
+
+def _paths(node: Node) -> set[str]:
+    if isinstance(node, Field | Age):
+        return {node.path}
+    if isinstance(node, Not):
+        return _paths(node.inner)
+    if isinstance(node, Both | Either | Compare):
+        return _paths(node.left) | _paths(node.right)
+    return set()

@@ -1,0 +1,191 @@
+"""From a file's text to a mission: every mistake with line, JSON pointer and what was expected."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+import msgspec
+
+from swarmware.errors import MissionError
+from swarmware.mission.binding import Binding, Unbound, substitute
+from swarmware.mission.block_reader import BlockReader, nearest
+from swarmware.mission.catalogue import Catalogue, built_in
+from swarmware.mission.condition import Condition
+from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.finding import Finding
+from swarmware.mission.model import ON_FAILURE, Block, Mission
+from swarmware.mission.source import Source, SourceError, escape
+from swarmware.mission.source import parse as parse_source
+from swarmware.types.mission import ParamValue
+
+_TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "priority", "requires")
+
+USER_PRIORITY_LIMIT = 99
+"""Highest priority of a user mission; built-in ones stand above (S2.37)."""
+
+
+class Reading(msgspec.Struct, frozen=True):
+    """What came of reading a file."""
+
+    mission: Mission | None
+    """None when the file has errors that leave no graph to look at."""
+    findings: tuple[Finding, ...]
+    params: tuple[str, ...] = ()
+    """Names of the declared parameters."""
+
+
+def load(text: str, file: str, binding: Binding, catalogue: Catalogue | None = None) -> Mission:
+    """The mission, with the platform's parameters filled in.
+
+    Raises: MissionError with every mistake, one a line.
+    """
+    reading = read(text, file, binding, catalogue)
+    if reading.mission is None or reading.findings:
+        raise MissionError("\n".join(str(finding) for finding in reading.findings))
+    return reading.mission
+
+
+def read(text: str, file: str, binding: Binding, catalogue: Catalogue | None = None) -> Reading:
+    """The mission as far as it can be understood, and all that is wrong with it."""
+    try:
+        source = parse_source(text, file)
+    except SourceError as error:
+        return Reading(None, (error.finding,))
+    return _Loader(source, binding, catalogue or built_in()).reading()
+
+
+class _Loader:
+    """One pass over one file; remarks are collected, not raised, so that an author sees all at once."""
+
+    def __init__(self, source: Source, binding: Binding, catalogue: Catalogue) -> None:
+        self._source = source
+        self._binding = binding
+        self._catalogue = catalogue
+        self._findings: list[Finding] = []
+        self._declared: dict[str, ParamValue] = {}
+
+    def reading(self) -> Reading:
+        top = self._source.value
+        if not isinstance(top, dict) or not isinstance(top.get("mission"), dict):
+            self._wrong("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
+            return Reading(None, tuple(self._findings))
+        for key in top:
+            if key not in _TOP:
+                self._wrong(f"/{escape(key)}", "unknown-key", f"key {key!r}: unknown; {nearest(key, _TOP)}")
+        self._declared = self._params(top.get("params", {}))
+        bound = {key: self._substituted(key, value) for key, value in top.items()}
+        blocks = self._blocks(bound["mission"])
+        starts = [block.id for block in blocks.values() if block.type == "Start"]
+        self._one_start_some_end(blocks, starts)
+        mission = Mission(
+            self._source.file,
+            blocks,
+            starts[0] if starts else "",
+            self._on_failure(bound.get("on_failure", "land")),
+            self._priority(bound.get("priority", 10)),
+            self._requires(bound.get("requires", [])),
+        )
+        return Reading(mission if starts else None, tuple(self._findings), tuple(self._declared))
+
+    def _wrong(self, pointer: str, rule: str, message: str) -> None:
+        self._findings.append(self._source.finding(pointer, rule, message))
+
+    def _substituted(self, key: str, value: Any) -> Any:
+        if key in {"params", "title", "comment", "$schema"}:
+            return value
+        if key != "mission":
+            return self._bind(value, f"/{escape(key)}")
+        return {block: self._bind(body, f"/mission/{escape(block)}") for block, body in value.items()}
+
+    def _bind(self, value: Any, pointer: str) -> Any:
+        try:
+            return substitute(value, pointer, self._binding, self._declared)
+        except Unbound as error:
+            self._wrong(error.pointer, "unbound", str(error))
+            return value
+
+    def _params(self, raw: Any) -> dict[str, ParamValue]:
+        if not isinstance(raw, dict):
+            self._wrong("/params", "shape", "expected an object of names and default values")
+            return {}
+        found: dict[str, ParamValue] = {}
+        for name, default in raw.items():
+            pointer = f"/params/{escape(name)}"
+            try:
+                value = msgspec.convert(default, ParamValue)
+            except msgspec.ValidationError:
+                self._wrong(pointer, "shape", "expected a number, a text, true, false or a list of points")
+                continue
+            given = self._binding.params.get(name, value)
+            if _sort(given) != _sort(value):
+                message = f"parameter {name!r} was given {given!r}: expected {_sort(value)}, as its default"
+                self._wrong(pointer, "param-type", message)
+                given = value
+            found[name] = given
+        return found
+
+    def _blocks(self, raw: dict[str, Any]) -> dict[str, Block]:
+        blocks: dict[str, Block] = {}
+        for block_id, body in raw.items():
+            pointer = f"/mission/{escape(block_id)}"
+            if not isinstance(body, dict) or not isinstance(body.get("type"), str):
+                self._wrong(pointer, "shape", 'expected a block {"type": "…", "next": "…"}')
+                continue
+            reader = BlockReader(block_id, body, pointer, self._catalogue)
+            blocks[block_id] = reader.block()
+            for place, rule, message in reader.remarks:
+                self._wrong(place, rule, message)
+        for block in blocks.values():
+            for edge in block.edges:
+                self._target(edge.target, edge.pointer, blocks, raw)
+        return blocks
+
+    def _target(self, target: str, pointer: str, blocks: dict[str, Block], raw: Iterable[str]) -> None:
+        if target in blocks:
+            if blocks[target].type == "Start":
+                self._wrong(pointer, "into-start", f"leads to {target!r}, the Start: expected another block")
+        elif target not in raw:
+            near = get_close_matches(target, list(raw), n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "expected the name of a block"
+            self._wrong(pointer, "no-such-block", f"block {target!r} does not exist; {hint}")
+
+    def _one_start_some_end(self, blocks: dict[str, Block], starts: list[str]) -> None:
+        if not starts:
+            self._wrong("/mission", "start", "no Start block: expected exactly one")
+        for extra in starts[1:]:
+            message = f"a second Start beside {starts[0]!r}: expected exactly one"
+            self._wrong(f"/mission/{escape(extra)}", "start", message)
+        if not any(block.type == "End" for block in blocks.values()):
+            self._wrong("/mission", "end", "no End block: expected at least one")
+
+    def _on_failure(self, raw: Any) -> str:
+        if raw not in ON_FAILURE:
+            self._wrong("/on_failure", "on-failure", f"{raw!r}: expected one of {', '.join(ON_FAILURE)}")
+            return "land"
+        return str(raw)
+
+    def _priority(self, raw: Any) -> int:
+        if isinstance(raw, int) and not isinstance(raw, bool) and 0 <= raw <= USER_PRIORITY_LIMIT:
+            return raw
+        self._wrong("/priority", "priority", f"{raw!r}: expected a whole number 0 to {USER_PRIORITY_LIMIT}")
+        return 10
+
+    def _requires(self, raw: Any) -> tuple[Condition, ...]:
+        if not isinstance(raw, list) or not all(isinstance(item, str) for item in raw):
+            self._wrong("/requires", "shape", 'expected a list of conditions, such as ["battery > 20 %"]')
+            return ()
+        found: list[Condition] = []
+        for index, text in enumerate(raw):
+            try:
+                found.append(parse_condition(text))
+            except MissionError as error:
+                self._wrong(f"/requires/{index}", "condition", str(error))
+        return tuple(found)
+
+
+def _sort(value: ParamValue) -> str:
+    if isinstance(value, bool):
+        return "true or false"
+    if isinstance(value, int | float):
+        return "a number"
+    return "a text" if isinstance(value, str) else "a list of points"

@@ -1,0 +1,81 @@
+"""A mission that was understood: blocks with typed parameters, and where each leads."""
+
+from typing import Final
+
+import msgspec
+
+from swarmware.mission.catalogue import BlockType, Params
+from swarmware.mission.condition import Condition
+
+OK: Final = "ok"
+TIMEOUT: Final = "timeout"
+ERROR: Final = "error"
+CANCELLED: Final = "cancelled"
+"""The four ways a block ends; an error says its kind: `error:blocked`."""
+
+ON_FAILURE: Final = ("land", "hold")
+"""Built-in missions that take over when a mission fails."""
+
+
+class Edge(msgspec.Struct, frozen=True):
+    """One way out of a block."""
+
+    outcome: str
+    """ok · timeout · error · error:<kind> · case:<n> · true · false."""
+    target: str
+    """Block that follows."""
+    pointer: str
+    """Where it stands in the file."""
+    condition: Condition | None = None
+    """Of a Decision's case."""
+
+
+class Block(msgspec.Struct, frozen=True):
+    """One block of a mission."""
+
+    id: str
+    spec: BlockType
+    params: Params
+    edges: tuple[Edge, ...]
+    timeout_s: float | None
+    """None: never."""
+    pointer: str
+
+    @property
+    def type(self) -> str:
+        """Name of its type."""
+        return self.spec.name
+
+    def successor(self, outcome: str) -> str | None:
+        """Block that follows this outcome: the exact one, else the general error successor, else none.
+
+        It never falls through to `next`.
+        """
+        targets = {edge.outcome: edge.target for edge in self.edges}
+        if outcome in targets:
+            return targets[outcome]
+        return targets.get(ERROR) if outcome.startswith(f"{ERROR}:") else None
+
+
+class Mission(msgspec.Struct, frozen=True):
+    """A mission with all parameters filled in."""
+
+    file: str
+    blocks: dict[str, Block]
+    start: str
+    on_failure: str = "land"
+    priority: int = 10
+    """Among user missions; built-in ones have 100 and more."""
+    requires: tuple[Condition, ...] = ()
+    """Checked before the start and every second."""
+
+    def resources(self) -> frozenset[str]:
+        """Resources that its conditions look at."""
+        conditions = [*self.requires]
+        for block in self.blocks.values():
+            conditions += [edge.condition for edge in block.edges if edge.condition]
+        return frozenset(path for condition in conditions for path in condition.resources())
+
+    def barriers(self) -> tuple[Block, ...]:
+        """Its barrier blocks."""
+        return tuple(block for block in self.blocks.values() if block.type == "Barrier")

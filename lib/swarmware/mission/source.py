@@ -1,0 +1,207 @@
+"""Strict JSON with the line of every value: duplicate keys, NaN and trailing text are refused."""
+
+import json
+import re
+from typing import Any, Final, NoReturn
+
+from swarmware.mission.finding import Finding
+
+SIZE_LIMIT: Final = 1 << 20
+"""Characters of one mission file: a hundred times the largest known one."""
+DEPTH_LIMIT: Final = 32
+"""Nesting of a mission file; missions are flat, so deeper ones are mistakes or attacks."""
+
+_SPACE = re.compile(r"[ \t\n\r]*")
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
+_SCALAR = re.compile(r"[^,\]}\s]+")
+
+
+class SourceError(Exception):
+    """The text is no JSON that a mission may be written in; carries the finding, stays in this package."""
+
+    def __init__(self, finding: Finding) -> None:
+        super().__init__(str(finding))
+        self.finding = finding
+
+
+class Source:
+    """One parsed file, and where in it each value stands."""
+
+    def __init__(self, text: str, file: str, value: Any) -> None:
+        self.file = file
+        self.value = value
+        self._text = text
+        self._offsets: dict[str, int] | None = None
+
+    def line(self, pointer: str) -> int:
+        """Line of the value, or of its nearest parent that exists."""
+        if self._offsets is None:
+            # computed only when something is wrong: sound missions are loaded at the speed of the C parser
+            self._offsets = dict(_Walk(self._text).offsets)
+        while pointer and pointer not in self._offsets:
+            pointer = pointer.rpartition("/")[0]
+        return _line(self._text, self._offsets.get(pointer, 0))
+
+    def finding(self, pointer: str, rule: str, message: str, trace: tuple[str, ...] = ()) -> Finding:
+        """An error at this place."""
+        return Finding(self.file, self.line(pointer), pointer, "error", rule, message, trace)
+
+
+def parse(text: str, file: str) -> Source:
+    """The text as JSON.
+
+    Raises: SourceError with line and expectation.
+    """
+    if len(text) > SIZE_LIMIT:
+        raise SourceError(_whole(file, f"{len(text)} characters: expected at most {SIZE_LIMIT}"))
+    try:
+        value = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+        json.dumps(value, ensure_ascii=False).encode()
+    except json.JSONDecodeError as error:
+        raise SourceError(
+            Finding(file, error.lineno, "", "error", "syntax", f"no JSON: {error.msg}, column {error.colno}")
+        ) from error
+    except RecursionError as error:
+        raise SourceError(_whole(file, f"nested more than {DEPTH_LIMIT} deep")) from error
+    except UnicodeEncodeError as error:
+        raise SourceError(_whole(file, "half of a surrogate pair in a string: no text")) from error
+    except _DuplicateKey as error:
+        raise SourceError(_duplicate(text, file, error.key)) from error
+    except _Constant as error:
+        raise SourceError(_constant(text, file, error.name)) from error
+    except ValueError as error:  # a number of thousands of digits
+        raise SourceError(_whole(file, f"no JSON: {error}")) from error
+    if _too_deep(value):
+        raise SourceError(_whole(file, f"nested more than {DEPTH_LIMIT} deep"))
+    return Source(text, file, value)
+
+
+def escape(key: str) -> str:
+    """A key as one step of a JSON pointer."""
+    return key.replace("~", "~0").replace("/", "~1")
+
+
+class _DuplicateKey(Exception):
+    def __init__(self, key: str) -> None:
+        self.key = key
+
+
+class _Constant(Exception):
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        seen: set[str] = set()
+        raise _DuplicateKey(next(key for key, _ in pairs if key in seen or seen.add(key)))  # type: ignore[func-returns-value]  # set.add as "remember it"
+    return found
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise _Constant(name)
+
+
+def _too_deep(value: Any) -> bool:
+    level = [value]
+    for _ in range(DEPTH_LIMIT + 1):
+        level = [
+            child
+            for item in level
+            if isinstance(item, dict | list)
+            for child in (item.values() if isinstance(item, dict) else item)
+        ]
+        if not level:
+            return False
+    return True
+
+
+def _whole(file: str, message: str) -> Finding:
+    return Finding(file, 0, "", "error", "syntax", message)
+
+
+def _line(text: str, offset: int) -> int:
+    return text.count("\n", 0, offset) + 1
+
+
+def _duplicate(text: str, file: str, key: str) -> Finding:
+    walk = _Walk(text)
+    pointer, offset = walk.duplicate or ("", 0)
+    message = f"key {key!r} stands there twice: expected once"
+    return Finding(file, _line(text, offset), pointer, "error", "duplicate-key", message)
+
+
+def _constant(text: str, file: str, name: str) -> Finding:
+    walk = _Walk(text)
+    offset = walk.constants.get(name, 0)
+    message = f"{name} is no JSON: expected a finite number"
+    return Finding(file, _line(text, offset), walk.pointer_at(offset), "error", "syntax", message)
+
+
+class _Walk:
+    """Offsets of all values of a text that the JSON parser has understood already."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self.offsets: dict[str, int] = {}
+        self.constants: dict[str, int] = {}
+        self.duplicate: tuple[str, int] | None = None
+        self._value(self._skip(0), "", 0)
+
+    def pointer_at(self, offset: int) -> str:
+        return next((pointer for pointer, at in self.offsets.items() if at == offset), "")
+
+    def _skip(self, at: int) -> int:
+        found = _SPACE.match(self._text, at)
+        return found.end() if found else at
+
+    def _value(self, at: int, pointer: str, depth: int) -> int:
+        self.offsets[pointer] = at
+        first = self._text[at : at + 1]
+        if depth > DEPTH_LIMIT or not first:
+            return len(self._text)
+        if first == "{":
+            return self._object(at, pointer, depth)
+        if first == "[":
+            return self._array(at, pointer, depth)
+        if first == '"':
+            return self._string(at)[1]
+        found = _SCALAR.match(self._text, at)
+        end = found.end() if found else at + 1
+        if (word := self._text[at:end]) in {"NaN", "Infinity", "-Infinity"}:
+            self.constants.setdefault(word, at)
+        return end
+
+    def _string(self, at: int) -> tuple[str, int]:
+        found = _STRING.match(self._text, at)
+        if found is None:  # the C parser has read past it already, so only a text cut by hand gets here
+            return "", len(self._text)
+        return str(json.loads(found[0])), found.end()
+
+    def _object(self, at: int, pointer: str, depth: int) -> int:
+        at = self._skip(at + 1)
+        seen: set[str] = set()
+        while self._text[at : at + 1] == '"':
+            key_at = at
+            key, at = self._string(at)
+            child = f"{pointer}/{escape(key)}"
+            if key in seen and self.duplicate is None:
+                self.duplicate = (child, key_at)
+            seen.add(key)
+            at = self._skip(self._value(self._skip(self._skip(at) + 1), child, depth + 1))
+            if self._text[at : at + 1] != ",":
+                break
+            at = self._skip(at + 1)
+        return at + 1
+
+    def _array(self, at: int, pointer: str, depth: int) -> int:
+        at = self._skip(at + 1)
+        index = 0
+        while self._text[at : at + 1] not in {"]", ""}:
+            at = self._skip(self._value(at, f"{pointer}/{index}", depth + 1))
+            index += 1
+            if self._text[at : at + 1] != ",":
+                break
+            at = self._skip(at + 1)
+        return at + 1

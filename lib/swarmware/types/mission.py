@@ -1,0 +1,225 @@
+"""Missions between processes and platforms: order and receipt, and the state that barriers work through."""
+
+import msgspec
+
+from swarmware.types.registry import register
+
+ParamValue = bool | int | float | str | tuple[tuple[float, ...], ...]
+"""Value of a mission parameter: a number, a text, yes or no, or points in metres."""
+
+
+@register
+class MissionFile(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One file of a mission, by content: the one who asks and the one who plays share no disk."""
+
+    name: str
+    text: str
+
+
+@register
+class MissionTask(msgspec.Struct, frozen=True):
+    """One instruction to the swarm (`sys/mission/task` at the ground station)."""
+
+    name: str = ""
+    """A mission of the ground station's store; or what to call the files."""
+    files: tuple[MissionFile, ...] = ()
+    """The mission by content; empty: the stored one."""
+    params: dict[str, ParamValue] = {}
+    """Instead of the defaults in its manifest."""
+    members: tuple[str, ...] = ()
+    """Platforms that take part; empty: all that are known."""
+
+
+@register
+class OrderReceipt(msgspec.Struct, frozen=True):
+    """What became of one platform's order (event `mission/orders`, logged at the ground station)."""
+
+    mission: str
+    epoch: int
+    platform: str
+    role: str
+    sent_ns: int
+    """Ground station's hardware clock when the order left."""
+    acked_ns: int
+    """Ground station's hardware clock when the answer had come; 0: none came."""
+    received_ns: int
+    """The platform's own hardware clock at the receipt; 0: none is known."""
+    accepted: bool
+    reasons: tuple[str, ...] = ()
+    """Why not."""
+
+
+@register
+class TaskAnswer(msgspec.Struct, frozen=True):
+    """What became of an instruction."""
+
+    mission: str
+    hash: str
+    epoch: int
+    accepted: bool
+    """All members accepted; otherwise nobody started."""
+    orders: tuple[OrderReceipt, ...]
+    left_out: tuple[str, ...] = ()
+    """Known platforms that no role wanted."""
+
+
+@register
+class Member(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A member of the ensemble."""
+
+    platform: str
+    role: str
+    kind: str
+
+
+@register
+class MissionOrder(msgspec.Struct, frozen=True, array_like=True):
+    """The order to one platform (`cmd/mission`): its own part, and who else takes part."""
+
+    mission: str
+    """Name."""
+    hash: str
+    """BLAKE2b-128 of all files of the mission, hex: the same at every member."""
+    epoch: int
+    """Distinguishes this run from every other one of this ground station."""
+    role: str
+    file: str
+    """Name of the role's file, for errors."""
+    text: str
+    """The role's BDL."""
+    text_hash: str
+    """BLAKE2b-128 of the text, hex."""
+    members: tuple[Member, ...]
+    """In the order that decides who opens a barrier."""
+    params: dict[str, ParamValue]
+    issuer: str
+    issued_ns: int
+    """Issuer's hardware clock."""
+    expires_ns: int
+    """Issuer's hardware clock; an order that comes later is refused."""
+
+
+@register
+class MissionReceipt(msgspec.Struct, frozen=True, array_like=True):
+    """Answer to an order: the mission stands ready, or why not."""
+
+    accepted: bool
+    received_ns: int
+    """Receiver's hardware clock when the order was there, before it was looked at."""
+    reasons: tuple[str, ...] = ()
+
+
+@register
+class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Stop the mission (`cmd/abort`; `sys/mission/abort` passes it on to all members)."""
+
+    reason: str
+    then: str = ""
+    """Built-in mission that takes over: land | hold; empty: the mission's own `on_failure`."""
+    epoch: int = 0
+    """Only this run; 0: whatever runs."""
+
+
+@register
+class AbortAnswer(msgspec.Struct, frozen=True):
+    """Who was told to abort."""
+
+    told: tuple[str, ...]
+    silent: tuple[str, ...]
+    """Members that did not acknowledge."""
+
+
+@register
+class Arrival(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """I wait at this barrier."""
+
+    barrier: str
+    visit: int
+    """Counts from 1, for barriers in loops."""
+
+
+@register
+class Meeting(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What became of a barrier."""
+
+    barrier: str
+    visit: int
+    leave_ns: int
+    """When all leave, on the clock of the platform whose board this stands on; 0: it is broken."""
+
+
+@register
+class MissionState(msgspec.Struct, frozen=True, array_like=True):
+    """What a platform's mission does now (board `mission/state`, 10 Hz at most, on change, else 1 Hz).
+
+    Barriers work through it: an arrival is a state that the others see.
+    """
+
+    epoch: int
+    hash: str
+    """First eight digits."""
+    state: str
+    """idle | ready | running | ending | recovering | done | failed | aborted."""
+    active: tuple[str, ...] = ()
+    """Blocks that hold a token."""
+    arrivals: tuple[Arrival, ...] = ()
+    """Barriers at which I wait."""
+    meetings: tuple[Meeting, ...] = ()
+    """Newest outcomes of barriers, as I know them."""
+    progress_ratio: float = 0.0
+    """Share of the mission's blocks that were entered, or what the moving block reports."""
+    text: str = ""
+    """For people."""
+    mission: str = ""
+
+
+@register
+class MissionProgress(msgspec.Struct, frozen=True):
+    """One step of a mission (event `mission/progress`, logged)."""
+
+    mission: str
+    epoch: int
+    block: str
+    """Empty: the mission as a whole."""
+    type: str
+    """Type of the block; of the whole: Mission."""
+    event: str
+    """started | ok | timeout | error:<kind> | cancelled | abandoned | state:<state>."""
+    at_ns: int
+    """Own hardware clock."""
+    text: str = ""
+
+
+@register
+class MissionStatus(msgspec.Struct, frozen=True):
+    """A platform's mission as an operator sees it (`sys/mission/status`)."""
+
+    platform: str
+    state: MissionState
+    role: str
+    since_ns: int
+    """Own hardware clock when the state was entered."""
+    members: tuple[Member, ...] = ()
+    others: dict[str, MissionState] = {}
+    """States of the other members, as heard here."""
+    unmet: tuple[str, ...] = ()
+    """Requirements that do not hold now."""
+
+
+@register
+class StoredMission(msgspec.Struct, frozen=True):
+    """A mission of the store."""
+
+    name: str
+    title: str
+    hash: str
+    roles: tuple[str, ...]
+    sound: bool
+    findings: int
+
+
+@register
+class MissionList(msgspec.Struct, frozen=True):
+    """Answer of `sys/mission/ls`."""
+
+    missions: tuple[StoredMission, ...]

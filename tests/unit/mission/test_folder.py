@@ -1,0 +1,189 @@
+"""A mission for an ensemble: manifest, roles, parameters, and whether the roles fit together."""
+
+import contextlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmware.errors import ConfigError, MissionError, NotFound
+from swarmware.mission.assign import Platform, assign
+from swarmware.mission.check import check_files, check_folder
+from swarmware.mission.folder import from_files, read_folder
+from swarmware.types.mission import MissionFile
+
+MANIFEST = """
+name = "relay"
+[[roles]]
+name = "leader"
+file = "leader.json"
+kinds = ["ugv"]
+take = 1
+[[roles]]
+name = "air"
+file = "air.json"
+kinds = ["uav"]
+[roles.params]
+height = {first = 5.0, step = 1.5}
+[[roles]]
+name = "control"
+file = "control.json"
+kinds = ["gcs"]
+required = false
+[params]
+head = "$role.leader"
+"""
+
+
+def part(*blocks: dict[str, Any], **params: Any) -> str:
+    body: dict[str, Any] = {"b0": {"type": "Start", "next": "b1"}}
+    for number, block in enumerate(blocks, 1):
+        body[f"b{number}"] = {"next": f"b{number + 1}", **block}
+    body[f"b{len(blocks) + 1}"] = {"type": "End"}
+    return json.dumps({"mission": body, "params": params}, indent=1)
+
+
+MEET = {"type": "Barrier", "id": "up", "timeout": 9}
+LEADER = part(MEET)
+AIR = part(
+    {"type": "Takeoff", "alt": "$param.height"},
+    MEET,
+    {"type": "Formation", "leader": "$param.head"},
+    height=5.0,
+    head="ugv1",
+)
+FILES = {"mission.toml": MANIFEST, "leader.json": LEADER, "air.json": AIR, "control.json": part(MEET)}
+SWARM = [
+    Platform("uav10", "uav"),
+    Platform("gcs", "gcs"),
+    Platform("uav2", "uav"),
+    Platform("ugv2", "ugv"),
+    Platform("ugv1", "ugv"),
+]
+
+
+def files(**changed: str) -> list[MissionFile]:
+    return [MissionFile(name, text) for name, text in {**FILES, **changed}.items()]
+
+
+def test_roles_are_filled_in_their_order_with_platforms_in_natural_order() -> None:
+    cast = assign(from_files(files(), ""), SWARM, {})
+    assert [(m.platform, m.role) for m in cast.members] == [
+        ("ugv1", "leader"),
+        ("uav2", "air"),
+        ("uav10", "air"),
+        ("gcs", "control"),
+    ]
+    assert cast.left_out == ("ugv2",)
+
+
+def test_every_platform_gets_its_own_parameters() -> None:
+    cast = assign(from_files(files(), ""), SWARM, {})
+    params = {p.member.platform: p.binding.params for p in cast.parts}
+    assert params["uav2"] == {"head": "ugv1", "height": 5.0}
+    assert params["uav10"] == {"head": "ugv1", "height": 6.5}
+
+
+def test_the_operator_may_give_other_parameters() -> None:
+    folder = from_files(files(), "")
+    cast = assign(folder, SWARM, {"height": 9.0})
+    assert cast.parts[1].binding.params["height"] == 9.0
+    with pytest.raises(MissionError, match="'hight': unknown in relay; expected head, height"):
+        assign(folder, SWARM, {"hight": 9.0})
+
+
+def test_a_required_role_without_a_platform_is_named() -> None:
+    folder = from_files(files(), "")
+    with pytest.raises(MissionError, match="role 'leader': no ugv"):
+        assign(folder, [Platform("uav1", "uav"), Platform("gcs", "gcs")], {})
+    assert len(assign(folder, [Platform("uav1", "uav"), Platform("ugv1", "ugv")], {}).parts) == 2
+
+
+def test_the_hash_is_of_all_names_and_contents() -> None:
+    one = from_files(files(), "a")
+    assert one.hash == from_files(list(reversed(files())), "elsewhere").hash
+    assert one.hash != from_files(files(**{"air.json": AIR + " "}), "a").hash
+    assert len(one.hash) == 32
+
+
+def test_a_single_file_is_a_mission_for_every_vehicle() -> None:
+    folder = from_files([MissionFile("hop.json", LEADER)], "")
+    cast = assign(folder, SWARM, {})
+    assert [m.platform for m in cast.members] == ["uav2", "uav10", "ugv1", "ugv2"]
+    assert folder.manifest.name == "hop"
+
+
+def test_roles_that_fit_together_have_no_findings() -> None:
+    assert check_folder(from_files(files(), "")) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("control.json", part({"type": "Wait", "s": 1}), "role 'control' never comes to it"),
+        ("control.json", part({**MEET, "quorum": 2}), "quorum or roles differ"),
+        ("control.json", part({**MEET, "roles": ["air", "leader"]}), "quorum or roles differ"),
+        ("leader.json", part({**MEET, "roles": ["air"]}), "is not for role 'leader'"),
+        ("leader.json", part({**MEET, "roles": ["leader", "sea"]}), "role 'sea' does not exist"),
+        ("leader.json", part({"type": "Takeoff", "alt": 1}, MEET), "can be a ugv, which cannot Takeoff"),
+        ("leader.json", part({"type": "Fly"}, MEET), "'Fly': unknown"),
+        ("mission.toml", MANIFEST + "tail = 3\n", "parameter 'tail': no role declares it"),
+    ],
+)
+def test_roles_that_do_not_fit_are_named(name: str, text: str, words: str) -> None:
+    found = check_folder(from_files(files(**{name: text}), "relay"))
+    assert any(words in finding.message for finding in found), found
+    assert all(finding.file.startswith("relay/") for finding in found)
+
+
+@pytest.mark.parametrize(
+    ("manifest", "words"),
+    [
+        ("name = 3", "key name"),
+        ("name = 'a'\nroles = []", "at least one"),
+        (MANIFEST.replace("air.json", "../air.json"), "file"),
+        (MANIFEST.replace("air.json", "sea.json"), "'sea.json' of a role is missing"),
+        (MANIFEST.replace('["uav"]', '["plane"]'), "kinds of role 'air'"),
+        (MANIFEST.replace('"air"', '"leader"'), "a name of its own"),
+        (MANIFEST + "[more]\n", "key more: unknown"),
+    ],
+)
+def test_a_manifest_that_does_not_fit_is_refused(manifest: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=r"relay/mission\.toml") as caught:
+        from_files(files(**{"mission.toml": manifest}), "relay")
+    assert words in str(caught.value)
+
+
+def test_several_files_need_a_manifest() -> None:
+    with pytest.raises(ConfigError, match=r"2 files without mission\.toml"):
+        from_files([MissionFile("a.json", LEADER), MissionFile("b.json", LEADER)], "x")
+
+
+def test_a_folder_on_disk_is_checked_like_its_content(tmp_path: Path) -> None:
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "README.md").write_text("not part of it")
+    assert read_folder(tmp_path).hash == from_files(files(), "").hash
+    assert check_files([tmp_path, tmp_path / "mission.toml"]) == []
+    (tmp_path / "control.json").unlink()
+    (finding,) = check_files([tmp_path])
+    assert "control.json" in finding.message
+
+
+def test_a_path_that_does_not_exist_is_not_found(tmp_path: Path) -> None:
+    with pytest.raises(NotFound):
+        check_files([tmp_path / "nothing.json"])
+    with pytest.raises(NotFound):
+        check_files([tmp_path])
+    with pytest.raises(NotFound):
+        read_folder(tmp_path)
+
+
+@given(st.text(max_size=80), st.text("mission.tojabc", max_size=14))
+def test_any_content_is_a_folder_or_our_error(text: str, name: str) -> None:
+    for manifest in (MANIFEST, text):
+        with contextlib.suppress(ConfigError):
+            check_folder(from_files([MissionFile("mission.toml", manifest), MissionFile(name, text)], ""))

@@ -1,0 +1,152 @@
+"""Soundness: what is found in a mission's net, with the shortest way to it."""
+
+import json
+from typing import Any
+
+import pytest
+
+from swarmware.mission import soundness
+from swarmware.mission.binding import Binding
+from swarmware.mission.check import check_text
+from swarmware.mission.loader import load
+from swarmware.mission.soundness import Remark
+
+HERE = Binding()
+
+
+def net(**blocks: Any) -> str:
+    """Blocks by short form: "Type>next", "Fork>a,b", or a dict."""
+    full: dict[str, Any] = {}
+    for name, block in blocks.items():
+        if isinstance(block, str):
+            kind, _, targets = block.partition(">")
+            body: dict[str, Any] = {"type": kind}
+            if targets:
+                body["next"] = targets.split(",") if kind == "Fork" else targets
+            if kind == "Wait":
+                body["s"] = 1
+            full[name] = body
+        else:
+            full[name] = block
+    return json.dumps({"mission": full})
+
+
+def remarks(text: str, limit: int = soundness.MARKING_LIMIT) -> list[Remark]:
+    return soundness.check(load(text, "m.json", HERE), limit)
+
+
+def choice(a: str, b: str) -> dict[str, Any]:
+    return {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": a, "nextIfFalse": b}
+
+
+SOUND = {
+    "line": net(s="Start>w", w="Wait>e", e="End"),
+    "fork and join": net(s="Start>f", f="Fork>a,b", a="Wait>j", b="Wait>j", j="Join>e", e="End"),
+    "fork into join": net(s="Start>f", f="Fork>a,j", a="Wait>j", j="Join>e", e="End"),
+    "nested": net(
+        s="Start>f",
+        f="Fork>a,g",
+        g="Fork>b,c",
+        b="Wait>k",
+        c="Wait>k",
+        k="Join>j",
+        a="Wait>j",
+        j="Join>e",
+        e="End",
+    ),
+    "merge": net(s="Start>d", d=choice("a", "b"), a="Wait>c", b="Wait>c", c="Wait>e", e="End"),
+    "loop with a way out": net(s="Start>w", w="Wait>d", d=choice("w", "e"), e="End"),
+    "two outcomes share a place of the join": net(
+        s="Start>f",
+        f="Fork>a,b",
+        a={"type": "Arm", "next": "j", "nextTimeout": "j", "nextError": "j"},
+        b="Wait>j",
+        j="Join>e",
+        e="End",
+    ),
+    "a branch ends all": net(s="Start>f", f="Fork>a,b", a="Wait>e", b="Wait>e2", e="End", e2="End"),
+}
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_a_sound_mission_has_no_remarks(name: str) -> None:
+    assert remarks(SOUND[name]) == []
+
+
+def test_a_block_nobody_leads_to_is_dead() -> None:
+    (remark,) = remarks(net(s="Start>e", e="End", w="Wait>e"))
+    assert (remark.rule, remark.block) == ("dead-block", "w")
+
+
+def test_a_join_of_alternatives_is_a_deadlock_with_its_way() -> None:
+    text = net(s="Start>d", d=choice("a", "b"), a="Wait>j", b="Wait>j", j="Join>e", e="End")
+    found = remarks(text)
+    assert found[0].rule == "deadlock"
+    assert found[0].block == "j"
+    assert found[0].trace in {("s", "d:true", "a"), ("s", "d:false", "b")}
+
+
+def test_a_join_behind_a_timeout_that_need_not_come_is_a_deadlock() -> None:
+    text = net(
+        s="Start>f",
+        f="Fork>a,b",
+        a={"type": "Arm", "next": "j", "nextTimeout": "w"},
+        w="Wait>w2",
+        w2="Wait>k",
+        b="Wait>j",
+        k="Join>e",
+        j="Join>k",
+        e="End",
+    )
+    found = remarks(text)
+    assert found[0].rule == "deadlock"
+    assert "waits for ever for 'w2'" in found[0].message
+    assert found[0].trace[-1] == "j"
+
+
+def test_a_branch_that_never_joins_or_ends_is_found() -> None:
+    text = net(s="Start>d", d=choice("a", "e"), a="Wait>b", b="Wait>a", e="End")
+    (remark,) = remarks(text)
+    assert remark.rule == "never-ends"
+    assert remark.trace[:2] == ("s", "d:true")
+
+
+def test_two_tokens_in_one_block_are_found() -> None:
+    text = net(s="Start>f", f="Fork>a,b", a="Wait>c", b="Wait>c", c="Wait>e", e="End")
+    remark = remarks(text)[0]
+    assert (remark.rule, remark.block) == ("two-tokens", "c")
+    assert len(remark.trace) == 4
+
+
+def test_a_loop_that_never_rests_is_found() -> None:
+    text = net(s="Start>d", d=choice("g", "e"), g=choice("d", "e"), e="End")
+    assert [r.rule for r in remarks(text)] == ["restless-loop"]
+    assert "d → g → d" in remarks(text)[0].message
+
+
+def test_a_motion_cut_short_by_an_end_is_a_warning() -> None:
+    text = net(
+        s="Start>f",
+        f="Fork>m,w",
+        m={"type": "Goto", "x": 1, "y": 1, "next": "e"},
+        w="Wait>e2",
+        e="End",
+        e2="End",
+    )
+    (remark,) = remarks(text)
+    assert (remark.severity, remark.rule, remark.block) == ("warning", "cut-short", "m")
+
+
+def test_too_many_states_give_no_answer_instead_of_a_wrong_one() -> None:
+    branches = {f"w{i}": "Wait>j" for i in range(12)}
+    text = net(s="Start>f", f="Fork>" + ",".join(branches), **branches, j="Join>e", e="End")
+    assert remarks(text) == []
+    (remark,) = remarks(text, limit=1000)
+    assert (remark.severity, remark.rule) == ("unknown", "too-large")
+
+
+def test_a_finding_stands_at_the_line_of_its_block() -> None:
+    text = '{"mission": {\n"s": {"type": "Start", "next": "e"},\n"e": {"type": "End"},\n'
+    text += '"w":\n {"type": "Wait", "s": 1, "next": "e"}}}'
+    (finding,) = check_text(text, "m.json", HERE)[1]
+    assert (finding.line, finding.pointer) == (5, "/mission/w")

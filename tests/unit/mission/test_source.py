@@ -1,0 +1,77 @@
+"""Strict JSON with places: what is refused, and whether the line is right."""
+
+import contextlib
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmware.mission.source import SourceError, parse
+
+GOOD = '{\n "a": [1,\n  {"b/c": "x\\"y"}],\n "d": {"e": null}\n}'
+
+
+def test_every_value_has_its_line() -> None:
+    source = parse(GOOD, "m.json")
+    lines = [source.line(p) for p in ("", "/a", "/a/0", "/a/1", "/a/1/b~1c", "/d/e")]
+    assert lines == [1, 2, 2, 3, 3, 4]
+
+
+def test_a_missing_place_has_the_line_of_its_parent() -> None:
+    assert parse(GOOD, "m.json").line("/d/e/f/g") == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "pointer", "word"),
+    [
+        ('{\n"a": 1,\n"b": {"c": 1,\n "c": 2}}', 4, "/b/c", "twice"),
+        ('{"a":\n NaN}', 2, "/a", "NaN"),
+        ('{"a": [1,\n -Infinity]}', 2, "/a/1", "-Infinity"),
+        ('{"a": 1}\n x', 2, "", "no JSON"),
+        ('{"a": 1,}', 1, "", "no JSON"),
+        ('{"a": "\\ud800"}', 0, "", "surrogate"),
+        ("[" * 40 + "]" * 40, 0, "", "nested"),
+        ("[" * 200_000, 0, "", "nested"),
+        ("1" * 5000, 0, "", "no JSON"),
+        (" " * (1 << 21), 0, "", "at most"),
+    ],
+)
+def test_what_is_no_strict_json_is_refused_with_its_place(
+    text: str, line: int, pointer: str, word: str
+) -> None:
+    with pytest.raises(SourceError) as caught:
+        parse(text, "m.json")
+    finding = caught.value.finding
+    assert (finding.line, finding.pointer) == (line, pointer)
+    assert word in finding.message
+
+
+@given(st.text())
+def test_any_text_is_json_or_our_error(text: str) -> None:
+    with contextlib.suppress(SourceError):
+        parse(text, "m.json")
+
+
+JSON: st.SearchStrategy[Any] = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**40), 2**40)
+    | st.text(st.characters(codec="utf-8"), max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=12,
+)
+
+
+@given(JSON, st.sampled_from([None, 2]))
+def test_any_json_is_read_as_the_standard_library_reads_it(value: Any, indent: int | None) -> None:
+    try:
+        text = json.dumps(value, indent=indent)
+        text.encode().decode()
+        source = parse(text, "m.json")
+    except SourceError as error:
+        assert "surrogate" in str(error)
+        return
+    assert source.value == json.loads(text)
+    assert source.line("") == 1
