@@ -1,0 +1,60 @@
+"""The file lock: whoever holds the `flock` of a file that still stands at its path may change it.
+
+The kernel drops the lock with the last descriptor, however the process ends. Readers never need it.
+"""
+
+import fcntl
+import os
+import stat
+import time
+from pathlib import Path
+
+RETRY_S = 0.0005
+"""Pause between two tries. Every holder but the owner of a ring keeps a lock for some ten microseconds."""
+
+
+def try_lock(fd: int) -> bool:
+    """Take the exclusive lock if nobody else has it."""
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def lock_within(fd: int, timeout_s: float) -> bool:
+    """Take the exclusive lock, waiting out those who hold it for a moment; never longer than the timeout.
+
+    A plain blocking `flock` would wait for ever for a holder that was stopped (SIGSTOP, debugger).
+    """
+    deadline_s = time.monotonic() + timeout_s
+    while not try_lock(fd):
+        if time.monotonic() >= deadline_s:
+            return False
+        time.sleep(RETRY_S)
+    return True
+
+
+def held_by_other(fd: int) -> bool:
+    """Whether another open file has the exclusive lock; takes and returns a shared one to find out."""
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    fcntl.flock(fd, fcntl.LOCK_UN)
+    return False
+
+
+def stands_at(fd: int, path: Path) -> bool:
+    """Whether the open file is still the one found at the path, not unlinked and not renamed over."""
+    try:
+        found = path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    mine = os.fstat(fd)
+    return (found.st_dev, found.st_ino) == (mine.st_dev, mine.st_ino)
+
+
+def is_regular(fd: int) -> bool:
+    """Whether it is an ordinary file; anything else at our paths is somebody's mistake, or an attack."""
+    return stat.S_ISREG(os.fstat(fd).st_mode)

@@ -1,0 +1,121 @@
+"""Reaping: removes from a node's folders what dead processes left, never what a living one uses.
+
+The lock decides, not the process number: the kernel drops it with its holder, of whatever PID namespace. Rings
+of dead writers go too: do this when a node starts or ends, not while a killed service is coming back.
+"""
+
+import contextlib
+import os
+from pathlib import Path
+
+import msgspec
+
+from swarmware.errors import Conflict, Denied, NotFound, WireError
+from swarmware.shm import layout
+from swarmware.shm.doorbell import folder_lock, open_bell
+from swarmware.shm.lock import is_regular, try_lock
+from swarmware.shm.readers import locked_table
+from swarmware.shm.ringfile import unlink_ring
+
+BELLS_FOLDER = "bells"
+"""Folder of the doorbells in the run directory of a node."""
+_UNFINISHED = layout.RING_SUFFIX + layout.UNFINISHED_SUFFIX
+_MARK = layout.MAGIC.to_bytes(8, "little")
+
+
+class Reaped(msgspec.Struct, frozen=True):
+    """What was removed, and what could not be."""
+
+    removed: tuple[Path, ...]
+    denied: tuple[Path, ...]
+    """Left by the dead, but owned by a user whose files are not ours to remove."""
+
+
+def reap(shm_dir: Path, run_dir: Path) -> Reaped:
+    """Remove rings, tables and doorbells that no living process uses; missing folders count as empty."""
+    return _sweep(shm_dir, run_dir / BELLS_FOLDER, even_used=False)
+
+
+def remove_all(shm_dir: Path, run_dir: Path) -> Reaped:
+    """Remove all rings, tables of readers and doorbells, used or not, and the folders left empty."""
+    bells_dir = run_dir / BELLS_FOLDER
+    reaped = _sweep(shm_dir, bells_dir, even_used=True)
+    for folder in (*_folders(shm_dir)[1:], shm_dir, bells_dir):
+        with contextlib.suppress(OSError):  # it holds something that is not ours, or is gone
+            folder.rmdir()
+    return reaped
+
+
+def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
+    paths = [path for folder in _folders(shm_dir) for path in sorted(folder.iterdir())]
+    rings = [path for path in paths if path.name.endswith((layout.RING_SUFFIX, _UNFINISHED))]
+    tables = [path for path in paths if path.name.endswith(layout.READERS_SUFFIX)]
+    removed: list[Path] = []
+    denied: list[Path] = []
+    # tables after rings: a ring still there then has a living writer
+    for path in (*rings, *tables, *_fifos(bells_dir)):
+        try:
+            if path in rings:
+                gone = _remove_ring(path, even_used=even_used)
+            elif path in tables:
+                gone = _remove_table(path, bells_dir, even_used=even_used)
+            else:
+                gone = _remove_bell(path, even_used=even_used)
+        except (PermissionError, Denied):
+            denied.append(path)
+        except (FileNotFoundError, NotFound, Conflict, WireError):
+            continue  # another process removed it or uses it at this moment, or it is no file of ours
+        else:
+            if gone:
+                removed.append(path)
+    return Reaped(tuple(removed), tuple(denied))
+
+
+def _folders(shm_dir: Path) -> tuple[Path, ...]:
+    """The folder of the node's own rings, then those of its mirrors, one per platform."""
+    if not shm_dir.is_dir():
+        return ()
+    return (shm_dir, *(path for path in sorted(shm_dir.iterdir()) if path.is_dir() and not path.is_symlink()))
+
+
+def _fifos(bells_dir: Path) -> list[Path]:
+    return sorted(path for path in bells_dir.iterdir() if path.is_fifo()) if bells_dir.is_dir() else []
+
+
+def _remove_ring(path: Path, *, even_used: bool) -> bool:
+    fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        start = os.pread(fd, len(_MARK), 0)
+        ours = start == _MARK or (path.name.endswith(_UNFINISHED) and not any(start))
+        return is_regular(fd) and ours and (try_lock(fd) or even_used) and unlink_ring(fd, path)
+    finally:
+        os.close(fd)
+
+
+def _remove_table(path: Path, bells_dir: Path, *, even_used: bool) -> bool:
+    with locked_table(path, 0.0, create=False) as table:
+        if not even_used:
+            alive = False
+            for name in table.names():
+                fd = open_bell(bells_dir / name)
+                if fd is None:
+                    table.clear(name)
+                else:
+                    os.close(fd)
+                    alive = True
+            if alive or path.with_suffix(layout.RING_SUFFIX).exists():
+                return False
+        table.retire()
+        path.unlink()
+        return True
+
+
+def _remove_bell(path: Path, *, even_used: bool) -> bool:
+    with folder_lock(path.parent):
+        if not even_used:
+            fd = open_bell(path)
+            if fd is not None:
+                os.close(fd)
+                return False
+        path.unlink()
+        return True
