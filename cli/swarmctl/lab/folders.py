@@ -28,6 +28,8 @@ CLAIM_TRIES: Final = 99
 STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
 """A ground station has no body to simulate and nothing to steer."""
 VEHICLE: Final = (*STATION, "sim", "navigator")
+RADIUS_M: Final = {"ugv": 0.35, "uav": 0.3}
+"""Of the sphere that holds a vehicle: told to the simulation, used by the report."""
 TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "uav": "multirotor"}
 
 
@@ -174,6 +176,13 @@ def _services(lab: LabRecord, node: NodeRecord) -> dict[str, dict[str, Any]]:
             "udp_port": lab.udp_port,
         },
     }
+    if node.kind != "gcs":
+        settings["sim"] = {
+            "world": lab.experiment,
+            "seed": lab.seed,
+            "ground": {"radius_m": RADIUS_M["ugv"]},
+            "multirotor": {"radius_m": RADIUS_M["uav"]},
+        }
     if lab.mongodb_uri:
         settings["logger"] = {"mongodb_uri": lab.mongodb_uri, "mongodb_database": f"swarm_{lab.name}"}
     return settings

@@ -1,6 +1,6 @@
 """Figures from what was recorded: pure functions on arrays, no file and no process.
 
-Shapes: T instants, P platforms. Units: seconds and metres; stamps are int64 nanoseconds.
+Shapes: T instants, P platforms. Units: seconds, metres.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 
 RATE_HZ: Final = 20.0
 """Common time axis of all poses: the navigators' own rate."""
@@ -60,19 +59,6 @@ class Spread(msgspec.Struct, frozen=True):
     p99: float | None = None
     max: float | None = None
     mean: float | None = None
-
-
-def true_ns(stamps_ns: Stamps, offset_s: float, drift_ppm: float) -> Stamps:
-    """A node's stamps in the machine's time: the inverse of `swarmware.clock.Clock`, for whole arrays.
-
-    Units: exact to 1 ns for stamps below 10¹⁶ ns.
-    """
-    drift_ppb = round(drift_ppm * 1000)
-    shown = stamps_ns - round(offset_s * 1e9)
-    # the correction alone is computed in floating point: the stamp itself has more digits than a double
-    correction = np.floor(shown * (drift_ppb / (1e9 + drift_ppb)))
-    result: Stamps = shown - correction.astype(np.int64)
-    return result
 
 
 def spread(values: Sequence[float] | Floats) -> Spread:

@@ -4,12 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from swarmctl.lab import measure
 from swarmctl.lab.measure import Contact, Floats, Track
-from swarmware.clock import Clock
 
 
 def line(platform: str, start: tuple[float, float, float], velocity: tuple[float, float, float]) -> Track:
@@ -18,17 +15,6 @@ def line(platform: str, start: tuple[float, float, float], velocity: tuple[float
     xyz = np.array(start) + t_s[:, None] * np.array(velocity)
     yaw = np.full(len(t_s), math.atan2(velocity[1], velocity[0]))
     return Track(platform, t_s, xyz, yaw)
-
-
-@given(
-    st.integers(0, 10**15),
-    st.floats(-5, 5).map(lambda x: round(x, 6)),
-    st.floats(-50, 50).map(lambda x: round(x, 3)),
-)
-def test_true_time_undoes_the_simulated_clock(mono_ns: int, offset_s: float, drift_ppm: float) -> None:
-    stamp = Clock(offset_s, drift_ppm).from_mono_ns(mono_ns)
-    found = measure.true_ns(np.array([stamp], dtype=np.int64), offset_s, drift_ppm)
-    assert abs(int(found[0]) - mono_ns) <= 1
 
 
 def test_resampling_a_straight_line_is_exact_between_the_samples() -> None:

@@ -1,0 +1,158 @@
+"""The report: fixed keys, the paper's figures beside ours, one page that needs nothing else."""
+
+import json
+from html.parser import HTMLParser
+
+import msgspec
+import numpy as np
+import pytest
+
+from swarmctl.lab import page, plots, report
+from swarmctl.lab.measure import Track
+from swarmctl.lab.report import P95, MeanMax, Percentiles, Report, Traffic
+from swarmctl.lab.scene import Neighbour, NodeFigures, Scene, Series
+from swarmware.world import Box, Circle
+
+GOOD = Report(
+    nodes=16,
+    ready_s=9.3125,
+    completed=True,
+    duration_s=120.123456,
+    traffic=Traffic(16.1, 1.01, 15.2),
+    requests=45,
+    notifications=123456,
+    bytes_per_notification=88.8,
+    command_to_receipt_ms=Percentiles(1.5, 3.3, 3.4),
+    formation_error_m=MeanMax(0.21, 0.8),
+    min_separation_m=1.9,
+    collisions=0,
+    frames_lost=2,
+    log_frames=99999,
+    log_gaps=0,
+    clock_error_us=P95(22.25678),
+    cpu_percent_of_core=MeanMax(5.1, 8.8),
+    rss_mb=MeanMax(77, 81),
+)
+
+KEYS = json.loads(
+    '{"nodes":16,"ready_s":0,"completed":true,"duration_s":0,"traffic":{"global_kbps":0,"egress_kbps":0,'
+    '"ingress_kbps":0},"requests":0,"notifications":0,"bytes_per_notification":0,"command_to_receipt_ms":'
+    '{"p50":0,"p99":0,"max":0},"formation_error_m":{"mean":0,"max":0},"min_separation_m":0,"collisions":0,'
+    '"frames_lost":0,"log_frames":0,"log_gaps":0,"clock_error_us":{"p95":0},"cpu_percent_of_core":{"mean":0,'
+    '"max":0},"rss_mb":{"mean":0,"max":0}}'
+)
+"""The promised document; programs of others read these keys."""
+
+
+def test_the_documents_keys_are_those_promised_and_no_others() -> None:
+    def shape(value: object) -> object:
+        return {k: shape(v) for k, v in value.items()} if isinstance(value, dict) else None
+
+    assert shape(report.rounded(GOOD)) == shape(KEYS)
+    assert list(report.rounded(GOOD)) == list(KEYS)
+
+
+def test_numbers_have_four_significant_digits_and_counts_have_all() -> None:
+    found = report.rounded(GOOD)
+    assert (found["duration_s"], found["notifications"]) == (120.1, 123456)
+    assert found["clock_error_us"] == {"p95": 22.26}
+
+
+def test_the_table_shows_the_papers_figures_beside_ours() -> None:
+    text = report.table(GOOD)
+    for figure in ("56.07", "14.89", "1.31", "25", "81 297", "11.95 ms", "16.10 kB/s", "123 456", "1.5 ms"):
+        assert figure in text
+
+
+def test_a_figure_that_could_not_be_measured_is_a_dash_not_a_zero() -> None:
+    nothing = msgspec.structs.replace(
+        GOOD, min_separation_m=None, command_to_receipt_ms=Percentiles(), formation_error_m=MeanMax()
+    )
+    rows = {row.what: row.ours for row in report.comparison(nothing)}
+    assert rows["least separation"] == rows["command to receipt"] == rows["formation error"] == "-"
+
+
+def test_a_collision_or_an_unfinished_mission_fails_the_experiment() -> None:
+    assert report.shortfalls(GOOD) == []
+    bad = msgspec.structs.replace(GOOD, completed=False, collisions=2)
+    assert report.shortfalls(bad) == ["the mission was not completed", "2 collisions"]
+
+
+def test_goals_that_were_missed_are_named_with_the_goal() -> None:
+    assert report.misses(GOOD) == []
+    slow = msgspec.structs.replace(
+        GOOD, ready_s=15.0, command_to_receipt_ms=Percentiles(1, 12.5, 13), bytes_per_notification=None
+    )
+    assert [text.split(":")[0] for text in report.misses(slow)] == [
+        "ready",
+        "command to receipt, p99",
+        "bytes per notification",
+    ]
+
+
+def scene() -> Scene:
+    t_s = np.arange(0, 60, 0.5)
+    xyz = np.stack([t_s, np.sin(t_s / 9) * 5, np.full(len(t_s), 2.0)], axis=1)
+    kinds = {"gcs": "gcs", "ugv1": "ugv", "uav1": "uav"}
+    return Scene(
+        title="Formation <of> 3 & more",
+        subtitle="seed 1",
+        nodes=tuple(NodeFigures(platform=name, kind=kind) for name, kind in kinds.items()),
+        tracks={
+            name: Track(name, t_s, xyz + i, np.zeros(len(t_s))) for i, name in enumerate(("ugv1", "uav1"))
+        },
+        kinds=kinds,
+        leader="ugv1",
+        course=((0, 0), (60, 0)),
+        obstacles=(
+            Circle(name="tree", x_m=20, y_m=9, radius_m=1, height_m=4),
+            Box(name="shed", x_m=40, y_m=-9, size_m=(4, 2), height_m=3, yaw_rad=0.5),
+        ),
+        formation_errors={"uav1": Series(t_s, np.where(t_s < 10, np.nan, 0.2))},
+        formed=((15.0, 50.0),),
+        traffic={name: Series(t_s, np.full(len(t_s), 1.5)) for name in kinds},
+        neighbours=(
+            Neighbour("gcs", "ugv1", 0.9, 0.4),
+            Neighbour("ugv1", "gcs", 1.0),
+            Neighbour("gcs", "uav1", 1),
+        ),
+    )
+
+
+EMPTY = Scene(title="Nothing", subtitle="", nodes=(), tracks={}, kinds={})
+
+
+@pytest.mark.parametrize("shown", [scene(), EMPTY], ids=["full", "empty"])
+def test_every_picture_can_be_drawn_even_of_a_run_that_recorded_nothing(shown: Scene) -> None:
+    pictures = [plots.paths(shown), plots.formation(shown, 1.0), plots.topology(shown), plots.traffic(shown)]
+    assert all(png.startswith(b"\x89PNG") for png in pictures)
+
+
+class Outline(HTMLParser):
+    """Tags left open, and everything the page would have to fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.fetched: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.fetched += [
+            value[:30] for key, value in attrs if key in {"src", "href"} and value and value[:5] != "data:"
+        ]
+        if tag not in {"meta", "img", "br"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_is_well_formed_escaped_and_fetches_nothing() -> None:
+    html = page.page(scene(), GOOD, {"Paths": b"\x89PNG"}, ["ready: 16 s, goal below <15> s"])
+    outline = Outline()
+    outline.feed(html)
+    assert outline.open == []
+    assert outline.fetched == []
+    assert "Formation &lt;of&gt; 3 &amp; more" in html
+    assert "goal below &lt;15&gt; s" in html
+    assert "data:image/png;base64,iVBORw" in html
