@@ -1,0 +1,120 @@
+"""This application's own file: claimed for its life, rewritten in place, gone with it."""
+
+import contextlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from swarmware.appfile.entry import AppEntry, decode, encode
+from swarmware.clock import utc_ns
+from swarmware.errors import Conflict, Denied, WireError
+from swarmware.names import check_application
+from swarmware.shm.lock import lock_within, stands_at, try_lock
+from swarmware.shm.owner import start_ticks
+
+LOCK_WAIT_S = 0.1
+"""Others hold the lock of a free file only to probe it, some 10 µs."""
+INSTANCES = 64
+"""Instances of one application that look for a number before it is a mistake."""
+
+
+def folder(run_dir: Path) -> Path:
+    """Where the application files of a node are."""
+    return run_dir / "apps"
+
+
+class AppFile:
+    """The locked file of one application.
+
+    `announce` is called after each change. Raises: Conflict when the instance, or every instance, is taken.
+    """
+
+    def __init__(
+        self,
+        run_dir: Path,
+        name: str,
+        *,
+        endpoint: str,
+        started_ns: int,
+        instance: int | None = None,
+        announce: Callable[[], None] = lambda: None,
+    ) -> None:
+        check_application(name)
+        self._folder = folder(run_dir)
+        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._announce = announce
+        self._fd, self.path, number = self._claim(name, instance)
+        pid = os.getpid()
+        self.entry = AppEntry(
+            name=name,
+            instance=number,
+            pid=pid,
+            pid_start=start_ticks(pid),
+            endpoint=endpoint,
+            started_ns=started_ns,
+        )
+        self.write(self.entry)
+
+    def _claim(self, name: str, instance: int | None) -> tuple[int, Path, int]:
+        for number in (instance,) if instance is not None else range(1, INSTANCES + 1):
+            path = self._folder / f"{name}#{number}.toml"
+            fd = _lock(path)
+            if fd is not None:
+                return fd, path, number
+        which = f"{name}#{instance}" if instance is not None else f"every instance of {name}"
+        raise Conflict(f"{self._folder}: {which} runs already; expected a free instance number")
+
+    def write(self, entry: AppEntry) -> None:
+        """Replace the content."""
+        data = encode(entry)
+        os.pwrite(self._fd, data, 0)
+        os.ftruncate(self._fd, len(data))
+        self.entry = entry
+        self._touch()
+        self._announce()
+
+    def _touch(self) -> None:
+        # a file rewritten in place does not change its folder: this is what `AppTable.refresh` looks at
+        now_ns = utc_ns()
+        with contextlib.suppress(FileNotFoundError):
+            os.utime(self._folder, ns=(now_ns, now_ns))
+
+    def close(self) -> None:
+        """Leave: the file goes, then its lock."""
+        if self._fd < 0:
+            return
+        with contextlib.suppress(FileNotFoundError):
+            self.path.unlink()
+        os.close(self._fd)
+        self._fd = -1
+        self._announce()
+
+
+def _lock(path: Path) -> int | None:
+    """Descriptor of the locked file; None when a living application has it."""
+    while True:
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        except PermissionError as error:
+            raise Denied(f"{path}: no permission; expected to run as the user of this node") from error
+        if not try_lock(fd) and (_holder_lives(fd) or not lock_within(fd, LOCK_WAIT_S)):
+            os.close(fd)
+            return None
+        if stands_at(fd, path):
+            return fd
+        os.close(fd)  # its last holder removed it between our open and our lock
+
+
+def _holder_lives(fd: int) -> bool:
+    try:
+        entry = decode(os.pread(fd, os.fstat(fd).st_size, 0), "")
+    except WireError:
+        return False
+    return start_ticks(entry.pid) == entry.pid_start != 0
+
+
+def amended(entry: AppEntry, **changes: object) -> AppEntry:
+    """The entry with some fields changed."""
+    return msgspec.structs.replace(entry, **changes)

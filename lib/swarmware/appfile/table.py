@@ -1,0 +1,100 @@
+"""The living applications of this node, read from their files."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from swarmware.appfile.entry import AppEntry, Served, decode
+from swarmware.appfile.file import folder
+from swarmware.errors import WireError
+from swarmware.names import natural
+from swarmware.shm.lock import held_by_other
+
+_Stamp = tuple[int, int, int]
+
+
+class AppTable:
+    """The application files, read again only when something has changed."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._folder = folder(run_dir)
+        self._folder_ns = 0
+        self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
+        self._served: dict[int, AppEntry] = {}
+        self._by_id: dict[int, AppEntry] = {}
+
+    def __iter__(self) -> Iterator[AppEntry]:
+        return iter(self._by_id.values())
+
+    def __len__(self) -> int:
+        return len(self._by_id)
+
+    def refresh(self, *, probe: bool = False) -> bool:
+        """Look for changes; with `probe` also for applications that died. True: something is different."""
+        try:
+            folder_ns = self._folder.stat().st_mtime_ns
+        except FileNotFoundError:
+            folder_ns = 0
+        if folder_ns == self._folder_ns and not probe:
+            return False
+        before = list(self._files.values())
+        self._folder_ns = folder_ns
+        self._files = dict(self._read())
+        self._by_id = {entry.app_id: entry for _, entry in self._files.values()}
+        self._served = {item.data_id: entry for entry in self for item in entry.serves}
+        return before != list(self._files.values())
+
+    def _read(self) -> Iterator[tuple[str, tuple[_Stamp, AppEntry]]]:
+        try:
+            found = sorted((name for name in os.listdir(self._folder) if name.endswith(".toml")), key=natural)
+        except FileNotFoundError:
+            return
+        for name in found:
+            known = self._files.get(name)
+            try:
+                fd = os.open(self._folder / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+            except OSError:
+                continue  # it left a moment ago
+            try:
+                if not held_by_other(fd):
+                    continue
+                status = os.fstat(fd)
+                stamp = (status.st_ino, status.st_mtime_ns, status.st_size)
+                if known is not None and known[0] == stamp:
+                    yield name, known
+                    continue
+                yield name, (stamp, decode(os.pread(fd, status.st_size, 0), name))
+            except WireError:
+                # being written this moment: its writer announces the end of that
+                self._folder_ns = 0
+                if known is not None:
+                    yield name, known
+            finally:
+                os.close(fd)
+
+    def serving(self, data_id: int) -> AppEntry | None:
+        """The application that takes messages or requests of this data id."""
+        return self._served.get(data_id)
+
+    def serving_path(self, path: str) -> tuple[AppEntry, Served] | None:
+        """The application that takes messages or requests at this local path, whatever their type."""
+        for entry in self:
+            for item in entry.serves:
+                if item.path == path:
+                    return entry, item
+        return None
+
+    def application(self, app_id: int) -> AppEntry | None:
+        """The application of this id."""
+        return self._by_id.get(app_id)
+
+    def named(self, name: str) -> AppEntry | None:
+        """The first instance of the application of this name."""
+        return next((entry for entry in self if entry.name == name), None)
+
+
+def scan(run_dir: Path) -> list[AppEntry]:
+    """The applications that live on the node of this run directory."""
+    table = AppTable(run_dir)
+    table.refresh(probe=True)
+    return list(table)

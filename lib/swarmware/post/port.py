@@ -1,0 +1,86 @@
+"""A ZeroMQ socket on the event loop: its descriptor watched, drained in bounded turns, written without waiting."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+import zmq
+
+from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT
+
+TURN: Final = 64
+"""Messages taken before the event loop gets its turn: about 1 ms of handlers."""
+HIGH_WATER: Final = 64
+"""Messages inside libzmq per peer; the rest waits in queues of ours, where it can be counted."""
+EXTENSION_LIMIT: Final = 255
+
+
+def make_socket(context: zmq.Context[zmq.Socket[bytes]], kind: int) -> zmq.Socket[bytes]:
+    """A socket with the options that keep libzmq from waiting, hoarding and dropping (scale.md, section 7)."""
+    socket = context.socket(kind)
+    socket.setsockopt(zmq.LINGER, 0)
+    socket.setsockopt(zmq.SNDHWM, HIGH_WATER)
+    socket.setsockopt(zmq.RCVHWM, HIGH_WATER)
+    socket.setsockopt(zmq.IMMEDIATE, 1)
+    socket.setsockopt(zmq.RECONNECT_IVL, 20)
+    socket.setsockopt(zmq.RECONNECT_IVL_MAX, 500)
+    socket.setsockopt(zmq.HANDSHAKE_IVL, 3000)
+    socket.setsockopt(zmq.MAXMSGSIZE, PAYLOAD_LIMIT + HEADER_BYTES + EXTENSION_LIMIT)
+    if kind == zmq.ROUTER:
+        socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
+    return socket
+
+
+class Port:
+    """One socket on the loop.
+
+    Its descriptor is edge-triggered: after every wake-up, and after every send, the socket is read until
+    it has nothing more, or the wake-up for what is left never comes.
+    """
+
+    def __init__(
+        self,
+        socket: zmq.Socket[bytes],
+        loop: asyncio.AbstractEventLoop,
+        on_parts: Callable[[list[bytes]], None],
+        on_writable: Callable[[], bool],
+    ) -> None:
+        """`on_writable` sends what waits and tells whether it sent anything."""
+        self.socket = socket
+        self._loop = loop
+        self._on_parts = on_parts
+        self._on_writable = on_writable
+        self._turn_comes = False
+        self._fd = socket.getsockopt(zmq.FD)
+        loop.add_reader(self._fd, self._turn)
+        self.again()  # what came before the descriptor was watched
+
+    def again(self) -> None:
+        """Look at the socket in the next turn of the loop."""
+        if not self._turn_comes:
+            self._turn_comes = True
+            self._loop.call_soon(self._turn)
+
+    def _turn(self) -> None:
+        self._turn_comes = False
+        if self.socket.closed:
+            return
+        receive = self.socket.recv_multipart
+        for _ in range(TURN):
+            try:
+                parts = receive(zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            self._on_parts(parts)
+            if self.socket.closed:
+                return
+        else:
+            self.again()
+        if self._on_writable():
+            self.again()
+
+    def close(self) -> None:
+        """Close the socket."""
+        if not self.socket.closed:
+            self._loop.remove_reader(self._fd)
+            self.socket.close(linger=0)

@@ -1,0 +1,141 @@
+"""The sockets of a process: one ROUTER where others reach it, one DEALER to each process it writes to."""
+
+import asyncio
+import contextlib
+import os
+from collections import deque
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Final
+
+import zmq
+
+from swarmware.errors import InvalidInput
+from swarmware.post.port import Port, make_socket
+
+IPC_PATH_LIMIT: Final = 107
+"""Longest path of a Unix socket, without its final zero byte. Source: unix(7)."""
+QUEUE_LIMIT: Final = 1024
+"""Frames that wait for one peer; what comes on top is dropped and counted, and sent again by `delivery`."""
+
+Identity = bytes
+"""Of a connection at our ROUTER: the way back for answers."""
+
+
+class _Peer:
+    """The way to one other process."""
+
+    def __init__(self, wire: "Wire", endpoint: str) -> None:
+        self._wire = wire
+        socket = make_socket(wire.context, zmq.DEALER)
+        socket.connect(endpoint)
+        self._urgent: deque[bytes] = deque()
+        self._queue: deque[bytes] = deque()
+        self._port = Port(socket, wire.loop, self._on_parts, self._flush)
+
+    def send(self, data: bytes, *, urgent: bool) -> bool:
+        queue = self._urgent if urgent else self._queue
+        if len(queue) >= QUEUE_LIMIT:
+            return False
+        queue.append(data)
+        if self._flush():
+            self._port.again()
+        return True
+
+    def _flush(self) -> bool:
+        sent = False
+        send = self._port.socket.send
+        for queue in (self._urgent, self._queue):
+            while queue:
+                try:
+                    send(queue[0], zmq.NOBLOCK)
+                except zmq.Again:
+                    return sent
+                queue.popleft()
+                sent = True
+        return sent
+
+    def _on_parts(self, parts: list[bytes]) -> None:
+        self._wire.received(parts, None)
+
+    @property
+    def waiting(self) -> int:
+        return len(self._urgent) + len(self._queue)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class Wire:
+    """Bytes to and from the other processes of this node."""
+
+    def __init__(self, socket_path: Path, on_data: Callable[[bytes, Identity | None], None]) -> None:
+        if len(os.fsencode(socket_path)) > IPC_PATH_LIMIT:
+            raise InvalidInput(
+                f"{socket_path}: {len(os.fsencode(socket_path))} bytes; a socket's path has {IPC_PATH_LIMIT}"
+                " at most: choose a shorter run_dir"
+            )
+        self.loop = asyncio.get_running_loop()
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context(io_threads=1)
+        self.dropped = 0
+        """Frames for which a peer's queue had no room."""
+        self._on_data = on_data
+        self._path = socket_path
+        self.endpoint = f"ipc://{socket_path}"
+        self._peers: dict[str, _Peer] = {}
+        socket_path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        router = make_socket(self.context, zmq.ROUTER)
+        router.bind(self.endpoint)
+        self._router = Port(router, self.loop, self._on_router_parts, _nothing_waits)
+
+    def received(self, parts: list[bytes], identity: Identity | None) -> None:
+        """One message from a socket: a frame is one part, anything else is none of ours."""
+        if len(parts) == 1:
+            self._on_data(parts[0], identity)
+
+    def _on_router_parts(self, parts: list[bytes]) -> None:
+        self.received(parts[1:], parts[0])
+
+    def send(self, endpoint: str, data: bytes, *, urgent: bool = False) -> bool:
+        """Send to the process at the endpoint; False when its queue is full."""
+        peer = self._peers.get(endpoint)
+        if peer is None:
+            peer = self._peers[endpoint] = _Peer(self, endpoint)
+        if peer.send(data, urgent=urgent):
+            return True
+        self.dropped += 1
+        return False
+
+    def send_back(self, identity: Identity, data: bytes) -> bool:
+        """Send along the connection by which something came; False when it is gone or full."""
+        try:
+            self._router.socket.send_multipart((identity, data), zmq.NOBLOCK)
+        except zmq.ZMQError as error:
+            if error.errno in {zmq.EAGAIN, zmq.EHOSTUNREACH}:
+                return False
+            raise
+        self._router.again()
+        return True
+
+    def keep_only(self, endpoints: Collection[str]) -> None:
+        """Close the ways to processes that are gone."""
+        for endpoint in [known for known in self._peers if known not in endpoints]:
+            self._peers.pop(endpoint).close()
+
+    @property
+    def waiting(self) -> int:
+        """Frames that wait for a peer to take them."""
+        return sum(peer.waiting for peer in self._peers.values())
+
+    def close(self) -> None:
+        """Close all sockets and remove ours from the run directory."""
+        self.keep_only(())
+        self._router.close()
+        self.context.destroy(linger=0)
+        with contextlib.suppress(FileNotFoundError):
+            self._path.unlink()
+
+
+def _nothing_waits() -> bool:
+    """A ROUTER's answers go out at once or take the other way; it has no queue."""
+    return False
