@@ -46,7 +46,7 @@ class AppTable:
 
     def _read(self) -> Iterator[tuple[str, tuple[_Stamp, AppEntry]]]:
         try:
-            found = sorted((name for name in os.listdir(self._folder) if name.endswith(".toml")), key=natural)
+            found = sorted((path.name for path in self._folder.glob("*.toml")), key=natural)
         except FileNotFoundError:
             return
         for name in found:

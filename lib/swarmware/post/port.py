@@ -1,4 +1,4 @@
-"""A ZeroMQ socket on the event loop: its descriptor watched, drained in bounded turns, written without waiting."""
+"""A ZeroMQ socket on the event loop: watched, drained in bounded turns, written without waiting."""
 
 import asyncio
 from collections.abc import Callable
@@ -16,7 +16,7 @@ EXTENSION_LIMIT: Final = 255
 
 
 def make_socket(context: zmq.Context[zmq.Socket[bytes]], kind: int) -> zmq.Socket[bytes]:
-    """A socket with the options that keep libzmq from waiting, hoarding and dropping (scale.md, section 7)."""
+    """A socket with the options that keep libzmq from waiting, hoarding and dropping."""
     socket = context.socket(kind)
     socket.setsockopt(zmq.LINGER, 0)
     socket.setsockopt(zmq.SNDHWM, HIGH_WATER)
@@ -51,7 +51,7 @@ class Port:
         self._on_parts = on_parts
         self._on_writable = on_writable
         self._turn_comes = False
-        self._fd = socket.getsockopt(zmq.FD)
+        self._fd = int(socket.getsockopt(zmq.FD))
         loop.add_reader(self._fd, self._turn)
         self.again()  # what came before the descriptor was watched
 
@@ -71,9 +71,11 @@ class Port:
                 parts = receive(zmq.NOBLOCK)
             except zmq.Again:
                 break
+            except zmq.ZMQError as error:
+                if error.errno == zmq.ENOTSOCK:
+                    return  # a handler closed the socket
+                raise
             self._on_parts(parts)
-            if self.socket.closed:
-                return
         else:
             self.again()
         if self._on_writable():

@@ -1,4 +1,4 @@
-"""The post: routes frames between the applications of this process, of this node, and the gateway to others."""
+"""The post: routes frames between applications of this process, of this node, and the gateway to others."""
 
 import asyncio
 from collections import Counter
@@ -91,7 +91,7 @@ class Post:
         self._served.pop(data_id, None)
 
     def listen(self, kind: Kind, data_id: int, handler: Callable[[Frame], None]) -> None:
-        """Frames of another kind (notify, stream, event, file) of this data id go to the handler, unanswered."""
+        """Frames of another kind (notify, stream, file …) of this data id go to the handler, unanswered."""
         self._listeners[kind, data_id] = handler
 
     def unlisten(self, kind: Kind, data_id: int) -> None:
@@ -109,9 +109,7 @@ class Post:
         future: asyncio.Future[Outcome] = self._loop.create_future()
         window = (frame.receiver_hw, frame.data_id)
         if self._windows[window] >= WINDOW:
-            future.set_result(
-                Outcome(Status.REFUSED, self.platform, f"{WINDOW} messages wait for their answer")
-            )
+            future.set_result(Outcome(Status.REFUSED, self.platform, f"{WINDOW} messages wait for an answer"))
             return future
         self._windows[window] += 1
         key = Outbox.key(frame)
@@ -121,7 +119,7 @@ class Post:
         return future
 
     def request(self, frame: Frame, timeout_s: float) -> asyncio.Future[Reply]:
-        """A request; the future has the reply, or a NoAnswer, NotFound or Denied that says where it stopped."""
+        """A request; the future has the reply, or a NoAnswer or NotFound that says where it stopped."""
         future: asyncio.Future[Reply] = self._loop.create_future()
         key = Outbox.key(frame)
         self._requests[key] = future
@@ -317,9 +315,7 @@ class Post:
         if len(payload) > PAYLOAD_LIMIT - HEADER_BYTES:
             self.counts["answer_too_large"] += 1
             payload = registry.encode(
-                Reply(
-                    False, kind="OutOfRange", error=f"answer of {len(payload)} bytes: too large for a frame"
-                )
+                Reply(False, kind="OutOfRange", error=f"answer of {len(payload)} bytes: too large")
             )
         origin = (frame.sender_hw, frame.sender_app, frame.data_id, frame.sequence)
         self._received.answered(origin, payload, self._clock.now_ns())
