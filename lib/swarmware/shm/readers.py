@@ -169,7 +169,7 @@ def _lock(path: Path, timeout_s: float, *, create: bool) -> int:
 
 def _complete(fd: int) -> None:
     """Make an empty file, or one whose maker was killed, a table; leave any other as it is."""
-    if os.fstat(fd).st_size <= FILE_BYTES and not any(os.pread(fd, 8, 0)):
+    if is_regular(fd) and os.fstat(fd).st_size <= FILE_BYTES and not any(os.pread(fd, 8, 0)):
         os.posix_fallocate(fd, 0, FILE_BYTES)
         os.fchmod(fd, MODE)
         os.pwrite(fd, VERSION.to_bytes(8, "little"), _VERSION * 8)

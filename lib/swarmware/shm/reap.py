@@ -1,6 +1,6 @@
 """Reaping: removes from a node's folders what dead processes left, never what a living one uses.
 
-The lock decides, not the process number: the kernel drops it with its holder, of whatever PID namespace. Rings
+The lock decides, not the process number: the kernel drops it with its holder, in any PID namespace. Rings
 of dead writers go too: do this when a node starts or ends, not while a killed service is coming back.
 """
 
@@ -13,7 +13,7 @@ import msgspec
 from swarmware.errors import Conflict, Denied, NotFound, WireError
 from swarmware.shm import layout
 from swarmware.shm.doorbell import folder_lock, open_bell
-from swarmware.shm.lock import is_regular, try_lock
+from swarmware.shm.lock import try_lock
 from swarmware.shm.readers import locked_table
 from swarmware.shm.ringfile import unlink_ring
 
@@ -47,7 +47,7 @@ def remove_all(shm_dir: Path, run_dir: Path) -> Reaped:
 
 
 def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
-    paths = [path for folder in _folders(shm_dir) for path in sorted(folder.iterdir())]
+    paths = [path for folder in _folders(shm_dir) for path in sorted(folder.iterdir()) if _is_file(path)]
     rings = [path for path in paths if path.name.endswith((layout.RING_SUFFIX, _UNFINISHED))]
     tables = [path for path in paths if path.name.endswith(layout.READERS_SUFFIX)]
     removed: list[Path] = []
@@ -78,6 +78,10 @@ def _folders(shm_dir: Path) -> tuple[Path, ...]:
     return (shm_dir, *(path for path in sorted(shm_dir.iterdir()) if path.is_dir() and not path.is_symlink()))
 
 
+def _is_file(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
 def _fifos(bells_dir: Path) -> list[Path]:
     return sorted(path for path in bells_dir.iterdir() if path.is_fifo()) if bells_dir.is_dir() else []
 
@@ -87,7 +91,7 @@ def _remove_ring(path: Path, *, even_used: bool) -> bool:
     try:
         start = os.pread(fd, len(_MARK), 0)
         ours = start == _MARK or (path.name.endswith(_UNFINISHED) and not any(start))
-        return is_regular(fd) and ours and (try_lock(fd) or even_used) and unlink_ring(fd, path)
+        return ours and (try_lock(fd) or even_used) and unlink_ring(fd, path)
     finally:
         os.close(fd)
 

@@ -17,7 +17,7 @@ from swarmware.errors import Conflict, OutOfRange, WireError
 from swarmware.shm import layout, ringfile
 from swarmware.shm.fence import Fence
 from swarmware.shm.layout import Geometry
-from swarmware.shm.lock import held_by_other, stands_at
+from swarmware.shm.lock import held_by_other
 from swarmware.shm.owner import Owner
 from swarmware.shm.view import View
 
@@ -39,7 +39,7 @@ class RingWriter:
     """The one writer of a ring.
 
     An existing ring of the same slots goes on where its dead owner stopped, and its readers notice nothing.
-    A ring of another layout is replaced by a new file, and its readers see `moved`. Ring the bells either way.
+    A ring of another layout is replaced by a new file: its readers see `moved`. Ring the bells either way.
     Raises: RingBusy when a living process writes it, RingFull without room, OutOfRange beyond the limits.
     """
 
@@ -179,8 +179,8 @@ class RingWriter:
 class RingReader:
     """One reader of a ring; the file is mapped read-only.
 
-    `after`: `next()` begins behind this sequence; None: with the first frame written from now on, 0: with the
-    oldest one still there.
+    `after`: `next()` begins behind this sequence and counts as lost what is gone by now; 0 suits a reader
+    that waited for the ring to appear. None: it begins with the first frame written from now on.
     Raises: NotFound, Denied, WireError when the file is no ring.
     """
 
@@ -189,6 +189,7 @@ class RingReader:
         fd = ringfile.open_reading(path)
         try:
             self._map = ringfile.map_reading(fd, path)
+            self._file = os.fstat(fd)
         finally:
             os.close(fd)
         self._words = memoryview(self._map).cast("Q")
@@ -208,11 +209,8 @@ class RingReader:
         """Sequence of the frame that `newest()` or `view()` gave last."""
         self.lost = 0
         """Frames that `next()` could not give because the writer had overwritten them."""
-        self.position = self._words[_NEWEST]
+        self.position = self._words[_NEWEST] if after is None else after
         """Sequence that `next()` has come to."""
-        if after is not None:
-            # a new reader has not lost what was gone before it came
-            self.position = after if after > 0 else max(self._first, self.position - self.slots + 1)
 
     @property
     def sequence(self) -> int:
@@ -250,24 +248,16 @@ class RingReader:
         except OSError:
             return False
         try:
-            nonce = os.pread(fd, 8, layout.W_NONCE * 8)
-            return nonce == bytes(self._words[layout.W_NONCE : layout.W_NONCE + 1]) and held_by_other(fd)
+            return os.path.samestat(os.fstat(fd), self._file) and held_by_other(fd)
         finally:
             os.close(fd)
 
     def in_place(self) -> bool:
         """Whether the mapped file still is the one at the path; slower than `moved`, but certain."""
         try:
-            fd = ringfile.open_reading(self.path)
-        except (OSError, WireError):
+            return os.path.samestat(self.path.lstat(), self._file)
+        except OSError:
             return False
-        try:
-            nonce = os.pread(fd, 8, layout.W_NONCE * 8)
-            return nonce == bytes(self._words[layout.W_NONCE : layout.W_NONCE + 1]) and stands_at(
-                fd, self.path
-            )
-        finally:
-            os.close(fd)
 
     def newest(self) -> bytes | None:
         """A copy of the newest frame; None before the first."""

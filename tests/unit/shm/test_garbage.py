@@ -1,0 +1,207 @@
+"""Files that others made: whatever their bytes, the answer is an error of ours or a value."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from swarmware.errors import Denied, SwarmError, WireError
+from swarmware.shm import layout
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.layout import Geometry
+from swarmware.shm.readers import FILE_BYTES, MAGIC, open_table
+from swarmware.shm.ring import RingReader, RingWriter
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("shm")
+
+
+def header(words: dict[int, int], size: int) -> bytes:
+    data = memoryview(bytearray(layout.HEADER_BYTES)).cast("Q")
+    for position, value in words.items():
+        data[position] = value
+    data[layout.W_STATIC_CRC] = layout.static_crc(data)
+    return bytes(data).ljust(size, b"\0")
+
+
+def read_everything(path: Path) -> None:
+    with RingReader(path, after=0) as reader:
+        for call in (
+            reader.newest,
+            reader.view,
+            reader.next,
+            reader.next_view,
+            reader.owner_alive,
+            reader.in_place,
+        ):
+            try:
+                call()
+            except WireError:
+                continue
+
+
+@given(st.binary(max_size=3 * layout.HEADER_BYTES))
+@example(b"")
+@example(b"SWARMRNG")
+@example(b"SWARMRNG" + bytes(1000))
+def test_any_bytes_are_refused_as_a_ring(folder: Path, data: bytes) -> None:
+    path = folder / "a.ring"
+    path.write_bytes(data)
+    with pytest.raises(WireError, match=r"a\.ring"):
+        RingReader(path)
+
+
+U64 = st.one_of(st.integers(0, 20), st.integers(0, (1 << 64) - 1))
+
+
+@given(st.lists(st.tuples(st.integers(0, 31), U64), max_size=4), st.integers(0, 4096))
+def test_a_header_of_any_words_is_refused_or_read(
+    folder: Path, changes: list[tuple[int, int]], size: int
+) -> None:
+    geometry = Geometry(4, 64)
+    words = {
+        layout.W_MAGIC: layout.MAGIC,
+        layout.W_VERSION: layout.VERSION,
+        layout.W_SLOTS: geometry.slots,
+        layout.W_SLOT_BYTES: geometry.slot_bytes,
+    }
+    path = folder / "b.ring"
+    path.write_bytes(header(words | dict(changes), geometry.file_bytes if size % 2 else size))
+    try:
+        read_everything(path)
+    except WireError:
+        return
+
+
+@given(st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 255)), min_size=1, max_size=30))
+def test_a_damaged_ring_is_refused_or_read_and_a_writer_heals_it(
+    folder: Path, changes: list[tuple[int, int]]
+) -> None:
+    path = folder / "c.ring"
+    path.unlink(missing_ok=True)
+    with RingWriter(path, slots=4, slot_bytes=64) as writer:
+        for i in range(6):
+            writer.write(b"%d" % i)
+    data = bytearray(path.read_bytes())
+    for position, value in changes:
+        data[position % len(data)] = value
+    path.write_bytes(data)
+    with contextlib.suppress(WireError):
+        read_everything(path)
+    with RingWriter(path, slots=4, slot_bytes=64) as writer, RingReader(path) as reader:
+        writer.write(b"healed")
+        assert reader.newest() == reader.next() == b"healed"
+    assert sorted(entry.name for entry in folder.iterdir() if entry.name.startswith("c.")) == ["c.ring"]
+
+
+@given(st.binary(max_size=FILE_BYTES + 8))
+@example(bytes(FILE_BYTES))
+@example(MAGIC.to_bytes(8, "little") + (1).to_bytes(8, "little") + b"\xff" * (FILE_BYTES - 16))
+@example(MAGIC.to_bytes(8, "little") + (1).to_bytes(8, "little") + b"\x05" + bytes(FILE_BYTES - 17))
+@example(
+    (MAGIC.to_bytes(8, "little") + (1).to_bytes(8, "little")).ljust(64, b"\0") + b"\x05" * (FILE_BYTES - 64)
+)
+def test_any_bytes_are_refused_as_a_table_of_readers_or_used(folder: Path, data: bytes) -> None:
+    path = folder / "d.readers"
+    path.write_bytes(data)
+    table = open_table(path)
+    if table is not None:
+        table.close()
+    pulls = BellPulls(folder)
+    with Bells(path, pulls) as bells:
+        try:
+            bells.add("17-0")
+            assert "17-0" in bells.names()
+            bells.ring()
+            assert bells.names() == ()
+        except WireError:
+            pass
+    pulls.close()
+
+
+def test_a_name_that_leads_out_of_the_folder_is_passed_over(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"untouched")
+    pulls = BellPulls(tmp_path / "bells")
+    with Bells(tmp_path / "a.readers", pulls) as bells:
+        bells.add("17-0")
+        raw = bytearray(bells.path.read_bytes())
+        raw[64:72] = (9).to_bytes(8, "little")
+        raw[72:81] = b"../victim"
+        bells.path.write_bytes(raw)
+        bells.ring()
+        assert bells.names() == ()
+        with pytest.raises(WireError, match="cannot name a doorbell"):
+            bells.add("../victim")
+    assert victim.read_bytes() == b"untouched"
+
+
+@pytest.mark.parametrize("kind", ["folder", "fifo", "link", "dangling"])
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path, kind: str) -> None:
+    for name in ("a.ring", "a.readers"):
+        path = tmp_path / name
+        if kind == "folder":
+            path.mkdir()
+        elif kind == "fifo":
+            os.mkfifo(path)
+        else:
+            target = tmp_path / "target"
+            if kind == "link":
+                target.write_bytes(b"untouched")
+            path.symlink_to(target)
+    with pytest.raises(WireError):
+        RingReader(tmp_path / "a.ring")
+    with pytest.raises(WireError):
+        RingWriter(tmp_path / "a.ring", slots=4, slot_bytes=64)
+    with pytest.raises(WireError):
+        Bells(tmp_path / "a.readers", BellPulls(tmp_path)).ring()
+    assert kind != "link" or (tmp_path / "target").read_bytes() == b"untouched"
+
+
+def test_a_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "shm").write_bytes(b"")
+    with pytest.raises(SwarmError):
+        RingReader(tmp_path / "shm" / "a.ring")
+    with pytest.raises(SwarmError):
+        RingWriter(tmp_path / "shm" / "a.ring", slots=4, slot_bytes=64)
+    with pytest.raises(SwarmError):
+        Bells(tmp_path / "shm" / "a.readers", BellPulls(tmp_path)).add("1-0")
+
+
+def test_a_ring_of_another_layout_version_is_named_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "a.ring"
+    path.write_bytes(header({layout.W_MAGIC: layout.MAGIC, layout.W_VERSION: 9}, 1024))
+    with pytest.raises(WireError, match="ring layout 9, expected 1"):
+        RingReader(path)
+
+
+@pytest.fixture
+def ordinary_user() -> Iterator[None]:
+    """Root may open everything: be nobody for a while."""
+    before = os.geteuid()
+    if before == 0:
+        os.seteuid(65534)
+    yield
+    os.seteuid(before)
+
+
+@pytest.fixture
+def forbidden(tmp_path: Path) -> Path:
+    path = tmp_path / "a.ring"
+    RingWriter(path, slots=4, slot_bytes=64, mode=0o000).close()
+    return path
+
+
+def test_no_permission_is_denied(forbidden: Path, ordinary_user: None) -> None:
+    path = forbidden
+    with pytest.raises(Denied, match="no permission"):
+        RingReader(path)
+    with pytest.raises(Denied, match="no permission"):
+        RingWriter(path, slots=4, slot_bytes=64)

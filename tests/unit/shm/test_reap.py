@@ -1,0 +1,139 @@
+"""Reaping: the dead go, the living stay, and what is not ours is left alone."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.layout import readers_file, ring_file
+from swarmware.shm.reap import BELLS_FOLDER, reap, remove_all
+from swarmware.shm.ring import RingReader, RingWriter
+
+
+@pytest.fixture
+def shm_dir(tmp_path: Path) -> Path:
+    return tmp_path / "shm"
+
+
+@pytest.fixture
+def run_dir(tmp_path: Path) -> Path:
+    return tmp_path / "run"
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if not path.is_dir())
+
+
+def test_missing_folders_are_clean(shm_dir: Path, run_dir: Path) -> None:
+    assert reap(shm_dir, run_dir).removed == ()
+    assert remove_all(shm_dir, run_dir).removed == ()
+
+
+def test_the_rings_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, run_dir: Path) -> None:
+    dead = ring_file(shm_dir, "nav/pose")
+    mirror = ring_file(shm_dir, "nav/pose", "uav3")
+    RingWriter(dead, slots=4, slot_bytes=64).close()
+    RingWriter(mirror, slots=4, slot_bytes=64).close()
+    with (
+        RingWriter(ring_file(shm_dir, "net/routes"), slots=4, slot_bytes=64) as living,
+        RingReader(living.path) as reader,
+        RingReader(dead) as stale,
+    ):
+        reaped = reap(shm_dir, run_dir)
+        assert set(reaped.removed) == {dead, mirror}
+        assert reaped.denied == ()
+        assert names(shm_dir) == ["net.routes.ring"]
+        assert stale.moved
+        assert not reader.moved
+        living.write(b"x")
+        assert reader.newest() == b"x"
+
+
+def test_a_table_stays_while_its_ring_lives_or_a_reader_waits(shm_dir: Path, run_dir: Path) -> None:
+    pulls = BellPulls(run_dir / BELLS_FOLDER)
+    written, awaited, forgotten = (
+        ring_file(shm_dir, path) for path in ("a/written", "b/awaited", "c/forgotten")
+    )
+    dead = Doorbell(run_dir / BELLS_FOLDER)
+    for path in (written, awaited, forgotten):
+        with Bells(readers_file(path), pulls) as bells:
+            bells.add(dead.name)
+    with RingWriter(written, slots=4, slot_bytes=64), Doorbell(run_dir / BELLS_FOLDER) as doorbell:
+        with Bells(readers_file(awaited), pulls) as bells:
+            bells.add(doorbell.name)
+        dead.close()
+        assert reap(shm_dir, run_dir).removed == (readers_file(forgotten),)
+        with Bells(readers_file(awaited), pulls) as bells:
+            assert bells.names() == (doorbell.name,)
+            bells.ring()
+            assert doorbell.drain()
+    assert set(reap(shm_dir, run_dir).removed) == {written, readers_file(written), readers_file(awaited)}
+    assert names(shm_dir) == []
+    pulls.close()
+
+
+def test_a_writer_whose_table_was_reaped_finds_the_next_reader(shm_dir: Path, run_dir: Path) -> None:
+    pulls = BellPulls(run_dir / BELLS_FOLDER)
+    path = shm_dir / "apps.readers"  # a table without a ring
+    with (
+        Bells(path, pulls) as writer,
+        Bells(path, pulls) as reader,
+        Doorbell(run_dir / BELLS_FOLDER) as doorbell,
+    ):
+        writer.ring()
+        assert reap(shm_dir, run_dir).removed == (path,)
+        reader.add(doorbell.name)
+        writer.ring()
+        assert doorbell.drain()
+    pulls.close()
+
+
+def test_doorbells_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, run_dir: Path) -> None:
+    with Doorbell(run_dir / BELLS_FOLDER) as doorbell:
+        left = run_dir / BELLS_FOLDER / "17-0"
+        os.mkfifo(left)
+        assert reap(shm_dir, run_dir).removed == (left,)
+        assert BellPulls(run_dir / BELLS_FOLDER).ring(doorbell.name)
+
+
+def test_a_file_that_was_never_finished_goes(shm_dir: Path, run_dir: Path) -> None:
+    shm_dir.mkdir()
+    for content in (b"", bytes(1000), b"SWARMRNG" + bytes(500)):
+        path = shm_dir / "a.ring.new"
+        path.write_bytes(content)
+        assert reap(shm_dir, run_dir).removed == (path,)
+
+
+def test_what_is_not_ours_is_left_alone(shm_dir: Path, run_dir: Path) -> None:
+    (shm_dir / "sub").mkdir(parents=True)
+    (run_dir / BELLS_FOLDER).mkdir(parents=True)
+    (shm_dir / "their.ring").write_bytes(b"precious")
+    (shm_dir / "their.ring.new").write_bytes(b"precious")
+    (shm_dir / "their.readers").write_bytes(b"precious")
+    (shm_dir / "sub" / "notes.txt").write_bytes(b"precious")
+    (run_dir / BELLS_FOLDER / "notes").write_bytes(b"precious")
+    os.mkfifo(shm_dir / "fifo.ring")
+    (shm_dir / "link.ring").symlink_to(shm_dir / "their.ring")
+    before = names(shm_dir), names(run_dir)
+    assert reap(shm_dir, run_dir).removed == ()
+    assert remove_all(shm_dir, run_dir).removed == ()
+    assert (names(shm_dir), names(run_dir)) == before
+
+
+def test_the_end_of_a_node_removes_everything_and_the_folders(shm_dir: Path, run_dir: Path) -> None:
+    pulls = BellPulls(run_dir / BELLS_FOLDER)
+    ring = ring_file(shm_dir, "nav/pose", "uav1")
+    with (
+        RingWriter(ring, slots=4, slot_bytes=64),
+        RingReader(ring) as reader,
+        Doorbell(run_dir / BELLS_FOLDER) as doorbell,
+        Bells(readers_file(ring), pulls) as bells,
+    ):
+        bells.add(doorbell.name)
+        assert len(remove_all(shm_dir, run_dir).removed) == 3
+        assert reader.moved
+        assert not shm_dir.exists()
+        assert not (run_dir / BELLS_FOLDER).exists()
+    assert not shm_dir.exists()
