@@ -1,0 +1,219 @@
+"""All clocks of the swarm as seen from here: measured where heard, composed where not."""
+
+from typing import Final
+
+import msgspec
+
+from swarmd.timesync.peer import Exchange, Peer
+from swarmware.types.time import Conversion, TimeFunctions
+
+HOPS_LIMIT: Final = 24
+"""More links than the diameter of any simulated swarm: a composition that circles ends here."""
+
+
+class Publish(msgspec.Struct, frozen=True):
+    """The functions have changed: put them on the board."""
+
+    functions: TimeFunctions
+
+
+class Stepped(msgspec.Struct, frozen=True):
+    """A clock has stepped; stamps from before need the old function."""
+
+    platform: str
+    unit: str
+    conv_epoch: int
+
+
+class Rebooted(msgspec.Struct, frozen=True):
+    """A unit started anew: another clock altogether."""
+
+    platform: str
+    unit: str
+
+
+Action = Publish | Stepped | Rebooted
+
+
+class Heard(msgspec.Struct, frozen=True, gc=False):
+    """One exchange and whose it is."""
+
+    platform: str
+    unit: str
+    hardware: int
+    boot_id: int
+    exchange: Exchange
+
+
+class TimeCore:
+    """Conversion functions by hardware unit, from exchanges and from what partners tell."""
+
+    def __init__(
+        self,
+        platform: str,
+        unit: str,
+        hardware: int,
+        boot_id: int,
+        *,
+        first_epoch: int,
+        window_s: float = 60.0,
+        solve_s: float = 1.0,
+        publish_s: float = 1.0,
+        forget_s: float = 3600.0,
+        functions_limit: int = 128,
+    ) -> None:
+        self._me = (platform, unit, hardware, boot_id)
+        self._first_epoch = first_epoch
+        self._window_s = window_s
+        self._solve_s = solve_s
+        self._publish_ns = round(publish_s * 1e9)
+        self._forget_ns = round(forget_s * 1e9)
+        self._limit = functions_limit
+        self._peers: dict[int, Peer] = {}
+        self._told: dict[int, tuple[TimeFunctions, int]] = {}
+        self._suspects: set[int] = set()
+        self._published_ns: int | None = None
+        self._changed = False
+        self._urgent = False
+
+    def on_exchange(self, heard: Heard) -> list[Action]:
+        """One received packet of a neighbour; `on_timer` makes functions of what has come."""
+        actions: list[Action] = []
+        peer = self._peers.get(heard.hardware)
+        if peer is not None and heard.boot_id != peer.boot_id:
+            if heard.boot_id < peer.boot_id:
+                return actions
+            actions.append(Rebooted(heard.platform, heard.unit))
+            self._urgent = True
+            self._told.pop(heard.hardware, None)
+            peer = None
+        if peer is None:
+            peer = Peer(
+                heard.platform,
+                heard.unit,
+                heard.hardware,
+                heard.boot_id,
+                window_s=self._window_s,
+                pause_s=self._solve_s,
+                conv_epoch=self._first_epoch,
+            )
+            self._peers[heard.hardware] = peer
+        if peer.on_exchange(heard.exchange):
+            actions.append(self._stepped(peer))
+        return actions
+
+    def on_functions(self, told: TimeFunctions, now_ns: int) -> None:
+        """A partner's functions: first values, plausibility, and the way to units not heard here (S1.70)."""
+        peer = next(
+            (p for p in self._peers.values() if (p.platform, p.unit) == (told.platform, told.unit)), None
+        )
+        if peer is None or peer.boot_id != told.boot_id:
+            return
+        self._told[peer.hardware] = (told, now_ns)
+        self._changed = True
+        mine = told.of(self._me[0], self._me[1])
+        if peer.conversion is None and mine is not None and mine.boot_id == self._me[3] and mine.hops == 1:
+            seen = mine.inverse(peer.platform, peer.unit, peer.hardware, peer.boot_id)
+            peer.conversion = msgspec.structs.replace(seen, samples=0, rtt_ns=0)
+        self._suspects = self._find_suspects(now_ns)
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` has something to do."""
+        dues = [due for peer in self._peers.values() if (due := peer.due_ns()) is not None]
+        if self._changed and self._published_ns is not None:
+            dues.append(self._published_ns + self._publish_ns)
+        return min(dues, default=None)
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """Solves what is due, publishes when there is news."""
+        actions: list[Action] = []
+        for peer in self._peers.values():
+            due_ns = peer.due_ns()
+            if due_ns is None or due_ns > now_ns:
+                continue
+            first = peer.conversion is None
+            if peer.solve(now_ns):
+                actions.append(self._stepped(peer))
+            self._changed |= peer.conversion is not None
+            self._urgent |= first and peer.conversion is not None
+        waited = self._published_ns is None or now_ns - self._published_ns >= self._publish_ns
+        if self._urgent or (self._changed and waited):
+            self._published_ns = now_ns
+            self._changed = self._urgent = False
+            actions.append(Publish(self.functions(now_ns)))
+        return actions
+
+    def _stepped(self, peer: Peer) -> Stepped:
+        self._urgent = True
+        self._told.pop(peer.hardware, None)  # they speak of the clock before the step
+        return Stepped(peer.platform, peer.unit, peer.conv_epoch)
+
+    def functions(self, now_ns: int) -> TimeFunctions:
+        """All functions, best known first where the list is full, then sorted by platform and unit."""
+        self._forget(now_ns)
+        best = {
+            peer.hardware: self._marked(peer.conversion) for peer in self._peers.values() if peer.conversion
+        }
+        for function in self._composed(now_ns):
+            known = best.get(function.hardware)
+            if known is None or function.bound_at_ns(now_ns) < known.bound_at_ns(now_ns):
+                if known is not None and known.hops == 1 and known.boot_id >= function.boot_id:
+                    continue
+                best[function.hardware] = function
+        chosen = sorted(best.values(), key=lambda function: function.bound_at_ns(now_ns))[: self._limit]
+        chosen.sort(key=lambda function: (function.platform, function.unit))
+        platform, unit, _, boot_id = self._me
+        return TimeFunctions(platform, unit, boot_id, now_ns, tuple(chosen))
+
+    def known(self) -> set[str]:
+        """Platforms measured directly."""
+        return {peer.platform for peer in self._peers.values() if peer.conversion}
+
+    def _marked(self, function: Conversion) -> Conversion:
+        if function.hardware in self._suspects:
+            return msgspec.structs.replace(function, suspect=True)
+        return function
+
+    def _composed(self, now_ns: int) -> list[Conversion]:
+        out: list[Conversion] = []
+        for hardware, (told, _) in self._told.items():
+            link = self._peers[hardware].conversion
+            if link is None:
+                continue
+            for further in told.functions:
+                # What a partner knows through us, or about us, is not news.
+                mine = further.hardware == self._me[2] or further.via == self._me[0]
+                if mine or link.hops + further.hops > HOPS_LIMIT:
+                    continue
+                out.append(link.then(further, told.platform))
+        return out
+
+    def _forget(self, now_ns: int) -> None:
+        for hardware, peer in list(self._peers.items()):
+            if peer.heard_ns is not None and now_ns - peer.heard_ns > self._forget_ns:
+                del self._peers[hardware]
+                self._told.pop(hardware, None)
+        for hardware, (_, at_ns) in list(self._told.items()):
+            if now_ns - at_ns > self._forget_ns:
+                del self._told[hardware]
+
+    def _find_suspects(self, now_ns: int) -> set[int]:
+        """Units whose function most partners contradict beyond both bounds: triangles that do not close."""
+        votes: dict[int, int] = {}
+        triangles: dict[int, int] = {}
+        for hardware, (told, _) in self._told.items():
+            link = self._peers[hardware].conversion
+            if link is None:
+                continue
+            for further in told.functions:
+                peer = self._peers.get(further.hardware)
+                measured = further.hops == 1 and peer is not None and further.boot_id == peer.boot_id
+                if not measured or peer is None or peer.conversion is None or not peer.conversion.samples:
+                    continue
+                around = link.then(further, told.platform)
+                apart_ns = abs(around.to_remote(now_ns) - peer.conversion.to_remote(now_ns))
+                agree = apart_ns <= around.bound_at_ns(now_ns) + peer.conversion.bound_at_ns(now_ns)
+                for corner in (hardware, further.hardware):
+                    triangles[corner] = triangles.get(corner, 0) + 1
+                    votes[corner] = votes.get(corner, 0) + (not agree)
+        return {corner for corner, count in votes.items() if count * 2 > triangles[corner]}

@@ -1,0 +1,188 @@
+"""One remote clock: its exchanges in, its conversion function out, steps of either clock noticed."""
+
+from typing import Final
+
+import msgspec
+
+from swarmd.timesync.corridor import SKEW_LIMIT, Corridor, Estimate, NoLine
+from swarmware.types.time import Conversion
+
+RESOLUTION_NS: Final = 1_000
+"""Stamps travel as whole µs (scale.md 4.1): a difference of two is off by less than one."""
+
+STEP_MARGIN_NS: Final = 200_000
+"""A prediction outside the bounds by more than this and its own error is a clock step."""
+
+STEP_COUNT: Final = 3
+"""Violations in a row that are a step and not an outlier: 0.3 s at 10 Hz."""
+
+FIRST_SOLVES_S: Final = 0.1
+"""A new function is worth being improved soon; each solve doubles the pause up to the configured one."""
+
+
+class Exchange(msgspec.Struct, frozen=True, gc=False):
+    """What one received packet says about the sender's clock."""
+
+    received_ns: int
+    """Our clock at its arrival."""
+    least_ns: int
+    """Their send time minus our receive time: they are at least so far ahead."""
+    sent_ns: int = 0
+    """Our clock when the packet that they echo left."""
+    most_ns: int | None = None
+    """Their receive time minus our send time of that packet: at most so far ahead; None without echo."""
+
+
+class Peer:
+    """The estimator of one hardware unit's clock, for one boot of it."""
+
+    def __init__(
+        self,
+        platform: str,
+        unit: str,
+        hardware: int,
+        boot_id: int,
+        *,
+        window_s: float,
+        pause_s: float,
+        conv_epoch: int,
+    ) -> None:
+        self.platform = platform
+        self.unit = unit
+        self.hardware = hardware
+        self.boot_id = boot_id
+        self.conversion: Conversion | None = None
+        self.steps = 0
+        self.outliers = 0
+        self._window_s = window_s
+        self._pause_s = pause_s
+        self.conv_epoch = conv_epoch
+        self._next_pause_s = FIRST_SOLVES_S
+        self._solved_ns: int | None = None
+        self._dirty = False
+        self._violations: list[Exchange] = []
+        self._settled = False
+        self._samples = 0
+        self._origin_ns = 0
+        self._base_ns = 0
+        self._rtt_ns = 0
+        self._newest_ns: int | None = None
+        self._corridor = Corridor(window_s)
+
+    @property
+    def heard_ns(self) -> int | None:
+        """Our clock at the newest exchange, None before the first."""
+        return self._newest_ns
+
+    def on_exchange(self, exchange: Exchange) -> bool:
+        """Takes one exchange; True when it was the last proof of a clock step."""
+        most_ns = exchange.most_ns
+        if most_ns is not None and most_ns + RESOLUTION_NS < exchange.least_ns - RESOLUTION_NS:
+            # Their clock stepped between our packet and their answer: the echo speaks of the old time.
+            exchange = msgspec.structs.replace(exchange, most_ns=None)
+        direction = self._violates(exchange)
+        if direction == 0:
+            self.outliers += len(self._violations)
+            self._violations.clear()
+            self._take(exchange)
+            return False
+        self._violations.append(exchange)
+        if len(self._violations) < STEP_COUNT:
+            return False
+        proofs, self._violations = self._violations, []
+        self._restart()
+        for proof in proofs:
+            # Their clock jumped ahead: an echo of a packet from before we knew may speak of the old time.
+            old = direction > 0 and proof.sent_ns < proofs[0].received_ns
+            self._take(msgspec.structs.replace(proof, most_ns=None) if old else proof)
+        return True
+
+    def _violates(self, exchange: Exchange) -> int:
+        """+1: their clock is impossibly far ahead of the prediction; −1: behind; 0: possible."""
+        known = self.conversion
+        if known is None or not known.samples:
+            return 0
+        now_ns = exchange.received_ns
+        known_ns = known.likely_at_ns(now_ns) if self._settled else known.bound_at_ns(now_ns)
+        margin_ns = STEP_MARGIN_NS + known_ns
+        if known.to_remote(now_ns) - now_ns < exchange.least_ns - margin_ns:
+            return 1
+        if exchange.most_ns is None:
+            return 0
+        behind = known.to_remote(exchange.sent_ns) - exchange.sent_ns > exchange.most_ns + margin_ns
+        return -1 if behind else 0
+
+    def _take(self, exchange: Exchange) -> None:
+        if not self._samples:
+            self._origin_ns = exchange.received_ns
+            self._base_ns = exchange.least_ns
+        self._samples += 1
+        self._newest_ns = exchange.received_ns
+        self._dirty = True
+        base_ns = self._base_ns
+        self._corridor.add_lower(
+            (exchange.received_ns - self._origin_ns) / 1e9,
+            (exchange.least_ns - base_ns - RESOLUTION_NS) / 1e9,
+        )
+        if exchange.most_ns is None:
+            return
+        rtt_ns = exchange.most_ns - exchange.least_ns
+        self._rtt_ns = min(self._rtt_ns, rtt_ns) if self._rtt_ns else rtt_ns
+        if exchange.received_ns - exchange.sent_ns <= self._window_s * 1e9:
+            most_ns = exchange.most_ns + RESOLUTION_NS - self._base_ns
+            self._corridor.add_upper((exchange.sent_ns - self._origin_ns) / 1e9, most_ns / 1e9)
+
+    def _restart(self) -> None:
+        """Forgets all but the skew: an oscillator keeps its rate when its reading is set."""
+        self.steps += 1
+        self.conv_epoch += 1
+        self._corridor = Corridor(self._window_s, self._corridor.skew)
+        self._settled = False
+        self._samples = 0
+        self._rtt_ns = 0
+        self._next_pause_s = FIRST_SOLVES_S
+        self._solved_ns = None
+        self._dirty = False
+        self.conversion = None
+
+    def due_ns(self) -> int | None:
+        """When the function should be solved again; None while nothing new has come."""
+        if not self._dirty:
+            return None
+        if self._solved_ns is None:
+            return self._newest_ns
+        return self._solved_ns + round(self._next_pause_s * 1e9)
+
+    def solve(self, now_ns: int) -> bool:
+        """Brings the function up to date; True when no line fitted, that is when a clock stepped a little."""
+        self._dirty = False
+        try:
+            estimate = self._corridor.solve((now_ns - self._origin_ns) / 1e9)
+        except NoLine:
+            self._restart()
+            return True
+        if estimate is None:
+            return False
+        if self._solved_ns is not None:
+            self._next_pause_s = min(2 * self._next_pause_s, self._pause_s)
+        self._solved_ns = now_ns
+        self._settled = estimate.settled
+        self.conversion = self._function(estimate, now_ns)
+        return False
+
+    def _function(self, estimate: Estimate, now_ns: int) -> Conversion:
+        return Conversion(
+            platform=self.platform,
+            unit=self.unit,
+            hardware=self.hardware,
+            boot_id=self.boot_id,
+            offset_ns=self._base_ns + round(estimate.theta_s * 1e9),
+            skew=estimate.skew,
+            t0_ns=now_ns,
+            bound_ns=round(estimate.bound_s * 1e9),
+            sigma_ns=round(estimate.sigma_s * 1e9),
+            skew_bound=min(estimate.skew_bound, SKEW_LIMIT),
+            conv_epoch=self.conv_epoch,
+            samples=self._samples,
+            rtt_ns=self._rtt_ns,
+        )

@@ -1,0 +1,241 @@
+"""Estimator on simulated clocks and links: the delay models of scale.md 4.2, seeded, in virtual time."""
+
+import heapq
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from random import Random
+from typing import NamedTuple
+
+import pytest
+
+from swarmd.timesync.core import Heard, Publish, TimeCore
+from swarmd.timesync.peer import Exchange, Peer
+from swarmware.types.time import Conversion, TimeFunctions
+
+Delay = Callable[[Random, bool], float]
+
+WANDER = 0.02e-6
+"""Random walk of a quartz in 1/√s."""
+
+
+def lan(random: Random, back: bool) -> float:
+    return 50e-6 + random.expovariate(1 / 50e-6)
+
+
+def uniform(random: Random, back: bool) -> float:
+    return random.uniform(2e-3, 8e-3)
+
+
+def asymmetric(random: Random, back: bool) -> float:
+    return 2e-3 + random.expovariate(1 / (3e-3 if back else 0.5e-3))
+
+
+def wifi(random: Random, back: bool) -> float:
+    burst = random.uniform(5e-3, 40e-3) if random.random() < 0.2 else 0.0
+    return 1e-3 + random.expovariate(1 / 1e-3) + burst
+
+
+class Quartz:
+    """A clock with an offset, a drift that wanders, and steps."""
+
+    def __init__(self, random: Random, offset_s: float, drift: float) -> None:
+        self._random = random
+        self._drift = drift
+        self._true_s = 0.0
+        self._offset_s = offset_s
+
+    def read_ns(self, true_s: float) -> int:
+        return round((true_s + self._offset_s + self._drift * (true_s - self._true_s)) * 1e9)
+
+    def wander_to(self, true_s: float) -> None:
+        self._offset_s += self._drift * (true_s - self._true_s)
+        self._drift += self._random.gauss(0, WANDER) * math.sqrt(true_s - self._true_s)
+        self._true_s = true_s
+
+    def step(self, by_s: float) -> None:
+        self._offset_s += by_s
+
+
+def whole_us(stamp_ns: int) -> int:
+    return stamp_ns // 1000 * 1000
+
+
+class Result(NamedTuple):
+    """What became of one run: (true time, error in µs, within the bound) at each received packet."""
+
+    errors: list[tuple[float, float, bool]]
+    first_s: float
+    peer: Peer
+
+    def percentile_us(self, ratio: float, after_s: float) -> float:
+        errors = sorted(error for at_s, error, _ in self.errors if at_s >= after_s)
+        return errors[int(ratio * len(errors))]
+
+    def covered_ratio(self) -> float:
+        return sum(inside for *_, inside in self.errors) / len(self.errors)
+
+    def last_above_s(self, limit_us: float) -> float:
+        return max((at_s for at_s, error, _ in self.errors if error > limit_us), default=0.0)
+
+
+def simulate(
+    delay: Delay, seed: int, *, length_s: float, step_at_s: float = math.inf, step_s: float = 0.0
+) -> Result:
+    """Two units that tick at 10 Hz, each packet with the echo of the newest one heard, 5 % lost."""
+    random = Random(seed)
+    here = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
+    there = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
+    peer = Peer("there", "main", 2, 1, window_s=60, pause_s=1, conv_epoch=0)
+    heard_there: tuple[int, int] | None = None
+    """(their view) our send time, their receive time."""
+    errors: list[tuple[float, float, bool]] = []
+    first_s = math.inf
+    order = 0
+    events: list[tuple[float, int, str, tuple[int, ...]]] = []
+
+    def later(at_s: float, what: str, data: tuple[int, ...] = ()) -> None:
+        nonlocal order
+        order += 1
+        heapq.heappush(events, (at_s, order, what, data))
+
+    for tick in range(int(length_s * 10)):
+        later(tick / 10 + random.uniform(0, 0.01), "send")
+        later(tick / 10 + random.uniform(0, 0.1), "answer")
+        later(tick / 10, "wander")
+    if step_at_s < length_s:
+        later(step_at_s, "step")
+    while events:
+        now_s, _, what, data = heapq.heappop(events)
+        if what == "wander":
+            here.wander_to(now_s)
+            there.wander_to(now_s)
+        elif what == "step":
+            there.step(step_s)
+        elif what == "send" and random.random() > 0.05:
+            later(now_s + delay(random, False), "at there", (whole_us(here.read_ns(now_s)),))
+        elif what == "at there":
+            heard_there = (data[0], whole_us(there.read_ns(now_s)))
+        elif what == "answer" and random.random() > 0.05:
+            later(
+                now_s + delay(random, True), "at here", (whole_us(there.read_ns(now_s)), *(heard_there or ()))
+            )
+        elif what == "at here":
+            now_ns = here.read_ns(now_s)
+            received_ns = whole_us(now_ns)
+            sent_ns, most_ns = (data[1], data[2] - data[1]) if len(data) == 3 else (0, None)
+            peer.on_exchange(Exchange(received_ns, data[0] - received_ns, sent_ns, most_ns))
+            due_ns = peer.due_ns()
+            if due_ns is not None and due_ns <= received_ns:
+                peer.solve(received_ns)
+            if peer.conversion is not None:
+                first_s = min(first_s, now_s)
+                error_ns = abs(peer.conversion.to_remote(now_ns) - there.read_ns(now_s))
+                errors.append((now_s, error_ns / 1e3, error_ns <= peer.conversion.bound_at_ns(now_ns)))
+    return Result(errors, first_s, peer)
+
+
+@pytest.mark.parametrize(
+    ("delay", "p99_us"),
+    [(lan, 10), (asymmetric, 100), (uniform, 250), (wifi, 100)],
+    ids=["lan", "asymmetric", "uniform 2-8 ms", "wifi bursts"],
+)
+def test_the_error_is_small_and_inside_its_bound(delay: Delay, p99_us: float) -> None:
+    runs = [simulate(delay, seed, length_s=150) for seed in range(6)]
+    settled = sorted(error for run in runs for at_s, error, _ in run.errors if at_s > 30)
+    assert settled[int(0.99 * len(settled))] < p99_us
+    covered = [inside for run in runs for *_, inside in run.errors]
+    assert sum(covered) / len(covered) >= 0.999
+    assert max(run.first_s for run in runs) < 1.0
+
+
+@pytest.mark.parametrize("step_s", [5.0, -5.0, 0.02, -0.02])
+@pytest.mark.parametrize("delay", [lan, uniform, wifi], ids=["lan", "uniform", "wifi"])
+def test_a_clock_step_is_noticed_and_recovered_from(delay: Delay, step_s: float) -> None:
+    for seed in range(3):
+        run = simulate(delay, seed, length_s=45, step_at_s=30, step_s=step_s)
+        assert run.peer.steps == 1, f"seed {seed}"
+        assert run.peer.conversion is not None
+        assert run.peer.conversion.conv_epoch == 1
+        assert run.last_above_s(10_000) < 32.0, f"seed {seed}"
+
+
+def test_a_step_too_small_to_be_impossible_still_fades() -> None:
+    run = simulate(uniform, 1, length_s=120, step_at_s=30, step_s=0.003)
+    assert run.percentile_us(0.99, after_s=95) < 250
+
+
+def test_no_run_without_a_step_sees_one() -> None:
+    for delay in (lan, uniform, asymmetric, wifi):
+        for seed in range(20, 26):
+            assert simulate(delay, seed, length_s=40).peer.steps == 0, f"{delay.__name__} seed {seed}"
+
+
+class Node:
+    """A clock and the core that measures the others from it."""
+
+    def __init__(self, name: str, hardware: int, random: Random) -> None:
+        self.name = name
+        self.hardware = hardware
+        self.quartz = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
+        self.core = TimeCore(name, "main", hardware, 1, first_epoch=0)
+        self.board = TimeFunctions(name, "main", 1, 0)
+
+
+def test_units_never_met_are_converted_over_their_neighbours_within_the_summed_bounds() -> None:
+    random = Random(5)
+    chain = [Node(f"n{index}", index, random) for index in range(1, 7)]
+    links = [*pairwise(chain), *pairwise(chain[::-1])]
+    newest: dict[tuple[int, int], tuple[int, int]] = {}
+    for tick in range(400):
+        true_s = tick / 10
+        for a, b in links:
+            sent_ns = whole_us(b.quartz.read_ns(true_s))
+            arrival_s = true_s + lan(random, False)
+            received_ns = whole_us(a.quartz.read_ns(arrival_s))
+            echo = newest.get((b.hardware, a.hardware))
+            newest[a.hardware, b.hardware] = (sent_ns, received_ns)
+            exchange = Exchange(
+                received_ns,
+                sent_ns - received_ns,
+                echo[0] if echo else 0,
+                echo[1] - echo[0] if echo else None,
+            )
+            a.core.on_exchange(Heard(b.name, "main", b.hardware, 1, exchange))
+            for action in a.core.on_timer(received_ns):
+                if isinstance(action, Publish):
+                    a.board = action.functions
+        if tick % 10 == 0:
+            for a, b in links:
+                a.core.on_functions(b.board, a.quartz.read_ns(true_s + 0.05))
+        for node in chain:
+            node.quartz.wander_to(true_s)
+    first, last = chain[0], chain[-1]
+    now_ns = first.quartz.read_ns(40.0)
+    function = first.core.functions(now_ns).of(last.name)
+    assert function is not None
+    assert function.hops == 5
+    assert function.via == chain[1].name
+    error_ns = abs(function.to_remote(now_ns) - last.quartz.read_ns(40.0))
+    assert error_ns < 200_000
+    assert error_ns <= function.bound_at_ns(now_ns)
+    assert not any(known.suspect for known in first.core.functions(now_ns).functions)
+
+
+def test_a_partner_that_lies_is_marked_by_the_triangles_that_do_not_close() -> None:
+    now_ns = 1_000_000_000_000
+
+    def function(of: int, offset_ns: int) -> Conversion:
+        return Conversion(f"n{of}", "main", of, 1, offset_ns, 0.0, now_ns, 50_000, 2_000, 1e-7, 0, samples=99)
+
+    core = TimeCore("n1", "main", 1, 1, first_epoch=0)
+    for of in (2, 3, 4):
+        for _ in range(3):
+            core.on_exchange(Heard(f"n{of}", "main", of, 1, Exchange(now_ns, -50_000, now_ns, 50_000)))
+    core.on_timer(now_ns)
+    honest = {2: {3: 0, 4: 9_000_000}, 3: {2: 0, 4: 9_000_000}}
+    for teller, offsets in honest.items():
+        told = tuple(function(of, offset_ns) for of, offset_ns in offsets.items())
+        core.on_functions(TimeFunctions(f"n{teller}", "main", 1, now_ns, told), now_ns)
+    marks = {known.platform: known.suspect for known in core.functions(now_ns).functions if known.hops == 1}
+    assert marks == {"n2": False, "n3": False, "n4": True}

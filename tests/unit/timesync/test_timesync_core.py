@@ -1,0 +1,157 @@
+"""Time core: exchanges in, functions and events out."""
+
+from swarmd.timesync.core import Action, Heard, Publish, Rebooted, Stepped, TimeCore
+from swarmd.timesync.peer import Exchange
+from swarmware.types.time import Conversion, TimeFunctions
+
+SECOND = 1_000_000_000
+DELAY = 100_000
+
+
+def core(**changes: float) -> TimeCore:
+    return TimeCore("uav1", "main", 1, 10, first_epoch=40, **changes)  # type: ignore[arg-type]
+
+
+def heard(at_ns: int, offset_ns: int = 0, *, of: int = 2, boot_id: int = 5) -> Heard:
+    exchange = Exchange(at_ns, offset_ns - DELAY, at_ns - 50_000_000, offset_ns + DELAY)
+    return Heard(f"uav{of}", "main", of, boot_id, exchange)
+
+
+def run(timer: TimeCore, *stream: Heard) -> list[Action]:
+    actions: list[Action] = []
+    for one in stream:
+        actions += timer.on_exchange(one)
+        actions += timer.on_timer(one.exchange.received_ns)
+    return actions
+
+
+def test_the_first_exchange_already_gives_a_function() -> None:
+    actions = run(core(), heard(SECOND, 7_000))
+    assert [type(action) for action in actions] == [Publish]
+    published = actions[0]
+    assert isinstance(published, Publish)
+    function = published.functions.of("uav2")
+    assert function is not None
+    assert abs(function.to_remote(SECOND) - SECOND - 7_000) < 20_000
+
+
+def test_without_an_echo_there_is_no_function() -> None:
+    timer = core()
+    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)))
+    assert timer.on_timer(SECOND) == []
+    assert timer.functions(SECOND).functions == ()
+
+
+def test_publishing_is_paced_and_silence_needs_no_timer() -> None:
+    timer = core()
+    published = [
+        action
+        for tick in range(50)
+        for action in run(timer, heard(SECOND + tick * SECOND // 10))
+        if isinstance(action, Publish)
+    ]
+    assert 5 <= len(published) <= 7
+    deadline_ns = timer.deadline_ns()
+    assert deadline_ns is not None
+    timer.on_timer(deadline_ns + SECOND)
+    assert timer.deadline_ns() is None
+
+
+def test_three_impossible_packets_in_a_row_are_a_step() -> None:
+    timer = core()
+    run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
+    later = 12 * SECOND
+    jump = 5 * SECOND
+    steps = [a for a in run(timer, *(heard(later + n, jump) for n in (10, 11, 12))) if isinstance(a, Stepped)]
+    assert steps == [Stepped("uav2", "main", 41)]
+    run(timer, heard(later + SECOND, jump))
+    function = timer.functions(later + SECOND).of("uav2")
+    assert function is not None
+    assert function.conv_epoch == 41
+    assert abs(function.to_remote(later) - later - jump) < 1_000_000
+
+
+def test_two_outliers_change_nothing() -> None:
+    timer = core()
+    run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
+    at_ns = 12 * SECOND
+    actions = run(timer, heard(at_ns, 5 * SECOND), heard(at_ns + 1, 5 * SECOND), heard(at_ns + 2))
+    assert not [action for action in actions if isinstance(action, Stepped)]
+
+
+def test_another_boot_is_another_clock_and_an_older_one_is_ignored() -> None:
+    timer = core()
+    run(timer, heard(SECOND, 0, boot_id=5))
+    actions = run(timer, heard(2 * SECOND, 9 * SECOND, boot_id=6))
+    assert actions[0] == Rebooted("uav2", "main")
+    assert run(timer, heard(2 * SECOND, 0, boot_id=5)) == []
+    function = timer.functions(2 * SECOND).of("uav2")
+    assert function is not None
+    assert function.boot_id == 6
+
+
+def told(by: int, *functions: Conversion, boot_id: int = 5) -> TimeFunctions:
+    return TimeFunctions(f"uav{by}", "main", boot_id, SECOND, functions)
+
+
+def function(of: int, *, boot_id: int = 5, hops: int = 1, via: str = "") -> Conversion:
+    return Conversion(
+        f"uav{of}", "main", of, boot_id, 3_000, 0.0, SECOND, 50_000, 1_000, 0.0, 0, hops, via, samples=9
+    )
+
+
+def test_a_neighbour_gives_the_way_to_a_unit_never_met() -> None:
+    timer = core()
+    run(timer, heard(SECOND))
+    timer.on_functions(told(2, function(9)), SECOND)
+    far = timer.functions(SECOND).of("uav9")
+    assert far is not None
+    assert (far.hops, far.via) == (2, "uav2")
+
+
+def test_what_a_neighbour_knows_through_us_is_no_news() -> None:
+    timer = core()
+    run(timer, heard(SECOND))
+    timer.on_functions(told(2, function(9, via="uav1", hops=3), function(1, boot_id=10)), SECOND)
+    assert [known.platform for known in timer.functions(SECOND).functions] == ["uav2"]
+
+
+def test_a_measured_function_is_preferred_to_a_composed_one() -> None:
+    timer = core()
+    run(timer, heard(SECOND), heard(SECOND, of=9))
+    timer.on_functions(told(2, function(9)), SECOND)
+    near = timer.functions(SECOND).of("uav9")
+    assert near is not None
+    assert near.hops == 1
+
+
+def test_a_partner_gives_the_first_value_where_nothing_was_echoed_yet() -> None:
+    timer = core()
+    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)))
+    timer.on_timer(SECOND)
+    timer.on_functions(told(2, function(1, boot_id=10)), SECOND)
+    first = timer.functions(SECOND).of("uav2")
+    assert first is not None
+    assert first.samples == 0
+    assert first.offset_ns == -3_000
+
+
+def test_words_of_an_earlier_boot_of_a_partner_are_ignored() -> None:
+    timer = core()
+    run(timer, heard(SECOND))
+    timer.on_functions(told(2, function(9), boot_id=4), SECOND)
+    assert timer.functions(SECOND).of("uav9") is None
+
+
+def test_a_unit_not_heard_for_long_is_forgotten() -> None:
+    timer = core(forget_s=100.0)
+    run(timer, heard(SECOND))
+    assert timer.functions(90 * SECOND).of("uav2") is not None
+    assert timer.functions(102 * SECOND).of("uav2") is None
+
+
+def test_the_list_is_bounded_and_keeps_the_best_known() -> None:
+    timer = core(functions_limit=3)
+    for of in range(2, 9):
+        run(timer, heard(SECOND, of=of))
+    assert len(timer.functions(SECOND).functions) == 3
