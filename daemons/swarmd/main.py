@@ -1,0 +1,86 @@
+"""`swarmd`: runs daemons of a node."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from swarmware import __version__
+from swarmware.errors import SwarmError
+
+DEFAULT_CONFIG = "/etc/swarm"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    made = argparse.ArgumentParser(
+        prog="swarmd",
+        description="Run daemons of a Swarmware node.",
+        epilog="Example: swarmd run broker tree register --config /etc/swarm",
+    )
+    made.add_argument("--version", action="version", version=f"swarmd {__version__}")
+    commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run = commands.add_parser(
+        "run",
+        help="run one service, or several in one process",
+        epilog="Example: swarmd run broker tree register",
+    )
+    run.add_argument("services", nargs="+", metavar="NAME", help="a service; `swarmd ls` names them")
+    node = commands.add_parser(
+        "node", help="run the whole set of the node, as node.toml says", epilog="Example: swarmd node"
+    )
+    for command in (run, node):
+        command.add_argument(
+            "--config",
+            metavar="DIR",
+            type=Path,
+            default=Path(os.environ.get("SWARMD_CONFIG", DEFAULT_CONFIG)),
+            help=f"configuration folder with node.toml; default: {DEFAULT_CONFIG}, or SWARMD_CONFIG",
+        )
+    commands.add_parser("ls", help="list the services that are installed", epilog="Example: swarmd ls")
+    return made
+
+
+def main(args: list[str] | None = None) -> int:
+    """Runs one command; errors the user can cause are one line and an exit code."""
+    options = parser().parse_args(args)
+    try:
+        match options.command:
+            case "ls":
+                return _list()
+            case "node":
+                return _node(options.config)
+            case _:
+                return _run(options.config, options.services)
+    except SwarmError as error:
+        sys.stderr.write(f"swarmd: {error}\n")
+        return error.exit_code
+
+
+def _list() -> int:
+    from swarmware.service.find import installed
+
+    for name, point in installed().items():
+        sys.stdout.write(f"{name:<12} {point.value}\n")
+    return 0
+
+
+def _run(config_dir: Path, names: list[str]) -> int:
+    from swarmware.service.runner import run_services
+
+    return run_services(config_dir, list(dict.fromkeys(names)))
+
+
+def _node(config_dir: Path) -> int:
+    from swarmware.config import load_node
+
+    node = load_node(config_dir)
+    if node.processes == "one":
+        return _run(config_dir, list(node.services))
+    if "guard" not in node.services:
+        from swarmware.errors import ConfigError
+
+        raise ConfigError(
+            f'{config_dir}/node.toml: processes = "per-daemon" needs the service guard, which starts the others'
+        )
+    return _run(config_dir, ["guard"])

@@ -1,0 +1,32 @@
+"""The services that are installed, ours and other people's, by entry point."""
+
+from difflib import get_close_matches
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+
+from swarmware.errors import ConfigError, NotFound
+from swarmware.service.service import Service
+
+GROUP = "swarmware.services"
+
+
+@cache
+def installed() -> dict[str, EntryPoint]:
+    """Entry points by name."""
+    return {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda point: point.name)}
+
+
+def find(name: str) -> type[Service]:
+    """The class of a service.
+
+    Raises: NotFound for a name nobody installed, ConfigError for an entry point that is no service.
+    """
+    points = installed()
+    if name not in points:
+        near = get_close_matches(name, points, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(points)}"
+        raise NotFound(f"service {name!r}: not installed; {hint}")
+    found = points[name].load()
+    if not (isinstance(found, type) and issubclass(found, Service)):
+        raise ConfigError(f"service {name!r}: {points[name].value} is no Service")
+    return found

@@ -1,0 +1,52 @@
+"""Words to whoever supervises this process (sd_notify): ready, alive, what it does, stopping."""
+
+import os
+import socket
+from contextlib import suppress
+from typing import Final
+
+_USEC: Final = 1_000_000
+
+
+class Notifier:
+    """Sends to the socket in NOTIFY_SOCKET; without one, every word is dropped."""
+
+    def __init__(self, address: str | None = None, watchdog_usec: str | None = None) -> None:
+        address = os.environ.get("NOTIFY_SOCKET", "") if address is None else address
+        watchdog_usec = os.environ.get("WATCHDOG_USEC", "") if watchdog_usec is None else watchdog_usec
+        # a leading @ is an address without a file (unix(7), abstract)
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        self._socket: socket.socket | None = None
+        if self._address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+        self.watchdog_s: float | None = int(watchdog_usec) / _USEC / 2 if watchdog_usec.isdigit() else None
+        """How often `alive` is to be called: half of what the supervisor tolerates."""
+
+    def ready(self, status: str) -> None:
+        """The service does its job now."""
+        self._send(f"READY=1\nSTATUS={status}\nMAINPID={os.getpid()}")
+
+    def alive(self) -> None:
+        """The event loop turns."""
+        self._send("WATCHDOG=1")
+
+    def status(self, text: str) -> None:
+        """A line for `systemctl status`."""
+        self._send(f"STATUS={text}")
+
+    def stopping(self) -> None:
+        """It ends on purpose."""
+        self._send("STOPPING=1\nSTATUS=stopping")
+
+    def close(self) -> None:
+        """No more words."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _send(self, text: str) -> None:
+        if self._socket is not None:
+            # a supervisor that is gone or busy must not stop the service
+            with suppress(OSError):
+                self._socket.sendto(text.encode(), self._address)

@@ -1,0 +1,125 @@
+"""A process of services from start to end: configuration, node, signals, watchdog, exit code."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+import sys
+from pathlib import Path
+from typing import Final
+
+import uvloop
+
+from swarmware import config
+from swarmware.errors import SwarmError
+from swarmware.node import Node
+from swarmware.service.find import find
+from swarmware.service.host import Host, Prepared
+from swarmware.service.notify import Notifier
+
+DRAIN_S: Final = 4.0
+"""From SIGTERM to the end; units give five seconds."""
+
+log = logging.getLogger("swarm.runner")
+
+
+def run_services(config_dir: Path, names: list[str]) -> int:
+    """Runs services of the node in this process until SIGTERM or SIGINT; the exit code.
+
+    Raises: SwarmError when the configuration does not fit or the node cannot be joined.
+    """
+    node_config = config.load_node(config_dir)
+    prepared = [_prepare(config_dir, name) for name in names]
+    _log_to_stderr(node_config.log_level, node_config.platform)
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        return runner.run(_run(config_dir, prepared))
+
+
+def _prepare(config_dir: Path, name: str) -> Prepared:
+    cls = find(name)
+    return Prepared(cls, config.load_service(config_dir, name, cls.Config))
+
+
+async def _run(config_dir: Path, prepared: list[Prepared]) -> int:
+    loop = asyncio.get_running_loop()
+    asked = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, asked.set)
+    notifier = Notifier()
+    try:
+        async with Node.attach(config_dir) as node:
+            host = Host(node, prepared)
+            node.host = host
+            return await _serve(host, notifier, asked)
+    finally:
+        notifier.close()
+
+
+async def _serve(host: Host, notifier: Notifier, asked: asyncio.Event) -> int:
+    running = asyncio.create_task(host.run(), name="services")
+    ending = asyncio.create_task(asked.wait(), name="signals")
+    speaking = asyncio.create_task(_speak(host, notifier), name="supervisor")
+    try:
+        await asyncio.wait([running, ending], return_when=asyncio.FIRST_COMPLETED)
+        notifier.stopping()
+        if running.done():
+            return _say_why(running)
+        log.info("stopping: %s", ", ".join(host.names))
+        try:
+            await asyncio.wait_for(host.stop(), DRAIN_S)
+        except TimeoutError:
+            log.warning("services did not finish within %s s", DRAIN_S)
+        return 0
+    finally:
+        for task in (speaking, ending, running):
+            task.cancel()
+        await asyncio.wait([speaking, ending, running], timeout=DRAIN_S)
+
+
+async def _speak(host: Host, notifier: Notifier) -> None:
+    await host.started()
+    notifier.ready(f"{host.node.platform}: {', '.join(host.names)}")
+    log.info("ready: %s", ", ".join(host.names))
+    while notifier.watchdog_s is not None:
+        notifier.alive()
+        await asyncio.sleep(notifier.watchdog_s)
+
+
+def _say_why(running: asyncio.Task[None]) -> int:
+    error = running.exception() if not running.cancelled() else None
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    if isinstance(error, SwarmError):
+        log.error("%s", error)
+        return error.exit_code
+    log.error("failed", exc_info=error)
+    return 1
+
+
+class _Lines(logging.Formatter):
+    """One line per record; with the level as sd-daemon(3) has it when journald reads."""
+
+    _PRIORITY: Final = {"DEBUG": 7, "INFO": 6, "WARNING": 4, "ERROR": 3, "CRITICAL": 2}
+
+    def __init__(self, platform: str, journal: bool) -> None:
+        super().__init__(
+            "%(name)s: %(message)s"
+            if journal
+            else f"%(asctime)s {platform} %(levelname)-7s %(name)s: %(message)s"
+        )
+        self._journal = journal
+
+    def format(self, record: logging.LogRecord) -> str:
+        text = super().format(record)
+        return f"<{self._PRIORITY.get(record.levelname, 6)}>{text}" if self._journal else text
+
+
+def _log_to_stderr(level: str, platform: str) -> None:
+    import os
+
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Lines(platform, journal="JOURNAL_STREAM" in os.environ))
+    root = logging.getLogger()
+    root.handlers[:] = [handler]
+    root.setLevel(level)

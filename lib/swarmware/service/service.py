@@ -1,0 +1,37 @@
+"""A service: a daemon of ours, or a functional module of a user."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import msgspec
+
+from swarmware.module import Module
+
+
+class NoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Configuration of a service that has none."""
+
+
+class Service(ABC):
+    """One class with `run()`; made known by the entry-point group `swarmware.services`.
+
+    `run` may raise: the service is then started again, its neighbours in the process are not touched.
+    """
+
+    name: ClassVar[str]
+    """Name of the application, of the configuration file and of the entry point."""
+    Config: ClassVar[type[msgspec.Struct]] = NoSettings
+    """Settings, read from services/<name>.toml."""
+
+    def __init__(self, module: Module, config: Any) -> None:
+        self.module = module
+        self.config = config
+
+    @abstractmethod
+    async def run(self) -> None:
+        """Does the job until it is cancelled; returning is a failure."""
+
+    async def stop(self) -> None:  # noqa: B027  # most services have nothing to finish
+        """Called before `run` is cancelled, to finish what must not be cut: drain, save, say goodbye."""
