@@ -81,6 +81,6 @@ def _node(config_dir: Path) -> int:
         from swarmware.errors import ConfigError
 
         raise ConfigError(
-            f'{config_dir}/node.toml: processes = "per-daemon" needs the service guard, which starts the others'
+            f'{config_dir}/node.toml: processes = "per-daemon" needs the guard, which starts the others'
         )
     return _run(config_dir, ["guard"])
