@@ -1,0 +1,177 @@
+"""The dynamic window approach: speeds that are safe and attainable, the best of them by three terms.
+
+Source: S0, equations 4 and 5; Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, 1997.
+"""
+
+import math
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmd.navigator.config import Dwa
+from swarmd.navigator.core.target import Surroundings
+from swarmware.types.vehicle import Pose
+
+Array = NDArray[np.float64]
+
+_HEIGHT_M: Final = 1.5
+"""A platform that is higher or lower than this is no obstacle to one on the ground."""
+_OTHER_M: Final = 0.4
+"""Radius taken for other platforms."""
+_STRAIGHT: Final = 1e-6
+
+
+class Window(msgspec.Struct, frozen=True):
+    """V_lim: what the drive can attain within the window's time."""
+
+    v_least_m_s: float
+    v_most_m_s: float
+    w_least_rad_s: float
+    w_most_rad_s: float
+
+
+class Choice(msgspec.Struct, frozen=True):
+    """The best pair of speeds."""
+
+    v_m_s: float
+    w_rad_s: float
+    score: float
+    """G; minus infinity when nothing was admissible."""
+    free: bool
+    """Whether any moving pair was admissible."""
+
+
+def safe_speed(distance: Array, deceleration: float) -> Array:
+    """V_safe, equation 4: the greatest speed that can be braked within a distance, √(2·dist·a).
+
+    Units: metres and m/s² give m/s; radians and rad/s² give rad/s.
+    """
+    answer: Array = np.sqrt(2.0 * np.maximum(distance, 0.0) * deceleration)
+    return answer
+
+
+def window(limits: Dwa, v_m_s: float, w_rad_s: float) -> Window:
+    """V_lim, equation 4: the limits of the drive, cut to what it attains from the present speeds."""
+    dv, dw = limits.a_max_m_s2 * limits.window_s, limits.dw_max_rad_s2 * limits.window_s
+    v = min(max(v_m_s, -limits.v_back_m_s), limits.v_max_m_s)
+    w = min(max(w_rad_s, -limits.w_max_rad_s), limits.w_max_rad_s)
+    return Window(
+        max(-limits.v_back_m_s, v - dv),
+        min(limits.v_max_m_s, v + dv),
+        max(-limits.w_max_rad_s, w - dw),
+        min(limits.w_max_rad_s, w + dw),
+    )
+
+
+def cost(weights: Dwa, heading: Array, distance: Array, velocity: Array) -> Array:
+    """G of equation 5, with each term from 0 (bad) to 1 (good)."""
+    return (
+        weights.heading_weight * heading
+        + weights.distance_weight * distance
+        + weights.velocity_weight * velocity
+    )
+
+
+class Planner:
+    """Chooses speed and yaw rate of a ground vehicle."""
+
+    __slots__ = ("_limits", "_times")
+
+    def __init__(self, limits: Dwa) -> None:
+        self._limits = limits
+        self._times: Array = np.linspace(0.0, limits.horizon_s, limits.steps + 1)[1:]
+
+    def set_weights(self, limits: Dwa) -> None:
+        """New weights, while driving; the horizon stays."""
+        self._limits = limits
+
+    def plan(
+        self,
+        pose: Pose,
+        v_m_s: float,
+        ahead_m: tuple[float, float],
+        v_wanted_m_s: float,
+        around: Surroundings,
+    ) -> Choice:
+        """The best pair of speeds on the way to a point, as near to the wanted speed as is safe."""
+        limits = self._limits
+        lim = window(limits, v_m_s, pose.wz_rad_s)
+        wanted = min(max(v_wanted_m_s, lim.v_least_m_s), lim.v_most_m_s)
+        vs = np.append(np.linspace(lim.v_least_m_s, lim.v_most_m_s, limits.v_samples), wanted)
+        ws = np.append(np.linspace(lim.w_least_rad_s, lim.w_most_rad_s, limits.w_samples), 0.0)
+        if not lim.w_least_rad_s <= 0.0 <= lim.w_most_rad_s:
+            ws = ws[:-1]
+        v, w = (grid.ravel() for grid in np.meshgrid(vs, ws))
+        clear, travel = self._clearance(pose, v, w, around)
+        admissible = np.abs(v) <= safe_speed(travel, limits.a_max_m_s2)
+        # an arc of this length turns by length / radius = length · ω / v: what is left to turn
+        turn = np.where(np.isinf(travel), np.inf, travel * np.abs(w) / np.maximum(np.abs(v), 0.05))
+        admissible &= (np.abs(w) <= safe_speed(turn, limits.dw_max_rad_s2)) | (np.abs(v) < 0.05)
+        score = cost(
+            limits,
+            self._heading(pose, v, w, ahead_m),
+            np.clip(clear / limits.clear_m, 0.0, 1.0),
+            1.0 - np.minimum(np.abs(v - v_wanted_m_s) / limits.v_max_m_s, 1.0),
+        )
+        score[~admissible] = -np.inf
+        best = int(np.argmax(score))
+        if not admissible[best]:
+            return Choice(0.0, 0.0, -math.inf, False)
+        free = bool(np.any(admissible & (v > 0.05)))
+        return Choice(float(v[best]), float(w[best]), float(score[best]), free)
+
+    def _heading(self, pose: Pose, v: Array, w: Array, ahead_m: tuple[float, float]) -> Array:
+        """1 towards the point, 0 away from it, where the vehicle will soon be."""
+        x, y, yaw = _arcs(pose, v, w, self._limits.heading_s)
+        wrong = np.arctan2(ahead_m[1] - y, ahead_m[0] - x) - yaw
+        answer: Array = 1.0 - np.abs((wrong + np.pi) % (2 * np.pi) - np.pi) / np.pi
+        return answer
+
+    def _clearance(self, pose: Pose, v: Array, w: Array, around: Surroundings) -> tuple[Array, Array]:
+        """Least free space beside each trajectory, and its length until a contact (infinite: none)."""
+        limits = self._limits
+        times = self._times
+        clear = np.full(v.shape, np.inf)
+        contact = np.full((v.size, times.size), False)
+        x, y, _ = _arcs(pose, v[:, None], w[:, None], times[None, :])
+        reach = limits.v_max_m_s * limits.horizon_s + limits.radius_m + limits.clear_m
+        points = [p for p in around.points_m if math.dist(p, (pose.x_m, pose.y_m)) < reach]
+        if points:
+            px, py = np.array(points).T
+            gap2 = (x[:, :, None] - px) ** 2 + (y[:, :, None] - py) ** 2
+            gap = np.sqrt(gap2.min(axis=2)) - limits.radius_m
+            clear = np.minimum(clear, gap.min(axis=1))
+            contact |= gap < limits.margin_m
+        near = [
+            n
+            for n in around.neighbours
+            if abs(n.z_m - pose.z_m) < _HEIGHT_M
+            and math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m) < 2 * reach
+        ]
+        if near:
+            table = np.array([(n.x_m, n.y_m, n.vx_m_s, n.vy_m_s) for n in near]).T[:, None, :]
+            nx, ny = table[0] + table[2] * times[:, None], table[1] + table[3] * times[:, None]
+            gap2 = (x[:, :, None] - nx) ** 2 + (y[:, :, None] - ny) ** 2
+            gap = np.sqrt(gap2.min(axis=2)) - limits.radius_m - _OTHER_M
+            clear = np.minimum(clear, gap.min(axis=1))
+            contact |= gap < limits.margin_m
+        first = np.argmax(contact, axis=1)
+        hit = contact[np.arange(v.size), first]
+        # a contact shows at the end of its step, so it may come a whole step earlier
+        begin = np.where(first > 0, times[first - 1], 0.0)
+        travel = np.where(hit, np.abs(v) * begin, np.inf)
+        return clear, travel
+
+
+def _arcs(pose: Pose, v: Array, w: Array, t: Array | float) -> tuple[Array, Array, Array]:
+    """Poses after a time t at constant speeds: exact, not step by step."""
+    yaw = pose.yaw_rad
+    turned = w * t
+    straight = np.abs(w) < _STRAIGHT
+    safe = np.where(straight, 1.0, w)
+    # chord of the arc: v/ω · (sin(φ+ωt) − sin φ), and its limit for small ω
+    x = np.where(straight, v * t * math.cos(yaw), v / safe * (np.sin(yaw + turned) - math.sin(yaw)))
+    y = np.where(straight, v * t * math.sin(yaw), v / safe * (math.cos(yaw) - np.cos(yaw + turned)))
+    return pose.x_m + x, pose.y_m + y, yaw + turned

@@ -1,0 +1,125 @@
+"""Formation keeping: from the goal and the leader's pose to the place where this vehicle should be."""
+
+import math
+from typing import Final
+
+import msgspec
+
+from swarmd.navigator.config import Config
+from swarmd.navigator.core.target import Target
+from swarmware.errors import InvalidInput
+from swarmware.formation import Formation, Slot
+from swarmware.types.vehicle import Goal, Pose
+
+_MOVES_M_S: Final = 0.05
+_END_M: Final = 0.5
+"""The formation is at the end of the course when its leader is this close to it."""
+_CREEP_M_S: Final = 0.1
+"""Least speed of the leader, so that it comes to the end at all."""
+
+
+class Place(msgspec.Struct, frozen=True):
+    """Where to be, and how far from it the vehicle is."""
+
+    target: Target
+    error_m: float
+    """Distance from the own slot."""
+    remaining_m: float
+    """Distance of the leader from the end of the course; 0 where there is none to go."""
+    still: bool
+    """The slot does not move."""
+
+
+class FormationKeeper:
+    """Keeps one vehicle in its slot while one goal lasts.
+
+    Raises: InvalidInput when the goal's course is none.
+    """
+
+    __slots__ = ("_config", "_flies", "_formation", "_goal", "_height_m", "_ns", "_speed_m_s")
+
+    def __init__(self, config: Config, goal: Goal, flies: bool) -> None:
+        self._config = config
+        self._goal = goal
+        self._flies = flies
+        self._formation = Formation(goal.course)
+        self._height_m: float | None = None
+        self._speed_m_s = 0.0
+        self._ns = 0
+        if goal.advance and self._formation.course is None:
+            raise InvalidInput("formation that advances: expected a course of two waypoints at least")
+
+    @property
+    def has_course(self) -> bool:
+        """Without one the leader has nothing to lead along."""
+        return self._formation.course is not None
+
+    def lead(self, pose: Pose, now_ns: int) -> Place:
+        """The place of the leader itself: on the course, as far as it has come."""
+        course = self._formation.course
+        if course is None:
+            raise InvalidInput("leading a formation: expected a course of two waypoints at least")
+        if self._height_m is None:
+            self._height_m = pose.z_m
+        slot = self._formation.slot(pose, (0.0, 0.0, 0.0))
+        s = course.project(pose.x_m, pose.y_m, slot.leader_s_m)
+        remaining = course.length_m - s
+        dt_s = min(max((now_ns - self._ns) / 1e9, 0.0), 0.2)
+        self._ns = now_ns
+        config, goal = self._config, self._goal
+        if goal.advance:
+            braking = math.sqrt(2 * config.course_accel_m_s2 * max(0.0, remaining))
+            speed = min(
+                self._speed_m_s + config.course_accel_m_s2 * dt_s, goal.speed_m_s, max(braking, _CREEP_M_S)
+            )
+            self._speed_m_s = speed if remaining > 0.0 else 0.0
+            slot = self._formation.slot_at(s, (0.0, 0.0, self._height_m), self._speed_m_s)
+        else:
+            self._speed_m_s = 0.0
+            slot = self._formation.slot_at(slot.leader_s_m, (0.0, 0.0, self._height_m))
+            remaining = 0.0
+        return self._place(pose, slot, (0.0, 0.0, 0.0), remaining)
+
+    def follow(self, pose: Pose, leader: Pose) -> Place:
+        """The place of a follower, seen from the leader."""
+        offset = self._goal.offset_m
+        slot = self._formation.slot(leader, offset)
+        course = self._formation.course
+        remaining = 0.0
+        if course is not None and self._goal.advance:
+            remaining = course.length_m - slot.leader_s_m
+            if remaining < _END_M:
+                remaining = 0.0
+        return self._place(pose, slot, offset, remaining)
+
+    def _place(self, pose: Pose, slot: Slot, offset: tuple[float, float, float], remaining_m: float) -> Place:
+        still = math.hypot(slot.vx_m_s, slot.vy_m_s) < _MOVES_M_S
+        limit = self._goal.speed_m_s if still else math.inf
+        return Place(
+            Target(
+                slot.x_m,
+                slot.y_m,
+                slot.z_m,
+                slot.yaw_rad,
+                limit,
+                self._ahead(pose, slot, offset),
+                (slot.vx_m_s, slot.vy_m_s, slot.vz_m_s),
+            ),
+            slot.error_m(pose, flat=not self._flies),
+            remaining_m,
+            still,
+        )
+
+    def _ahead(self, pose: Pose, slot: Slot, offset: tuple[float, float, float]) -> tuple[float, float]:
+        """The point that the slot will pass: aiming there leads onto the slot's curve."""
+        config = self._config
+        speed = math.hypot(pose.vx_m_s, pose.vy_m_s)
+        reach = max(config.look_ahead_min_m, speed * config.look_ahead_s)
+        if self._formation.course is None:
+            cos, sin = math.cos(slot.yaw_rad), math.sin(slot.yaw_rad)
+            return slot.x_m + reach * cos, slot.y_m + reach * sin
+        # from the point of the curve beside the vehicle, so that one that is behind does not cut the corner
+        own_s = self._formation.course.project(pose.x_m, pose.y_m, slot.s_m)
+        from_s = min(own_s, slot.s_m) if slot.s_m - own_s < reach else own_s
+        point = self._formation.slot_at(from_s + reach - offset[0], offset)
+        return point.x_m, point.y_m

@@ -1,0 +1,1 @@
+"""The vehicle and its sensors, simulated: the rest of the node cannot tell it from a real one (S1.77)."""

@@ -1,0 +1,85 @@
+"""The ground vehicle: S0's kinematics behind a drive with limits."""
+
+import math
+
+import msgspec
+
+from swarmd.sim.config import GroundLimits
+from swarmware.types.vehicle import Pose, Setpoint
+
+
+class GroundState(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """X = (x, y, φ, v, ω)."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    v_m_s: float = 0.0
+    w_rad_s: float = 0.0
+
+
+def advance(state: GroundState, v_m_s: float, w_rad_s: float, dt_s: float) -> GroundState:
+    """X' = F X + B u: one sample at constant speed.
+
+    F = diag{1, 1, 1, 0, 0}; B = [[cos φ dt, 0], [sin φ dt, 0], [0, dt], [1, 0], [0, 1]]; u = (v, ω).
+    Source: S0, equations 1 to 3.
+    """
+    return GroundState(
+        state.x_m + math.cos(state.yaw_rad) * dt_s * v_m_s,
+        state.y_m + math.sin(state.yaw_rad) * dt_s * v_m_s,
+        math.remainder(state.yaw_rad + dt_s * w_rad_s, math.tau),
+        v_m_s,
+        w_rad_s,
+    )
+
+
+class Ground:
+    """A vehicle that drives."""
+
+    __slots__ = ("_accel", "_limits", "armed", "state")
+
+    flies = False
+    landed = True
+
+    def __init__(self, limits: GroundLimits, start: Pose) -> None:
+        self._limits = limits
+        self._accel = 0.0
+        self.state = GroundState(start.x_m, start.y_m, start.yaw_rad)
+        self.armed = False
+
+    @property
+    def radius_m(self) -> float:
+        """Of the circle that holds it."""
+        return self._limits.radius_m
+
+    def step(self, wanted: Setpoint, dt_s: float) -> float:
+        """One sample towards the set-point; answers the speed of a fall onto the ground, which is 0."""
+        limits, old = self._limits, self.state
+        if not self.armed:
+            wanted = Setpoint(0.0)
+        v = min(max(wanted.vx_m_s, -limits.v_back_m_s), limits.v_max_m_s)
+        w = min(max(wanted.wz_rad_s, -limits.w_max_rad_s), limits.w_max_rad_s)
+        dv, dw = limits.a_max_m_s2 * dt_s, limits.dw_max_rad_s2 * dt_s
+        v = min(max(v, old.v_m_s - dv), old.v_m_s + dv)
+        w = min(max(w, old.w_rad_s - dw), old.w_rad_s + dw)
+        self._accel = (v - old.v_m_s) / dt_s
+        self.state = advance(old, v, w, dt_s)
+        return 0.0
+
+    def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
+        """Held fast by something it ran into."""
+        self.state = GroundState(x_m, y_m, self.state.yaw_rad)
+
+    def pose(self) -> Pose:
+        """Where it truly is."""
+        s = self.state
+        velocity = (s.v_m_s * math.cos(s.yaw_rad), s.v_m_s * math.sin(s.yaw_rad), 0.0)
+        return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, velocity, s.w_rad_s)
+
+    def acceleration(self) -> tuple[float, float, float]:
+        """Forward, left and up, without gravity: along the way, and towards the middle of the turn."""
+        return self._accel, self.state.v_m_s * self.state.w_rad_s, 0.0
+
+    def power_w(self) -> float:
+        """Electric power it draws."""
+        return self._limits.power_w + abs(self.state.v_m_s) * self._limits.power_per_m_s_w

@@ -1,0 +1,247 @@
+"""One vehicle in its world, sample by sample."""
+
+import math
+from typing import Final, Protocol
+
+import msgspec
+
+from swarmd.sim.config import Config
+from swarmd.sim.core.battery import Accumulator
+from swarmd.sim.core.ground import Ground
+from swarmd.sim.core.multirotor import Multirotor
+from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
+from swarmware.errors import Denied
+from swarmware.types.vehicle import (
+    BatteryState,
+    Collision,
+    GnssFix,
+    Imu,
+    Pose,
+    Range,
+    Setpoint,
+    VehicleState,
+)
+from swarmware.world import World
+
+BOUNDS: Final = "bounds"
+GROUND: Final = "ground"
+"""Names of what can be hit besides obstacles and platforms."""
+
+_STOP: Final = Setpoint(0.0)
+_CATCH_UP_S: Final = 1.0
+"""A longer stall of the computer is not simulated afterwards: the world stood still."""
+_SCANNER_M: Final = 0.3
+"""Height of a ground vehicle's scanner above the ground."""
+_BATTERY_HZ: Final = 1.0
+_NEIGHBOUR_AGE_S: Final = 1.0
+"""An older pose of another platform says nothing about a contact."""
+
+
+class Vehicle(Protocol):
+    """What the simulation needs of a vehicle model."""
+
+    armed: bool
+
+    @property
+    def flies(self) -> bool: ...
+    @property
+    def landed(self) -> bool: ...
+    @property
+    def radius_m(self) -> float: ...
+    def step(self, wanted: Setpoint, dt_s: float) -> float: ...
+    def stop_at(self, x_m: float, y_m: float, z_m: float) -> None: ...
+    def pose(self) -> Pose: ...
+    def acceleration(self) -> tuple[float, float, float]: ...
+    def power_w(self) -> float: ...
+
+
+class Sample(msgspec.Struct, frozen=True, gc=False):
+    """What one call of `on_timer` brought: the truth, and what sensors say that were due."""
+
+    stamp_ns: int
+    """Instant for which all this holds."""
+    truth: Pose
+    gnss: GnssFix | None = None
+    imu: Imu | None = None
+    scan: Range | None = None
+    sonar: Range | None = None
+    battery: BatteryState | None = None
+    vehicle: VehicleState | None = None
+    """When it changed, and once a second."""
+    collisions: tuple[Collision, ...] = ()
+
+
+class Simulation:
+    """A vehicle, its battery and sensors, and what it runs into.
+
+    Samples lie at fixed instants after the first call, however late the calls are.
+    """
+
+    def __init__(
+        self, config: Config, world: World, kind: str, start: Pose, gauss: Gauss, uniform: Uniform
+    ) -> None:
+        self._config = config
+        self._world = world
+        self.vehicle = model(config, kind, start)
+        self._battery = Accumulator(config.battery)
+        self._sensors = SensorErrors(config.sensors, world, gauss, uniform)
+        self._dt_ns = round(1e9 / config.rate_hz)
+        self._dt_s = self._dt_ns / 1e9
+        self._start_ns: int | None = None
+        self._steps = 0
+        self._setpoint = _STOP
+        self._setpoint_ns = 0
+        self._told: VehicleState | None = None
+        self._touched: frozenset[str] = frozenset()
+        self._close: set[str] = set()
+        self._near: dict[str, tuple[Pose, int]] = {}
+        self.stalls = 0
+        """How often the computer was too slow to simulate."""
+        rates = config.sensors
+        self._every_gnss = self._every(rates.gnss_hz)
+        self._every_imu = self._every(rates.imu_hz)
+        self._every_scan = self._every(rates.range_hz)
+        self._every_sonar = self._every(rates.sonar_hz)
+        self._every_battery = self._every(_BATTERY_HZ)
+        self._every_contact = self._every(config.contacts_hz)
+
+    def _every(self, rate_hz: float) -> int:
+        return max(1, round(self._config.rate_hz / rate_hz))
+
+    def state(self) -> VehicleState:
+        """Armed, landed."""
+        return VehicleState(self.vehicle.armed, self.vehicle.landed)
+
+    def on_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
+        """The navigator wants this from now on."""
+        self._setpoint = setpoint
+        self._setpoint_ns = now_ns
+
+    def on_arm(self, armed: bool) -> VehicleState:
+        """Arms or disarms.
+
+        Raises: Denied with the reason.
+        """
+        vehicle, least = self.vehicle, self._config.battery.arm_ratio
+        if armed and not vehicle.armed and self._battery.ratio < least:
+            raise Denied(f"arming: battery at {self._battery.ratio:.0%}, expected {least:.0%} at least")
+        if not armed and vehicle.flies and not vehicle.landed:
+            raise Denied(f"disarming in the air at {vehicle.pose().z_m:.1f} m: expected a landed vehicle")
+        vehicle.armed = armed
+        return self.state()
+
+    def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None:
+        """Where another platform was, in the own clock."""
+        self._near[platform] = (pose, stamp_ns)
+
+    def on_timer(self, now_ns: int) -> Sample | None:
+        """Everything up to now; None when no new sample is due."""
+        if self._start_ns is None:
+            self._start_ns = now_ns - self._dt_ns
+        due = (now_ns - self._start_ns) // self._dt_ns - self._steps
+        if due <= 0:
+            return None
+        most = round(_CATCH_UP_S / self._dt_s)
+        if due > most:
+            self.stalls += 1
+            self._start_ns += (due - most) * self._dt_ns
+            due = most
+        first = self._steps
+        hits: list[Collision] = []
+        for _ in range(due):
+            hits += self._step()
+        return self._sample(first, tuple(hits))
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` has something to do; None before its first call."""
+        return None if self._start_ns is None else self._start_ns + (self._steps + 1) * self._dt_ns
+
+    def _stamp_ns(self) -> int:
+        return (self._start_ns or 0) + self._steps * self._dt_ns
+
+    def _step(self) -> list[Collision]:
+        self._steps += 1
+        stamp_ns = self._stamp_ns()
+        vehicle = self.vehicle
+        if self._battery.empty:
+            vehicle.armed = False
+        old = stamp_ns - self._setpoint_ns > self._config.setpoint_timeout_s * 1e9
+        before = vehicle.pose()
+        impact_m_s = vehicle.step(_STOP if old else self._setpoint, self._dt_s)
+        self._battery.draw(vehicle.power_w(), self._dt_s)
+        pose = vehicle.pose()
+        speed = math.hypot(before.vx_m_s, before.vy_m_s, before.vz_m_s)
+        hits = [_collision(GROUND, pose, impact_m_s)] if impact_m_s > 0.0 else []
+        if pose.x_m != before.x_m or pose.y_m != before.y_m or pose.z_m != before.z_m:
+            hits += self._obstacles(before, pose, speed)
+        if self._near and self._steps % self._every_contact == 0:
+            hits += self._contacts(pose, speed, stamp_ns)
+        return hits
+
+    def _obstacles(self, before: Pose, pose: Pose, speed_m_s: float) -> list[Collision]:
+        radius = self.vehicle.radius_m
+        found = self._world.touching(pose.x_m, pose.y_m, pose.z_m, radius)
+        inside = self._world.bounds.contains(pose.x_m, pose.y_m, pose.z_m)
+        now = frozenset(({found.name} if found else set()) | (set() if inside else {BOUNDS}))
+        new, self._touched = now - self._touched, now
+        if found is not None and found.distance_m(pose.x_m, pose.y_m) < found.distance_m(
+            before.x_m, before.y_m
+        ):
+            # what is hit does not yield; away from it the vehicle may move
+            self.vehicle.stop_at(before.x_m, before.y_m, before.z_m)
+        return [_collision(name, pose, speed_m_s) for name in sorted(new)]
+
+    def _contacts(self, pose: Pose, speed_m_s: float, stamp_ns: int) -> list[Collision]:
+        hits = []
+        for platform, (other, other_ns) in list(self._near.items()):
+            age_s = (stamp_ns - other_ns) / 1e9
+            if age_s > _NEIGHBOUR_AGE_S:
+                del self._near[platform]
+                self._close.discard(platform)
+                continue
+            gap = math.dist(
+                (pose.x_m, pose.y_m, pose.z_m),
+                (
+                    other.x_m + other.vx_m_s * age_s,
+                    other.y_m + other.vy_m_s * age_s,
+                    other.z_m + other.vz_m_s * age_s,
+                ),
+            )
+            if gap < 2 * self.vehicle.radius_m:
+                if platform not in self._close:
+                    hits.append(_collision(platform, pose, speed_m_s))
+                self._close.add(platform)
+            else:
+                self._close.discard(platform)
+        return hits
+
+    def _sample(self, first: int, hits: tuple[Collision, ...]) -> Sample:
+        def due(every: int) -> bool:
+            return self._steps // every > first // every
+
+        vehicle, sensors = self.vehicle, self._sensors
+        pose = vehicle.pose()
+        state = self.state()
+        tell = state != self._told or due(self._every_battery)
+        self._told = state
+        return Sample(
+            self._stamp_ns(),
+            pose,
+            sensors.gnss(pose) if due(self._every_gnss) else None,
+            sensors.imu(pose, vehicle.acceleration()) if due(self._every_imu) else None,
+            sensors.scan(pose, max(pose.z_m, _SCANNER_M)) if due(self._every_scan) else None,
+            sensors.sonar(pose.z_m) if vehicle.flies and due(self._every_sonar) else None,
+            self._battery.state() if due(self._every_battery) else None,
+            state if tell else None,
+            hits,
+        )
+
+
+def model(config: Config, kind: str, start: Pose) -> Vehicle:
+    """The vehicle model for a kind of platform."""
+    flies = config.model == "multirotor" or (config.model == "auto" and kind == "uav")
+    return Multirotor(config.multirotor, start) if flies else Ground(config.ground, start)
+
+
+def _collision(other: str, pose: Pose, speed_m_s: float) -> Collision:
+    return Collision(other, round(pose.x_m, 3), round(pose.y_m, 3), round(pose.z_m, 3), round(speed_m_s, 3))
