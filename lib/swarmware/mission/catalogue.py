@@ -46,8 +46,8 @@ class DecisionRandom(Params, frozen=True):
 class Barrier(Params, frozen=True):
     """A meeting of the ensemble."""
 
-    id: Name
-    """Same id, same barrier, in every member's mission."""
+    id: Annotated[str, msgspec.Meta(min_length=1, max_length=64, pattern="^[^@]")]
+    """Same id, same barrier, in every member's mission; @ begins those of the system."""
     quorum: Literal["all"] | Annotated[int, msgspec.Meta(ge=1, le=1_000)] = "all"
     """How many members open it: all that are still there, or a number."""
     roles: tuple[Name, ...] = ()

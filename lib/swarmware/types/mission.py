@@ -144,8 +144,10 @@ class Meeting(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     barrier: str
     visit: int
-    leave_ns: int
-    """When all leave, on the clock of the platform whose board this stands on; 0: it is broken."""
+    leave_ns: int | None
+    """When all leave, on the clock of the platform whose board this stands on; None: it is broken."""
+    by: int = 0
+    """Who said so first, by its place among the members: an instant that is passed on has converted twice."""
 
 
 @register

@@ -1,9 +1,7 @@
 """Soundness: what is found in a mission's net, with the shortest way to it."""
 
-import json
-from typing import Any
-
 import pytest
+from tests.unit.mission.nets import choice, net
 
 from swarmware.mission import soundness
 from swarmware.mission.binding import Binding
@@ -14,29 +12,8 @@ from swarmware.mission.soundness import Remark
 HERE = Binding()
 
 
-def net(**blocks: Any) -> str:
-    """Blocks by short form: "Type>next", "Fork>a,b", or a dict."""
-    full: dict[str, Any] = {}
-    for name, block in blocks.items():
-        if isinstance(block, str):
-            kind, _, targets = block.partition(">")
-            body: dict[str, Any] = {"type": kind}
-            if targets:
-                body["next"] = targets.split(",") if kind == "Fork" else targets
-            if kind == "Wait":
-                body["s"] = 1
-            full[name] = body
-        else:
-            full[name] = block
-    return json.dumps({"mission": full})
-
-
 def remarks(text: str, limit: int = soundness.MARKING_LIMIT) -> list[Remark]:
     return soundness.check(load(text, "m.json", HERE), limit)
-
-
-def choice(a: str, b: str) -> dict[str, Any]:
-    return {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": a, "nextIfFalse": b}
 
 
 SOUND = {

@@ -1,0 +1,56 @@
+"""What the cores ask of the shell."""
+
+import msgspec
+
+from swarmware.mission.model import Block
+
+
+class StartBlock(msgspec.Struct, frozen=True):
+    """Run this functional block; its end comes back with the token."""
+
+    token: int
+    block: Block
+
+
+class CancelBlock(msgspec.Struct, frozen=True):
+    """Cancel that block; it still reports its end."""
+
+    token: int
+
+
+class EnterBarrier(msgspec.Struct, frozen=True):
+    """The mission has come to a barrier."""
+
+    token: int
+    block: Block
+    visit: int
+    """Counts from 1."""
+
+
+class LeaveBarrier(msgspec.Struct, frozen=True):
+    """The mission waits there no longer."""
+
+    token: int
+
+
+class Step(msgspec.Struct, frozen=True):
+    """Something happened that an operator and the log want to know."""
+
+    block: str
+    """Empty: the mission as a whole."""
+    type: str
+    event: str
+    text: str = ""
+
+
+class Ended(msgspec.Struct, frozen=True):
+    """The play is over and nothing of it runs any more."""
+
+    result: str
+    """done | failed | aborted."""
+    reason: str = ""
+
+
+PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | Step | Ended
+Action = StartBlock | CancelBlock | Step
+"""What leaves the mission core: barriers and ends are its own business."""

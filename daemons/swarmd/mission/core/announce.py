@@ -1,0 +1,43 @@
+"""When a mission state goes onto its board: at once on change, a few times, then as a heartbeat."""
+
+from typing import Final
+
+import msgspec
+
+from swarmware.types.mission import MissionState
+
+INTERVAL_NS: Final = 100_000_000
+"""Least time between two writes: the tick of the links."""
+REPEATS: Final = 3
+"""Writes of a change: a datagram in ten may be lost, all three in a thousand."""
+HEARTBEAT_NS: Final = 1_000_000_000
+"""A member silent for some of these is lost."""
+_QUIET: Final = {"progress_ratio": 0.0, "text": ""}
+"""Fields whose change can wait for the heartbeat."""
+
+
+class Announcer:
+    """Decides about writes; the state itself is the caller's."""
+
+    def __init__(self) -> None:
+        self._told: MissionState | None = None
+        self._left = 0
+        self._last_ns: int | None = None
+
+    def due(self, state: MissionState, now_ns: int) -> bool:
+        """Whether to write this state now; the caller does so when told."""
+        key = msgspec.structs.replace(state, **_QUIET)
+        if key != self._told:
+            self._told, self._left = key, REPEATS
+        at_ns = self.deadline_ns()
+        if at_ns is not None and at_ns > now_ns:
+            return False
+        self._left = max(0, self._left - 1)
+        self._last_ns = now_ns
+        return True
+
+    def deadline_ns(self) -> int | None:
+        """When to ask again, if nothing changes; None: at once."""
+        if self._last_ns is None:
+            return None
+        return self._last_ns + (INTERVAL_NS if self._left else HEARTBEAT_NS)

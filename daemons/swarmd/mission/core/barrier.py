@@ -1,0 +1,232 @@
+"""Barriers of an ensemble: arrivals are states that all see, all leave at one common time (S4.10, S4.23).
+
+The first member that is there opens a barrier by saying when all leave, on its own clock; the others convert.
+A time-out, or a member that is lost or finished, breaks a barrier for everybody who waits (S4.17).
+"""
+
+from collections import OrderedDict
+from typing import Final
+
+import msgspec
+
+from swarmware.types.mission import Arrival, Meeting, Member, MissionState
+
+OVER: Final = frozenset({"idle", "ending", "recovering", "done", "failed", "aborted"})
+"""States of a member that will come to no barrier any more."""
+MEMORY: Final = 8
+"""Outcomes of barriers that a member keeps telling, for those who come late."""
+
+Key = tuple[str, int]
+
+
+class Gate(msgspec.Struct, frozen=True):
+    """A barrier as one member's mission has it."""
+
+    barrier: str
+    visit: int
+    quorum: int | None = None
+    """How many open it; None: all."""
+    roles: tuple[str, ...] = ()
+    """Who meets there; empty: everybody."""
+    timeout_s: float | None = None
+
+
+class Passed(msgspec.Struct, frozen=True):
+    """A wait that is over."""
+
+    token: int
+    outcome: str
+    """ok | timeout | error:broken."""
+    text: str = ""
+
+
+class _Peer(msgspec.Struct):
+    """Another member, as heard."""
+
+    state: MissionState | None = None
+    """In this run; None: not heard of yet."""
+    heard_ns: int = 0
+    left: bool = False
+    """It took part and now plays something else, or started anew."""
+
+
+class _Waiting(msgspec.Struct):
+    gate: Gate
+    deadline_ns: int | None
+
+
+class _Known(msgspec.Struct):
+    """An outcome of a barrier."""
+
+    leave_ns: int | None
+    """Own clock; None: broken."""
+    by: int
+    """Member who said so first, by its place in the order."""
+    relayed: bool
+    """Heard from another one, so converted more than once."""
+    passed: bool = False
+    """This member has gone by it: its outcome is history."""
+
+
+class Barriers:
+    """One member's view of all barriers of one run."""
+
+    def __init__(
+        self, me: str, members: tuple[Member, ...], epoch: int, lost_after_ns: int, lead_ns: int
+    ) -> None:
+        self._me = me
+        self._members = members
+        self._epoch = epoch
+        self._lost_after_ns = lost_after_ns
+        self._lead_ns = lead_ns if len(members) > 1 else 0
+        self._rank = {member.platform: rank for rank, member in enumerate(members)}
+        self._peers = {member.platform: _Peer() for member in members if member.platform != me}
+        self._waiting: dict[int, _Waiting] = {}
+        self._known: OrderedDict[Key, _Known] = OrderedDict()
+        self._expected = False
+
+    @property
+    def arrivals(self) -> tuple[Arrival, ...]:
+        """Where this member waits, for its board."""
+        return tuple(Arrival(w.gate.barrier, w.gate.visit) for w in self._waiting.values())
+
+    @property
+    def meetings(self) -> tuple[Meeting, ...]:
+        """Outcomes of barriers, on this member's clock, for its board."""
+        return tuple(Meeting(*key, known.leave_ns, known.by) for key, known in self._known.items())
+
+    def expect_all(self, now_ns: int) -> None:
+        """From now on a member's silence means that it is lost."""
+        self._expected = True
+        for peer in self._peers.values():
+            peer.heard_ns = max(peer.heard_ns, now_ns)
+
+    def heard(self, platform: str, state: MissionState, meetings: tuple[Meeting, ...], now_ns: int) -> None:
+        """Another member's state; its meetings are given on the clock of this one."""
+        peer = self._peers.get(platform)
+        if peer is None:
+            return
+        if state.epoch != self._epoch:
+            peer.left = peer.left or peer.state is not None
+            return
+        peer.state, peer.heard_ns, peer.left = state, now_ns, False
+        for meeting in meetings:
+            relayed = meeting.by != self._rank[platform]
+            self._learn((meeting.barrier, meeting.visit), meeting.leave_ns, meeting.by, relayed)
+
+    def arrive(self, token: int, gate: Gate, now_ns: int) -> None:
+        """This member has come to a barrier."""
+        deadline_ns = None if gate.timeout_s is None else now_ns + round(gate.timeout_s * 1e9)
+        self._waiting[token] = _Waiting(gate, deadline_ns)
+
+    def withdraw(self, token: int) -> None:
+        """This member waits there no longer."""
+        self._waiting.pop(token, None)
+
+    def on_timer(self, now_ns: int) -> list[Passed]:
+        """Waits that are over; to be asked after every event and at the deadline."""
+        passed: list[Passed] = []
+        for token, waiting in list(self._waiting.items()):
+            result = self._result(waiting, now_ns)
+            if result is not None:
+                del self._waiting[token]
+                passed.append(Passed(token, *result))
+        return passed
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` must be called."""
+        instants: list[int] = []
+        for waiting in self._waiting.values():
+            known = self._known.get((waiting.gate.barrier, waiting.gate.visit))
+            if known is not None:
+                # a broken one is over at once, that is: at the next call
+                instants.append(-(1 << 63) if known.leave_ns is None else known.leave_ns)
+                continue
+            if waiting.deadline_ns is not None:
+                instants.append(waiting.deadline_ns)
+            if self._expected:
+                instants += [
+                    self._peers[name].heard_ns + self._lost_after_ns + 1
+                    for name in self._participants(waiting.gate)
+                    if name != self._me and not self._peers[name].left
+                ]
+        return min(instants, default=None)
+
+    def missing(self, now_ns: int) -> tuple[str, ...]:
+        """Members for whom this one waits."""
+        return tuple(
+            name
+            for waiting in self._waiting.values()
+            for name in self._participants(waiting.gate)
+            if not self._is_there(name, waiting.gate, now_ns)
+        )
+
+    def _result(self, waiting: _Waiting, now_ns: int) -> tuple[str, str] | None:
+        gate = waiting.gate
+        key = (gate.barrier, gate.visit)
+        if key not in self._known:
+            self._judge(waiting, now_ns)
+        known = self._known.get(key)
+        if known is None:
+            return None
+        if known.leave_ns is None:
+            if waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
+                return "timeout", self._why(gate, now_ns)
+            return "error:broken", self._why(gate, now_ns)
+        if known.leave_ns > now_ns:
+            return None
+        known.passed = True
+        return "ok", ""
+
+    def _judge(self, waiting: _Waiting, now_ns: int) -> None:
+        """Opens or breaks the barrier, if that is this member's part now."""
+        gate = waiting.gate
+        participants = self._participants(gate)
+        there = [name for name in participants if self._is_there(name, gate, now_ns)]
+        gone = sum(1 for name in participants if name not in there and self._is_gone(name, now_ns))
+        needed = len(participants) if gate.quorum is None else min(gate.quorum, len(participants))
+        key = (gate.barrier, gate.visit)
+        if len(there) >= needed:
+            if there[0] == self._me:
+                self._learn(key, now_ns + self._lead_ns, self._rank[self._me], relayed=False)
+            elif waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
+                self._learn(key, None, self._rank[self._me], relayed=False)
+        elif len(participants) - gone < needed or (
+            waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns
+        ):
+            self._learn(key, None, self._rank[self._me], relayed=False)
+
+    def _learn(self, key: Key, leave_ns: int | None, by: int, relayed: bool) -> None:
+        """Broken wins, so that all go the same way; then what the first member said, at first hand."""
+        known = self._known.get(key)
+        if known is None:
+            self._known[key] = _Known(leave_ns, by, relayed)
+            while len(self._known) > MEMORY:
+                self._known.popitem(last=False)
+        elif known.passed or known.leave_ns is None:
+            return
+        elif leave_ns is None or (by, relayed) < (known.by, known.relayed):
+            known.leave_ns, known.by, known.relayed = leave_ns, by, relayed
+
+    def _participants(self, gate: Gate) -> list[str]:
+        return [m.platform for m in self._members if not gate.roles or m.role in gate.roles]
+
+    def _is_there(self, name: str, gate: Gate, now_ns: int) -> bool:
+        if name == self._me:
+            return True
+        state = self._peers[name].state
+        if state is None or self._is_gone(name, now_ns):
+            return False
+        return Arrival(gate.barrier, gate.visit) in state.arrivals
+
+    def _is_gone(self, name: str, now_ns: int) -> bool:
+        peer = self._peers.get(name)
+        if peer is None:
+            return False
+        if peer.left or (peer.state is not None and peer.state.state in OVER):
+            return True
+        return self._expected and now_ns - peer.heard_ns > self._lost_after_ns
+
+    def _why(self, gate: Gate, now_ns: int) -> str:
+        names = [n for n in self._participants(gate) if not self._is_there(n, gate, now_ns)]
+        return f"without {', '.join(names)}" if names else ""

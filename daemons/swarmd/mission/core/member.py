@@ -1,0 +1,337 @@
+"""One member of an ensemble: order, common start, play, failure, built-in missions, state for all to see."""
+
+from collections.abc import Callable, Mapping
+from itertools import count
+from typing import Final, Literal
+
+from swarmd.mission.core.actions import (
+    Action,
+    Ended,
+    EnterBarrier,
+    LeaveBarrier,
+    PlayerAction,
+    Step,
+)
+from swarmd.mission.core.barrier import Barriers, Gate
+from swarmd.mission.core.phases import Event, Phase, follow
+from swarmd.mission.core.player import Player
+from swarmd.mission.core.run import Limits, Run
+from swarmware.errors import Conflict
+from swarmware.mission.catalogue import Barrier
+from swarmware.mission.condition import Lookup
+from swarmware.mission.model import ERROR, TIMEOUT, Block, Mission
+from swarmware.types.mission import Meeting, Member, MissionState
+
+START: Final = "@start"
+"""The barrier before Start: nobody begins unless all have accepted."""
+CHECK_NS: Final = 1_000_000_000
+"""Requirements are looked at so often (S2.35)."""
+HASH_DIGITS: Final = 8
+
+_PLAYING: Final = frozenset({Phase.RUNNING, Phase.RECOVERING})
+_BUSY: Final = frozenset({Phase.READY, Phase.RUNNING, Phase.ENDING, Phase.RECOVERING})
+
+
+class MissionCore:
+    """Decides everything about this platform's mission; the shell runs blocks, writes and listens.
+
+    After every call the shell carries out the actions, writes `state()` when it is due, and sets its timer
+    to `deadline_ns()`.
+    """
+
+    def __init__(
+        self,
+        platform: str,
+        built_in: Mapping[str, Mission],
+        lookup: Lookup,
+        chance: Callable[[], float],
+        limits: Limits,
+    ) -> None:
+        self._platform = platform
+        self._built_in = built_in
+        """What a vehicle of this kind can do by itself: land, hold. A ground station has none."""
+        self._lookup = lookup
+        self._chance = chance
+        self._limits = limits
+        self._tokens = count(1)
+        self._phase = Phase.IDLE
+        self._since_ns = 0
+        self._run: Run | None = None
+        self._player: Player | None = None
+        self._playing = ""
+        self._barriers: Barriers | None = None
+        self._blocks: dict[int, Block] = {}
+        """Barriers at which the mission waits, by token."""
+        self._verdict: Event = Event.DONE
+        self._reason = ""
+        self._recovery = ""
+        self._recovering = False
+        self._text = ""
+        self._ratios: dict[int, float] = {}
+        self._check_ns: int | None = None
+        self._misses: dict[str, int] = {}
+        self._unmet: tuple[str, ...] = ()
+
+    @property
+    def phase(self) -> Phase:
+        """Where the mission stands."""
+        return self._phase
+
+    @property
+    def since_ns(self) -> int:
+        """When that began."""
+        return self._since_ns
+
+    @property
+    def role(self) -> str:
+        """This platform's part."""
+        return self._run.role if self._run else ""
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The ensemble of the present or last run."""
+        return self._run.members if self._run else ()
+
+    @property
+    def epoch(self) -> int:
+        """Of the present or last run."""
+        return self._run.epoch if self._run else 0
+
+    @property
+    def unmet(self) -> tuple[str, ...]:
+        """Requirements that did not hold when last looked at."""
+        return self._unmet
+
+    def state(self) -> MissionState:
+        """For the board."""
+        player, barriers, run = self._player, self._barriers, self._run
+        moving = max(self._ratios.values(), default=0.0)
+        blocks = len(run.mission.blocks) if run and self._playing == run.name else 1
+        ratio = min(1.0, player.progress_ratio + moving / blocks) if player else 0.0
+        return MissionState(
+            epoch=run.epoch if run else 0,
+            hash=run.hash[:HASH_DIGITS] if run else "",
+            state=self._phase.value,
+            active=player.active if player else (),
+            arrivals=barriers.arrivals if barriers else (),
+            meetings=barriers.meetings if barriers else (),
+            progress_ratio=1.0 if self._phase is Phase.DONE else round(ratio, 3),
+            text=self._text,
+            mission=self._playing,
+        )
+
+    def missing(self, now_ns: int) -> tuple[str, ...]:
+        """Members for whom this one waits at a barrier."""
+        return self._barriers.missing(now_ns) if self._barriers else ()
+
+    def order(self, run: Run, now_ns: int) -> list[Action]:
+        """Takes a mission: it begins when all members have taken it.
+
+        Raises: Conflict when another one runs, or a requirement is not met.
+        """
+        if self._phase in _BUSY:
+            raise Conflict(f"{self._platform} is busy: {self._playing or START} is {self._phase}")
+        unmet = [c.text for c in run.mission.requires if c.holds(self._lookup) is not True]
+        if unmet:
+            raise Conflict(f"{self._platform}: requirement {unmet[0]!r} is not met")
+        self._run, self._player, self._playing = run, None, run.name
+        self._unmet, self._misses, self._ratios = (), {}, {}
+        self._barriers = Barriers(
+            self._platform,
+            run.members,
+            run.epoch,
+            round(self._limits.lost_after_s * 1e9),
+            round(self._limits.lead_s * 1e9),
+        )
+        self._barriers.arrive(0, Gate(START, 1, timeout_s=self._limits.start_timeout_s), now_ns)
+        self._text = "ready"
+        actions: list[Action] = []
+        self._move(Event.ORDER, now_ns, actions)
+        self._settle(now_ns, actions)
+        return actions
+
+    def heard(
+        self, platform: str, state: MissionState, meetings: tuple[Meeting, ...], now_ns: int
+    ) -> list[Action]:
+        """Another platform's state; its meetings on this platform's clock."""
+        actions: list[Action] = []
+        if self._barriers is not None:
+            self._barriers.heard(platform, state, meetings, now_ns)
+            self._settle(now_ns, actions)
+        return actions
+
+    def ended(self, token: int, outcome: str, text: str, now_ns: int) -> list[Action]:
+        """A functional block has ended: ok, error:<kind> or cancelled."""
+        actions: list[Action] = []
+        self._ratios.pop(token, None)
+        if self._player is not None:
+            self._apply(self._player.on_outcome(token, outcome, now_ns, text), now_ns, actions)
+            self._settle(now_ns, actions)
+        return actions
+
+    def report(self, token: int, ratio: float, text: str) -> None:
+        """How far a functional block is."""
+        self._ratios[token] = min(max(ratio, 0.0), 1.0)
+        self._text = text
+
+    def abort(self, reason: str, then: str, now_ns: int) -> list[Action]:
+        """Stops the mission; then the built-in mission named, or the one the mission asks for.
+
+        Raises: Conflict when there is no such built-in mission here.
+        """
+        if then and self._built_in and then not in self._built_in:
+            raise Conflict(f"built-in mission {then!r}: unknown; expected {', '.join(self._built_in)}")
+        actions: list[Action] = []
+        self._stop("aborted", reason, then, now_ns, actions)
+        self._settle(now_ns, actions)
+        return actions
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """Time-outs, common times, lost members, requirements."""
+        actions: list[Action] = []
+        if self._player is not None:
+            self._apply(self._player.on_timer(now_ns), now_ns, actions)
+        if self._phase is Phase.RUNNING and self._check_ns is not None and self._check_ns <= now_ns:
+            self._check_ns += CHECK_NS * max(1, (now_ns - self._check_ns) // CHECK_NS)
+            self._check(now_ns, actions)
+        self._settle(now_ns, actions)
+        return actions
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` must be called."""
+        instants = [
+            self._player.deadline_ns() if self._player else None,
+            self._barriers.deadline_ns() if self._barriers else None,
+            self._check_ns if self._phase is Phase.RUNNING else None,
+        ]
+        return min((instant for instant in instants if instant is not None), default=None)
+
+    def _move(self, event: Event, now_ns: int, actions: list[Action], text: str = "") -> None:
+        self._phase = follow(self._phase, event)
+        self._since_ns = now_ns
+        actions.append(Step("", "Mission", f"state:{self._phase}", text))
+
+    def _settle(self, now_ns: int, actions: list[Action]) -> None:
+        """Follows barriers that have opened or broken until nothing changes any more."""
+        while self._barriers is not None:
+            passed = self._barriers.on_timer(now_ns)
+            if not passed:
+                return
+            for wait in passed:
+                if wait.token == 0:
+                    self._start(wait.outcome, wait.text, now_ns, actions)
+                    continue
+                block = self._blocks.pop(wait.token, None)
+                if block is None:
+                    continue  # another barrier of this round has ended the mission
+                outcome = wait.outcome
+                if outcome == f"{ERROR}:broken" and not any(e.outcome == outcome for e in block.edges):
+                    # a broken barrier is a time-out that came early, unless the mission tells them apart
+                    outcome = TIMEOUT if block.successor(TIMEOUT) else outcome
+                if self._player is not None:
+                    steps = self._player.on_outcome(wait.token, outcome, now_ns, wait.text)
+                    self._apply(steps, now_ns, actions)
+
+    def _start(self, outcome: str, text: str, now_ns: int, actions: list[Action]) -> None:
+        run, barriers = self._run, self._barriers
+        if run is None or barriers is None or self._phase is not Phase.READY:
+            return
+        if outcome != "ok":
+            self._text = f"not all members stand ready: {text}" if text else "not all members stand ready"
+            self._move(Event.ABORTED, now_ns, actions, self._text)
+            return
+        self._move(Event.BEGIN, now_ns, actions)
+        barriers.expect_all(now_ns)
+        self._check_ns = now_ns + CHECK_NS
+        self._text = "running"
+        self._play(run.mission, run.name, now_ns, actions)
+
+    def _play(self, mission: Mission, name: str, now_ns: int, actions: list[Action]) -> None:
+        self._playing = name
+        self._ratios = {}
+        self._player = Player(mission, self._lookup, self._chance, self._tokens)
+        self._apply(self._player.start(now_ns), now_ns, actions)
+
+    def _apply(self, steps: list[PlayerAction], now_ns: int, actions: list[Action]) -> None:
+        if self._player is not None and self._player.stopping and self._phase in _PLAYING:
+            self._move(Event.STOP, now_ns, actions)
+        for step in steps:
+            match step:
+                case EnterBarrier(token, block, visit):
+                    self._enter(token, block, visit, now_ns)
+                case LeaveBarrier(token):
+                    self._blocks.pop(token, None)
+                    if self._barriers is not None:
+                        self._barriers.withdraw(token)
+                case Ended(result, reason):
+                    self._end(result, reason, now_ns, actions)
+                case Step() if step.event == "started":
+                    self._text = f"{step.block}: {step.type}"
+                    actions.append(step)
+                case _:
+                    actions.append(step)
+
+    def _enter(self, token: int, block: Block, visit: int, now_ns: int) -> None:
+        params = block.params
+        if self._barriers is None or not isinstance(params, Barrier):
+            return
+        quorum = params.quorum if isinstance(params.quorum, int) else None
+        self._blocks[token] = block
+        self._barriers.arrive(token, Gate(params.id, visit, quorum, params.roles, block.timeout_s), now_ns)
+
+    def _stop(
+        self, result: Literal["failed", "aborted"], reason: str, then: str, now_ns: int, actions: list[Action]
+    ) -> None:
+        """From whatever it does to the built-in mission, or to rest."""
+        if self._phase is Phase.RECOVERING and then in {"", self._playing}:
+            return  # it is doing that already
+        if self._phase in _PLAYING and self._player is not None:
+            self._recovery = then
+            self._apply(self._player.stop(result, reason, now_ns), now_ns, actions)
+        elif self._phase is Phase.READY:
+            self._text = reason
+            if self._barriers is not None:
+                self._barriers.withdraw(0)
+            self._move(Event.ABORTED, now_ns, actions, reason)
+        elif self._phase is Phase.ENDING:
+            self._recovery = then or self._recovery
+        elif then in self._built_in:
+            self._verdict, self._reason = Event.ABORTED, reason
+            self._recover(then, reason, now_ns, actions)
+
+    def _end(self, result: str, reason: str, now_ns: int, actions: list[Action]) -> None:
+        """The player is empty: what now?"""
+        recovering, self._recovering = self._recovering, False
+        recovery, self._recovery = self._recovery, ""
+        self._ratios = {}
+        if not recovering:
+            self._verdict, self._reason = Event(result), reason or result
+            recovery = recovery or (self._run.mission.on_failure if self._run and result != "done" else "")
+        if recovery in self._built_in:
+            self._recover(recovery, reason, now_ns, actions)
+            return
+        if recovering and result != "done":
+            # a vehicle that could not be brought to safety: the worst there is to say
+            self._verdict, self._reason = Event.FAILED, f"{self._playing}: {reason}; before: {self._reason}"
+        self._text = self._reason
+        self._playing = self._run.name if self._run else ""
+        self._move(self._verdict, now_ns, actions, self._text)
+
+    def _recover(self, name: str, reason: str, now_ns: int, actions: list[Action]) -> None:
+        self._move(Event.RECOVER, now_ns, actions, f"{name}: {reason}")
+        self._recovering = True
+        self._play(self._built_in[name], name, now_ns, actions)
+
+    def _check(self, now_ns: int, actions: list[Action]) -> None:
+        if self._run is None:
+            return
+        unmet: list[str] = []
+        for condition in self._run.mission.requires:
+            holds = condition.holds(self._lookup)
+            misses = 0 if holds else self._misses.get(condition.text, 0) + 1
+            self._misses[condition.text] = misses
+            if holds is False or misses >= self._limits.requirement_misses:
+                unmet.append(condition.text)
+        self._unmet = tuple(unmet)
+        if unmet:
+            self._stop("failed", f"requirement {unmet[0]!r} is no longer met", "", now_ns, actions)

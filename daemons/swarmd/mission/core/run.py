@@ -1,0 +1,30 @@
+"""One run of a mission on one platform, as it was ordered."""
+
+import msgspec
+
+from swarmware.mission.model import Mission
+from swarmware.types.mission import Member
+
+
+class Run(msgspec.Struct, frozen=True):
+    """What is to be played, with whom."""
+
+    mission: Mission
+    name: str
+    hash: str
+    epoch: int
+    role: str
+    members: tuple[Member, ...]
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """Times of the ensemble; all members have the same ones."""
+
+    start_timeout_s: float = 10.0
+    """Until all members stand ready; afterwards nobody starts."""
+    lost_after_s: float = 3.0
+    """Silence after which a member is lost: three heartbeats."""
+    lead_s: float = 0.25
+    """From the opening of a barrier to the common time: two ticks and the way."""
+    requirement_misses: int = 3
+    """Checks in a row, one a second, in which a requirement cannot be told before it counts as unmet."""

@@ -1,0 +1,187 @@
+"""Barriers between members that hear each other at once and tell the same time."""
+
+from swarmd.mission.core.barrier import Barriers, Gate, Passed
+from swarmware.types.mission import Arrival, Meeting, Member, MissionState
+
+S = 1_000_000_000
+LEAD = S // 4
+NAMES = ("a", "b", "c")
+MEMBERS = tuple(Member(name, "role", "uav") for name in NAMES)
+GATE = Gate("x", 1, timeout_s=10.0)
+
+
+class Ensemble:
+    """Members on one clock; `talk` lets all hear all."""
+
+    def __init__(self, members: tuple[Member, ...] = MEMBERS) -> None:
+        self.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, LEAD) for m in members}
+        for barriers in self.of.values():
+            barriers.expect_all(0)
+
+    def board(self, name: str, state: str = "running") -> MissionState:
+        barriers = self.of[name]
+        return MissionState(7, "h", state, (), barriers.arrivals, barriers.meetings)
+
+    def talk(self, now_ns: int, silent: tuple[str, ...] = (), **states: str) -> dict[str, list[Passed]]:
+        """Everybody hears everybody; returns who passed."""
+        boards = {name: self.board(name, states.get(name, "running")) for name in self.of}
+        for hearer, barriers in self.of.items():
+            for name, board in boards.items():
+                if name != hearer and name not in silent:
+                    barriers.heard(name, board, board.meetings, now_ns)
+        return {name: barriers.on_timer(now_ns) for name, barriers in self.of.items()}
+
+    def arrive(self, *names: str, gate: Gate = GATE, now_ns: int = 0) -> None:
+        for name in names:
+            self.of[name].arrive(1, gate, now_ns)
+
+
+def outcomes(passed: dict[str, list[Passed]]) -> dict[str, str]:
+    return {name: p.outcome for name, found in passed.items() for p in found}
+
+
+def test_all_leave_at_the_time_the_first_member_names() -> None:
+    e = Ensemble()
+    e.arrive("a", "b", "c")
+    assert outcomes(e.talk(S)) == {}
+    assert e.of["a"].meetings == (Meeting("x", 1, S + LEAD, 0),)
+    assert outcomes(e.talk(S + 1)) == {}
+    assert {b.deadline_ns() for b in e.of.values()} == {S + LEAD}
+    assert all(b.on_timer(S + LEAD - 1) == [] for b in e.of.values())
+    assert outcomes({n: b.on_timer(S + LEAD) for n, b in e.of.items()}) == dict.fromkeys(NAMES, "ok")
+
+
+def test_nobody_leaves_before_all_are_there() -> None:
+    e = Ensemble()
+    e.arrive("a", "b")
+    e.talk(S)
+    assert e.of["a"].meetings == ()
+    assert e.of["a"].missing(S) == ("c",)
+
+
+def test_a_quorum_opens_the_barrier_and_latecomers_pass() -> None:
+    e = Ensemble()
+    gate = Gate("x", 1, quorum=2, timeout_s=10.0)
+    e.arrive("b", "c", gate=gate)
+    e.talk(S)
+    e.talk(S + 1)
+    assert outcomes(e.talk(S + LEAD)) == {"b": "ok", "c": "ok"}
+    e.arrive("a", gate=gate, now_ns=2 * S)
+    assert outcomes(e.talk(2 * S)) == {"a": "ok"}
+
+
+def test_only_the_named_roles_meet() -> None:
+    members = (Member("a", "lead", "ugv"), Member("b", "air", "uav"), Member("c", "air", "uav"))
+    e = Ensemble(members)
+    e.arrive("b", "c", gate=Gate("x", 1, roles=("air",)))
+    e.talk(S)
+    e.talk(S + 1)
+    assert outcomes(e.talk(S + LEAD)) == {"b": "ok", "c": "ok"}
+
+
+def test_a_time_out_at_one_breaks_the_barrier_for_all_who_wait() -> None:
+    e = Ensemble()
+    e.arrive("a")
+    e.arrive("b", now_ns=5 * S)
+    assert e.of["a"].deadline_ns() == 3 * S + 1  # silence of the others would break it earlier
+    for second in range(1, 10):
+        assert outcomes(e.talk(second * S)) == {}
+    assert e.of["a"].on_timer(10 * S) == [Passed(1, "timeout", "without c")]
+    assert outcomes(e.talk(10 * S + 1)) == {"b": "error:broken"}
+    e.arrive("c", now_ns=11 * S)
+    assert outcomes(e.talk(11 * S)) == {"c": "error:broken"}
+
+
+def test_a_member_that_is_silent_for_too_long_breaks_the_barrier() -> None:
+    e = Ensemble()
+    e.arrive("a", "b")
+    for second in (1, 2, 3):
+        assert outcomes(e.talk(second * S, silent=("c",))) == {}
+    assert e.of["a"].on_timer(3 * S + 1) == [Passed(1, "error:broken", "without c")]
+
+
+def test_a_member_that_failed_breaks_the_barrier_at_once() -> None:
+    e = Ensemble()
+    e.arrive("a", "b")
+    assert outcomes(e.talk(S, c="recovering")) == {
+        "a": "error:broken",
+        "b": "error:broken",
+    }
+
+
+def test_a_member_that_started_anew_breaks_the_barrier() -> None:
+    e = Ensemble()
+    e.talk(S)
+    e.arrive("a", "b")
+    for name in ("a", "b"):
+        e.of[name].heard("c", MissionState(0, "", "idle"), (), 2 * S)
+    assert outcomes({n: e.of[n].on_timer(2 * S) for n in ("a", "b")}) == dict.fromkeys("ab", "error:broken")
+
+
+def test_the_state_of_another_run_is_no_arrival() -> None:
+    e = Ensemble()
+    e.arrive("a", "b")
+    old = MissionState(6, "h", "running", (), (Arrival("x", 1),), (Meeting("x", 1, 5, 0),))
+    e.of["a"].heard("c", old, old.meetings, S)
+    e.talk(S, silent=("c",))
+    assert e.of["a"].meetings == ()
+
+
+def test_the_next_member_opens_when_the_first_is_lost_after_a_quorum_came() -> None:
+    e = Ensemble()
+    gate = Gate("x", 1, quorum=2)
+    e.arrive("b", "c", gate=gate)
+    e.talk(S, a="failed")
+    e.talk(S + 1)
+    assert outcomes(e.talk(S + LEAD)) == {"b": "ok", "c": "ok"}
+
+
+def test_a_late_hearer_learns_the_time_from_whoever_knows_it() -> None:
+    e = Ensemble()
+    e.arrive("a", "b", "c")
+    e.talk(S, silent=())
+    board = e.board("a")
+    e.of["b"].heard("a", board, board.meetings, S)
+    told = e.board("b")
+    assert told.meetings == (Meeting("x", 1, S + LEAD, 0),)
+    e.of["c"].heard("b", told, told.meetings, S + 2)
+    assert e.of["c"].deadline_ns() == S + LEAD
+
+
+def test_what_the_first_member_says_at_first_hand_wins() -> None:
+    e = Ensemble()
+    c = e.of["c"]
+    c.arrive(1, GATE, 0)
+    c.heard("b", e.board("b"), (Meeting("x", 1, 500, 1),), 1)
+    assert c.deadline_ns() == 500
+    c.heard("b", e.board("b"), (Meeting("x", 1, 600, 0),), 2)
+    assert c.deadline_ns() == 600
+    c.heard("a", e.board("a"), (Meeting("x", 1, 601, 0),), 3)
+    assert c.deadline_ns() == 601
+    c.heard("b", e.board("b"), (Meeting("x", 1, 700, 0),), 4)
+    assert c.deadline_ns() == 601
+    c.heard("b", e.board("b"), (Meeting("x", 1, None, 1),), 5)
+    assert c.on_timer(5) == [Passed(1, "error:broken", "without a, b")]
+
+
+def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
+    e = Ensemble()
+    for visit in (1, 2):
+        now = visit * 10 * S
+        e.arrive(*NAMES, gate=Gate("x", visit), now_ns=now)
+        e.talk(now)
+        e.talk(now + 1)
+        assert outcomes(e.talk(now + LEAD)) == dict.fromkeys(NAMES, "ok")
+
+
+def test_a_member_alone_does_not_wait() -> None:
+    alone = Barriers("a", MEMBERS[:1], 7, 3 * S, LEAD)
+    alone.arrive(1, GATE, 5)
+    assert alone.on_timer(5) == [Passed(1, "ok")]
+
+
+def test_a_stranger_is_not_listened_to() -> None:
+    e = Ensemble()
+    e.arrive("a")
+    e.of["a"].heard("z", MissionState(7, "h", "running"), (Meeting("x", 1, 5, 0),), 5)
+    assert e.of["a"].on_timer(6) == []

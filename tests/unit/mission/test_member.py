@@ -1,0 +1,239 @@
+"""One member: order, common start, failure, built-in missions, abort, requirements."""
+
+from typing import Any
+
+import pytest
+from tests.unit.mission.nets import net
+
+from swarmd.mission.core.actions import CancelBlock, StartBlock, Step
+from swarmd.mission.core.announce import Announcer
+from swarmd.mission.core.member import MissionCore
+from swarmd.mission.core.run import Limits, Run
+from swarmware.errors import Conflict
+from swarmware.mission.binding import Binding
+from swarmware.mission.condition import Scalar
+from swarmware.mission.loader import load
+from swarmware.types.mission import Member, MissionState
+
+S = 1_000_000_000
+LAND = load(net(s="Start>land", land={"type": "Land", "next": "e"}, e="End"), "land", Binding())
+HOLD = load(net(s="Start>hold", hold={"type": "Hold", "next": "e"}, e="End"), "hold", Binding())
+ARM = net(s="Start>a", a={"type": "Arm", "next": "e", "timeout": 5}, e="End")
+A, B = Member("a", "x", "uav"), Member("b", "x", "uav")
+
+
+class Values:
+    """A battery."""
+
+    def __init__(self) -> None:
+        self.battery: float | None = 1.0
+
+    def value(self, path: str, field: str) -> Scalar | None:
+        return self.battery
+
+    def age_s(self, path: str) -> float | None:
+        return 0.0
+
+
+class Member1:
+    """A core and the words for what it does."""
+
+    def __init__(self, kind: str = "uav") -> None:
+        self.values = Values()
+        built_in = {"land": LAND, "hold": HOLD} if kind != "gcs" else {}
+        self.core = MissionCore("a", built_in, self.values, lambda: 0.0, Limits())
+
+    def order(
+        self, text: str = ARM, members: tuple[Member, ...] = (A,), now: int = 0, **top: Any
+    ) -> list[str]:
+        mission = load(text, "m.json", Binding())
+        return words(self.core.order(Run(mission, "hop", "0123456789", 7, "x", members), now))
+
+    @property
+    def phase(self) -> str:
+        return self.core.phase.value
+
+
+def words(actions: list[Any]) -> list[str]:
+    found: list[str] = []
+    for action in actions:
+        match action:
+            case StartBlock(token, block):
+                found.append(f"start {block.id} {token}")
+            case CancelBlock(token):
+                found.append(f"cancel {token}")
+            case Step("", _, event):
+                found.append(event)
+    return found
+
+
+def with_requirement(text: str) -> str:
+    return text.replace('{"mission"', '{"requires": ["battery > 20 %"], "mission"', 1)
+
+
+def test_a_mission_alone_begins_at_once_and_ends() -> None:
+    m = Member1()
+    assert m.order() == ["state:ready", "state:running", "start a 1"]
+    assert m.core.state().active == ("a",)
+    assert words(m.core.ended(1, "ok", "", S)) == ["state:ending", "state:done"]
+    state = m.core.state()
+    assert (state.state, state.progress_ratio, state.mission, state.hash) == ("done", 1.0, "hop", "01234567")
+
+
+def test_nobody_begins_before_all_have_accepted() -> None:
+    m = Member1()
+    assert m.order(members=(A, B)) == ["state:ready"]
+    assert m.core.state().arrivals[0].barrier == "@start"
+    assert m.core.missing(0) == ("b",)
+    ready = MissionState(7, "01234567", "ready", (), m.core.state().arrivals)
+    m.core.heard("b", ready, (), S)
+    deadline = m.core.deadline_ns()
+    assert deadline == S + S // 4
+    assert words(m.core.on_timer(deadline)) == ["state:running", "start a 1"]
+
+
+def test_nobody_begins_when_one_does_not_answer() -> None:
+    m = Member1()
+    m.order(members=(A, B))
+    assert words(m.core.on_timer(10 * S)) == ["state:aborted"]
+    assert "without b" in m.core.state().text
+    assert m.order(now=11 * S)[0] == "state:ready"
+
+
+def test_nobody_begins_when_one_has_aborted() -> None:
+    m = Member1()
+    m.order(members=(A, B))
+    assert words(m.core.heard("b", MissionState(7, "", "aborted"), (), S)) == ["state:aborted"]
+
+
+def test_a_second_mission_is_refused_while_one_runs() -> None:
+    m = Member1()
+    m.order()
+    with pytest.raises(Conflict, match="busy: hop is running"):
+        m.order()
+
+
+def test_a_failed_mission_lands_and_is_failed() -> None:
+    m = Member1()
+    m.order()
+    assert words(m.core.ended(1, "error:refused", "no", S)) == [
+        "state:ending",
+        "state:recovering",
+        "start land 2",
+    ]
+    assert m.core.state().mission == "land"
+    assert words(m.core.ended(2, "ok", "", 2 * S)) == ["state:ending", "state:failed"]
+    assert "refused" in m.core.state().text
+
+
+def test_a_landing_that_fails_is_said() -> None:
+    m = Member1()
+    m.order()
+    m.core.ended(1, "error:refused", "", S)
+    assert words(m.core.ended(2, "error:blocked", "", S)) == ["state:ending", "state:failed"]
+    assert m.core.state().text.startswith("land: ")
+
+
+def test_a_ground_station_has_nothing_to_land() -> None:
+    m = Member1("gcs")
+    m.order()
+    assert words(m.core.ended(1, "error:refused", "", S)) == ["state:ending", "state:failed"]
+
+
+def test_an_abort_cancels_waits_and_does_what_the_operator_says() -> None:
+    m = Member1()
+    m.order()
+    assert words(m.core.abort("enough", "hold", S)) == ["state:ending", "cancel 1"]
+    assert words(m.core.ended(1, "cancelled", "", S)) == ["state:recovering", "start hold 2"]
+    assert words(m.core.abort("again", "", S)) == []
+    assert words(m.core.abort("down", "land", S)) == ["state:ending", "cancel 2"]
+    assert words(m.core.ended(2, "cancelled", "", S)) == ["state:recovering", "start land 3"]
+    assert words(m.core.ended(3, "ok", "", S)) == ["state:ending", "state:aborted"]
+
+
+def test_an_abort_before_the_start_moves_nothing() -> None:
+    m = Member1()
+    m.order(members=(A, B))
+    assert words(m.core.abort("refused elsewhere", "", S)) == ["state:aborted"]
+    assert m.core.deadline_ns() is None
+
+
+def test_an_operator_may_ask_for_a_landing_without_a_mission() -> None:
+    m = Member1()
+    assert words(m.core.abort("operator", "land", S)) == ["state:recovering", "start land 1"]
+    assert words(m.core.ended(1, "ok", "", S)) == ["state:ending", "state:aborted"]
+    assert words(Member1().core.abort("operator", "", S)) == []
+
+
+def test_an_unknown_built_in_mission_is_refused() -> None:
+    with pytest.raises(Conflict, match="'dance': unknown; expected land, hold"):
+        Member1().core.abort("operator", "dance", S)
+
+
+@pytest.mark.parametrize("battery", [0.1, None])
+def test_a_mission_whose_requirement_is_not_met_is_refused(battery: float | None) -> None:
+    m = Member1()
+    m.values.battery = battery
+    with pytest.raises(Conflict, match="requirement 'battery > 20 %'"):
+        m.order(with_requirement(ARM))
+
+
+def test_a_requirement_that_is_no_longer_met_ends_the_mission() -> None:
+    m = Member1()
+    m.order(with_requirement(ARM))
+    assert m.core.on_timer(S) == []
+    m.values.battery = 0.1
+    assert words(m.core.on_timer(2 * S)) == ["state:ending", "cancel 1"]
+    assert m.core.unmet == ("battery > 20 %",)
+    assert words(m.core.ended(1, "cancelled", "", 2 * S))[-1] == "start land 2"
+
+
+def test_a_requirement_that_cannot_be_told_is_given_three_checks() -> None:
+    m = Member1()
+    m.order(with_requirement(ARM))
+    m.values.battery = None
+    assert m.core.on_timer(S) == []
+    assert m.core.on_timer(2 * S) == []
+    assert words(m.core.on_timer(3 * S)) == ["state:ending", "cancel 1"]
+
+
+@pytest.mark.parametrize(
+    ("edges", "expected"),
+    [
+        ({"nextTimeout": "t", "timeout": 99}, "start t 2"),
+        ({"nextTimeout": "t", "timeout": 99, "on": {"broken": "b"}}, "start b 2"),
+        ({"nextError": "b"}, "start b 2"),
+        ({}, "start land 2"),
+    ],
+)
+def test_a_broken_barrier_is_a_time_out_that_came_early(edges: dict[str, Any], expected: str) -> None:
+    m = Member1()
+    hold = {"type": "Hold", "next": "e"}
+    m.order(
+        net(s="Start>x", x={"type": "Barrier", "id": "x", "next": "e", **edges}, t=hold, b=hold, e="End"),
+        members=(A, B),
+    )
+    m.core.heard("b", MissionState(7, "", "ready", (), m.core.state().arrivals), (), 0)
+    m.core.on_timer(S // 4)
+    assert m.core.state().active == ("x",)
+    assert expected in words(m.core.heard("b", MissionState(7, "", "failed"), (), S))
+
+
+def test_progress_is_what_was_entered_and_what_the_moving_block_says() -> None:
+    m = Member1()
+    m.order()
+    before = m.core.state().progress_ratio
+    m.core.report(1, 0.5, "half way")
+    assert m.core.state().progress_ratio == pytest.approx(before + 0.5 / 3, abs=0.001)
+    assert m.core.state().text == "half way"
+
+
+def test_a_change_is_told_at_once_three_times_then_once_a_second() -> None:
+    announcer = Announcer()
+    state = MissionState(1, "", "running")
+    times = [t for t in range(0, 3 * S, S // 100) if announcer.due(state, t)]
+    assert times == [0, S // 10, S // 5, S + S // 5, 2 * S + S // 5]
+    assert not announcer.due(MissionState(1, "", "running", text="far"), 3 * S)
+    assert announcer.due(MissionState(1, "", "done"), 3 * S)
+    assert not announcer.due(MissionState(1, "", "failed"), 3 * S + 1)
+    assert announcer.deadline_ns() == 3 * S + S // 10

@@ -1,0 +1,219 @@
+"""The player: events and times in, actions out."""
+
+from itertools import count
+from typing import Any
+
+import pytest
+from tests.unit.mission.nets import choice, net
+
+from swarmd.mission.core.actions import CancelBlock, Ended, EnterBarrier, LeaveBarrier, StartBlock, Step
+from swarmd.mission.core.player import CANCEL_NS, Player
+from swarmware.mission.binding import Binding
+from swarmware.mission.condition import Scalar
+from swarmware.mission.loader import load
+
+S = 1_000_000_000
+
+
+class Values:
+    """Fixed resource values."""
+
+    def __init__(self, battery: float | None = 1.0) -> None:
+        self.battery = battery
+
+    def value(self, path: str, field: str) -> Scalar | None:
+        return self.battery
+
+    def age_s(self, path: str) -> float | None:
+        return 0.0
+
+
+def player(text: str, *, chance: float = 0.0, battery: float | None = 1.0) -> Player:
+    return Player(load(text, "m.json", Binding()), Values(battery), lambda: chance, count(1))
+
+
+def short(actions: list[Any]) -> list[str]:
+    """Actions as words, steps left out."""
+    found: list[str] = []
+    for action in actions:
+        match action:
+            case StartBlock(token, block):
+                found.append(f"start {block.id} {token}")
+            case CancelBlock(token):
+                found.append(f"cancel {token}")
+            case EnterBarrier(token, block, visit):
+                found.append(f"barrier {block.id} {token} {visit}")
+            case LeaveBarrier(token):
+                found.append(f"leave {token}")
+            case Ended(result, reason):
+                found.append(f"{result}: {reason}" if reason else result)
+    return found
+
+
+def steps(actions: list[Any]) -> list[str]:
+    return [f"{a.block} {a.event}" for a in actions if isinstance(a, Step)]
+
+
+ARM = {"type": "Arm", "next": "e"}
+
+
+def test_blocks_follow_each_other() -> None:
+    p = player(net(s="Start>a", a={"type": "Arm", "next": "b"}, b={"type": "Land", "next": "e"}, e="End"))
+    assert short(p.start(0)) == ["start a 1"]
+    assert list(p.active) == ["a"]
+    assert short(p.on_outcome(1, "ok", S)) == ["start b 2"]
+    last = p.on_outcome(2, "ok", 2 * S)
+    assert short(last) == ["done"]
+    assert steps(last) == ["b ok", "e ok"]
+    assert list(p.active) == []
+    assert p.progress_ratio == 1.0
+
+
+def test_a_pause_ends_by_itself_at_its_time() -> None:
+    p = player(net(s="Start>w", w="Wait>e", e="End"))
+    p.start(5 * S)
+    assert p.deadline_ns() == 6 * S
+    assert p.on_timer(6 * S - 1) == []
+    assert short(p.on_timer(6 * S)) == ["done"]
+    assert p.deadline_ns() is None
+
+
+def test_a_join_waits_for_all_its_branches() -> None:
+    p = player(
+        net(
+            s="Start>f",
+            f="Fork>a,b",
+            a={"type": "Arm", "next": "j"},
+            b={"type": "Hold", "next": "j"},
+            j="Join>c",
+            c={"type": "Land", "next": "e"},
+            e="End",
+        )
+    )
+    assert short(p.start(0)) == ["start a 1", "start b 2"]
+    assert short(p.on_outcome(2, "ok", S)) == []
+    assert short(p.on_outcome(1, "ok", S)) == ["start c 3"]
+
+
+def test_an_end_cancels_what_still_runs_and_waits_for_it() -> None:
+    p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e2", e="End", e2="End"))
+    p.start(0)
+    assert short(p.on_timer(S)) == ["cancel 1"]
+    assert p.stopping
+    assert short(p.on_outcome(1, "cancelled", S)) == ["done"]
+
+
+def test_an_end_takes_pauses_and_barriers_along_at_once() -> None:
+    barrier = {"type": "Barrier", "id": "x", "next": "e"}
+    p = player(net(s="Start>f", f="Fork>b,w,a", b=barrier, w="Wait>e", a=ARM, e="End"))
+    assert short(p.start(0)) == ["barrier b 1 1", "start a 3"]
+    assert short(p.on_outcome(3, "ok", 1)) == ["leave 1", "done"]
+
+
+@pytest.mark.parametrize(
+    ("block", "outcome", "expected"),
+    [
+        ({"on": {"refused": "x"}}, "error:refused", "start x 2"),
+        ({"nextError": "x"}, "error:refused", "start x 2"),
+        ({}, "error:refused", "failed: a ended with error:refused: no"),
+        ({"on": {"no_vehicle": "x"}}, "error:refused", "failed: a ended with error:refused: no"),
+    ],
+)
+def test_an_error_goes_to_its_successor_or_fails_the_mission(
+    block: dict[str, Any], outcome: str, expected: str
+) -> None:
+    p = player(net(s="Start>a", a={**ARM, **block}, x={"type": "Hold", "next": "e"}, e="End"))
+    p.start(0)
+    assert short(p.on_outcome(1, outcome, 1, "no")) == [expected]
+
+
+def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() -> None:
+    p = player(
+        net(
+            s="Start>a", a={**ARM, "timeout": 3, "nextTimeout": "x"}, x={"type": "Hold", "next": "e"}, e="End"
+        )
+    )
+    p.start(0)
+    assert p.deadline_ns() == 3 * S
+    assert short(p.on_timer(3 * S)) == ["cancel 1"]
+    assert short(p.on_outcome(1, "cancelled", 3 * S + 5)) == ["start x 2"]
+
+
+def test_a_time_out_without_a_successor_fails_the_mission() -> None:
+    p = player(net(s="Start>a", a={**ARM, "timeout": 3}, e="End"))
+    p.start(0)
+    p.on_timer(3 * S)
+    assert short(p.on_outcome(1, "cancelled", 3 * S)) == ["failed: a ended with timeout"]
+
+
+def test_a_block_that_does_not_end_when_cancelled_is_abandoned() -> None:
+    p = player(net(s="Start>a", a={**ARM, "timeout": 1}, e="End"))
+    p.start(0)
+    p.on_timer(S)
+    assert p.deadline_ns() == S + CANCEL_NS
+    actions = p.on_timer(S + CANCEL_NS)
+    assert short(actions) == ["failed: a ended with timeout"]
+    assert "a abandoned" in steps(actions)
+    assert p.on_outcome(1, "ok", 9 * S) == []
+
+
+@pytest.mark.parametrize(
+    ("battery", "expected"),
+    [
+        (0.1, "start land 1"),
+        (0.5, "start hold 1"),
+        (0.9, "start fly 1"),
+        (None, "failed: d ended with error:unknown_value"),
+    ],
+)
+def test_a_decision_takes_the_first_case_that_holds(battery: float | None, expected: str) -> None:
+    cases = [{"if": "battery < 20 %", "next": "land"}, {"if": "battery < 60 %", "next": "hold"}]
+    p = player(
+        net(
+            s="Start>d",
+            d={"type": "Decision", "cases": cases, "next": "fly"},
+            land={"type": "Land", "next": "e"},
+            hold={"type": "Hold", "next": "e"},
+            fly={"type": "Goto", "x": 1, "y": 1, "next": "e"},
+            e="End",
+        ),
+        battery=battery,
+    )
+    assert short(p.start(0)) == [expected]
+
+
+@pytest.mark.parametrize(("chance", "expected"), [(0.49, "start a 1"), (0.5, "start b 1")])
+def test_a_throw_of_dice_follows_the_chance(chance: float, expected: str) -> None:
+    p = player(
+        net(s="Start>d", d=choice("a", "b"), a=ARM, b={"type": "Hold", "next": "e"}, e="End"), chance=chance
+    )
+    assert short(p.start(0)) == [expected]
+
+
+def test_each_visit_of_a_barrier_is_counted() -> None:
+    p = player(
+        net(s="Start>b", b={"type": "Barrier", "id": "x", "next": "d"}, d=choice("b", "e"), e="End"), chance=0
+    )
+    assert short(p.start(0)) == ["barrier b 1 1"]
+    assert short(p.on_outcome(1, "ok", 1)) == ["barrier b 2 2"]
+
+
+def test_a_mission_that_is_stopped_says_why_once_all_is_quiet() -> None:
+    p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e", e="End"))
+    p.start(0)
+    assert short(p.stop("aborted", "operator", 1)) == ["cancel 1"]
+    assert p.stop("failed", "again", 2) == []
+    assert short(p.on_outcome(1, "cancelled", 3)) == ["aborted: operator"]
+
+
+def test_an_unsound_mission_fails_instead_of_doubling_a_block() -> None:
+    p = player(net(s="Start>f", f="Fork>w,v", w="Wait>a", v="Wait>a", a=ARM, e="End"))
+    p.start(0)
+    actions = p.on_timer(S)
+    assert short(actions) == ["start a 3", "cancel 3"]
+    assert short(p.on_outcome(3, "cancelled", S)) == ["failed: a was entered again while it still ran"]
+
+
+def test_an_unsound_loop_fails_instead_of_hanging() -> None:
+    p = player(net(s="Start>d", d=choice("c", "e"), c=choice("d", "e"), e="End"))
+    assert "never rests" in short(p.start(0))[0]
