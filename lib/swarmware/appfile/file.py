@@ -5,8 +5,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
-
 from swarmware.appfile.entry import AppEntry, decode, encode
 from swarmware.clock import utc_ns
 from swarmware.errors import Conflict, Denied, WireError
@@ -75,6 +73,11 @@ class AppFile:
         self._touch()
         self._announce()
 
+    @property
+    def closed(self) -> bool:
+        """Whether the application has left."""
+        return self._fd < 0
+
     def _touch(self) -> None:
         # a file rewritten in place does not change its folder: this is what `AppTable.refresh` looks at
         now_ns = utc_ns()
@@ -113,8 +116,3 @@ def _holder_lives(fd: int) -> bool:
     except WireError:
         return False
     return start_ticks(entry.pid) == entry.pid_start != 0
-
-
-def amended(entry: AppEntry, **changes: object) -> AppEntry:
-    """The entry with some fields changed."""
-    return msgspec.structs.replace(entry, **changes)

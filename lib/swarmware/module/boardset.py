@@ -1,0 +1,100 @@
+"""The same board of many platforms: a mapping that grows as mirrors appear."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Generic, TypeVar
+
+import msgspec
+
+from swarmware.errors import InvalidInput, NoAnswer
+from swarmware.module.board import BoardReader
+from swarmware.module.wakeup import Patience, Wakeup
+from swarmware.names import Pattern, check_path
+from swarmware.node import Node
+from swarmware.node.node import MIRRORS_TABLE
+from swarmware.shm.layout import ring_file
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
+    """Platform → reader, of every other platform whose board is mirrored here."""
+
+    def __init__(self, node: Node, pattern: str, open_reader: Callable[[str], BoardReader[T]]) -> None:
+        platforms, _, local = pattern.removeprefix("/").partition("/")
+        if not pattern.startswith("/") or not Pattern(local).literal:
+            raise InvalidInput(f"pattern {pattern!r}: expected wildcards only in the platform: /*/nav/pose")
+        self.pattern = pattern
+        self._local = check_path(local)
+        self._platforms = Pattern(platforms)
+        self._node = node
+        self._open = open_reader
+        self._readers: dict[str, BoardReader[T]] = {}
+        self._folder_ns = -1
+        self._listening = False
+        self._wakeup = Wakeup()
+        self._given: dict[str, int] = {}
+
+    def _refresh(self) -> None:
+        folder_ns = self._node.shm_dir.stat().st_mtime_ns
+        if folder_ns == self._folder_ns:
+            return
+        self._folder_ns = folder_ns
+        for folder in self._node.shm_dir.iterdir():
+            name = folder.name
+            if name in self._readers or name == self._node.platform or not self._platforms.matches(name):
+                continue
+            if ring_file(self._node.shm_dir, self._local, name).exists():
+                self._readers[name] = self._open(f"/{name}/{self._local}")
+
+    def __getitem__(self, platform: str) -> BoardReader[T]:
+        self._refresh()
+        return self._readers[platform]
+
+    def __iter__(self) -> Iterator[str]:
+        self._refresh()
+        return iter(tuple(self._readers))
+
+    def __len__(self) -> int:
+        self._refresh()
+        return len(self._readers)
+
+    def poll(self) -> None:
+        """The doorbell has rung."""
+        if self._wakeup.awaited:
+            self._refresh()
+            self._wakeup.notify()
+
+    async def changed(self, timeout_s: float | None = None) -> tuple[str, ...]:
+        """Platforms with a value that this method has not told of yet; waits for the first.
+
+        Raises: NoAnswer when there is none in time.
+        """
+        patience = Patience(timeout_s)
+        if not self._listening:
+            self._listening = True
+            self._node.listen(self._node.shm_dir / MIRRORS_TABLE)
+            self._node.watch(self)
+        while True:
+            fresh = []
+            for platform in self:
+                reader = self._readers[platform]
+                reader.listen()
+                at = reader.position
+                if at != self._given.get(platform) and reader.value is not None:
+                    self._given[platform] = reader.position
+                    fresh.append(platform)
+            if fresh:
+                return tuple(fresh)
+            rest_s = patience.rest_s()
+            if rest_s == 0.0 or not await self._wakeup.wait(rest_s):
+                raise NoAnswer(f"boards {self.pattern}: no new value within {timeout_s} s")
+
+    def close(self) -> None:
+        """Stop reading."""
+        if self._listening:
+            self._listening = False
+            self._node.unwatch(self)
+            self._node.unlisten(self._node.shm_dir / MIRRORS_TABLE)
+        for reader in self._readers.values():
+            reader.close()
+        self._readers.clear()

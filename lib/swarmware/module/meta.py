@@ -1,0 +1,21 @@
+"""Who sent a value and when."""
+
+import msgspec
+
+from swarmware.frame import Frame
+
+
+class Meta(msgspec.Struct, frozen=True, gc=False):
+    """What the header of a frame says about its sender."""
+
+    sender_hw: int
+    """Hardware id, see `names.hardware_id`."""
+    sender_app: int
+    sequence: int
+    stamp_ns: int
+    """On the sender's hardware clock."""
+
+    @classmethod
+    def of(cls, frame: Frame) -> "Meta":
+        """The sender of a frame."""
+        return cls(frame.sender_hw, frame.sender_app, frame.sequence, frame.stamp_ns)

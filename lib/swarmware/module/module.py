@@ -1,0 +1,457 @@
+"""The functional module: everything an application does with its node."""
+
+import asyncio
+import logging
+import secrets
+from collections.abc import Coroutine
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self, TypeVar
+
+import msgspec
+
+from swarmware import names
+from swarmware.appfile import AppEntry, AppFile, Served
+from swarmware.delivery import Outcome, Status, with_lifetime
+from swarmware.errors import Conflict, InvalidInput, NotFound, TypeMismatch, from_kind
+from swarmware.frame import Flag, Frame, Kind
+from swarmware.module import inbox as inbox_module
+from swarmware.module.board import BoardReader
+from swarmware.module.boardset import BoardSet
+from swarmware.module.foreign import ForeignTime
+from swarmware.module.inbox import Inbox
+from swarmware.module.rpc import Handler, Server
+from swarmware.module.stream import StreamReader
+from swarmware.module.ticker import Ticker
+from swarmware.module.writer import BoardWriter
+from swarmware.node import Node
+from swarmware.resource import Access, Link, Resource
+from swarmware.resource import Kind as ResourceKind
+from swarmware.types import registry
+
+T = TypeVar("T", bound=msgspec.Struct)
+R = TypeVar("R", bound=msgspec.Struct)
+
+BOARD_SLOTS = 4
+BOARD_SLOT_BYTES = 512
+"""A header and most values; a board of larger values grows by itself."""
+STREAM_SLOTS = 256
+STREAM_SLOT_BYTES = 2048
+
+
+class _Closes(Protocol):
+    def close(self) -> None: ...
+
+
+class Module:
+    """`async with Module("planner") as m`: joins the node, leaves it at the end.
+
+    Raises: ConfigError without a node configuration, Conflict when the instance runs already.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        node: Node | None = None,
+        instance: int | None = None,
+        config: msgspec.Struct | None = None,
+        config_dir: Path | str | None = None,
+    ) -> None:
+        self.name = names.check_application(name)
+        self.config: Any = config
+        """Effective configuration of the service; None for a module without one."""
+        self.log = logging.getLogger(f"swarm.{name}")
+        self._given_node = node
+        self._given_instance = instance
+        self._config_dir = config_dir
+        self._sequences: dict[int, int] = {}
+        self._writers: list[BoardWriter[Any]] = []
+        self._readers: list[_Closes] = []
+        self._provides: dict[str, Resource] = {}
+        self._serves: dict[str, Served] = {}
+        self._reads: dict[str, None] = {}
+        self._tasks: asyncio.TaskGroup
+        self._running: set[asyncio.Task[Any]] = set()
+        self._flush_comes = False
+        self._keep_boards = False
+
+    async def __aenter__(self) -> Self:
+        node = self._given_node
+        self.node = await Node.attach(self._config_dir) if node is None else await node.share()
+        try:
+            self._file = AppFile(
+                self.node.run_dir,
+                self.name,
+                endpoint=self.node.post.endpoint,
+                started_ns=self.node.clock.now_ns(),
+                instance=self._given_instance,
+                announce=self.node.announce_apps,
+            )
+        except BaseException:
+            await self.node.close()
+            raise
+        self.instance = self._file.entry.instance
+        self.app_id = self._file.entry.app_id
+        self.platform = self.node.platform
+        self.clock = self.node.clock
+        self.foreign = ForeignTime(self.node)
+        """Converts stamps of other hardware units to our clock."""
+        self.node.post.add_application(self.app_id)
+        self._tasks = await asyncio.TaskGroup().__aenter__()
+        if self.config is not None:
+            self._flush()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for task in list(self._running):
+            task.cancel()
+        try:
+            await self._tasks.__aexit__(None, None, None)
+        finally:
+            for reader in self._readers:
+                reader.close()
+            for writer in self._writers:
+                writer.close(unlink=not self._keep_boards)
+            self.foreign.close()
+            self.node.post.remove_application(self.app_id)
+            self._file.close()
+            await self.node.close()
+
+    # -- about itself
+
+    @property
+    def id(self) -> str:
+        """`name#instance`."""
+        return f"{self.name}#{self.instance}"
+
+    @property
+    def entry(self) -> AppEntry:
+        """What the application file says."""
+        return self._file.entry
+
+    def now_ns(self) -> int:
+        """The present instant on this node's hardware clock."""
+        return self.clock.now_ns()
+
+    def every(self, period_s: float) -> Ticker:
+        """`async for _ in m.every(0.05)`: ticks at absolute instants."""
+        return Ticker(self.clock, period_s)
+
+    def start(self, coroutine: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
+        """Run it beside the module, until the module ends; an error in it ends the module."""
+        task = self._tasks.create_task(coroutine, name=f"{self.name}: {name}")
+        self._running.add(task)
+        task.add_done_callback(self._running.discard)
+        return task
+
+    def keep_boards(self) -> None:
+        """Leave the newest values readable at the end: this module will be back in a moment."""
+        self._keep_boards = True
+
+    def _track(self, reader: _Closes) -> None:
+        self._readers.append(reader)
+
+    def _local(self, path: str) -> str:
+        """A path of this platform in its local form; of another, unchanged."""
+        platform, local = names.split(names.check_path(path))
+        return local if platform == self.platform else path
+
+    def _own(self, path: str) -> str:
+        local = self._local(path)
+        if local.startswith("/"):
+            raise InvalidInput(f"{path}: of another platform; expected a resource of {self.platform}")
+        return local
+
+    def _changed(self) -> None:
+        if not self._flush_comes:
+            self._flush_comes = True
+            asyncio.get_running_loop().call_soon(self._flush)
+
+    def _flush(self) -> None:
+        self._flush_comes = False
+        if self._file.closed:
+            return
+        config = msgspec.to_builtins(self.config) if self.config is not None else {}
+        self._file.write(
+            msgspec.structs.replace(
+                self._file.entry,
+                provides=tuple(self._provides.values()),
+                serves=tuple(self._serves.values()),
+                reads=tuple(self._reads),
+                config=config,
+            )
+        )
+
+    def provide(self, resource: Resource) -> None:
+        """State a resource of this application in its file, where the tree finds it."""
+        if resource.owner != self.name:
+            resource = msgspec.structs.replace(resource, owner=self.name)
+        self._provides[resource.path] = resource
+        self._changed()
+
+    def withdraw(self, path: str) -> None:
+        """Take a resource back."""
+        if self._provides.pop(path, None) is not None:
+            self._changed()
+
+    # -- boards, events, streams
+
+    async def writer(
+        self,
+        path: str,
+        cls: type[T],
+        *,
+        kind: Literal["board", "event", "stream", "setting"] = "board",
+        unit: str = "",
+        rate_hz: float = 0.0,
+        description: str = "",
+        access: Access = "r",
+        log: str = "none",
+        link: Link = "",
+        max_age_s: float = 0.0,
+        resource: Resource | None = None,
+        slots: int | None = None,
+        slot_bytes: int | None = None,
+    ) -> BoardWriter[T]:
+        """The one writer of a resource of this platform; `resource`: its whole descriptor instead.
+
+        Raises: Conflict when another process writes it, InvalidInput.
+        """
+        local = self._own(path)
+        if resource is None:
+            try:
+                resource = Resource(
+                    path=local,
+                    kind=ResourceKind(kind),
+                    type=registry.type_name(cls),
+                    unit=unit,
+                    rate_hz=rate_hz,
+                    description=description,
+                    access=access,
+                    log=log,
+                    link=link,
+                    max_age_s=max_age_s,
+                    owner=self.name,
+                )
+            except ValueError as error:
+                raise InvalidInput(str(error)) from error
+        board = resource.kind in {ResourceKind.BOARD, ResourceKind.SETTING}
+        publication = self.node.publication(
+            local,
+            slots=slots or (BOARD_SLOTS if board else STREAM_SLOTS),
+            slot_bytes=slot_bytes or (BOARD_SLOT_BYTES if board else STREAM_SLOT_BYTES),
+        )
+        writer = BoardWriter(self.node, self.app_id, resource, cls, publication)
+        self._writers.append(writer)
+        self.provide(resource)
+        return writer
+
+    async def stream_writer(
+        self,
+        path: str,
+        cls: type[T],
+        *,
+        slots: int = STREAM_SLOTS,
+        slot_bytes: int = STREAM_SLOT_BYTES,
+        kind: Literal["stream", "event"] = "stream",
+        rate_hz: float = 0.0,
+        description: str = "",
+        log: str = "none",
+        link: Link = "",
+    ) -> BoardWriter[T]:
+        """The one writer of a stream or of events: readers get every item, in order."""
+        return await self.writer(
+            path,
+            cls,
+            kind=kind,
+            rate_hz=rate_hz,
+            description=description,
+            log=log,
+            link=link,
+            slots=slots,
+            slot_bytes=slot_bytes,
+        )
+
+    def close_writer(self, writer: BoardWriter[Any]) -> None:
+        """Withdraw one resource before the module ends."""
+        if writer in self._writers:
+            self._writers.remove(writer)
+            writer.close()
+            self.withdraw(writer.path)
+
+    async def reader(self, path: str, cls: type[T]) -> BoardReader[T]:
+        """The newest value of a board, of this platform or (`/uav3/nav/pose`) mirrored from another."""
+        local = self._interest(path)
+        reader = self._board(local, cls)
+        self._track(reader)
+        return reader
+
+    def _board(self, path: str, cls: type[T]) -> BoardReader[T]:
+        data_id = names.data_id(names.split(path)[1], registry.type_name(cls))
+        return BoardReader(self.node, path, cls, data_id, self.foreign)
+
+    async def readers(self, pattern: str, cls: type[T]) -> BoardSet[T]:
+        """The same board of all other platforms: `/*/nav/pose`; a mapping that grows as they appear."""
+        boards = BoardSet(self.node, pattern, lambda path: self._board(path, cls))
+        self._reads[pattern] = None
+        self._changed()
+        self._track(boards)
+        return boards
+
+    async def stream_reader(self, path: str, cls: type[T], *, from_oldest: bool = False) -> StreamReader[T]:
+        """Every item of a stream or every event from now on; `from_oldest`: also those still in memory."""
+        local = self._interest(path)
+        data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
+        reader = StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest)
+        self._track(reader)
+        return reader
+
+    def _interest(self, path: str) -> str:
+        local = self._local(path)
+        if local.startswith("/"):
+            self._reads[local] = None
+            self._changed()
+        return local
+
+    # -- messages
+
+    async def inbox(
+        self, path: str, cls: type[T], *, limit: int = inbox_module.LIMIT, description: str = ""
+    ) -> Inbox[T]:
+        """The inbox of an address of this platform.
+
+        Raises: Conflict when another application has it.
+        """
+        local = self._own(path)
+        box = Inbox(self.node, self.id, local, cls, limit)
+        served = self._claim(local, cls, "message", "", description)
+        self.node.post.serve_messages(served.data_id, self.app_id, box.put)
+        return box
+
+    def _claim(
+        self,
+        path: str,
+        cls: type[msgspec.Struct],
+        kind: Literal["message", "request"],
+        reply: str,
+        description: str,
+    ) -> Served:
+        self.node.table.refresh()
+        other = self.node.table.serving_path(path)
+        if (
+            other is None
+            or other[0].id == self.id
+            or (self.node.table.refresh(probe=True) and self.node.table.serving_path(path) is None)
+        ):
+            pass
+        else:
+            raise Conflict(f"{path}: served by {other[0].id} already; expected one application only")
+        served = Served(path=path, type=registry.type_name(cls), kind=kind)
+        self._serves[path] = served
+        self.provide(
+            Resource(
+                path=path,
+                kind=ResourceKind.COMMAND,
+                type=served.type,
+                reply=reply,
+                description=description,
+                access="rw",
+            )
+        )
+        return served
+
+    async def send(
+        self, path: str, value: msgspec.Struct, *, timeout_s: float = 2.0, urgent: bool = False
+    ) -> Outcome:
+        """Send a message to an address here or (`/uav3/cmd/goto`) on another platform; what became of it."""
+        local = self._local(path)
+        platform, name = names.split(local)
+        data_id = names.data_id(name, registry.type_name(type(value)))
+        if platform is None and (wrong := self._other_type(name, data_id)):
+            return Outcome(Status.REFUSED, self.platform, wrong)
+        frame = self._frame(Kind.MESSAGE, platform, data_id, value, timeout_s)
+        frame.flags = Flag.WANTS_ACK | (Flag.URGENT if urgent else 0)
+        return await self.node.post.send(frame, timeout_s)
+
+    def _frame(
+        self, kind: Kind, platform: str | None, data_id: int, value: msgspec.Struct, timeout_s: float
+    ) -> Frame:
+        # a random start: a restarted application is not taken for a duplicate of its former self
+        sequence = self._sequences.get(data_id)
+        sequence = secrets.randbits(32) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
+        self._sequences[data_id] = sequence
+        return Frame(
+            kind,
+            data_id,
+            self.node.hardware,
+            self.app_id,
+            self.node.hardware if platform is None else names.hardware_id(platform),
+            names.ANY,
+            sequence,
+            self.clock.now_ns(),
+            extension=with_lifetime(timeout_s),
+            payload=registry.encode(value),
+        )
+
+    def _other_type(self, path: str, data_id: int) -> str:
+        """Why a local address cannot take this value; empty when it can, or nobody is there yet."""
+        table = self.node.table
+        table.refresh()
+        if table.serving(data_id) is not None:
+            return ""
+        found = table.serving_path(path)
+        return "" if found is None else f"{path} of {found[0].id} takes {found[1].type}"
+
+    # -- requests
+
+    async def serve(
+        self,
+        path: str,
+        cls: type[msgspec.Struct],
+        handler: Handler,
+        *,
+        reply: type[msgspec.Struct] | None = None,
+        description: str = "",
+    ) -> None:
+        """Answer the requests of an address: `handler(request, meta)` gives the answer, or a coroutine of it.
+
+        A SwarmError of the handler is raised at the caller as the same class.
+        Raises: Conflict when another application has the address.
+        """
+        local = self._own(path)
+        reply_name = registry.type_name(reply) if reply is not None else ""
+        served = self._claim(local, cls, "request", reply_name, description)
+        server = Server(local, cls, handler, self.start)
+        self.node.post.serve_requests(served.data_id, self.app_id, server.on_request)
+
+    async def request(
+        self,
+        path: str,
+        value: msgspec.Struct,
+        reply: type[R],
+        *,
+        timeout_s: float = 2.0,
+        urgent: bool = False,
+    ) -> R:
+        """Ask an address here or on another platform.
+
+        Raises: the error of the handler as its own class; NoAnswer in time; NotFound when nobody serves it;
+        TypeMismatch when it takes another type.
+        """
+        local = self._local(path)
+        platform, name = names.split(local)
+        data_id = names.data_id(name, registry.type_name(type(value)))
+        if platform is None and (wrong := self._other_type(name, data_id)):
+            raise TypeMismatch(f"{wrong}, not {registry.type_name(type(value))}")
+        frame = self._frame(Kind.REQUEST, platform, data_id, value, timeout_s)
+        frame.flags = Flag.URGENT if urgent else 0
+        try:
+            answer = await self.node.post.request(frame, timeout_s)
+        except NotFound as error:
+            raise NotFound(f"{path}: {error}") from error
+        if not answer.ok:
+            raise from_kind(answer.kind, answer.error)
+        return registry.decode(reply, answer.body)

@@ -1,0 +1,69 @@
+"""The answering end of requests: runs handlers, turns their errors into replies."""
+
+import inspect
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any, Final
+
+import msgspec
+
+from swarmware.errors import KINDS, SwarmError
+from swarmware.frame import Frame
+from swarmware.module.meta import Meta
+from swarmware.types import registry
+from swarmware.types.rpc import Reply
+
+IN_WORK_LIMIT: Final = 64
+"""Requests of one path worked on at the same time; more are turned away."""
+
+Handler = Callable[[Any, Meta], Awaitable[msgspec.Struct] | msgspec.Struct]
+"""Takes the request and who sent it; gives the answer, or raises a SwarmError that the caller will see."""
+Start = Callable[[Any, str], object]
+"""Runs a coroutine as a named task."""
+
+log = logging.getLogger("swarm.rpc")
+
+
+class Server:
+    """Serves the requests of one path."""
+
+    def __init__(self, path: str, cls: type[msgspec.Struct], handler: Handler, start: Start) -> None:
+        self.path = path
+        self._cls = cls
+        self._handler = handler
+        self._start = start
+        self._in_work = 0
+
+    def on_request(self, frame: Frame, respond: Callable[[Reply], None]) -> None:
+        """A request came; called by the post."""
+        if self._in_work >= IN_WORK_LIMIT:
+            respond(Reply(False, kind="NoAnswer", error=f"{self.path}: {IN_WORK_LIMIT} requests in work"))
+            return
+        try:
+            request = registry.decode(self._cls, frame.payload, frame.codec)
+            result = self._handler(request, Meta.of(frame))
+        except Exception as error:  # noqa: BLE001 - the RPC server: whatever a handler does, the caller is told
+            respond(self._failed(error))
+            return
+        if inspect.isawaitable(result):
+            self._in_work += 1
+            self._start(self._finish(result, respond), f"serve {self.path}")
+        else:
+            respond(Reply(True, registry.encode(result)))
+
+    async def _finish(self, result: Awaitable[msgspec.Struct], respond: Callable[[Reply], None]) -> None:
+        answer = Reply(False, kind="NoAnswer", error=f"{self.path}: the application ends")
+        try:
+            answer = Reply(True, registry.encode(await result))
+        except Exception as error:  # noqa: BLE001 - the RPC server: whatever a handler does, the caller is told
+            answer = self._failed(error)
+        finally:
+            self._in_work -= 1
+            respond(answer)
+
+    def _failed(self, error: Exception) -> Reply:
+        if isinstance(error, SwarmError):
+            kind = next(cls.__name__ for cls in type(error).__mro__ if cls.__name__ in KINDS)
+            return Reply(False, kind=kind, error=str(error))
+        log.error("request %s: the handler failed", self.path, exc_info=error)
+        return Reply(False, kind="SwarmError", error=f"{self.path}: {type(error).__name__}: {error}")

@@ -1,0 +1,101 @@
+"""The reader's end of a stream or of events: every one, in order; what was overrun is counted."""
+
+import asyncio
+import logging
+from typing import Final, Generic, TypeVar
+
+import msgspec
+
+from swarmware.errors import NoAnswer, WireError
+from swarmware.frame import decode
+from swarmware.module.meta import Meta
+from swarmware.module.source import Source
+from swarmware.module.wakeup import Patience
+from swarmware.names import split
+from swarmware.node import Node
+from swarmware.shm.layout import ring_file
+from swarmware.types import registry
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+FAIR: Final = 64
+"""Items taken without waiting before the event loop gets its turn."""
+
+log = logging.getLogger("swarm.module")
+
+
+class StreamReader(Generic[T]):
+    """`async for item in reader`: every item from now on; those already there when the writer came before us
+    are given only with `from_oldest`."""
+
+    def __init__(self, node: Node, path: str, cls: type[T], data_id: int, *, from_oldest: bool) -> None:
+        self.path = path
+        self.refused = 0
+        """Frames that were of another type, or damaged."""
+        self.meta: Meta | None = None
+        """Who wrote the item given last, and when."""
+        self._cls = cls
+        self._data_id = data_id
+        platform, local = split(path)
+        self._source = Source(node, ring_file(node.shm_dir, local, platform))
+        self._run = 0
+        self._source.listen()
+        # a ring that is not there yet can only hold what is written from now on
+        self._source.open(after=0 if from_oldest else None)
+
+    @property
+    def lost(self) -> int:
+        """Items overwritten before they were read."""
+        ring = self._source.ring
+        return 0 if ring is None else ring.lost
+
+    def take(self) -> T | None:
+        """The next item if there is one; does not wait."""
+        while True:
+            ring = self._source.ring or self._source.open(after=0)
+            data = None if ring is None else ring.next()
+            if data is None:
+                if ring is None or not ring.moved or self._source.open(after=0) is ring:
+                    return None
+                continue
+            try:
+                frame = decode(data)
+                if frame.data_id != self._data_id:
+                    raise WireError(f"of another type than {self._cls.__name__}, or of another path")
+                value = registry.decode(self._cls, frame.payload, frame.codec)
+            except WireError as error:
+                self.refused += 1
+                if self.refused == 1:  # the count tells the rest
+                    log.warning("stream %s: refused: %s", self.path, error)
+                continue
+            self.meta = Meta.of(frame)
+            return value
+
+    async def next(self, timeout_s: float | None = None) -> T:
+        """The next item.
+
+        Raises: NoAnswer when there is none in time.
+        """
+        patience: Patience | None = None
+        while True:
+            value = self.take()
+            if value is not None:
+                self._run += 1
+                if self._run >= FAIR:
+                    self._run = 0
+                    await asyncio.sleep(0)
+                return value
+            self._run = 0
+            patience = patience or Patience(timeout_s)
+            if not await self._source.wait(patience):
+                raise NoAnswer(f"stream {self.path}: nothing new within {timeout_s} s")
+
+    def __aiter__(self) -> "StreamReader[T]":
+        return self
+
+    async def __anext__(self) -> T:
+        return await self.next()
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._source.close()

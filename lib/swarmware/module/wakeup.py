@@ -1,0 +1,55 @@
+"""Waiting for something that a callback tells: futures with a time limit, no tasks."""
+
+import asyncio
+
+
+class Wakeup:
+    """Those who wait for one thing."""
+
+    __slots__ = ("_loop", "_waiters")
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._waiters: list[asyncio.Future[bool]] = []
+
+    @property
+    def awaited(self) -> bool:
+        """Whether anybody waits."""
+        return bool(self._waiters)
+
+    def notify(self) -> None:
+        """Wake all who wait."""
+        for future in self._waiters:
+            if not future.done():
+                future.set_result(True)
+
+    async def wait(self, timeout_s: float | None) -> bool:
+        """Wait for the next `notify`; False when the time is over before."""
+        future: asyncio.Future[bool] = self._loop.create_future()
+        self._waiters.append(future)
+        timer = None if timeout_s is None else self._loop.call_later(max(0.0, timeout_s), _expire, future)
+        try:
+            return await future
+        finally:
+            self._waiters.remove(future)
+            if timer is not None:
+                timer.cancel()
+
+
+def _expire(future: "asyncio.Future[bool]") -> None:
+    if not future.done():
+        future.set_result(False)
+
+
+class Patience:
+    """The rest of a time limit, over several waits."""
+
+    __slots__ = ("_deadline_s", "_loop")
+
+    def __init__(self, timeout_s: float | None) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._deadline_s = None if timeout_s is None else self._loop.time() + timeout_s
+
+    def rest_s(self) -> float | None:
+        """Time left, 0 when it is over; None without a limit."""
+        return None if self._deadline_s is None else max(0.0, self._deadline_s - self._loop.time())

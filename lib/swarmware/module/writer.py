@@ -1,0 +1,91 @@
+"""The owner's end of a board, event or stream."""
+
+from typing import Final, Generic, TypeVar
+
+import msgspec
+
+from swarmware.errors import TypeMismatch
+from swarmware.frame import HEADER_BYTES, Frame, Kind, encode
+from swarmware.names import ANY
+from swarmware.node import Node, Publication
+from swarmware.resource import Kind as ResourceKind
+from swarmware.resource import Resource
+from swarmware.types import registry
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+FRAME_KINDS: Final = {
+    ResourceKind.BOARD: Kind.BOARD,
+    ResourceKind.SETTING: Kind.BOARD,
+    ResourceKind.EVENT: Kind.EVENT,
+    ResourceKind.STREAM: Kind.STREAM,
+}
+
+
+class BoardWriter(Generic[T]):
+    """Publishes the values of one resource of this platform; each `write` wakes its readers."""
+
+    def __init__(
+        self, node: Node, app_id: int, resource: Resource, cls: type[T], publication: Publication
+    ) -> None:
+        self.resource = resource
+        self.path = resource.path
+        self._cls = cls
+        self._clock = node.clock
+        self._publication = publication
+        self._frame = Frame(
+            FRAME_KINDS[resource.kind], resource.data_id, node.hardware, app_id, ANY, ANY
+        )  # filled in anew for each value: a writer belongs to one thread
+        self._encode = registry.encode
+
+    @property
+    def sequence(self) -> int:
+        """Sequence of the newest value; it goes on over restarts of the writer."""
+        return self._publication.sequence
+
+    def write(self, value: T, stamp_ns: int | None = None) -> int:
+        """Publish a value, stamped now or with the instant given (node's hardware clock); its sequence.
+
+        Raises: TypeMismatch, OutOfRange when it is too large for shared memory.
+        """
+        if type(value) is not self._cls:
+            raise TypeMismatch(f"{self.path}: {type(value).__name__}, expected {self._cls.__name__}")
+        frame = self._frame
+        frame.sequence = self._publication.sequence + 1
+        frame.stamp_ns = self._clock.now_ns() if stamp_ns is None else stamp_ns
+        frame.payload = self._encode(value)
+        return self._publication.publish(encode(frame))
+
+    def loan(self, length: int, stamp_ns: int | None = None) -> "Loan":
+        """An encoded payload, filled in place and published on leaving the `with` block."""
+        frame = self._frame
+        frame.sequence = self._publication.sequence + 1
+        frame.stamp_ns = self._clock.now_ns() if stamp_ns is None else stamp_ns
+        frame.payload = b""
+        slot = self._publication.loan(HEADER_BYTES + length)
+        slot[:HEADER_BYTES] = encode(frame)
+        return Loan(self._publication, slot)
+
+    def close(self, *, unlink: bool = True) -> None:
+        """Stop publishing; without `unlink` the newest value stays readable until the node ends."""
+        self._publication.close(unlink=unlink)
+
+
+class Loan:
+    """A slot of shared memory, ours until it is published."""
+
+    def __init__(self, publication: Publication, slot: memoryview) -> None:
+        self._publication = publication
+        self._slot = slot
+        self.payload = slot[HEADER_BYTES:]
+        """To be filled; dead after the `with` block."""
+
+    def __enter__(self) -> memoryview:
+        return self.payload
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self.payload.release()
+        if kind is None:
+            self._publication.publish_loan()
+        else:
+            self._publication.abandon()

@@ -1,0 +1,55 @@
+"""The start of a node: the number of this boot, shared by all its processes, and the sweeping around it.
+
+Whoever lives on the node holds a shared lock of one file. Who gets it alone is the first, or the last.
+"""
+
+import fcntl
+import os
+from pathlib import Path
+
+from swarmware.clock import utc_ns
+from swarmware.errors import Denied
+from swarmware.shm.lock import try_lock
+from swarmware.shm.reap import reap
+
+
+class Boot:
+    """This process's share in the running node."""
+
+    def __init__(self, run_dir: Path, shm_dir: Path) -> None:
+        self._run_dir = run_dir
+        self._shm_dir = shm_dir
+        try:
+            run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
+            shm_dir.mkdir(mode=0o750, parents=True, exist_ok=True)
+            self._fd = os.open(run_dir / "boot", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        except PermissionError as error:
+            raise Denied(
+                f"{error.filename}: no permission; expected to run as the user of this node"
+            ) from error
+        if try_lock(self._fd):
+            self._begin()
+        fcntl.flock(self._fd, fcntl.LOCK_SH)  # the one who has it alone keeps it for some milliseconds
+        self.boot_id = int(os.pread(self._fd, 32, 0) or b"0")
+        """Larger at each start of the node."""
+
+    def _begin(self) -> None:
+        """Nobody lives here: a new start; what the dead left goes."""
+        boot_id = max(utc_ns(), int(os.pread(self._fd, 32, 0) or b"0") + 1)
+        os.pwrite(self._fd, b"%d" % boot_id, 0)
+        self._sweep()
+
+    def _sweep(self) -> None:
+        reap(self._shm_dir, self._run_dir)
+        for folder, pattern in (("apps", "*.toml"), ("p", "*.sock")):
+            for path in (self._run_dir / folder).glob(pattern):
+                path.unlink(missing_ok=True)
+
+    def leave(self) -> None:
+        """This process has closed everything; the last one takes away what is left."""
+        if self._fd < 0:
+            return
+        if try_lock(self._fd):
+            self._sweep()
+        os.close(self._fd)
+        self._fd = -1

@@ -1,0 +1,173 @@
+"""The node as one of its processes sees it."""
+
+import asyncio
+import contextlib
+import os
+from collections import Counter
+from pathlib import Path
+from typing import ClassVar, Final, Protocol, Self
+
+from swarmware.appfile import AppTable
+from swarmware.clock import Clock, utc_ns
+from swarmware.config import DEFAULT_DIR, NodeConfig, load_node
+from swarmware.names import hardware_id
+from swarmware.node.boot import Boot
+from swarmware.node.publication import Publication
+from swarmware.post import Post
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.layout import ring_file
+from swarmware.shm.reap import BELLS_FOLDER
+
+APPS_TABLE: Final = "apps.readers"
+"""Bells of those who want to know when applications come, go or change."""
+MIRRORS_TABLE: Final = "mirrors.readers"
+"""Bells of those who want to know when a mirror of another platform's resource appears."""
+MIRROR_SLOTS: Final = 4
+MIRROR_SLOT_BYTES: Final = 256
+"""A header and a packed pose or a few numbers; a mirror grows by itself."""
+
+
+class Watcher(Protocol):
+    """Looks at shared memory when the doorbell has rung."""
+
+    def poll(self) -> None:
+        """Look whether there is something new; called in the event loop, must be cheap."""
+        ...
+
+
+def find_config_dir(config_dir: Path | str | None = None) -> Path:
+    """The configuration folder of a node: the one given, else of SWARM_CONFIG, else /etc/swarm."""
+    return Path(config_dir or os.environ.get("SWARM_CONFIG") or DEFAULT_DIR).resolve()
+
+
+class Node:
+    """What a process has once: configuration, clock, doorbell, post and the table of applications.
+
+    Modules of one process share it: `attach` gives the same one again, `close` closes the last.
+    """
+
+    # one doorbell and one socket per process, whoever asks for them: the only thing that is kept per process
+    _attached: ClassVar[dict[tuple[int, Path], "Node"]] = {}
+
+    def __init__(self, config_dir: Path, config: NodeConfig) -> None:
+        self.config_dir = config_dir
+        self.config = config
+        self.platform = config.platform
+        self.hardware = hardware_id(config.platform, config.unit)
+        self.run_dir = config.run_path
+        self.shm_dir = config.shm_path
+        self._users = 0
+        self._watchers: dict[Watcher, None] = {}
+        self._listens: Counter[Path] = Counter()
+        self._loop = asyncio.get_running_loop()
+        self._boot = Boot(self.run_dir, self.shm_dir)
+        self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._boot.boot_id)
+        self.started_ns = self.clock.now_ns()
+        self.table = AppTable(self.run_dir)
+        self.pulls = BellPulls(self.run_dir / BELLS_FOLDER)
+        self.doorbell = Doorbell(self.run_dir / BELLS_FOLDER)
+        self.post = Post(
+            platform=self.platform,
+            hardware=self.hardware,
+            clock=self.clock,
+            socket_path=self.run_dir / "p" / f"{os.getpid()}.sock",
+            table=self.table,
+        )
+        self._apps_bells = Bells(self.shm_dir / APPS_TABLE, self.pulls)
+        self._mirror_bells = Bells(self.shm_dir / MIRRORS_TABLE, self.pulls)
+        self._loop.add_reader(self.doorbell.fd, self._on_bell)
+
+    @classmethod
+    async def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:
+        """Join the node of this configuration folder; None: of SWARM_CONFIG, else of /etc/swarm.
+
+        Raises: ConfigError, Denied.
+        """
+        folder = find_config_dir(config_dir)
+        key = (id(asyncio.get_running_loop()), folder)
+        node = cls._attached.get(key)
+        if node is None:
+            node = cls._attached[key] = cls(folder, config or load_node(folder))
+        node._users += 1
+        assert isinstance(node, cls)
+        return node
+
+    async def share(self) -> Self:
+        """This node for one more user; each calls `close`."""
+        self._users += 1
+        return self
+
+    # -- waking
+
+    def watch(self, watcher: Watcher) -> None:
+        """Have it look at shared memory whenever the doorbell rings."""
+        self._watchers[watcher] = None
+
+    def unwatch(self, watcher: Watcher) -> None:
+        """Undo `watch`."""
+        self._watchers.pop(watcher, None)
+
+    def listen(self, readers: Path) -> None:
+        """Enter this process's doorbell in a table of readers; once for all who ask."""
+        self._listens[readers] += 1
+        if self._listens[readers] == 1:
+            with Bells(readers, self.pulls) as bells:
+                bells.add(self.doorbell.name)
+
+    def unlisten(self, readers: Path) -> None:
+        """Undo `listen`."""
+        self._listens[readers] -= 1
+        if self._listens[readers] <= 0:
+            del self._listens[readers]
+            with Bells(readers, self.pulls) as bells:
+                bells.remove(self.doorbell.name)
+
+    def _on_bell(self) -> None:
+        self.doorbell.drain()
+        for watcher in tuple(self._watchers):
+            watcher.poll()
+
+    # -- news for others
+
+    def announce_apps(self) -> None:
+        """Ring those who watch the application files."""
+        self._apps_bells.ring()
+
+    def publication(
+        self, path: str, *, slots: int, slot_bytes: int, platform: str | None = None
+    ) -> Publication:
+        """The ring of a resource, for writing; of another platform: its mirror.
+
+        Raises: RingBusy when another process writes it.
+        """
+        ring = ring_file(self.shm_dir, path, platform)
+        return Publication(ring, self.pulls, slots=slots, slot_bytes=slot_bytes)
+
+    def mirror_writer(
+        self, platform: str, path: str, *, slots: int = MIRROR_SLOTS, slot_bytes: int = MIRROR_SLOT_BYTES
+    ) -> Publication:
+        """The mirror of another platform's resource; frames are published as they were received."""
+        publication = self.publication(path, slots=slots, slot_bytes=slot_bytes, platform=platform)
+        now_ns = utc_ns()
+        os.utime(self.shm_dir, ns=(now_ns, now_ns))  # what `BoardSet` looks at
+        self._mirror_bells.ring()
+        return publication
+
+    async def close(self) -> None:
+        """Leave the node, when the last module of this process does."""
+        self._users -= 1
+        if self._users > 0:
+            return
+        self._attached.pop((id(self._loop), self.config_dir), None)
+        for readers in list(self._listens):
+            self._listens[readers] = 1
+            self.unlisten(readers)
+        self._loop.remove_reader(self.doorbell.fd)
+        self.post.close()
+        self._apps_bells.close()
+        self._mirror_bells.close()
+        self.doorbell.close()
+        self.pulls.close()
+        with contextlib.suppress(FileNotFoundError):
+            self._boot.leave()

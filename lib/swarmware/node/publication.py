@@ -1,0 +1,71 @@
+"""A ring that this process writes, with the bells of those who read it."""
+
+from pathlib import Path
+from typing import Final
+
+from swarmware.errors import OutOfRange
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.layout import MAX_SLOT_BYTES, readers_file
+from swarmware.shm.ring import RingWriter
+
+ALIGN: Final = 256
+"""Slots grow in steps of this many bytes."""
+
+
+class Publication:
+    """Publishes frames; its ring is replaced by one of larger slots when a frame does not fit."""
+
+    def __init__(
+        self, path: Path, pulls: BellPulls, *, slots: int, slot_bytes: int, mode: int = 0o640
+    ) -> None:
+        self.path = path
+        self._mode = mode
+        self._slots = slots
+        self._ring = RingWriter(path, slots=slots, slot_bytes=slot_bytes, mode=mode)
+        self._bells = Bells(readers_file(path), pulls)
+        self._bells.ring()  # readers may have been waiting for a writer to come
+
+    @property
+    def sequence(self) -> int:
+        """Ring sequence of the newest frame; it goes on over restarts of the writer."""
+        return self._ring.sequence
+
+    def publish(self, data: bytes) -> int:
+        """Publish one encoded frame and wake its readers; returns the ring sequence."""
+        if len(data) > self._ring.slot_bytes:
+            self._grow(len(data))
+        sequence = self._ring.write(data)
+        self._bells.ring()
+        return sequence
+
+    def loan(self, length: int) -> memoryview:
+        """The bytes of the next frame, to be filled in place; nothing is visible before `publish_loan`."""
+        if length > self._ring.slot_bytes:
+            self._grow(length)
+        return self._ring.loan(length)
+
+    def publish_loan(self) -> int:
+        """Publish the frame on loan and wake the readers."""
+        sequence = self._ring.publish()
+        self._bells.ring()
+        return sequence
+
+    def abandon(self) -> None:
+        """Give the loan back unpublished."""
+        self._ring.abandon()
+
+    def _grow(self, length: int) -> None:
+        slot_bytes = max(2 * self._ring.slot_bytes, -(-length // ALIGN) * ALIGN)
+        if length > MAX_SLOT_BYTES:
+            raise OutOfRange(f"{self.path}: a frame of {length} bytes; expected at most {MAX_SLOT_BYTES}")
+        self._ring.close()  # stays readable until the new file takes its place
+        self._ring = RingWriter(
+            self.path, slots=self._slots, slot_bytes=min(slot_bytes, MAX_SLOT_BYTES), mode=self._mode
+        )
+
+    def close(self, *, unlink: bool = True) -> None:
+        """Stop writing; without `unlink` the newest frames stay readable until the node ends."""
+        self._ring.close(unlink=unlink)
+        self._bells.ring()
+        self._bells.close()
