@@ -110,19 +110,19 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
         Source: scale.md 4.4.
         """
-        at_ns = self.t0_ns
-        offset_ns = further.to_remote(self.to_remote(at_ns)) - at_ns
+        # The older of the two: a composed function must not look fresher than its oldest link.
+        at_ns = min(self.t0_ns, self.to_local(further.t0_ns))
         via_ns = self.to_remote(at_ns)
         return Conversion(
             platform=further.platform,
             unit=further.unit,
             hardware=further.hardware,
             boot_id=further.boot_id,
-            offset_ns=offset_ns,
+            offset_ns=further.to_remote(via_ns) - at_ns,
             skew=(1.0 + self.skew) * (1.0 + further.skew) - 1.0,
             t0_ns=at_ns,
-            bound_ns=self.bound_ns + further.bound_at_ns(via_ns),
-            sigma_ns=round(math.hypot(self.sigma_ns, further.sigma_at_ns(via_ns))),
+            bound_ns=self.bound_at_ns(at_ns) + further.bound_at_ns(via_ns),
+            sigma_ns=round(math.hypot(self.sigma_at_ns(at_ns), further.sigma_at_ns(via_ns))),
             skew_bound=self.skew_bound + further.skew_bound,
             conv_epoch=(self.conv_epoch + further.conv_epoch) & 0xFFFF_FFFF,
             hops=self.hops + further.hops,
