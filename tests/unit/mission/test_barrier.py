@@ -100,6 +100,17 @@ def test_a_member_that_is_silent_for_too_long_breaks_the_barrier() -> None:
     assert e.of["a"].on_timer(3 * S + 1) == [Passed(1, "error:broken", "without c")]
 
 
+def test_a_member_whose_computer_is_alive_gets_three_times_as_long() -> None:
+    e = Ensemble()
+    e.arrive("a", "b")
+    for second in range(1, 9):
+        e.of["a"].alive("c", second * S)
+        e.of["b"].alive("c", second * S)
+        assert outcomes(e.talk(second * S, silent=("c",))) == {}
+    assert e.of["a"].on_timer(9 * S) == []
+    assert outcomes({"a": e.of["a"].on_timer(9 * S + 1)}) == {"a": "error:broken"}
+
+
 def test_a_member_that_failed_breaks_the_barrier_at_once() -> None:
     e = Ensemble()
     e.arrive("a", "b")

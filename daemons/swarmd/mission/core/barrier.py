@@ -13,6 +13,8 @@ from swarmware.types.mission import Arrival, Meeting, Member, MissionState
 
 OVER: Final = frozenset({"idle", "ending", "recovering", "done", "failed", "aborted"})
 """States of a member that will come to no barrier any more."""
+PATIENCE: Final = 3
+"""A member whose mission is silent but whose computer is heard of gets so many times longer."""
 MEMORY: Final = 8
 """Outcomes of barriers that a member keeps telling, for those who come late."""
 
@@ -46,6 +48,8 @@ class _Peer(msgspec.Struct):
     state: MissionState | None = None
     """In this run; None: not heard of yet."""
     heard_ns: int = 0
+    alive_ns: int = 0
+    """When something else was heard of its computer."""
     left: bool = False
     """It took part and now plays something else, or started anew."""
 
@@ -99,7 +103,13 @@ class Barriers:
         """From now on a member's silence means that it is lost."""
         self._expected = True
         for peer in self._peers.values():
-            peer.heard_ns = max(peer.heard_ns, now_ns)
+            peer.heard_ns = peer.alive_ns = now_ns
+
+    def alive(self, platform: str, now_ns: int) -> None:
+        """Another sign of life of a member: its datagrams arrive, even if its mission's was lost."""
+        peer = self._peers.get(platform)
+        if peer is not None:
+            peer.alive_ns = max(peer.alive_ns, now_ns)
 
     def heard(self, platform: str, state: MissionState, meetings: tuple[Meeting, ...], now_ns: int) -> None:
         """Another member's state; its meetings are given on the clock of this one."""
@@ -146,7 +156,7 @@ class Barriers:
                 instants.append(waiting.deadline_ns)
             if self._expected:
                 instants += [
-                    self._peers[name].heard_ns + self._lost_after_ns + 1
+                    self._lost_ns(self._peers[name]) + 1
                     for name in self._participants(waiting.gate)
                     if name != self._me and not self._peers[name].left
                 ]
@@ -225,7 +235,13 @@ class Barriers:
             return False
         if peer.left or (peer.state is not None and peer.state.state in OVER):
             return True
-        return self._expected and now_ns - peer.heard_ns > self._lost_after_ns
+        return self._expected and now_ns > self._lost_ns(peer)
+
+    def _lost_ns(self, peer: _Peer) -> int:
+        """When it counts as lost, if nothing more is heard."""
+        heard_ns = peer.heard_ns
+        last_ns = min(max(heard_ns, peer.alive_ns), heard_ns + (PATIENCE - 1) * self._lost_after_ns)
+        return last_ns + self._lost_after_ns
 
     def _why(self, gate: Gate, now_ns: int) -> str:
         names = [n for n in self._participants(gate) if not self._is_there(n, gate, now_ns)]

@@ -160,6 +160,11 @@ class MissionCore:
             self._settle(now_ns, actions)
         return actions
 
+    def alive(self, platform: str, now_ns: int) -> None:
+        """Another sign of life of a platform."""
+        if self._barriers is not None:
+            self._barriers.alive(platform, now_ns)
+
     def ended(self, token: int, outcome: str, text: str, now_ns: int) -> list[Action]:
         """A functional block has ended: ok, error:<kind> or cancelled."""
         actions: list[Action] = []
