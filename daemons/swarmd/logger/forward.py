@@ -62,6 +62,11 @@ class Forwarder:
             self._cursor = None
             raise
 
+    def behind(self, counters: dict[str, int]) -> int:
+        """Entries that are in the ring's queues and not yet stored."""
+        stored = self._cursor.sequences if self._cursor is not None else {}
+        return sum(max(0, last - stored.get(queue, 0)) for queue, last in counters.items())
+
     def _forward(self, cursor: Cursor) -> int:
         while (reader := self._segment(cursor)) is not None:
             number = int(reader.path.stem)

@@ -41,6 +41,22 @@ def find_config_dir(config_dir: Path | str | None = None) -> Path:
     return Path(config_dir or os.environ.get("SWARM_CONFIG") or DEFAULT_DIR).resolve()
 
 
+class Services(Protocol):
+    """The services that run in this process."""
+
+    @property
+    def names(self) -> list[str]:
+        """Their names."""
+        ...
+
+    def restart(self, name: str) -> None:
+        """Start one of them again.
+
+        Raises: NotFound when it does not run in this process.
+        """
+        ...
+
+
 class Node:
     """What a process has once: configuration, clock, doorbell, post and the table of applications.
 
@@ -57,6 +73,8 @@ class Node:
         self.hardware = hardware_id(config.platform, config.unit)
         self.run_dir = config.run_path
         self.shm_dir = config.shm_path
+        self.host: Services | None = None
+        """What runs the services of this process; None in a program that only has modules."""
         self._users = 0
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()

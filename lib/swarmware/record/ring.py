@@ -34,6 +34,8 @@ class LogRing:
         self.repaired_bytes = 0
         """Bytes of half-written records that the last crash had left."""
         self._counters: dict[str, int] = {}
+        self.last_stamps: dict[str, int] = {}
+        """Newest stamp by local path in the last segment found; empty in a new ring."""
         self._recover()
         self._writer = self._open(self._last_number() + 1)
 
@@ -43,7 +45,10 @@ class LogRing:
         remaining = segments(self.directory)
         if remaining:
             reader = SegmentReader(remaining[-1])
-            last = {entry.queue: entry.sequence for entry in reader.entries()}
+            last: dict[str, int] = {}
+            for entry in reader.entries():
+                last[entry.queue] = entry.sequence
+                self.last_stamps[entry.path] = entry.stamp_ns
             self._counters = reader.counters | last
 
     def _last_number(self) -> int:

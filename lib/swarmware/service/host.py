@@ -121,8 +121,7 @@ class Host:
             await asyncio.sleep(pause_s)
 
     async def _run_once(self, item: Prepared, restarts: int) -> None:
-        async with Module(item.name, node=self.node) as module:
-            module.publish_config(msgspec.to_builtins(item.config))
+        async with Module(item.name, node=self.node, config=item.config) as module:
             service = item.cls(module, item.config)
             reporter = self._reporters[item.name] = await Reporter.open(module, restarts)
             self._running[item.name] = service

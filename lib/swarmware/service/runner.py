@@ -48,10 +48,13 @@ async def _run(config_dir: Path, prepared: list[Prepared]) -> int:
         loop.add_signal_handler(number, asked.set)
     notifier = Notifier()
     try:
-        async with Node.attach(config_dir) as node:
+        node = await Node.attach(config_dir)
+        try:
             host = Host(node, prepared)
             node.host = host
             return await _serve(host, notifier, asked)
+        finally:
+            await node.close()
     finally:
         notifier.close()
 

@@ -1,0 +1,114 @@
+"""The book of a node: batches of frames into the local ring, gaps as rows of their own."""
+
+from pathlib import Path
+
+import msgspec
+
+from swarmd.logger.config import Config
+from swarmd.logger.core import Track
+from swarmd.logger.taps import payload
+from swarmware.errors import SwarmError
+from swarmware.frame import Frame
+from swarmware.record.ring import LogRing
+from swarmware.record.segment import Channel
+from swarmware.types import registry
+from swarmware.types.log import LogGap
+
+GAPS = "log/gaps"
+
+
+class Batch:
+    """What was taken from shared memory and is not yet on disk."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[Track, Frame, int]] = []
+        """Track, frame, and the wall clock when it was taken."""
+        self.gaps: list[tuple[LogGap, int, int]] = []
+        """Gap, stamp and wall clock."""
+
+    def __bool__(self) -> bool:
+        return bool(self.frames or self.gaps)
+
+
+class Totals(msgspec.Struct):
+    """Counters since the start."""
+
+    frames: int = 0
+    bytes: int = 0
+    missing: int = 0
+
+
+class Book:
+    """Writes batches; blocks on the disk, so its calls belong into a thread."""
+
+    def __init__(self, directory: Path, platform: str, config: Config) -> None:
+        self.directory = directory
+        self._platform = platform
+        self._ring = LogRing(
+            directory,
+            segment_bytes=config.segment_bytes,
+            ring_bytes=config.ring_bytes,
+            min_free_bytes=config.min_free_bytes,
+            sync=config.sync,
+        )
+        self._channels: dict[Track, Channel] = {}
+        self.totals = Totals()
+
+    @property
+    def last_stamps(self) -> dict[str, int]:
+        """Newest stamp on disk by local path, from before the start."""
+        return self._ring.last_stamps
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Last sequence of each queue."""
+        return self._ring.counters
+
+    @property
+    def repaired_bytes(self) -> int:
+        """What the last crash had left half-written."""
+        return self._ring.repaired_bytes
+
+    def write(self, batch: Batch) -> None:
+        """Writes the batch and ends it.
+
+        Raises: OSError when the disk does not take it; what of the batch was written is counted.
+        """
+        totals = self.totals
+        for track, frame, utc_ns in batch.frames:
+            try:
+                data = payload(frame, track.type)
+            except SwarmError:
+                data = bytes(frame.payload)
+            self._ring.append(self._channel(track), frame.stamp_ns, utc_ns, data)
+            totals.frames += 1
+            totals.bytes += len(data)
+        for gap, stamp_ns, utc_ns in batch.gaps:
+            self._append_gap(gap, stamp_ns, utc_ns)
+        self._ring.flush()
+
+    def _append_gap(self, gap: LogGap, stamp_ns: int, utc_ns: int) -> None:
+        channel = Channel(self._platform, GAPS, "event", "LogGap", f"{self._platform}:logger:out")
+        self._ring.append(channel, stamp_ns, utc_ns, registry.encode(gap))
+        self.totals.missing += gap.count
+
+    def _channel(self, track: Track) -> Channel:
+        channel = self._channels.get(track)
+        if channel is None:
+            direction = "in" if track.kind == "command" else "out"
+            queue = f"{self._platform}:{track.module}:{direction}"
+            channel = Channel(self._platform, track.path, str(track.kind), track.type, queue)
+            self._channels[track] = channel
+        return channel
+
+    def queue(self, track: Track) -> str:
+        """Name of the queue into which the track is written."""
+        return self._channel(track).queue
+
+    def size(self) -> tuple[int, int]:
+        """Number of segments and their bytes."""
+        return self._ring.size()
+
+    def close(self) -> None:
+        """Ends the last segment properly."""
+        self._ring.close()

@@ -1,0 +1,202 @@
+"""The logger's shell: looks at shared memory, hands batches to the disk, forwards to MongoDB."""
+
+import asyncio
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from swarmd.logger import config as settings
+from swarmd.logger.book import GAPS, Batch, Book
+from swarmd.logger.core import Plan
+from swarmd.logger.forward import Forwarder
+from swarmd.logger.taps import Tap
+from swarmware import template
+from swarmware.clock import utc_ns
+from swarmware.errors import SwarmError
+from swarmware.module import BoardWriter, Meta, Module
+from swarmware.resource import Resource
+from swarmware.service import Service
+from swarmware.types.log import LogGap, LogStats, LogStatsRequest
+
+log = logging.getLogger("swarm.logger")
+
+
+class Logger(Service):
+    """Writes what the resource table says to the local ring, and from there to MongoDB."""
+
+    name = "logger"
+    Config = settings.Config
+    config: settings.Config
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        self._node = module.node
+        self._plan = Plan()
+        self._taps: dict[str, Tap] = {}
+        self._batch = Batch()
+        self._book: Book | None = None
+        self._forwarder: Forwarder | None = None
+        self._mongodb = "off"
+        self._written = asyncio.Event()
+        # one thread for the disk: a batch after the other, while the event loop goes on
+        self._disk = ThreadPoolExecutor(1, thread_name_prefix="log-disk")
+        self._template = template.load(self._node.config.template, self._node.config.share_path / "templates")
+
+    @property
+    def directory(self) -> Path:
+        """Where the segments are."""
+        return self._node.config.data_path / "log"
+
+    async def run(self) -> None:
+        """Samples, writes and forwards until cancelled."""
+        loop = asyncio.get_running_loop()
+        self._book = await loop.run_in_executor(
+            self._disk, Book, self.directory, self.module.platform, self.config
+        )
+        if self._book.repaired_bytes:
+            log.warning("the last run did not end: %d bytes were half-written", self._book.repaired_bytes)
+        stats = await self.module.writer(
+            "log/stats", LogStats, rate_hz=1.0, link="request", description="How the logger does"
+        )
+        await self.module.serve(
+            "sys/log/stats", LogStatsRequest, self._answer, reply=LogStats, description="How the logger does"
+        )
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._sample(self._book, stats), name="log:sample")
+                if self.config.mongodb_uri:
+                    group.create_task(self._forward(), name="log:forward")
+        finally:
+            self._disk.submit(self._end, self._book)
+            self._disk.shutdown(wait=True)
+            for tap in self._taps.values():
+                tap.close()
+
+    async def stop(self) -> None:
+        """The last values of a node are as good as any."""
+        if self._book is not None:
+            self._look()
+            await self._write(self._book)
+
+    def _end(self, book: Book) -> None:
+        if self._batch:
+            book.write(self._batch)
+        book.close()
+
+    async def _sample(self, book: Book, stats: BoardWriter[LogStats]) -> None:
+        every = max(1, round(self.config.flush_s / self.config.period_s))
+        second = max(1, round(1.0 / self.config.period_s))
+        count = 0
+        async for _ in self.module.every(self.config.period_s):
+            self._follow_table()
+            self._look()
+            count += 1
+            if count % every == 0:
+                await self._write(book)
+            if count % second == 0:
+                stats.write(await self._stats(book))
+
+    def _follow_table(self) -> None:
+        changed = self._node.table.refresh()
+        if not changed and self._plan.tracks:
+            return
+        assert self._book is not None
+        opened, closed = self._plan.update(self._resources())
+        for path in closed:
+            self._taps.pop(path).close()
+        now_ns = self.module.now_ns()
+        for track in opened:
+            # a stamp from the future is one of another boot, whose clock began elsewhere
+            last_ns = self._book.last_stamps.get(track.path)
+            after_ns = last_ns if last_ns is not None and last_ns <= now_ns else None
+            self._taps[track.path] = Tap(self._node.shm_dir, track, after_ns)
+
+    def _resources(self) -> list[Resource]:
+        """The template's resources and those that modules added; the template says how they are logged."""
+        found = {resource.path: resource for resource in self._template.resources}
+        for entry in self._node.table:
+            for resource in entry.provides:
+                found.setdefault(resource.path, resource)
+        return [resource for path, resource in found.items() if path != GAPS]
+
+    def _look(self) -> None:
+        now_ns, wall_ns = self.module.now_ns(), utc_ns()
+        for track in self._plan.tracks:
+            tap = self._taps[track.path]
+            if track.every:
+                frames, lost = tap.all()
+                self._batch.frames += [(track, frame, wall_ns) for frame in frames]
+                if lost:
+                    assert self._book is not None
+                    gap = LogGap("ring", self._book.queue(track), track.path, lost)
+                    self._batch.gaps.append((gap, now_ns, wall_ns))
+            elif self._plan.due(track.path, now_ns) and (frame := tap.newest()) is not None:
+                self._batch.frames.append((track, frame, wall_ns))
+
+    async def _write(self, book: Book) -> None:
+        batch, self._batch = self._batch, Batch()
+        if not batch:
+            return
+        try:
+            await asyncio.get_running_loop().run_in_executor(self._disk, book.write, batch)
+        except OSError as error:
+            log.error("the disk did not take %d entries: %s", len(batch.frames), error)
+            gap = LogGap("disk", "", "", len(batch.frames))
+            self._batch.gaps.append((gap, self.module.now_ns(), utc_ns()))
+            return
+        self._written.set()
+
+    async def _forward(self) -> None:
+        from swarmware.record.mongo import MongoStore
+
+        config = self.config
+        store = MongoStore(config.mongodb_uri, config.mongodb_database, queue_size=config.queue_size)
+        forwarder = Forwarder(self.directory, self.module.platform, store, config.forward_batch)
+        self._forwarder = forwarder
+        with ThreadPoolExecutor(1, thread_name_prefix="log-mongodb") as thread:
+            try:
+                while True:
+                    self._written.clear()
+                    if not await self._forward_once(forwarder, thread):
+                        await self._written.wait()
+            finally:
+                store.close()
+
+    async def _forward_once(self, forwarder: Forwarder, thread: ThreadPoolExecutor) -> bool:
+        """Whether there may be more to forward at once."""
+        try:
+            stored = await asyncio.get_running_loop().run_in_executor(thread, forwarder.step)
+        except SwarmError as error:
+            if self._mongodb != f"away: {error}":
+                log.warning("forwarding waits: %s", error)
+            self._mongodb = f"away: {error}"
+            await asyncio.sleep(self.config.retry_s)
+            return True
+        if self._mongodb != "connected":
+            log.info("forwarding to MongoDB")
+        self._mongodb = "connected"
+        return stored > 0
+
+    async def _answer(self, request: LogStatsRequest, _: Meta) -> LogStats:
+        assert self._book is not None
+        if request.flush:
+            self._look()
+            await self._write(self._book)
+        return await self._stats(self._book)
+
+    async def _stats(self, book: Book) -> LogStats:
+        segments, ring_bytes = await asyncio.get_running_loop().run_in_executor(self._disk, book.size)
+        forwarded = self._forwarder.forwarded if self._forwarder else 0
+        backlog = self._forwarder.behind(book.counters) if self._forwarder else 0
+        return LogStats(
+            book.totals.frames,
+            book.totals.bytes,
+            book.totals.missing + (self._forwarder.gaps if self._forwarder else 0),
+            len(self._taps),
+            segments,
+            ring_bytes,
+            str(self.directory),
+            forwarded,
+            backlog,
+            self._mongodb,
+        )
