@@ -47,7 +47,7 @@ def remove_all(shm_dir: Path, run_dir: Path) -> Reaped:
 
 
 def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
-    paths = [path for folder in _folders(shm_dir) for path in sorted(folder.iterdir()) if _is_file(path)]
+    paths = [path for folder in _folders(shm_dir) for path in _entries(folder) if _is_file(path)]
     rings = [path for path in paths if path.name.endswith((layout.RING_SUFFIX, _UNFINISHED))]
     tables = [path for path in paths if path.name.endswith(layout.READERS_SUFFIX)]
     removed: list[Path] = []
@@ -73,9 +73,14 @@ def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
 
 def _folders(shm_dir: Path) -> tuple[Path, ...]:
     """The folder of the node's own rings, then those of its mirrors, one per platform."""
-    if not shm_dir.is_dir():
-        return ()
-    return (shm_dir, *(path for path in sorted(shm_dir.iterdir()) if path.is_dir() and not path.is_symlink()))
+    return (shm_dir, *(path for path in _entries(shm_dir) if path.is_dir() and not path.is_symlink()))
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except (FileNotFoundError, NotADirectoryError):
+        return []
 
 
 def _is_file(path: Path) -> bool:
@@ -83,7 +88,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _fifos(bells_dir: Path) -> list[Path]:
-    return sorted(path for path in bells_dir.iterdir() if path.is_fifo()) if bells_dir.is_dir() else []
+    return [path for path in _entries(bells_dir) if path.is_fifo()]
 
 
 def _remove_ring(path: Path, *, even_used: bool) -> bool:

@@ -1,5 +1,6 @@
 """The ring: what a reader gets, what it counts, what a writer refuses."""
 
+import errno
 import mmap
 import os
 import stat
@@ -13,7 +14,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from swarmware.errors import Conflict, NotFound, OutOfRange, WireError
 from swarmware.shm import layout
-from swarmware.shm.layout import RingBusy, ring_file
+from swarmware.shm.layout import RingBusy, RingFull, ring_file
 from swarmware.shm.ring import RingReader, RingWriter
 
 SMALL, LARGE = 256, layout.CHECKED_SLOT_BYTES + 1000
@@ -386,6 +387,22 @@ def test_a_ring_beyond_the_limits_is_refused(
     with pytest.raises(OutOfRange, match=expected):
         RingWriter(tmp_path / "a.ring", slots=slots, slot_bytes=slot_bytes)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EFBIG])
+def test_a_full_file_system_is_an_error_at_once_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def full(fd: int, offset: int, length: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    path = tmp_path / "a.ring"
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "posix_fallocate", full)
+        with pytest.raises(RingFull, match=r"a\.ring: no room"):
+            RingWriter(path, slots=4, slot_bytes=64)
+        assert list(tmp_path.iterdir()) == []
+    RingWriter(path, slots=4, slot_bytes=64).close()
 
 
 def test_a_missing_ring_is_not_found(tmp_path: Path) -> None:

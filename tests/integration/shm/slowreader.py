@@ -1,0 +1,30 @@
+"""Reads a ring as a stream, woken by its doorbell, until the frame `end`; prints given, lost, newest."""
+
+import sys
+from pathlib import Path
+
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.layout import readers_file
+from swarmware.shm.ring import RingReader
+
+
+def main() -> None:
+    path = Path(sys.argv[1])
+    folder = path.parent / "bells"
+    with Doorbell(folder) as doorbell, Bells(readers_file(path), BellPulls(folder)) as bells:
+        bells.add(doorbell.name)
+        with RingReader(path, after=0) as reader:
+            print("ready", flush=True)
+            given = 0
+            newest = b""
+            while newest != b"end" and doorbell.wait(60):
+                while (data := reader.next()) is not None:
+                    given += 1
+                    newest = data
+            print(given, reader.lost, newest.decode(), flush=True)
+        bells.remove(doorbell.name)
+
+
+if __name__ == "__main__":
+    main()

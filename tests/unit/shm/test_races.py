@@ -1,0 +1,153 @@
+"""What another process does between two of our steps, played by the test at exactly that point."""
+
+import fcntl
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmware.errors import Conflict
+from swarmware.shm import doorbell, readers, ringfile
+from swarmware.shm import reap as reaping
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.layout import RingBusy
+from swarmware.shm.lock import lock_within, try_lock
+from swarmware.shm.reap import BELLS_FOLDER, reap
+from swarmware.shm.ring import RingReader, RingWriter
+
+
+def once(before: Callable[[], object]) -> Callable[[int], bool]:
+    """The lock, taken the first time only after somebody else has been busy."""
+    pending = [before]
+
+    def late(fd: int) -> bool:
+        if pending:
+            pending.pop()()
+        return try_lock(fd)
+
+    return late
+
+
+def test_a_writer_that_locked_a_file_just_removed_takes_the_one_at_the_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.ring"
+    RingWriter(path, slots=4, slot_bytes=64).close()
+
+    def another_process() -> None:
+        path.unlink()
+        RingWriter(path, slots=4, slot_bytes=64).close()
+
+    monkeypatch.setattr(ringfile, "try_lock", once(another_process))
+    with RingWriter(path, slots=4, slot_bytes=64) as writer, RingReader(path) as reader:
+        assert writer.nonce == reader.nonce
+        writer.write(b"x")
+        assert reader.newest() == b"x"
+
+
+def test_a_writer_beaten_to_a_new_ring_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.ring"
+    faster: list[RingWriter] = []
+
+    def another_process() -> None:
+        # the first lock is that of the unfinished file: take it out of the way as its renaming would
+        path.with_name("a.ring.new").unlink()
+        faster.append(RingWriter(path, slots=4, slot_bytes=64))
+
+    monkeypatch.setattr(ringfile, "try_lock", once(another_process))
+    with pytest.raises(RingBusy, match=str(os.getpid())):
+        RingWriter(path, slots=4, slot_bytes=64)
+    with RingReader(path) as reader:
+        assert reader.nonce == faster[0].nonce
+    faster[0].close()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.ring"]
+
+
+def test_a_writer_waits_out_a_probe_of_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.ring"
+    RingWriter(path, slots=4, slot_bytes=64).close()
+    fd = os.open(path, os.O_RDONLY)
+    fcntl.flock(fd, fcntl.LOCK_SH)
+
+    def wait(locked_fd: int, timeout_s: float) -> bool:
+        os.close(fd)  # the prober is done
+        return lock_within(locked_fd, timeout_s)
+
+    monkeypatch.setattr(ringfile, "lock_within", wait)
+    with RingWriter(path, slots=4, slot_bytes=64) as writer:
+        assert writer.taken_over
+
+
+def test_a_lock_held_by_somebody_unknown_is_busy_in_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.ring"
+    RingWriter(path, slots=4, slot_bytes=64).close()
+    fd = os.open(path, os.O_RDONLY)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    monkeypatch.setattr(ringfile, "LOCK_WAIT_S", 0.01)
+    with RingReader(path) as reader:
+        assert reader.owner_alive()  # a writer in another container looks like this
+    with pytest.raises(RingBusy, match="cannot be seen from here"):
+        RingWriter(path, slots=4, slot_bytes=64)
+    os.close(fd)
+
+
+def test_the_reaper_leaves_a_ring_made_after_it_looked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.ring"
+    RingWriter(path, slots=4, slot_bytes=64).close()
+    fresh: list[RingWriter] = []
+
+    def another_process() -> None:
+        path.unlink()
+        fresh.append(RingWriter(path, slots=4, slot_bytes=64))
+
+    monkeypatch.setattr(reaping, "try_lock", once(another_process))
+    assert reap(tmp_path, tmp_path).removed == ()
+    with RingReader(path) as reader:
+        assert reader.nonce == fresh[0].nonce
+        assert not reader.moved
+    fresh[0].close()
+
+
+def test_a_reader_that_locked_a_table_just_removed_uses_the_one_at_the_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.readers"
+    with Doorbell(tmp_path / "bells") as bell:
+        pulls = BellPulls(tmp_path / "bells")
+        with Bells(path, pulls) as writer, Bells(path, pulls) as reader:
+            writer.ring()
+            pending = [True]
+
+            def late(fd: int, timeout_s: float) -> bool:
+                if pending:
+                    pending.pop()
+                    with readers.locked_table(path, 1.0, create=False) as table:
+                        table.retire()
+                        path.unlink()
+                return lock_within(fd, timeout_s)
+
+            monkeypatch.setattr(readers, "lock_within", late)
+            reader.add(bell.name)
+            writer.ring()
+            assert bell.drain()
+        pulls.close()
+
+
+def test_the_reaper_and_a_new_doorbell_keep_out_of_each_others_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / BELLS_FOLDER
+    folder.mkdir()
+    monkeypatch.setattr(doorbell, "FOLDER_WAIT_S", 0.01)
+    with doorbell.folder_lock(folder):
+        with pytest.raises(Conflict, match="locked for more than"):
+            Doorbell(folder)
+        os.mkfifo(folder / "17-0")  # made, and not yet opened, by the holder of the lock
+        assert reap(tmp_path, tmp_path).removed == ()
+    assert reap(tmp_path, tmp_path).removed == (folder / "17-0",)
