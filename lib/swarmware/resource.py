@@ -121,14 +121,18 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     def _check_default(self, default: Plain) -> None:
         expected = _PLAIN_TYPES.get(self.type)
         if expected is None:
-            raise ValueError(f"default of {self.path}: only {', '.join(_PLAIN_TYPES)} have one, not {self.type}")
+            raise ValueError(
+                f"default of {self.path}: only {', '.join(_PLAIN_TYPES)} have one, not {self.type}"
+            )
         fits = type(default) is expected or (expected is float and type(default) is int)
         if not fits:
             raise ValueError(f"default of {self.path}: {default!r}, expected {self.type}")
         if self.range is not None and not isinstance(default, str) and not self.in_range(default):
             raise ValueError(f"default of {self.path}: {default}, expected {self.range[0]}..{self.range[1]}")
         if self.choices and default not in self.choices:
-            raise ValueError(f"default of {self.path}: {default!r}, expected one of {', '.join(self.choices)}")
+            raise ValueError(
+                f"default of {self.path}: {default!r}, expected one of {', '.join(self.choices)}"
+            )
 
     def in_range(self, value: float) -> bool:
         """Whether a number may be set; NaN never may where there is a range."""
