@@ -10,6 +10,7 @@ from typing import ClassVar, Final, Protocol, Self
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock, utc_ns
 from swarmware.config import DEFAULT_DIR, NodeConfig, load_node
+from swarmware.master import Master
 from swarmware.names import hardware_id
 from swarmware.node.boot import Boot
 from swarmware.node.publication import Publication
@@ -95,6 +96,8 @@ class Node:
         self._apps_bells = Bells(self.shm_dir / APPS_TABLE, self.pulls)
         self._mirror_bells = Bells(self.shm_dir / MIRRORS_TABLE, self.pulls)
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
+        self.master = Master(self, config.unit, self.shm_dir / APPS_TABLE)
+        self.watch(self.master)
 
     @classmethod
     async def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:
@@ -178,6 +181,8 @@ class Node:
         if self._users > 0:
             return
         self._attached.pop((id(self._loop), self.config_dir), None)
+        self.unwatch(self.master)
+        self.master.close()
         for readers in list(self._listens):
             self._listens[readers] = 1
             self.unlisten(readers)

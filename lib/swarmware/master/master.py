@@ -1,0 +1,257 @@
+"""The master's duty: publishes the register of this computer, notices every death, tidies up after it."""
+
+import asyncio
+import logging
+import os
+from pathlib import Path
+from typing import Final, Protocol
+
+from swarmware.appfile import AppEntry, AppTable
+from swarmware.appfile.file import folder
+from swarmware.clock import Clock
+from swarmware.errors import Conflict
+from swarmware.frame import Frame, Kind, encode
+from swarmware.master.record import Holder
+from swarmware.master.role import Role
+from swarmware.names import ANY, application_id, data_id
+from swarmware.resource import Resource
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.lock import stands_at, try_lock
+from swarmware.types import registry
+from swarmware.types.register import Application, ApplicationTable
+
+MASTER_TABLE: Final = "master.readers"
+"""Bells of all processes of the node: rung when the role changes hands."""
+PATH: Final = "register/apps"
+APPLICATIONS_LIMIT: Final = 64
+"""More than three times what a platform runs: the board stays under 3 kB."""
+PAUSE_S: Final = 1.0
+"""Least time between two tables: the start of twelve services is one or two pieces of news, not twelve."""
+BUSY_S: Final = 0.01
+"""The last master may still be closing the board."""
+
+log = logging.getLogger("swarm.master")
+
+RESOURCE: Final = Resource(
+    path=PATH,
+    type=registry.type_name(ApplicationTable),
+    link="notify",
+    owner="register",
+    description="Applications of this computer, published by its master",
+)
+
+
+class Board(Protocol):
+    """Where the table is published: a `Publication`."""
+
+    @property
+    def sequence(self) -> int: ...
+    def publish(self, data: bytes) -> int: ...
+    def close(self, *, unlink: bool = True) -> None: ...
+
+
+class Home(Protocol):
+    """What the duty needs of its node."""
+
+    run_dir: Path
+    shm_dir: Path
+    platform: str
+    hardware: int
+    clock: Clock
+    pulls: BellPulls
+
+    def listen(self, readers: Path) -> None: ...
+    def unlisten(self, readers: Path) -> None: ...
+    def publication(self, path: str, *, slots: int, slot_bytes: int) -> Board: ...
+    def announce_apps(self) -> None: ...
+
+
+class Master:
+    """This process's candidature; a watcher of the node: `poll` when the doorbell has rung.
+
+    `apps_table` is the table of bells that ring when applications come, go or change.
+    """
+
+    def __init__(self, home: Home, unit: str, apps_table: Path) -> None:
+        self._home = home
+        self._unit = unit
+        self._apps_table = apps_table
+        self._master_table = home.shm_dir / MASTER_TABLE
+        self._bells = Bells(self._master_table, home.pulls)
+        self._loop = asyncio.get_running_loop()
+        self._apps = AppTable(home.run_dir)
+        self._board: Board | None = None
+        self._listening = False
+        self._deaths: dict[int, int] = {}
+        self._version = 0
+        self._timer: asyncio.TimerHandle | None = None
+        self._published_s = -PAUSE_S
+        self._role = Role(
+            home.run_dir,
+            f"pid {os.getpid()}",
+            ring=self._bells.ring,
+            on_gained=self._gained,
+            on_lost=self._lost,
+        )
+        home.listen(self._master_table)
+        self._role.start()
+
+    @property
+    def holding(self) -> bool:
+        """Whether this process is the master."""
+        return self._role.holding
+
+    @property
+    def holder(self) -> Holder:
+        """Who is the master."""
+        return self._role.holder
+
+    def prefer(self, label: str) -> None:
+        """The register daemon lives in this process: here the role belongs."""
+        self._role.prefer(label)
+
+    def no_longer_prefer(self) -> None:
+        """The register daemon of this process has ended."""
+        self._role.no_longer_prefer(f"pid {os.getpid()}")
+
+    def poll(self) -> None:
+        """The doorbell has rung."""
+        self._role.poll()
+        if self._role.holding and self._apps.refresh():
+            self._changed()
+
+    def table(self, *, full: bool) -> ApplicationTable:
+        """The register of this computer; `full`: with endpoints and served paths, as it is not published."""
+        self._apps.refresh()
+        entries = list(self._apps)
+        holder = self._role.holder
+        return ApplicationTable(
+            platform=self._home.platform,
+            unit=self._unit,
+            boot_id=self._home.clock.boot_id,
+            epoch=holder.epoch,
+            version=self._version,
+            master=holder.label,
+            stamp_ns=self._home.clock.now_ns(),
+            applications=tuple(_application(entry, full=full) for entry in entries[:APPLICATIONS_LIMIT]),
+            omitted=max(0, len(entries) - APPLICATIONS_LIMIT),
+        )
+
+    def close(self) -> None:
+        """Gives the role back."""
+        self._role.close()
+        self._home.unlisten(self._master_table)
+        self._bells.close()
+
+    # -- while this process is the master
+
+    def _gained(self, epoch: int) -> None:
+        if not self._listening:
+            self._listening = True
+            self._home.listen(self._apps_table)
+        self._version = 0
+        self._published_s = -PAUSE_S
+        self._apps.refresh(probe=True)
+        self._tidy()
+        self._changed()
+
+    def _lost(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        for fd in self._deaths.values():
+            self._loop.remove_reader(fd)
+            os.close(fd)
+        self._deaths.clear()
+        self._listening = False
+        self._home.unlisten(self._apps_table)
+        if self._board is not None:
+            self._board.close(unlink=False)
+            self._board = None
+
+    def _changed(self) -> None:
+        self._watch_deaths()
+        if self._timer is None:
+            wait_s = self._published_s + PAUSE_S - self._loop.time()
+            self._timer = self._loop.call_later(max(0.0, wait_s), self._publish)
+
+    def _publish(self) -> None:
+        self._timer = None
+        if self._board is None:
+            try:
+                self._board = self._home.publication(PATH, slots=4, slot_bytes=2048)
+            except Conflict:
+                self._timer = self._loop.call_later(BUSY_S, self._publish)
+                return
+        self._published_s = self._loop.time()
+        self._version += 1
+        table = self.table(full=False)
+        frame = Frame(
+            Kind.BOARD,
+            data_id(PATH, registry.type_name(ApplicationTable)),
+            self._home.hardware,
+            application_id("register", 1),
+            ANY,
+            ANY,
+            self._board.sequence + 1,
+            table.stamp_ns,
+            payload=registry.encode(table),
+        )
+        self._board.publish(encode(frame))
+
+    def _watch_deaths(self) -> None:
+        """One pidfd for each process that runs applications, this one excepted."""
+        pids = {entry.pid for entry in self._apps} - {os.getpid()}
+        for pid in self._deaths.keys() - pids:
+            self._forget(pid)
+        for pid in pids - self._deaths.keys():
+            try:
+                fd = os.pidfd_open(pid)
+            except OSError:
+                continue  # of another PID namespace: its lock tells when somebody looks
+            self._deaths[pid] = fd
+            self._loop.add_reader(fd, self._died, pid)
+
+    def _forget(self, pid: int) -> None:
+        fd = self._deaths.pop(pid)
+        self._loop.remove_reader(fd)
+        os.close(fd)
+
+    def _died(self, pid: int) -> None:
+        self._forget(pid)
+        died = [entry.id for entry in self._apps if entry.pid == pid]
+        self._apps.refresh(probe=True)
+        if self._tidy():
+            log.info("died without goodbye: %s", ", ".join(died))
+        self._changed()
+
+    def _tidy(self) -> bool:
+        """Removes the files of dead applications; True when there were some."""
+        removed = False
+        for path in folder(self._home.run_dir).glob("*.toml"):
+            try:
+                fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            except OSError:
+                continue  # gone, or none of ours
+            try:
+                if try_lock(fd) and stands_at(fd, path):
+                    path.unlink(missing_ok=True)
+                    removed = True
+            finally:
+                os.close(fd)
+        if removed:
+            self._home.announce_apps()
+        return removed
+
+
+def _application(entry: AppEntry, *, full: bool) -> Application:
+    return Application(
+        name=entry.name,
+        instance=entry.instance,
+        pid=entry.pid,
+        started_ns=entry.started_ns,
+        endpoint=entry.endpoint if full else "",
+        provides=len(entry.provides),
+        serves=tuple(served.path for served in entry.serves) if full else (),
+    )
