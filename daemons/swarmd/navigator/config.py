@@ -93,7 +93,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Of pose and set-point."""
     plan_hz: Rate = 10.0
     """Of the dynamic window planner."""
-    status_hz: Rate = 10.0
+    status_hz: Rate = 5.0
+    """Of `nav/status`, besides each change of its state."""
     look_ahead_s: Positive = 1.2
     """A ground vehicle aims at the point where its place will be after this time."""
     look_ahead_min_m: Positive = 1.5

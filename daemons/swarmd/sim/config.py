@@ -1,6 +1,6 @@
 """Settings of the simulation (services/sim.toml)."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 
@@ -92,8 +92,6 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     world: str = "formation"
     """A file of share/swarm/worlds without its ending."""
-    model: Literal["auto", "ground", "multirotor"] = "auto"
-    """auto: by the kind of the platform: uav flies, ugv and usv drive."""
     number: Annotated[int, msgspec.Meta(ge=0, le=100_000)] = 0
     """Which of its kind it is in the world's start rule; 0: the number in the platform's name."""
     seed: int = 1

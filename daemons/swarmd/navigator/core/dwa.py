@@ -21,6 +21,10 @@ _HEIGHT_M: Final = 1.5
 _OTHER_M: Final = 0.4
 """Radius taken for other platforms."""
 _STRAIGHT: Final = 1e-6
+_STANDS_M_S: Final = 0.05
+"""Slower than this is turning on the spot."""
+_NEVER_M: Final = 1e6
+"""Further than any contact."""
 
 
 class Window(msgspec.Struct, frozen=True):
@@ -107,8 +111,8 @@ class Planner:
         clear, travel = self._clearance(pose, v, w, around)
         admissible = np.abs(v) <= safe_speed(travel, limits.a_max_m_s2)
         # an arc of this length turns by length / radius = length · ω / v: what is left to turn
-        turn = np.where(np.isinf(travel), np.inf, travel * np.abs(w) / np.maximum(np.abs(v), 0.05))
-        admissible &= (np.abs(w) <= safe_speed(turn, limits.dw_max_rad_s2)) | (np.abs(v) < 0.05)
+        turn = np.minimum(travel, _NEVER_M) * np.abs(w) / np.maximum(np.abs(v), _STANDS_M_S)
+        admissible &= (np.abs(w) <= safe_speed(turn, limits.dw_max_rad_s2)) | (np.abs(v) < _STANDS_M_S)
         score = cost(
             limits,
             self._heading(pose, v, w, ahead_m),
@@ -119,7 +123,7 @@ class Planner:
         best = int(np.argmax(score))
         if not admissible[best]:
             return Choice(0.0, 0.0, -math.inf, False)
-        free = bool(np.any(admissible & (v > 0.05)))
+        free = bool(np.any(admissible & (v > _STANDS_M_S)))
         return Choice(float(v[best]), float(w[best]), float(score[best]), free)
 
     def _heading(self, pose: Pose, v: Array, w: Array, ahead_m: tuple[float, float]) -> Array:

@@ -238,9 +238,8 @@ class Simulation:
 
 
 def model(config: Config, kind: str, start: Pose) -> Vehicle:
-    """The vehicle model for a kind of platform."""
-    flies = config.model == "multirotor" or (config.model == "auto" and kind == "uav")
-    return Multirotor(config.multirotor, start) if flies else Ground(config.ground, start)
+    """The vehicle model for a kind of platform: uav flies, ugv and usv drive."""
+    return Multirotor(config.multirotor, start) if kind == "uav" else Ground(config.ground, start)
 
 
 def _collision(other: str, pose: Pose, speed_m_s: float) -> Collision:

@@ -1,0 +1,50 @@
+"""The drivers that exist, by name: ours, and those in the entry-point group `swarmware.drivers`."""
+
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Final
+
+from swarmd.hal.config import Config
+from swarmd.hal.driver import Driver, Factory, Site
+from swarmware.errors import ConfigError, NotFound
+
+GROUP: Final = "swarmware.drivers"
+
+DRIVERS: Final = {
+    "replay": "swarmd.hal.drivers.replay",
+    "sim": "swarmd.hal.drivers.sim",
+    "system": "swarmd.hal.drivers.system",
+}
+"""Modules with a `make(config, site)`; loaded only where they are wanted."""
+
+
+def find(name: str) -> Factory:
+    """What makes the drivers of that name.
+
+    Raises: NotFound when nobody installed it.
+    """
+    if name in DRIVERS:
+        make: Factory = import_module(DRIVERS[name]).make
+        return make
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in points:
+        known = ", ".join(sorted({*DRIVERS, *points}))
+        raise NotFound(f"driver {name!r}: not installed; expected one of {known}")
+    loaded: Factory = points[name].load()
+    if not callable(loaded):
+        raise ConfigError(f"driver {name!r}: {points[name].value}, expected a function make(config, site)")
+    return loaded
+
+
+def make_all(config: Config, site: Site) -> list[Driver]:
+    """The drivers of a platform.
+
+    Raises: NotFound, ConfigError as `find`; ConfigError when two devices have one name.
+    """
+    found: list[Driver] = []
+    for name in config.drivers:
+        found += find(name)(config, site)
+    names = [driver.name for driver in found]
+    if doubles := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(f"services/hal.toml: key drivers: {doubles[0]} stands there twice")
+    return found

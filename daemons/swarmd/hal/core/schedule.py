@@ -1,0 +1,89 @@
+"""A driver's schedule: absolute instants, lateness and rate measured."""
+
+from typing import Final
+
+from swarmware.types.vehicle import DriverStatus
+
+_NS: Final = 1_000_000_000
+
+
+class Schedule:
+    """When a driver is due, and how well it keeps that.
+
+    A read that takes longer than its period skips periods, they are counted; nothing is made up for.
+    """
+
+    __slots__ = (
+        "_due_ns",
+        "_errors",
+        "_failed_in_a_row",
+        "_late_ns",
+        "_missed",
+        "_name",
+        "_note",
+        "_period_ns",
+        "_reads",
+        "_since_ns",
+        "_since_reads",
+        "_state",
+    )
+
+    def __init__(self, name: str, period_s: float, now_ns: int) -> None:
+        self._name = name
+        self._period_ns = round(period_s * _NS)
+        self._due_ns = now_ns
+        self._since_ns = now_ns
+        self._reads = self._since_reads = self._errors = self._missed = self._late_ns = 0
+        self._failed_in_a_row = 0
+        self._state = "waiting"
+        self._note = ""
+
+    def opened(self, now_ns: int) -> None:
+        """The device is there; the first read is due at once."""
+        self._state, self._note, self._due_ns = "running", "", now_ns
+        self._failed_in_a_row = 0
+
+    def closed(self, state: str, note: str) -> None:
+        """The device is not there: `waiting` or `failed`, and why."""
+        self._state, self._note = state, note
+
+    def delay_s(self, now_ns: int) -> float:
+        """How long to wait for the next read."""
+        return max(0.0, (self._due_ns - now_ns) / _NS)
+
+    def begin(self, now_ns: int) -> None:
+        """A read begins."""
+        late_ns = now_ns - self._due_ns
+        self._late_ns = max(self._late_ns, late_ns)
+        skipped = max(0, late_ns // self._period_ns)
+        self._missed += skipped
+        self._due_ns += (skipped + 1) * self._period_ns
+
+    def done(self) -> None:
+        """The read brought something."""
+        self._reads += 1
+        self._failed_in_a_row = 0
+
+    def failed(self, note: str) -> int:
+        """The read failed; how many did so in a row."""
+        self._errors += 1
+        self._failed_in_a_row += 1
+        self._note = note
+        return self._failed_in_a_row
+
+    def report(self, now_ns: int) -> DriverStatus:
+        """Figures since the last report."""
+        span_s = max((now_ns - self._since_ns) / _NS, 1e-9)
+        status = DriverStatus(
+            self._name,
+            self._state,
+            round(_NS / self._period_ns, 3),
+            round((self._reads - self._since_reads) / span_s, 2),
+            round(self._late_ns / 1e6, 3),
+            self._reads,
+            self._errors,
+            self._missed,
+            self._note,
+        )
+        self._since_ns, self._since_reads, self._late_ns = now_ns, self._reads, 0
+        return status

@@ -1,0 +1,1 @@
+"""Drivers: one file per device or protocol, each knows its device and its resources, nothing else."""

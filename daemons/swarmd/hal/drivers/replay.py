@@ -1,0 +1,66 @@
+"""Replay of raw packets: a recording takes the place of the device that made it."""
+
+from pathlib import Path
+
+from swarmd.hal.config import Config, ReplayDriver
+from swarmd.hal.core.packet_clock import PacketClock
+from swarmd.hal.driver import DeviceError, Driver, Site
+from swarmware.module import BoardWriter, Module
+from swarmware.types.scalar import Blob
+
+
+class Replay(Driver):
+    """A stream resource with the packets of a file."""
+
+    name = "replay"
+
+    def __init__(self, config: ReplayDriver, folder: Path) -> None:
+        self.period_s = 1 / config.wake_hz
+        self._config = config
+        self._file = folder / config.file
+        self._packets: tuple[Blob, ...] = ()
+        self._module: Module | None = None
+        self._writer: BoardWriter[Blob] | None = None
+        self._clock: PacketClock | None = None
+
+    async def open(self, module: Module) -> None:
+        """The recording. Raises: DeviceError when it is none."""
+        self._module = module
+        config = self._config
+        try:
+            data = self._file.read_bytes()
+        except OSError as error:
+            raise DeviceError(f"recording {self._file}: {error.strerror}") from error
+        size = config.packet_bytes
+        if not data or len(data) % size:
+            raise DeviceError(f"recording {self._file}: {len(data)} bytes, expected packets of {size} bytes")
+        self._packets = tuple(Blob(data[at : at + size]) for at in range(0, len(data), size))
+        self._writer = await module.stream_writer(
+            config.path, Blob, rate_hz=config.packets_hz, slots=config.slots, slot_bytes=size + 128
+        )
+        self._clock = None
+
+    async def read(self, now_ns: int) -> bool:
+        """The packets that are due, each with its own stamp."""
+        config, writer = self._config, self._writer
+        if writer is None:
+            return False
+        if self._clock is None:
+            self._clock = PacketClock(config.packets_hz, len(self._packets), now_ns, loop=config.loop)
+        some = False
+        for packet in self._clock.due(now_ns):
+            writer.write(self._packets[packet.index], packet.stamp_ns)
+            some = True
+        return some
+
+    async def close(self) -> None:
+        """The writer, and the recording in memory."""
+        self._packets = ()
+        if self._module is not None and self._writer is not None:
+            self._module.close_writer(self._writer)
+            self._writer = None
+
+
+def make(config: Config, site: Site) -> list[Driver]:
+    """One device."""
+    return [Replay(config.replay, Path(site.data_dir))]

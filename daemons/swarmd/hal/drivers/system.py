@@ -1,0 +1,61 @@
+"""The computer itself: load, memory, disk, temperature."""
+
+import os
+
+import psutil
+
+from swarmd.hal.config import Config
+from swarmd.hal.driver import Driver, Site
+from swarmware.module import BoardWriter, Module
+from swarmware.types.system import SystemLoad
+
+
+class System(Driver):
+    """Load of the computer on which the node runs."""
+
+    name = "system"
+
+    def __init__(self, rate_hz: float) -> None:
+        self.period_s = 1 / rate_hz
+        self._rate_hz = rate_hz
+        self._module: Module | None = None
+        self._writer: BoardWriter[SystemLoad] | None = None
+        self._disk = "/"
+
+    async def open(self, module: Module) -> None:
+        """Nothing to find: it is here."""
+        self._module = module
+        self._writer = await module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
+        psutil.cpu_percent()  # the first answer is 0: it has nothing to compare with
+
+    async def read(self, now_ns: int) -> bool:
+        """What the kernel counts."""
+        if self._writer is None:
+            return False
+        self._writer.write(
+            SystemLoad(
+                psutil.cpu_percent(),
+                round(psutil.virtual_memory().percent / 100, 4),
+                psutil.disk_usage(self._disk).free,
+                round(os.getloadavg()[0], 2),
+                _temperature_degc(),
+            )
+        )
+        return True
+
+    async def close(self) -> None:
+        """The writer."""
+        if self._module is not None and self._writer is not None:
+            self._module.close_writer(self._writer)
+            self._writer = None
+
+
+def _temperature_degc() -> float | None:
+    """The hottest sensor, where there is one."""
+    found = [entry.current for entries in psutil.sensors_temperatures().values() for entry in entries]
+    return round(max(found), 1) if found else None
+
+
+def make(config: Config, site: Site) -> list[Driver]:
+    """One device."""
+    return [System(config.system.rate_hz)]

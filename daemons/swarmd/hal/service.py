@@ -1,0 +1,71 @@
+"""The hardware abstraction's shell: a task per driver, and a board that says how they keep their periods."""
+
+import asyncio
+import logging
+from typing import ClassVar
+
+from swarmd.hal import config as settings
+from swarmd.hal.catalogue import make_all
+from swarmd.hal.core.schedule import Schedule
+from swarmd.hal.driver import DeviceError, Driver, Site
+from swarmware.errors import SwarmError
+from swarmware.service import Service
+from swarmware.types.vehicle import DriverTable
+
+log = logging.getLogger("swarm.hal")
+
+
+class Hal(Service):
+    """Runs the drivers of the platform."""
+
+    name = "hal"
+    Config: ClassVar = settings.Config
+    config: settings.Config
+
+    async def run(self) -> None:
+        """Every driver in its own task until the service ends."""
+        module = self.module
+        node = module.node
+        site = Site(node.config.kind, str(node.config.share_path / "data"))
+        drivers = make_all(self.config, site)
+        now_ns = module.now_ns()
+        schedules = {driver.name: Schedule(driver.name, driver.period_s, now_ns) for driver in drivers}
+        async with asyncio.TaskGroup() as group:
+            for driver in drivers:
+                group.create_task(self._keep(driver, schedules[driver.name]), name=f"driver:{driver.name}")
+            group.create_task(self._report(list(schedules.values())), name="hal:report")
+
+    async def _keep(self, driver: Driver, schedule: Schedule) -> None:
+        """Opens the driver as often as it takes."""
+        while True:
+            try:
+                await driver.open(self.module)
+                schedule.opened(self.module.now_ns())
+                log.info("driver %s: open, %g Hz", driver.name, 1 / driver.period_s)
+                await self._read(driver, schedule)
+            except (DeviceError, OSError) as error:
+                schedule.closed("failed" if isinstance(error, DeviceError) else "waiting", str(error))
+                log.warning("driver %s: %s; again in %g s", driver.name, error, self.config.retry_s)
+            finally:
+                await driver.close()
+            await asyncio.sleep(self.config.retry_s)
+
+    async def _read(self, driver: Driver, schedule: Schedule) -> None:
+        """Reads in the driver's period. Raises: DeviceError after too many failures in a row."""
+        now_ns = self.module.now_ns
+        while True:
+            await asyncio.sleep(schedule.delay_s(now_ns()))
+            begin_ns = now_ns()
+            schedule.begin(begin_ns)
+            try:
+                if await driver.read(begin_ns):
+                    schedule.done()
+            except (SwarmError, OSError) as error:
+                if schedule.failed(str(error)) >= self.config.failures:
+                    raise DeviceError(f"{self.config.failures} reads failed in a row: {error}") from error
+
+    async def _report(self, schedules: list[Schedule]) -> None:
+        writer = await self.module.writer("hal/drivers", DriverTable, rate_hz=self.config.report_hz)
+        async for _ in self.module.every(1 / self.config.report_hz):
+            now_ns = self.module.now_ns()
+            writer.write(DriverTable(tuple(schedule.report(now_ns) for schedule in schedules)))

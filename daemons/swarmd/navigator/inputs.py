@@ -1,0 +1,81 @@
+"""The boards that the navigator reads, and what is new on them."""
+
+from typing import Generic, TypeVar
+
+import msgspec
+
+from swarmd.navigator.core.navigator import Navigator
+from swarmware.module import BoardReader, BoardSet, Module
+from swarmware.types.scalar import Float
+from swarmware.types.vehicle import GnssFix, Goal, Imu, Pose, Range, VehicleState
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+LOOK_EVERY = 20
+"""Calls between two looks for new platforms."""
+
+
+class Fresh(Generic[T]):
+    """A board of which each value is taken once."""
+
+    __slots__ = ("_last", "reader")
+
+    def __init__(self, reader: BoardReader[T]) -> None:
+        self.reader = reader
+        self._last: T | None = None
+
+    def take(self) -> T | None:
+        """The newest value if it has not been taken."""
+        value = self.reader.value
+        if value is None or value is self._last:
+            return None
+        self._last = value
+        return value
+
+
+class Inputs:
+    """Everything that comes to the navigator."""
+
+    def __init__(self, module: Module) -> None:
+        self._module = module
+        self._others: dict[str, Fresh[Pose]] = {}
+        self._calls = 0
+
+    async def open(self) -> None:
+        """Opens the boards; whether somebody writes them does not matter."""
+        m = self._module
+        self._gnss = Fresh(await m.reader("sensor/gnss", GnssFix))
+        self._imu = Fresh(await m.reader("sensor/imu", Imu))
+        self._scan = Fresh(await m.reader("sensor/range", Range))
+        self._height = Fresh(await m.reader("sensor/height", Float))
+        self._vehicle = Fresh(await m.reader("vehicle/state", VehicleState))
+        self._goal = Fresh(await m.reader("nav/goal", Goal))
+        self._poses: BoardSet[Pose] = await m.readers("/*/nav/pose", Pose)
+
+    def feed(self, navigator: Navigator, now_ns: int) -> None:
+        """Gives the navigator what is new."""
+        if (fix := self._gnss.take()) is not None:
+            navigator.on_gnss(fix, self._gnss.reader.stamp_ns or now_ns)
+        if (imu := self._imu.take()) is not None:
+            navigator.on_imu(imu, self._imu.reader.stamp_ns or now_ns)
+        if (scan := self._scan.take()) is not None:
+            navigator.on_scan(scan, self._scan.reader.stamp_ns or now_ns)
+        if (height := self._height.take()) is not None:
+            navigator.on_height(height.value)
+        if (vehicle := self._vehicle.take()) is not None:
+            navigator.on_vehicle(vehicle)
+        if (goal := self._goal.take()) is not None:
+            navigator.on_goal(goal, now_ns)
+        if self._calls % LOOK_EVERY == 0:
+            self._look()
+        self._calls += 1
+        for platform, board in self._others.items():
+            if (pose := board.take()) is not None:
+                # the sender's clock is unknown in the first moments: then it counts from its arrival
+                age_s = board.reader.age_s or 0.0
+                navigator.on_neighbour(platform, pose, now_ns - round(max(age_s, 0.0) * 1e9))
+
+    def _look(self) -> None:
+        for platform, reader in self._poses.items():
+            if platform not in self._others:
+                self._others[platform] = Fresh(reader)

@@ -1,0 +1,159 @@
+"""The simulation's shell: set-points in, truth and sensors out, at fixed instants."""
+
+import asyncio
+import random
+import re
+from typing import ClassVar, Final
+
+from swarmd.sim import config as settings
+from swarmd.sim.core.simulation import Sample, Simulation
+from swarmware.config import load
+from swarmware.module import BoardReader, BoardWriter, Meta, Module
+from swarmware.service import Service
+from swarmware.types.vehicle import (
+    ArmRequest,
+    BatteryState,
+    Collision,
+    GnssFix,
+    Imu,
+    Pose,
+    Range,
+    Setpoint,
+    VehicleState,
+)
+from swarmware.world import World
+
+_RESUME_S: Final = 10.0
+"""A vehicle whose simulation was away for less than this goes on where it was."""
+_LOOK_S: Final = 1.0
+"""How often new platforms are looked for."""
+
+
+class Sim(Service):
+    """Simulates the platform's vehicle and its sensors."""
+
+    name = "sim"
+    Config: ClassVar = settings.Config
+    config: settings.Config
+
+    async def run(self) -> None:
+        """Samples until the service ends."""
+        module, node = self.module, self.module.node
+        module.keep_boards()
+        world = load(node.config.share_path / "worlds" / f"{self.config.world}.toml", World)
+        kind = node.config.kind
+        chance = random.Random(f"{self.config.seed} {module.platform}")
+        jitter = (chance.uniform(-1, 1), chance.uniform(-1, 1))
+        start = world.start_pose(kind, self.config.number or number_in(module.platform), jitter)
+        last = await self._last(start)
+        simulation = Simulation(self.config, world, kind, last[0], chance.gauss, chance.random)
+        simulation.vehicle.armed = last[1]
+        outputs = Outputs(module, self.config, flies=simulation.vehicle.flies)
+        await outputs.open()
+
+        def arm(request: ArmRequest, meta: Meta) -> VehicleState:
+            state = simulation.on_arm(request.armed)
+            outputs.vehicle.write(state)
+            module.log.info("%s by %08x", "armed" if request.armed else "disarmed", meta.sender_hw)
+            return state
+
+        await module.serve(
+            "sys/vehicle/arm", ArmRequest, arm, reply=VehicleState, description="Arm or disarm the motors"
+        )
+        await self._loop(simulation, outputs)
+
+    async def _last(self, start: Pose) -> tuple[Pose, bool]:
+        """Where the vehicle was and whether it was armed, when the simulation was only away for a moment."""
+        truth = await self.module.reader("sim/truth", Pose)
+        vehicle = await self.module.reader("vehicle/state", VehicleState)
+        try:
+            pose, age_s, state = truth.value, truth.age_s, vehicle.value
+            if pose is None or age_s is None or not 0 <= age_s < _RESUME_S:
+                return start, False
+            self.module.log.warning("resumed at %.2f, %.2f, %.2f m", pose.x_m, pose.y_m, pose.z_m)
+            return pose, state is not None and state.armed
+        finally:
+            truth.close()
+            vehicle.close()
+
+    async def _loop(self, simulation: Simulation, outputs: "Outputs") -> None:
+        now_ns = self.module.now_ns
+        setpoint = await self.module.reader("act/setpoint", Setpoint)
+        poses = await self.module.readers("/*/nav/pose", Pose)
+        others: dict[str, BoardReader[Pose]] = {}
+        seen: Setpoint | None = None
+        look_ns = near_ns = 0
+        while True:
+            begin_ns = now_ns()
+            wanted = setpoint.value
+            if wanted is not None and wanted is not seen:
+                seen = wanted
+                simulation.on_setpoint(wanted, setpoint.stamp_ns or begin_ns)
+            if begin_ns >= near_ns:
+                near_ns = begin_ns + round(1e9 / self.config.contacts_hz)
+                if begin_ns >= look_ns:
+                    look_ns = begin_ns + round(_LOOK_S * 1e9)
+                    others = dict(poses)
+                for platform, reader in others.items():
+                    pose, age_s = reader.value, reader.age_s
+                    if pose is not None and age_s is not None:
+                        simulation.on_neighbour(platform, pose, begin_ns - round(age_s * 1e9))
+            sample = simulation.on_timer(begin_ns)
+            if sample is not None:
+                outputs.write(sample)
+                for hit in sample.collisions:
+                    self.module.log.warning("collision with %s at %.2f m/s", hit.other, hit.speed_m_s)
+            due_ns = simulation.deadline_ns()
+            await asyncio.sleep(max(0.0, ((due_ns or begin_ns) - now_ns()) / 1e9))
+
+
+class Outputs:
+    """The boards that the simulation writes."""
+
+    def __init__(self, module: Module, config: settings.Config, *, flies: bool) -> None:
+        self._module = module
+        self._config = config
+        self._flies = flies
+        self._sonar: BoardWriter[Range] | None = None
+
+    async def open(self) -> None:
+        """Makes the writers."""
+        writer, rates = self._module.writer, self._config.sensors
+        self._truth = await writer(
+            "sim/truth", Pose, rate_hz=self._config.rate_hz, description="Where the vehicle truly is"
+        )
+        self.vehicle = await writer("vehicle/state", VehicleState, description="Armed, landed")
+        self._gnss = await writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
+        self._imu = await writer("sim/sensors/imu", Imu, rate_hz=rates.imu_hz)
+        self._scan = await writer("sim/sensors/range", Range, rate_hz=rates.range_hz, slot_bytes=4096)
+        self._battery = await writer("sim/sensors/battery", BatteryState, rate_hz=1.0)
+        if self._flies:
+            self._sonar = await writer("sim/sensors/sonar", Range, rate_hz=rates.sonar_hz)
+        self._collision = await self._module.stream_writer(
+            "sim/collision", Collision, kind="event", description="The vehicle touched something"
+        )
+
+    def write(self, sample: Sample) -> None:
+        """Publishes what a sample brought, stamped with its instant."""
+        stamp_ns = sample.stamp_ns
+        self._truth.write(sample.truth, stamp_ns)
+        if sample.imu is not None:
+            self._imu.write(sample.imu, stamp_ns)
+        if sample.gnss is not None:
+            self._gnss.write(sample.gnss, stamp_ns)
+        if sample.scan is not None:
+            self._scan.write(sample.scan, stamp_ns)
+        if sample.sonar is not None and self._sonar is not None:
+            self._sonar.write(sample.sonar, stamp_ns)
+        if sample.battery is not None:
+            self._battery.write(sample.battery, stamp_ns)
+        if sample.vehicle is not None:
+            self.vehicle.write(sample.vehicle, stamp_ns)
+        for hit in sample.collisions:
+            self._collision.write(hit, stamp_ns)
+
+
+def number_in(platform: str) -> int:
+    """The number at the end of a platform's name; 1 when it has none."""
+    found = re.search(r"[0-9]+$", platform)
+    return max(1, int(found[0])) if found else 1
