@@ -1,0 +1,53 @@
+"""What a test leaves behind: processes, descriptors, shared memory, threads."""
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+SHARED_MEMORY = Path("/dev/shm")
+
+
+@contextmanager
+def no_leaks(*folders: Path) -> Iterator[None]:
+    """Raises AssertionError if the block leaves a child process, a thread, an open descriptor, something in
+    shared memory, or a file in one of the folders (a node's `boot` number and configuration may stay)."""
+    before = _state()
+    yield
+    left = {what: after - before[what] for what, after in _state().items()}
+    for folder in folders:
+        left["files"] = left.get("files", set()) | {
+            str(path)
+            for path in folder.rglob("*")
+            if not path.is_dir() and path.name != "boot" and "etc" not in path.parts
+        }
+    found = {what: sorted(names) for what, names in left.items() if names}
+    assert not found, f"left behind: {found}"
+
+
+def _state() -> dict[str, set[str]]:
+    return {
+        "children": _children(),
+        "threads": {f"{thread.name}" for thread in threading.enumerate()},
+        "descriptors": set(_descriptors()),
+        "shared memory": {path.name for path in SHARED_MEMORY.glob("swarm*")},
+    }
+
+
+def _children() -> set[str]:
+    pid = os.getpid()
+    found: set[str] = set()
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        found |= set((task / "children").read_text().split())
+    return found
+
+
+def _descriptors() -> Iterator[str]:
+    for link in Path("/proc/self/fd").iterdir():
+        try:
+            target = str(link.readlink())
+        except FileNotFoundError:
+            continue  # the descriptor of this listing
+        if not target.startswith(("/proc", "pipe:", "/dev/pts")):
+            yield target

@@ -1,0 +1,152 @@
+"""Real processes of a test: started, heard, and always ended."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sys
+import tempfile
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from swarmware.errors import NoAnswer, SwarmError
+
+READY_S = 20.0
+"""Time to get ready on a busy machine."""
+END_S = 10.0
+
+
+class Process:
+    """One child process; its standard error is kept for the message of a failure."""
+
+    def __init__(self, child: asyncio.subprocess.Process, errors: Path, what: str) -> None:
+        self._child = child
+        self._errors = errors
+        self._what = what
+
+    @property
+    def pid(self) -> int:
+        """Process number."""
+        return self._child.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code; None while it runs."""
+        return self._child.returncode
+
+    def stderr(self) -> str:
+        """What it has said on standard error so far."""
+        return self._errors.read_text("utf-8", "replace")
+
+    async def line(self, timeout_s: float = READY_S) -> str:
+        """The next line of its standard output.
+
+        Raises: NoAnswer when none comes in time, or it has ended.
+        """
+        assert self._child.stdout is not None
+        try:
+            line = await asyncio.wait_for(self._child.stdout.readline(), timeout_s)
+        except TimeoutError:
+            raise NoAnswer(f"{self._what}: no line within {timeout_s} s\n{self.stderr()}") from None
+        if not line:
+            raise NoAnswer(f"{self._what}: ended\n{self.stderr()}")
+        return line.decode().rstrip("\n")
+
+    def signal(self, number: int) -> None:
+        """Send a signal."""
+        self._child.send_signal(number)
+
+    async def wait(self, timeout_s: float = END_S) -> int:
+        """Exit code, when it has ended.
+
+        Raises: NoAnswer when it does not end in time.
+        """
+        try:
+            return await asyncio.wait_for(self._child.wait(), timeout_s)
+        except TimeoutError:
+            raise NoAnswer(f"{self._what}: still runs after {timeout_s} s\n{self.stderr()}") from None
+
+    async def terminate(self) -> int:
+        """SIGTERM, and its exit code."""
+        self.signal(signal.SIGTERM)
+        return await self.wait()
+
+    async def kill(self) -> None:
+        """SIGKILL: no code of the process runs any more."""
+        self.signal(signal.SIGKILL)
+        await self.wait()
+
+    async def end(self) -> None:
+        """Whatever it does, it is gone afterwards."""
+        if self._child.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                self._child.kill()
+            await self._child.wait()
+
+
+@asynccontextmanager
+async def run_python(
+    *args: str, env: Mapping[str, str] | None = None, end: bool = True
+) -> AsyncIterator[Process]:
+    """A Python process with these arguments; killed at the end if it still runs."""
+    with tempfile.NamedTemporaryFile(prefix="swarm-test-", suffix=".err") as errors:
+        child = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *args,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=errors,
+            env={**os.environ, **(env or {})},
+        )
+        process = Process(child, Path(errors.name), " ".join(args))
+        try:
+            yield process
+        finally:
+            await process.end()
+            # the transport of the pipe closes in a later turn of the loop; left open it warns
+            transport = getattr(child, "_transport", None)
+            if transport is not None:
+                transport.close()
+            await asyncio.sleep(0)
+
+
+@asynccontextmanager
+async def spawn(config_dir: Path, *names: str, ready_s: float = READY_S) -> AsyncIterator[Process]:
+    """`swarmd run NAMES`, or `swarmd node` without names, up to its READY; ended by SIGTERM at the end.
+
+    Raises: SwarmError when it ends before it is ready, or takes too long.
+    """
+    args = ["run", *names] if names else ["node"]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
+        heard.bind("")  # an abstract address of the kernel's choice
+        heard.setblocking(False)
+        address = "@" + heard.getsockname()[1:].decode()
+        command = ["-m", "swarmd", *args, "--config", str(config_dir)]
+        async with run_python(*command, env={"NOTIFY_SOCKET": address}) as process:
+            await _ready(process, heard, ready_s)
+            yield process
+            if process.returncode is None:
+                await process.terminate()
+
+
+async def _ready(process: Process, heard: socket.socket, timeout_s: float) -> None:
+    loop = asyncio.get_running_loop()
+    ended = asyncio.ensure_future(process.wait(timeout_s))
+    try:
+        while True:
+            word = asyncio.ensure_future(loop.sock_recv(heard, 4096))
+            done: Sequence[asyncio.Future[object]] = list(
+                (await asyncio.wait([word, ended], return_when=asyncio.FIRST_COMPLETED))[0]
+            )
+            if word not in done:
+                word.cancel()
+                code = ended.result()
+                raise SwarmError(f"swarmd ended with {code} before it was ready\n{process.stderr()}")
+            if b"READY=1" in word.result():
+                return
+    finally:
+        ended.cancel()
+        with contextlib.suppress(asyncio.CancelledError, NoAnswer):
+            await ended

@@ -1,0 +1,50 @@
+"""A node in a temporary place: its configuration, and this process attached to it."""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from swarmware.config import NodeConfig, convert
+from swarmware.node import Node
+
+
+def make_node(
+    root: Path, platform: str = "uav1", *, services: Mapping[str, Any] | None = None, **settings: Any
+) -> Path:
+    """Configuration folder of a node whose files all lie under `root/<platform>`.
+
+    `settings`: keys of node.toml; `services`: name → settings, or a Struct, of services/<name>.toml.
+    """
+    folder = root / platform
+    raw = {
+        "platform": platform,
+        "run_dir": str(folder / "run"),
+        "shm_dir": str(folder / "shm"),
+        "data_dir": str(folder / "data"),
+        "keys_dir": str(folder / "keys"),
+        "services": list(services or ()),
+        **settings,
+    }
+    convert(raw, NodeConfig, "settings of the test")
+    config_dir = folder / "etc"
+    (config_dir / "services").mkdir(parents=True)
+    (config_dir / "node.toml").write_text(tomli_w.dumps(raw), "utf-8")
+    for name, given in (services or {}).items():
+        builtins = msgspec.to_builtins(given)
+        (config_dir / "services" / f"{name}.toml").write_text(tomli_w.dumps(builtins), "utf-8")
+    return config_dir
+
+
+@asynccontextmanager
+async def tmp_node(root: Path, platform: str = "uav1", **settings: Any) -> AsyncIterator[Node]:
+    """This process, attached to a node in a temporary place; several may be there at once."""
+    node = await Node.attach(await asyncio.to_thread(make_node, root, platform, **settings))
+    try:
+        yield node
+    finally:
+        await node.close()

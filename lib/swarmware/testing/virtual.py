@@ -1,0 +1,148 @@
+"""Virtual time and a seeded network: an hour of a swarm in a second, the same for the same seed."""
+
+import heapq
+import random
+from collections import Counter
+from collections.abc import Callable, Hashable
+from itertools import count
+from typing import Generic, TypeVar
+
+Name = TypeVar("Name", bound=Hashable)
+
+Link = Callable[[Name, Name], bool]
+Handler = Callable[[Name, bytes], None]
+
+
+class VirtualTime:
+    """Events in the order of their instants; equal instants in the order in which they were asked for."""
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self.now_ns = start_ns
+        self._events: list[tuple[int, int, Callable[[], None]]] = []
+        self._order = count()
+
+    def at(self, when_ns: int, event: Callable[[], None]) -> None:
+        """Have it happen at an instant; one that is past happens next."""
+        heapq.heappush(self._events, (max(when_ns, self.now_ns), next(self._order), event))
+
+    def after(self, delay_s: float, event: Callable[[], None]) -> None:
+        """Have it happen some time from now."""
+        self.at(self.now_ns + round(delay_s * 1e9), event)
+
+    def every(self, period_s: float, event: Callable[[], None], *, first_s: float | None = None) -> None:
+        """Have it happen again and again, first after `first_s`."""
+
+        def tick() -> None:
+            self.after(period_s, tick)
+            event()
+
+        self.after(period_s if first_s is None else first_s, tick)
+
+    def wake(self, deadline: Callable[[], int | None], on_timer: Callable[[int], None]) -> Callable[[], None]:
+        """Call a core at its deadlines; what comes back must be called each time the core was fed."""
+        armed: list[int] = []
+
+        def arm() -> None:
+            due_ns = deadline()
+            if due_ns is not None and (not armed or due_ns < armed[0]):
+                armed[:] = [due_ns]
+                self.at(due_ns, lambda: fire(due_ns))
+
+        def fire(due_ns: int) -> None:
+            if armed and armed[0] == due_ns:
+                armed.clear()
+                on_timer(self.now_ns)
+                arm()
+
+        return arm
+
+    def step(self) -> bool:
+        """Let the next event happen; False when there is none."""
+        if not self._events:
+            return False
+        self.now_ns, _, event = heapq.heappop(self._events)
+        event()
+        return True
+
+    def run_until(self, end_ns: int) -> None:
+        """Let everything happen up to an instant."""
+        while self._events and self._events[0][0] <= end_ns:
+            self.step()
+        self.now_ns = max(self.now_ns, end_ns)
+
+    def run_for(self, seconds: float) -> None:
+        """Let everything happen for some time."""
+        self.run_until(self.now_ns + round(seconds * 1e9))
+
+
+class VirtualSwarm(VirtualTime, Generic[Name]):
+    """A network of named nodes with loss, delay, duplication and reordering; who hears whom may change.
+
+    `delay_s`: shortest and longest; unequal delays reorder. All chance comes from the seed.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        *,
+        loss: float = 0.0,
+        duplicate: float = 0.0,
+        delay_s: tuple[float, float] = (0.001, 0.005),
+        link: Link[Name] | None = None,
+    ) -> None:
+        super().__init__()
+        self.seed = seed
+        self.random = random.Random(seed)
+        self.loss = loss
+        self.duplicate = duplicate
+        self.delay_s = delay_s
+        self.link: Link[Name] = link or (lambda sender, receiver: True)
+        """Whether the receiver hears the sender now."""
+        self.counts: Counter[str] = Counter()
+        """Datagrams sent, lost, duplicated, delivered; bytes sent."""
+        self.sent_bytes: Counter[Name] = Counter()
+        self._handlers: dict[Name, Handler[Name]] = {}
+
+    @property
+    def nodes(self) -> tuple[Name, ...]:
+        """The nodes that are up."""
+        return tuple(self._handlers)
+
+    def join(self, name: Name, handler: Handler[Name]) -> None:
+        """A node that takes datagrams: `handler(sender, data)`."""
+        self._handlers[name] = handler
+
+    def leave(self, name: Name) -> None:
+        """The node is gone; what is on its way to it is lost."""
+        self._handlers.pop(name, None)
+
+    def send(self, sender: Name, receiver: Name, data: bytes) -> None:
+        """One datagram to one node."""
+        self.counts["sent"] += 1
+        self.sent_bytes[sender] += len(data)
+        self._carry(sender, receiver, data)
+
+    def multicast(self, sender: Name, data: bytes) -> None:
+        """One datagram to all who hear the sender; lost for each on its own."""
+        self.counts["sent"] += 1
+        self.sent_bytes[sender] += len(data)
+        for receiver in self.nodes:
+            if receiver != sender:
+                self._carry(sender, receiver, data)
+
+    def _carry(self, sender: Name, receiver: Name, data: bytes) -> None:
+        if not self.link(sender, receiver):
+            return
+        if self.random.random() < self.loss:
+            self.counts["lost"] += 1
+            return
+        copies = 2 if self.random.random() < self.duplicate else 1
+        self.counts["duplicated"] += copies - 1
+        for _ in range(copies):
+            self.after(self.random.uniform(*self.delay_s), lambda: self._arrive(sender, receiver, data))
+
+    def _arrive(self, sender: Name, receiver: Name, data: bytes) -> None:
+        handler = self._handlers.get(receiver)
+        if handler is not None:
+            self.counts["delivered"] += 1
+            handler(sender, data)
