@@ -13,6 +13,8 @@ import msgspec
 
 MARK: Final = "SWARM_LAB"
 """Environment variable that every process of a lab inherits; its value is the lab's folder."""
+NODE_MARK: Final = "SWARM_LAB_NODE"
+"""The same for a node's processes; its value is the node's folder."""
 
 
 class Identity(msgspec.Struct, frozen=True, order=True):
@@ -53,9 +55,9 @@ def identity(pid: int) -> Identity:
     return Identity(pid, found[0] if found else 0)
 
 
-def marked(mark: str) -> list[Identity]:
-    """All processes of the lab: nodes, what they started, and what those started."""
-    wanted = f"{MARK}={mark}".encode()
+def marked(mark: str, variable: str = MARK) -> list[Identity]:
+    """All processes of a lab, or of one node: what was started, and what those started."""
+    wanted = f"{variable}={mark}".encode()
     found = []
     for entry in Path("/proc").iterdir():
         if not entry.name.isdecimal() or int(entry.name) == os.getpid():

@@ -12,7 +12,7 @@ import msgspec
 
 from swarmctl.lab import processes, record
 from swarmctl.lab.notify import NotifySocket
-from swarmctl.lab.processes import MARK
+from swarmctl.lab.processes import MARK, NODE_MARK
 from swarmctl.lab.record import LabRecord, NodeRecord
 from swarmware.errors import NoAnswer, SwarmError
 
@@ -106,7 +106,11 @@ class RunningLab:
         loop = asyncio.get_running_loop()
         loop.add_reader(heard.fileno(), self._on_notify, heard)
         environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
-        environment |= ENVIRONMENT | {MARK: self.record.mark, "NOTIFY_SOCKET": str(node.notify_path)}
+        environment |= ENVIRONMENT | {
+            MARK: self.record.mark,
+            NODE_MARK: node.folder,
+            "NOTIFY_SOCKET": str(node.notify_path),
+        }
         environment.pop("WATCHDOG_USEC", None)
         with node.log_file.open("ab") as log:
             child = subprocess.Popen(
