@@ -1,0 +1,138 @@
+"""The sender's side of delivery: when it sends again, and what it tells."""
+
+import pytest
+
+from swarmware.delivery import Action, Outbox, Outcome, Settle, Status, Transmit
+from swarmware.delivery.outbox import GRACE_NS
+from swarmware.frame import Frame, Kind
+from swarmware.types.rpc import Ack
+
+MS = 1_000_000
+HERE, THERE = 1, 2
+
+
+def message(sequence: int = 1, *, receiver_hw: int = HERE, kind: Kind = Kind.MESSAGE) -> Frame:
+    return Frame(kind, 7, HERE, 9, receiver_hw, sequence=sequence)
+
+
+def run(outbox: Outbox, until_ns: int) -> list[tuple[int, Action]]:
+    """Everything the outbox does by itself, with its instants in ms."""
+    seen: list[tuple[int, Action]] = []
+    while (due_ns := outbox.deadline_ns()) is not None and due_ns <= until_ns:
+        seen += [(due_ns // MS, action) for action in outbox.on_timer(due_ns)]
+    return seen
+
+
+def outcomes(actions: list[Action]) -> list[Outcome]:
+    return [action.outcome for action in actions if isinstance(action, Settle)]
+
+
+@pytest.mark.parametrize(
+    ("receiver", "timeout_ms", "again_at_ms"),
+    [
+        (HERE, 2000, [50, 150, 350, 750, 1150, 1550, 1950]),
+        (THERE, 2500, [300, 900, 2100]),
+        (HERE, 40, []),
+    ],
+)
+def test_an_unanswered_message_is_sent_again_ever_slower_and_then_expires(
+    receiver: int, timeout_ms: int, again_at_ms: list[int]
+) -> None:
+    outbox = Outbox(HERE)
+    first = outbox.submit(message(receiver_hw=receiver), 0, timeout_ms * MS)
+    assert first == [Transmit(message(receiver_hw=receiver), again=False)]
+    seen = run(outbox, 10_000 * MS)
+    assert [at for at, action in seen if isinstance(action, Transmit)] == again_at_ms
+    assert seen[-1][0] == timeout_ms
+    (outcome,) = outcomes([action for _, action in seen])
+    assert outcome.status is Status.EXPIRED
+    assert len(outbox) == 0
+    assert outbox.deadline_ns() is None
+
+
+@pytest.mark.parametrize("status", [Status.DELIVERED, Status.REFUSED])
+def test_an_answer_settles_a_message_once(status: Status) -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(), 0, 1000 * MS)
+    ack = Ack(int(status), "uav1:planner#1", "because", 5)
+    key = Outbox.key(message())
+    assert outcomes(outbox.on_ack(key, ack, 1 * MS)) == [Outcome(status, "uav1:planner#1", "because", 5)]
+    assert outbox.on_ack(key, ack, 2 * MS) == []
+    assert run(outbox, 10_000 * MS) == []
+
+
+def test_a_receiver_may_appear_within_the_grace_time() -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(), 0, 5000 * MS)
+    key = Outbox.key(message())
+    assert outbox.on_ack(key, Ack(int(Status.ABSENT), "uav1"), 1 * MS) == []
+    assert run(outbox, 400 * MS)
+    assert outcomes(outbox.on_ack(key, Ack(int(Status.DELIVERED)), 401 * MS)) == [Outcome(Status.DELIVERED)]
+
+
+def test_a_receiver_that_never_appears_refuses_after_the_grace_time() -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(), 0, 5000 * MS)
+    outbox.on_ack(Outbox.key(message()), Ack(int(Status.ABSENT), "uav1", "no such inbox"), 1 * MS)
+    seen = run(outbox, 10_000 * MS)
+    assert seen[-1] == (
+        GRACE_NS // MS,
+        Settle(Outbox.key(message()), Outcome(Status.REFUSED, "uav1", "no such inbox")),
+    )
+
+
+def test_a_missing_way_is_told_with_its_hop_when_the_time_is_over() -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(receiver_hw=THERE), 0, 2000 * MS)
+    outbox.on_ack(Outbox.key(message()), Ack(int(Status.UNREACHABLE), "uav4", "no route"), 5 * MS)
+    seen = run(outbox, 10_000 * MS)
+    assert seen[-1][0] == 2000
+    assert outcomes([seen[-1][1]]) == [Outcome(Status.UNREACHABLE, "uav4", "no route")]
+
+
+def test_a_way_that_opens_again_delivers() -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(receiver_hw=THERE), 0, 2000 * MS)
+    key = Outbox.key(message())
+    outbox.on_ack(key, Ack(int(Status.UNREACHABLE), "uav4"), 5 * MS)
+    assert run(outbox, 950 * MS)
+    assert outcomes(outbox.on_ack(key, Ack(int(Status.DELIVERED), "uav2:x#1"), 960 * MS))[0].delivered
+
+
+def test_the_pace_follows_the_measured_round_trip() -> None:
+    outbox = Outbox(HERE)
+    for sequence in range(20):
+        frame = message(sequence, receiver_hw=THERE)
+        outbox.submit(frame, sequence * 1000 * MS, 5000 * MS)
+        outbox.on_ack(Outbox.key(frame), Ack(0), (sequence * 1000 + 160) * MS)
+    start_ms = 30_000
+    outbox.submit(message(99, receiver_hw=THERE), start_ms * MS, 5000 * MS)
+    at_ms = run(outbox, 40_000 * MS)[0][0] - start_ms
+    assert 160 <= at_ms < 200
+
+
+def test_an_answer_to_a_message_that_was_sent_twice_measures_nothing() -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(1, receiver_hw=THERE), 0, 5000 * MS)
+    run(outbox, 300 * MS)
+    outbox.on_ack(Outbox.key(message(1)), Ack(0), 301 * MS)
+    outbox.submit(message(2, receiver_hw=THERE), 1000 * MS, 5000 * MS)
+    assert outbox.deadline_ns() == 1300 * MS
+
+
+def test_a_request_in_work_is_asked_for_at_the_slowest_pace_and_answered_once() -> None:
+    outbox = Outbox(HERE)
+    question = message(kind=Kind.REQUEST)
+    outbox.submit(question, 0, 5000 * MS)
+    key = Outbox.key(question)
+    assert outbox.on_ack(key, Ack(int(Status.DELIVERED)), 10 * MS) == []
+    again_ms = [at for at, action in run(outbox, 2000 * MS) if isinstance(action, Transmit)]
+    assert again_ms == [50, 450, 850, 1250, 1650]
+    assert outbox.on_reply(key, 2001 * MS)
+    assert not outbox.on_reply(key, 2002 * MS)
+
+
+def test_an_unknown_status_of_a_later_version_is_a_refusal() -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(), 0, 1000 * MS)
+    assert outcomes(outbox.on_ack(Outbox.key(message()), Ack(77), 1))[0].status is Status.REFUSED
