@@ -1,0 +1,384 @@
+"""The directory: which neighbour leads to which node, without loops, in a swarm that moves.
+
+A distance vector under Babel's feasibility condition (RFC 8966, section 3.5.1), fitted to the tick:
+the sequence number of every tick datagram is the sender's own route sequence number, so a fresh
+route to a node comes with each of its ticks, and rows about others ride in the same datagrams.
+"""
+
+from collections.abc import Iterable
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.tick import INFINITY, LOST, Row, SequenceRequest
+
+HYSTERESIS: Final = 96
+"""A new next hop must be this much better; scale study, section 2.3."""
+REFRESH_NS: Final = 250_000_000
+"""Refresh period of a row per hop of distance."""
+REFRESH_MAX_NS: Final = 2_000_000_000
+BIG_SWARM: Final = 200
+"""From this size the refresh period doubles and stretches to 4 s."""
+HOLD_NS: Final = 7_000_000_000
+"""A route whose sequence number stood still for three of the longest refresh periods is lost."""
+HOT_NS: Final = 2_000_000_000
+"""How long it is remembered that somebody asked for a fresher row."""
+HOT_ROWS: Final = 2
+"""How often the fresher row is sent in the very next ticks, once it is there."""
+RETRACTIONS: Final = 2
+"""A lost route is said twice: one datagram may be lost."""
+SOURCE_GC_NS: Final = 180_000_000_000
+"""Feasibility distance of a vanished destination is forgotten; RFC 8966, appendix B."""
+REQUEST_AGAIN_NS: Final = 400_000_000
+REQUEST_FOR_NS: Final = 3_000_000_000
+FORWARD_AGAIN_NS: Final = 500_000_000
+REQUEST_HOPS: Final = 24
+DESTINATION_LIMIT: Final = 4096
+_SWEEP_NS: Final = 1_000_000_000
+_TOLD_AT_ONCE: Final = 96
+"""A new next hop whose metric differs this much from what was said."""
+
+
+class RouteChanged(msgspec.Struct, frozen=True, gc=False):
+    """Another next hop to a node."""
+
+    hw: int
+    via: int
+    """0: no route any more."""
+
+
+class Route(msgspec.Struct, frozen=True, gc=False):
+    """The selected route to a node."""
+
+    hw: int
+    via: int
+    metric: int
+    sequence: int
+    changed_ns: int
+
+
+class _Destination:
+    __slots__ = (
+        "changed_ns",
+        "due_ns",
+        "forwarded_ns",
+        "heard",
+        "hot_rows",
+        "hot_sequence",
+        "hot_until_ns",
+        "hw",
+        "known_ns",
+        "limit_metric",
+        "limit_sequence",
+        "metric",
+        "request_due_ns",
+        "request_until_ns",
+        "retractions",
+        "said_metric",
+        "sequence",
+        "via",
+    )
+
+    def __init__(self, hw: int, now_ns: int) -> None:
+        self.hw = hw
+        self.heard: dict[int, tuple[int, int, int]] = {}
+        """By neighbour: the sequence number and metric it said last, and when the number last rose."""
+        self.via = 0
+        self.metric = INFINITY
+        self.sequence = 0
+        self.limit_sequence = -1
+        """Feasibility distance, with `limit_metric`; -1: nothing was advertised yet."""
+        self.limit_metric = INFINITY
+        self.known_ns = now_ns
+        self.changed_ns = now_ns
+        self.due_ns = now_ns
+        self.said_metric = INFINITY
+        self.retractions = 0
+        self.hot_until_ns = 0
+        self.hot_sequence = 0
+        self.hot_rows = 0
+        self.forwarded_ns = -FORWARD_AGAIN_NS
+        self.request_until_ns = 0
+        self.request_due_ns = 0
+
+    def feasible(self, sequence: int, metric: int) -> bool:
+        if self.limit_sequence < 0:
+            return True
+        ahead = (sequence - self.limit_sequence) & 0xFFFF
+        return 0 < ahead < 0x8000 or (ahead == 0 and metric < self.limit_metric)
+
+
+def newer(one: int, other: int) -> bool:
+    """Whether sequence number `one` comes after `other`, modulo 2¹⁶."""
+    return 0 < (one - other) & 0xFFFF < 0x8000
+
+
+class Directory:
+    """Routes of one node.
+
+    Loop-free at every instant as long as the caller keeps two rules: rows of a neighbour count
+    only while the link is up in both directions, and `drop_link` is called when a neighbour has
+    started anew, before its rows are used (it forgot its feasibility distances).
+    """
+
+    def __init__(self, own_hw: int) -> None:
+        self.own_hw = own_hw
+        self.wanted_sequence: int | None = None
+        """Somebody holds a higher sequence number of mine than I have: go on from there."""
+        self._destinations: dict[int, _Destination] = {}
+        self._costs: dict[int, int] = {}
+        self._forward: list[SequenceRequest] = []
+        self._asking: dict[int, _Destination] = {}
+        self._sweep_ns = 0
+
+    # what comes in
+
+    def set_link(self, via: int, cost: int) -> None:
+        """The link to a neighbour is up, or its cost has changed."""
+        self._costs[via] = cost
+
+    def drop_link(self, via: int, now_ns: int) -> list[RouteChanged]:
+        """The link is gone, or the neighbour is another one than before."""
+        if self._costs.pop(via, None) is None:
+            return []
+        changes: list[RouteChanged] = []
+        for destination in self._destinations.values():
+            if destination.heard.pop(via, None) is not None and destination.via == via:
+                self._select(destination, now_ns, changes)
+        return changes
+
+    def on_rows(self, via: int, rows: Iterable[tuple[int, int, int]], now_ns: int) -> list[RouteChanged]:
+        """Rows of a neighbour's newest datagram; its own row (itself, its sequence, 0) among them."""
+        cost = self._costs.get(via)
+        changes: list[RouteChanged] = []
+        if cost is None:
+            return changes
+        destinations = self._destinations
+        for hw, sequence, metric in rows:
+            destination = destinations.get(hw)
+            if destination is None:
+                if hw == self.own_hw:
+                    if metric != INFINITY:
+                        self.wanted_sequence = sequence
+                    continue
+                if metric == INFINITY or len(destinations) >= DESTINATION_LIMIT:
+                    continue
+                destination = destinations[hw] = _Destination(hw, now_ns)
+            total = metric + cost
+            if total >= INFINITY:
+                if destination.heard.pop(via, None) is not None and destination.via == via:
+                    self._select(destination, now_ns, changes)
+                continue
+            limit = destination.limit_sequence
+            if limit >= 0:
+                ahead = (sequence - limit) & 0xFFFF
+                if ahead >= 0x8000 or (ahead == 0 and metric >= destination.limit_metric):
+                    # Not feasible, and never will be. From the present next hop: its path got longer;
+                    # ours stays loop-free as it is, because our feasibility distance did not move,
+                    # until a newer number comes with its next rows.
+                    if via != destination.via:
+                        destination.heard.pop(via, None)
+                    continue
+            heard = destination.heard
+            before = heard.get(via)
+            fresh_ns = now_ns if before is None or before[0] != sequence else before[2]
+            heard[via] = (sequence, metric, fresh_ns)
+            if via == destination.via:
+                destination.sequence = sequence
+                if total > destination.metric + HYSTERESIS:
+                    destination.metric = total
+                    self._select(destination, now_ns, changes)
+                else:
+                    destination.metric = total
+            elif destination.via == 0 or total + HYSTERESIS < destination.metric:
+                self._use(destination, via, sequence, total, now_ns, changes)
+        return changes
+
+    def on_requests(self, via: int, requests: Iterable[SequenceRequest], now_ns: int) -> list[RouteChanged]:
+        """Sequence requests in a neighbour's datagram."""
+        changes: list[RouteChanged] = []
+        for hw, sequence, hops in requests:
+            hops_left = hops & ~LOST
+            if hw == self.own_hw:
+                self.wanted_sequence = sequence
+                continue
+            destination = self._destinations.get(hw)
+            if destination is None:
+                continue
+            if hops & LOST and destination.heard.pop(via, None) is not None and destination.via == via:
+                self._select(destination, now_ns, changes)  # its retractions did not get here
+            destination.hot_until_ns = now_ns + HOT_NS
+            destination.hot_sequence = sequence
+            destination.hot_rows = HOT_ROWS
+            answered = destination.via != 0 and not newer(sequence, destination.sequence)
+            if answered or hops_left <= 1 or now_ns - destination.forwarded_ns < FORWARD_AGAIN_NS:
+                continue
+            destination.forwarded_ns = now_ns
+            if destination.limit_sequence < 0 or newer(sequence, destination.limit_sequence):
+                destination.request_due_ns = now_ns + REQUEST_AGAIN_NS  # it asks for us too
+            self._forward.append(SequenceRequest(hw, sequence, hops_left - 1))
+        return changes
+
+    def want(self, hw: int, now_ns: int) -> None:
+        """There is traffic for this node and no route: ask for one."""
+        destination = self._destinations.get(hw)
+        if destination is not None and destination.via == 0 and now_ns >= destination.request_until_ns:
+            self._ask(destination, now_ns)
+
+    def on_timer(self, now_ns: int) -> list[RouteChanged]:
+        """Ages routes out; call at each tick."""
+        changes: list[RouteChanged] = []
+        if now_ns < self._sweep_ns:
+            return changes
+        self._sweep_ns = now_ns + _SWEEP_NS
+        forgotten: list[int] = []
+        for destination in self._destinations.values():
+            heard = destination.heard
+            oldest_ns = now_ns - HOLD_NS
+            for said in heard.values():
+                if said[2] < oldest_ns:
+                    self._expire(destination, oldest_ns, now_ns, changes)
+                    break
+            if heard:
+                destination.known_ns = now_ns
+            elif now_ns - destination.known_ns > SOURCE_GC_NS:
+                forgotten.append(destination.hw)
+        for hw in forgotten:
+            del self._destinations[hw]
+            self._forward = [request for request in self._forward if request.hw != hw]
+        return changes
+
+    # what goes out
+
+    def rows(self, now_ns: int, room: int, common: frozenset[int], common_ns: int) -> tuple[Row, ...]:
+        """Rows for the next datagram, at most `room`, the most urgent first.
+
+        `common`: nodes that all our neighbours hear themselves; refreshed only every `common_ns`.
+        What is advertised here bounds what will be accepted later (RFC 8966, section 3.7.3).
+        """
+        due: list[_Destination] = []
+        for destination in self._destinations.values():
+            if destination.due_ns <= now_ns:
+                if destination.via or destination.retractions:
+                    due.append(destination)
+            elif destination.hot_rows and destination.via:
+                if now_ns >= destination.hot_until_ns:
+                    destination.hot_rows = 0
+                elif not newer(destination.hot_sequence, destination.sequence):
+                    destination.hot_rows -= 1
+                    due.append(destination)
+        if len(due) > room:
+            due.sort(key=_urgency)
+            del due[room:]
+        scale = 2 if len(self._destinations) > BIG_SWARM else 1
+        rows: list[Row] = []
+        for destination in due:
+            metric, sequence = destination.metric, destination.sequence
+            if not destination.via:
+                destination.retractions -= 1
+                rows.append(Row(destination.hw, sequence, INFINITY))
+                continue
+            destination.said_metric = metric
+            if destination.feasible(sequence, metric):
+                destination.limit_sequence, destination.limit_metric = sequence, metric
+            if destination.hw in common:
+                period_ns = common_ns
+            else:
+                period_ns = min(REFRESH_NS * max(1, metric >> 8), REFRESH_MAX_NS) * scale
+            destination.due_ns = now_ns + period_ns
+            rows.append(Row(destination.hw, sequence, metric))
+        return tuple(rows)
+
+    def requests(self, now_ns: int) -> tuple[SequenceRequest, ...]:
+        """Sequence requests for the next datagram: our own and those passed on."""
+        out: list[SequenceRequest] = []
+        for hw, sequence, hops_left in self._forward:
+            lost = LOST if not self._destinations[hw].via else 0
+            out.append(SequenceRequest(hw, sequence, hops_left | lost))
+        self._forward.clear()
+        for destination in list(self._asking.values()):
+            if destination.via or now_ns >= destination.request_until_ns:
+                del self._asking[destination.hw]
+            elif destination.request_due_ns <= now_ns:
+                destination.request_due_ns = now_ns + REQUEST_AGAIN_NS
+                wanted = (destination.limit_sequence + 1) & 0xFFFF
+                out.append(SequenceRequest(destination.hw, wanted, REQUEST_HOPS | LOST))
+        return tuple(out)
+
+    # what is asked
+
+    def next_hop(self, hw: int) -> int:
+        """The neighbour that leads to a node; 0: none."""
+        destination = self._destinations.get(hw)
+        return destination.via if destination is not None else 0
+
+    def routes(self) -> list[Route]:
+        """All selected routes."""
+        return [
+            Route(d.hw, d.via, d.metric, d.sequence, d.changed_ns)
+            for d in self._destinations.values()
+            if d.via
+        ]
+
+    # how a route is chosen
+
+    def _select(self, destination: _Destination, now_ns: int, changes: list[RouteChanged]) -> None:
+        costs = self._costs
+        best, best_total, best_sequence = 0, INFINITY, 0
+        for via, (sequence, metric, _) in destination.heard.items():
+            total = metric + costs[via]
+            if via == destination.via:
+                total = max(total - HYSTERESIS, 1)
+            if total < best_total and destination.feasible(sequence, metric):
+                best, best_total, best_sequence = via, total, sequence
+        if best == destination.via and best:
+            return
+        if best:
+            total = destination.heard[best][1] + costs[best]
+            self._use(destination, best, best_sequence, total, now_ns, changes)
+        elif destination.via:
+            destination.via = 0
+            destination.metric = destination.said_metric = INFINITY
+            destination.retractions = RETRACTIONS
+            destination.due_ns = destination.changed_ns = now_ns
+            changes.append(RouteChanged(destination.hw, 0))
+            self._ask(destination, now_ns)
+
+    def _expire(
+        self, destination: _Destination, oldest_ns: int, now_ns: int, changes: list[RouteChanged]
+    ) -> None:
+        stale = [via for via, said in destination.heard.items() if said[2] < oldest_ns]
+        for via in stale:
+            del destination.heard[via]
+        if destination.via in stale:
+            self._select(destination, now_ns, changes)
+
+    def _use(
+        self,
+        destination: _Destination,
+        via: int,
+        sequence: int,
+        total: int,
+        now_ns: int,
+        changes: list[RouteChanged],
+    ) -> None:
+        destination.via = via
+        destination.sequence = sequence
+        destination.metric = total
+        destination.changed_ns = now_ns
+        destination.retractions = 0
+        destination.request_until_ns = 0
+        if abs(total - destination.said_metric) >= _TOLD_AT_ONCE:
+            destination.due_ns = now_ns
+        changes.append(RouteChanged(destination.hw, via))
+
+    def _ask(self, destination: _Destination, now_ns: int) -> None:
+        if destination.limit_sequence < 0:
+            return  # nothing was advertised, so any row would do: there is none to be had
+        self._asking[destination.hw] = destination
+        destination.request_due_ns = now_ns
+        destination.request_until_ns = now_ns + REQUEST_FOR_NS
+
+
+def _urgency(destination: _Destination) -> tuple[bool, int]:
+    return destination.via != 0, destination.due_ns

@@ -1,0 +1,140 @@
+"""Neighbours and directory together: what a tick says about the swarm's shape, in and out."""
+
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.directory import Directory, RouteChanged, newer
+from swarmd.broker.core.neighbour import (
+    LISTING_NS,
+    LinkChanged,
+    LinkEvent,
+    LinkState,
+    Neighbour,
+    Neighbours,
+    Timing,
+)
+from swarmd.broker.core.tick import ECHO_BYTES, ROW_BYTES, Echo, Header, Row, SequenceRequest, Tick
+
+IDLE_LISTING_NS: Final = 3_000_000_000
+COMMON_NS: Final = 2_000_000_000
+"""Refresh of rows that none of our neighbours needs, while somebody wants our boards."""
+IDLE_COMMON_NS: Final = 4_000_000_000
+ROWS_MAX: Final = 60
+"""Rows in one datagram; scale study, section 2.3."""
+_JUMP_MAX: Final = 0x7FFF
+
+
+class Heard(msgspec.Struct, frozen=True, gc=False):
+    """What one datagram changed."""
+
+    neighbour: Neighbour
+    fresh: bool
+    """Not overtaken by a later one of the same sender."""
+    timing: Timing | None
+    links: list[LinkChanged]
+    routes: list[RouteChanged]
+
+
+class Shape(msgspec.Struct, frozen=True, gc=False):
+    """The next datagram's part about the swarm's shape."""
+
+    echoes: tuple[Echo, ...]
+    rows: tuple[Row, ...]
+    requests: tuple[SequenceRequest, ...]
+
+
+class Mesh:
+    """The swarm as one node sees it."""
+
+    def __init__(self, own_hw: int, first_sequence: int, link_timeout_ns: int, quiet_until_ns: int) -> None:
+        """`quiet_until_ns`: from when on routes over more than one hop are taken.
+
+        A node that started anew has forgotten its feasibility distances, while others may still
+        send through it: until they have noticed (heard the new session, or nothing for the link
+        timeout), a row it hears may be its own route come back.
+        """
+        self.own_hw = own_hw
+        self._quiet_until_ns = quiet_until_ns
+        self.neighbours = Neighbours(own_hw, link_timeout_ns)
+        self.directory = Directory(own_hw)
+        self._sequence = first_sequence
+
+    def on_tick(
+        self, header: Header, tick: Tick, restarted: bool, address: tuple[str, int], rx_ns: int
+    ) -> Heard | None:
+        """A datagram that was opened. None: there is no room for another neighbour."""
+        links: list[LinkChanged] = []
+        neighbour = self.neighbours.on_header(header, restarted, address, rx_ns, links)
+        if neighbour is None:
+            return None
+        routes: list[RouteChanged] = []
+        if tick.hello is not None:
+            self.neighbours.on_hello(neighbour, header, tick.hello)
+        fresh = neighbour.top == header.sequence
+        timing = self.neighbours.on_echoes(neighbour, header, tick.echoes, rx_ns, links)
+        directory = self.directory
+        if links:
+            for change in links:
+                if change.before is LinkState.UP:
+                    routes += directory.drop_link(header.sender_hw, rx_ns)
+        if neighbour.state is LinkState.UP:
+            quality = neighbour.window << 8 | neighbour.reported
+            if links or quality != neighbour.costed:
+                neighbour.costed = quality
+                directory.set_link(header.sender_hw, neighbour.cost)
+            if fresh:
+                own = ((header.sender_hw, header.sequence & 0xFFFF, 0),)
+                rows = own + tick.rows if rx_ns >= self._quiet_until_ns else own
+                routes += directory.on_rows(header.sender_hw, rows, rx_ns)
+        if tick.requests:
+            routes += directory.on_requests(header.sender_hw, tick.requests, rx_ns)
+        return Heard(neighbour, fresh, timing, links, routes)
+
+    def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
+        """Deadlines of links and ages of routes."""
+        links = self.neighbours.on_timer(now_ns)
+        routes: list[RouteChanged] = []
+        for change in links:
+            if change.before is LinkState.UP:
+                routes += self.directory.drop_link(change.hw, now_ns)
+        routes += self.directory.on_timer(now_ns)
+        return links, routes
+
+    def next_sequence(self) -> int:
+        """Number of the next datagram: rises by one, or to what others still hold of us.
+
+        After a start with a clock that went back they would take our rows for old ones.
+        """
+        self._sequence += 1
+        wanted = self.directory.wanted_sequence
+        if wanted is not None:
+            self.directory.wanted_sequence = None
+            if newer(wanted, self._sequence & 0xFFFF):
+                self._sequence += min((wanted - self._sequence & 0xFFFF) + 1, _JUMP_MAX)
+        return self._sequence
+
+    def compose(self, now_ns: int, room: int, busy: bool) -> Shape:
+        """What the next datagram says, in at most `room` bytes. `busy`: it leaves ten times a second."""
+        echoes = self.neighbours.echoes(
+            now_ns, min(room // 2 // ECHO_BYTES, 255), LISTING_NS if busy else IDLE_LISTING_NS
+        )
+        requests = self.directory.requests(now_ns)[:32]
+        rows = self.directory.rows(
+            now_ns,
+            max(0, min(ROWS_MAX, (room - len(echoes) * ECHO_BYTES - len(requests) * 8) // ROW_BYTES)),
+            self.neighbours.common(now_ns),
+            COMMON_NS if busy else IDLE_COMMON_NS,
+        )
+        return Shape(echoes, rows, requests)
+
+    def sent(self, sequence: int, tx_ns: int) -> None:
+        """The datagram left."""
+        self.neighbours.sent(sequence, tx_ns)
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` has to be called at the latest."""
+        return self.neighbours.deadline_ns()
+
+
+__all__ = ["Heard", "LinkChanged", "LinkEvent", "LinkState", "Mesh", "RouteChanged", "Shape", "Timing"]

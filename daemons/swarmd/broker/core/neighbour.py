@@ -1,0 +1,411 @@
+"""Neighbours: who is heard, who hears us, how well, and what their clocks showed.
+
+Everything is read off the tick datagrams themselves: their sequence numbers are hello and loss
+meter, their echoes say that we are heard, how well, and when.
+"""
+
+from enum import IntEnum
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.tick import ANSWERED_SEQUENCES, INFINITY, NO_ECHO, Echo, Header, Hello
+
+WINDOW: Final = 16
+"""Datagrams over which loss is judged; scale study, section 2.3."""
+_WINDOW_MASK: Final = (1 << WINDOW) - 1
+PERFECT: Final = 256
+"""Cost of a link without loss."""
+COST_MAX: Final = 8192
+PERIODS: Final = 2.5
+"""A slow sender may miss one datagram before its silence counts."""
+FIRST_PERIOD_NS: Final = 500_000_000
+LISTING_NS: Final = 2_000_000_000
+"""Everybody heard is listed at least this often."""
+UNLISTED_NS: Final = 3 * LISTING_NS + 1_000_000_000
+ECHO_GAP_NS: Final = 200_000_000
+"""Echoes beyond the listing: at least five a second in all, to whoever waited longest."""
+ANSWER_LIMIT_NS: Final = 25_000_000_000
+"""Oldest datagram of ours that an echo can mean: 256 ticks at 10 Hz."""
+_SLACK_NS: Final = 10_000_000
+"""Two clocks may drift this much apart while an echo is held back."""
+GOODBYES: Final = 2
+"""How often a lost neighbour is told that we do not hear it."""
+FORGET_NS: Final = 600_000_000_000
+NEIGHBOUR_LIMIT: Final = 1024
+_FULL: Final = 255
+_MOD32: Final = 0xFFFF_FFFF
+_NEVER: Final = -(1 << 62)
+
+
+class LinkState(IntEnum):
+    """What is known of the two directions to a neighbour."""
+
+    DOWN = 0
+    HEARD = 1
+    """We hear it; it has not said yet that it hears us."""
+    UP = 2
+    HALF_OPEN = 3
+    """We hear it, it does not hear us: useless for anything but its news."""
+
+
+class LinkEvent(IntEnum):
+    """What happens to a link."""
+
+    DATAGRAM = 1
+    LISTED = 2
+    UNLISTED = 3
+    SILENT = 4
+    RESTARTED = 5
+
+
+TRANSITIONS: Final = {
+    (LinkState.DOWN, LinkEvent.DATAGRAM): LinkState.HEARD,
+    (LinkState.HEARD, LinkEvent.LISTED): LinkState.UP,
+    (LinkState.HALF_OPEN, LinkEvent.LISTED): LinkState.UP,
+    (LinkState.HEARD, LinkEvent.UNLISTED): LinkState.HALF_OPEN,
+    (LinkState.UP, LinkEvent.UNLISTED): LinkState.HALF_OPEN,
+    (LinkState.UP, LinkEvent.RESTARTED): LinkState.HEARD,
+    (LinkState.HALF_OPEN, LinkEvent.RESTARTED): LinkState.HEARD,
+    (LinkState.HEARD, LinkEvent.SILENT): LinkState.DOWN,
+    (LinkState.UP, LinkEvent.SILENT): LinkState.DOWN,
+    (LinkState.HALF_OPEN, LinkEvent.SILENT): LinkState.DOWN,
+}
+"""The only place where a link's state changes; what is not in it changes nothing."""
+
+
+class LinkChanged(msgspec.Struct, frozen=True, gc=False):
+    """A link went into another state."""
+
+    hw: int
+    before: LinkState
+    after: LinkState
+    event: LinkEvent
+
+
+class Timing(msgspec.Struct, frozen=True, gc=False):
+    """Clock differences read off one datagram; scale study, section 4.1. Theirs minus ours."""
+
+    hw: int
+    boot_id: int
+    rx_ns: int
+    """Our clock at its arrival."""
+    reverse_ns: int
+    """Their clock at send minus ours at arrival: the offset less the way here."""
+    forward_ns: int | None = None
+    """Their clock at arrival minus ours at send: the offset plus the way there."""
+    forward_tx_ns: int = 0
+    """Our clock when the echoed datagram left."""
+
+
+class Neighbour:
+    """One node that we hear, or heard not long ago."""
+
+    __slots__ = (
+        "address",
+        "clock_us",
+        "costed",
+        "deadline_ns",
+        "echo_reverse_us",
+        "echo_rx_ns",
+        "echo_sequence",
+        "echoed_ns",
+        "expected",
+        "goodbyes",
+        "heard_ns",
+        "hears",
+        "hello",
+        "hw",
+        "late",
+        "listed_ns",
+        "period_ns",
+        "received",
+        "reported",
+        "rtt_ns",
+        "since_ns",
+        "state",
+        "top",
+        "tx_us",
+        "window",
+    )
+
+    def __init__(self, hw: int, now_ns: int) -> None:
+        self.hw = hw
+        self.state = LinkState.DOWN
+        self.since_ns = now_ns
+        self.hello: Hello | None = None
+        self.address: tuple[str, int] = ("", 0)
+        self.hears: dict[int, int] = {}
+        """Nodes that it lists as heard, and when it said so last."""
+        self.restart(now_ns)
+
+    def restart(self, now_ns: int) -> None:
+        """Forgets what belonged to its former session."""
+        self.hello = None
+        self.clock_us = 0
+        self.hears.clear()
+        self.revive(now_ns)
+
+    def revive(self, now_ns: int) -> None:
+        """Forgets what was measured on the link: it was silent for long."""
+        self.top = 0
+        self.tx_us = 0
+        self.window = 0
+        self.costed = -1
+        self.expected = 0
+        self.received = 0
+        self.late = 0
+        self.heard_ns = now_ns
+        self.deadline_ns = now_ns
+        self.period_ns = FIRST_PERIOD_NS
+        self.listed_ns = _NEVER
+        self.reported = _FULL
+        self.rtt_ns = 0
+        self.echoed_ns = _NEVER
+        self.echo_reverse_us = 0
+        self.echo_sequence = -1
+        self.echo_rx_ns = 0
+        self.goodbyes = 0
+
+    @property
+    def quality(self) -> int:
+        """Share of its last datagrams that arrived, in 1/255."""
+        return round(_FULL * self.window.bit_count() / max(1, min(WINDOW, self.expected)))
+
+    @property
+    def cost(self) -> int:
+        """Expected transmissions in 1/256: loss of both directions."""
+        both = self.quality * self.reported
+        return min(PERFECT * _FULL * _FULL // both, COST_MAX) if both else COST_MAX
+
+
+class Neighbours:
+    """All neighbours of one node."""
+
+    def __init__(self, own_hw: int, link_timeout_ns: int) -> None:
+        self.own_hw = own_hw
+        self._timeout_ns = link_timeout_ns
+        self._all: dict[int, Neighbour] = {}
+        self._sent: list[tuple[int, int]] = [(-1, 0)] * ANSWERED_SEQUENCES
+        self._echoed_ns = _NEVER
+        self._common: frozenset[int] = frozenset()
+        self._common_ns = _NEVER
+
+    def get(self, hw: int) -> Neighbour | None:
+        """A neighbour, whatever its state."""
+        return self._all.get(hw)
+
+    def all(self) -> list[Neighbour]:
+        """Everybody heard within the last minutes."""
+        return list(self._all.values())
+
+    def up(self) -> list[Neighbour]:
+        """Those with whom both directions work."""
+        return [n for n in self._all.values() if n.state is LinkState.UP]
+
+    def heard_count(self) -> int:
+        """Nodes that share the air with us."""
+        return sum(n.state is not LinkState.DOWN for n in self._all.values())
+
+    # what comes in
+
+    def on_header(
+        self,
+        header: Header,
+        restarted: bool,
+        address: tuple[str, int],
+        rx_ns: int,
+        changes: list[LinkChanged],
+    ) -> Neighbour | None:
+        """A datagram that was opened. None: no room for another neighbour."""
+        neighbour = self._all.get(header.sender_hw)
+        if neighbour is None:
+            if len(self._all) >= NEIGHBOUR_LIMIT:
+                return None
+            neighbour = self._all[header.sender_hw] = Neighbour(header.sender_hw, rx_ns)
+            self._common_ns = _NEVER
+        elif restarted:
+            self._event(neighbour, LinkEvent.RESTARTED, rx_ns, changes)
+            neighbour.restart(rx_ns)
+        if neighbour.state is LinkState.DOWN:
+            neighbour.revive(rx_ns)
+            self._event(neighbour, LinkEvent.DATAGRAM, rx_ns, changes)
+        neighbour.address = address
+        neighbour.heard_ns = rx_ns
+        neighbour.received += 1
+        self._count(neighbour, header)
+        neighbour.deadline_ns = rx_ns + max(self._timeout_ns, round(PERIODS * neighbour.period_ns))
+        return neighbour
+
+    def on_hello(self, neighbour: Neighbour, header: Header, hello: Hello) -> None:
+        """Its name and the upper half of its clock."""
+        neighbour.hello = hello
+        neighbour.clock_us = hello.clock_high << 32 | header.tx_us
+
+    def on_echoes(
+        self,
+        neighbour: Neighbour,
+        header: Header,
+        echoes: tuple[Echo, ...],
+        rx_ns: int,
+        changes: list[LinkChanged],
+    ) -> Timing | None:
+        """Whom it hears, and the time differences when this datagram can give them."""
+        forward_ns: int | None = None
+        forward_tx_ns = 0
+        clock_us = neighbour.clock_us
+        if clock_us:
+            step = (header.tx_us - clock_us) & _MOD32
+            clock_us += step if step < 1 << 31 else step - (1 << 32)
+            neighbour.clock_us = clock_us
+        hears = neighbour.hears
+        for hw, sequence, hold_us, quality in echoes:
+            if quality:
+                hears[hw] = rx_ns
+            else:
+                hears.pop(hw, None)
+            if hw != self.own_hw:
+                continue
+            if not quality:
+                neighbour.listed_ns = _NEVER
+                self._event(neighbour, LinkEvent.UNLISTED, rx_ns, changes)
+                continue
+            if hold_us == NO_ECHO:
+                # Heard nothing of us since it last listed us. That keeps a link up, but cannot bring
+                # it up: it may mean our former session, whose routes it would still believe in.
+                if neighbour.state is LinkState.UP:
+                    neighbour.listed_ns = rx_ns
+                    neighbour.reported = quality
+                continue
+            sent_sequence, sent_ns = self._sent[sequence]
+            if sent_sequence < 0 or not hold_us * 1000 - _SLACK_NS <= rx_ns - sent_ns <= ANSWER_LIMIT_NS:
+                continue
+            neighbour.listed_ns = rx_ns
+            neighbour.reported = quality
+            self._event(neighbour, LinkEvent.LISTED, rx_ns, changes)
+            if clock_us:
+                forward_ns = (clock_us - hold_us) * 1000 - sent_ns
+                forward_tx_ns = sent_ns
+        reverse_us = clock_us - rx_ns // 1000
+        if neighbour.echo_sequence < 0 or reverse_us > neighbour.echo_reverse_us:
+            neighbour.echo_reverse_us = reverse_us
+            neighbour.echo_sequence = header.sequence
+            neighbour.echo_rx_ns = rx_ns
+        if not clock_us or neighbour.hello is None:
+            return None
+        reverse_ns = clock_us * 1000 - rx_ns
+        if forward_ns is not None:
+            rtt_ns = max(forward_ns - reverse_ns, 0)
+            neighbour.rtt_ns += (rtt_ns - neighbour.rtt_ns) // 8 if neighbour.rtt_ns else rtt_ns
+        return Timing(neighbour.hw, neighbour.hello.boot_id, rx_ns, reverse_ns, forward_ns, forward_tx_ns)
+
+    def on_timer(self, now_ns: int) -> list[LinkChanged]:
+        """Deadlines that passed."""
+        changes: list[LinkChanged] = []
+        forgotten: list[int] = []
+        for neighbour in self._all.values():
+            if neighbour.state is LinkState.DOWN:
+                if now_ns - neighbour.heard_ns > FORGET_NS:
+                    forgotten.append(neighbour.hw)
+            elif now_ns >= neighbour.deadline_ns:
+                neighbour.goodbyes = GOODBYES
+                self._event(neighbour, LinkEvent.SILENT, now_ns, changes)
+            elif now_ns - max(neighbour.listed_ns, neighbour.since_ns) > UNLISTED_NS:
+                self._event(neighbour, LinkEvent.UNLISTED, now_ns, changes)
+        for hw in forgotten:
+            del self._all[hw]
+        return changes
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` has to be called at the latest."""
+        return min((n.deadline_ns for n in self._all.values() if n.state is not LinkState.DOWN), default=None)
+
+    # what goes out
+
+    def sent(self, sequence: int, tx_ns: int) -> None:
+        """A datagram left with this stamp; echoes will name it."""
+        self._sent[sequence & 0xFF] = (sequence, tx_ns)
+
+    def echoes(self, now_ns: int, room: int, listing_ns: int) -> tuple[Echo, ...]:
+        """Echoes for the next datagram: whoever was not listed for `listing_ns`, new ones first.
+
+        Each answers the datagram that came with the least delay since the last echo: the one the
+        estimators of the other side would keep.
+        """
+        due: list[Neighbour] = []
+        longest: Neighbour | None = None
+        out: list[Echo] = []
+        for neighbour in self._all.values():
+            if neighbour.state is LinkState.DOWN:
+                if neighbour.goodbyes:
+                    neighbour.goodbyes -= 1
+                    out.append(Echo(neighbour.hw, 0, NO_ECHO, 0))
+            elif now_ns - neighbour.echoed_ns >= listing_ns:
+                due.append(neighbour)
+            elif longest is None or neighbour.echoed_ns < longest.echoed_ns:
+                longest = neighbour
+        if not due and longest is not None and now_ns - self._echoed_ns >= ECHO_GAP_NS:
+            due.append(longest)
+        if len(due) > room:
+            due.sort(key=lambda neighbour: neighbour.echoed_ns)
+            del due[room:]
+        if due:
+            self._echoed_ns = now_ns
+        for neighbour in due:
+            neighbour.echoed_ns = now_ns
+            hold_us = (now_ns - neighbour.echo_rx_ns) // 1000
+            if neighbour.echo_sequence < 0 or not 0 <= hold_us < NO_ECHO:
+                out.append(Echo(neighbour.hw, 0, NO_ECHO, max(neighbour.quality, 1)))
+                continue
+            out.append(Echo(neighbour.hw, neighbour.echo_sequence & 0xFF, hold_us, max(neighbour.quality, 1)))
+            neighbour.echo_sequence = -1
+        return tuple(out)
+
+    def common(self, now_ns: int, refresh_ns: int = 1_000_000_000) -> frozenset[int]:
+        """Nodes that every neighbour of ours hears itself (or is): nobody needs us for them."""
+        if now_ns - self._common_ns >= refresh_ns:
+            self._common_ns = now_ns
+            oldest_ns = now_ns - 2 * LISTING_NS - 1_000_000_000
+            common: set[int] | None = None
+            for neighbour in self.up():
+                heard = {hw for hw, said_ns in neighbour.hears.items() if said_ns >= oldest_ns}
+                heard.add(neighbour.hw)
+                common = heard if common is None else common & heard
+            self._common = frozenset(common or ())
+        return self._common
+
+    # how a datagram is counted
+
+    def _count(self, neighbour: Neighbour, header: Header) -> None:
+        ahead = header.sequence - neighbour.top
+        if ahead <= 0:
+            neighbour.late += 1
+            if -ahead < WINDOW:
+                neighbour.window |= 1 << -ahead
+            return
+        if neighbour.expected == 0 or ahead > 4 * WINDOW:
+            # the first one, or the sender jumped (it was asked for a higher sequence number)
+            neighbour.expected += 1
+            neighbour.window = 1
+        else:
+            neighbour.expected += ahead
+            neighbour.window = (neighbour.window << ahead | 1) & _WINDOW_MASK
+            step_ns = ((header.tx_us - neighbour.tx_us) & _MOD32) * 1000 // ahead
+            neighbour.period_ns += (step_ns - neighbour.period_ns) // 4
+        neighbour.top = header.sequence
+        neighbour.tx_us = header.tx_us
+
+    def _event(self, neighbour: Neighbour, event: LinkEvent, now_ns: int, changes: list[LinkChanged]) -> None:
+        after = TRANSITIONS.get((neighbour.state, event))
+        if after is None:
+            return
+        changes.append(LinkChanged(neighbour.hw, neighbour.state, after, event))
+        if LinkState.UP in (after, neighbour.state):
+            self._common_ns = _NEVER
+        neighbour.state = after
+        neighbour.since_ns = now_ns
+
+
+def route_cost(neighbour: Neighbour) -> int:
+    """Cost of the link for the directory; a link in one direction only has none."""
+    return neighbour.cost if neighbour.state is LinkState.UP else INFINITY

@@ -1,0 +1,443 @@
+"""The tick datagram: all that is periodic between two nodes, in one sealed datagram per tick.
+
+share/doc/protocol.md is the description for other implementers; both are held together by tests.
+"""
+
+import struct
+from enum import IntEnum, IntFlag
+from typing import Final, NamedTuple
+
+import msgspec
+
+from swarmware.errors import WireError
+
+MAGIC: Final = 0x54
+VERSION: Final = 1
+BODY_LIMIT: Final = 1200
+"""Bytes of body in one datagram: with headers below the 1 280 that every IPv6 path carries unbroken."""
+INFINITY: Final = 0xFFFF
+"""Metric of a destination that the sender cannot reach any more."""
+LOST: Final = 0x80
+"""Mark in the hops of a sequence request."""
+NO_ECHO: Final = 0xFF_FFFF
+"""Hold time of an echo that only says `I hear you`."""
+ANSWERED_SEQUENCES: Final = 256
+"""An echo names the datagram by the low byte of its sequence number."""
+
+_SESSION_FLAG: Final = 0x10
+_EPOCH_MASK: Final = 0x0F
+_VERSION_SHIFT: Final = 5
+
+_HEADER: Final = struct.Struct("<BBIII")
+_HEADER_SESSION: Final = struct.Struct("<BBIIIQ")
+_HELLO: Final = struct.Struct("<QiHIIBB")
+_ECHO: Final = struct.Struct("<IBHBB")
+_ROW: Final = struct.Struct("<IHH")
+_REQUEST: Final = struct.Struct("<IHB")
+_MEMBER: Final = struct.Struct("<IIBB")
+_VALUE: Final = struct.Struct("<IHB")
+_RELAY: Final = struct.Struct("<IIIHHBB")
+_EXTRA: Final = struct.Struct("<BH")
+
+HEADER_BYTES: Final = _HEADER.size
+SESSION_BYTES: Final = 8
+ECHO_BYTES: Final = _ECHO.size
+ROW_BYTES: Final = _ROW.size
+REQUEST_BYTES: Final = _REQUEST.size
+_CURVE_BYTES: Final = 32
+_PACKED: Final = 0x80
+_LONG: Final = 0x7F
+
+AGE_UNIT_US: Final = 100
+_OLD: Final = 0x8000
+_OLD_UNIT_US: Final = 100_000
+
+
+class Section(IntFlag):
+    """Which parts a body has; they stand in this order."""
+
+    HELLO = 1
+    ECHOES = 2
+    ROWS = 4
+    REQUESTS = 8
+    MEMBERS = 16
+    VALUES = 32
+    RELAYS = 64
+    EXTRA = 128
+    """Parts of a later version: type, length, bytes; skipped where unknown."""
+
+
+class PlatformKind(IntEnum):
+    """What sort of platform a node belongs to."""
+
+    OTHER = 0
+    UAV = 1
+    UGV = 2
+    USV = 3
+    GCS = 4
+
+
+class Header(msgspec.Struct, frozen=True, gc=False):
+    """The clear part: enough to find the key, authenticated with the rest."""
+
+    epoch: int
+    sender_hw: int
+    sequence: int
+    """Hello, replay counter, loss meter and route sequence number at once."""
+    tx_us: int
+    """Sender's hardware clock at send, 32-bit µs."""
+    session: int | None = None
+    """Rises with each start of the sender's broker; left out of most datagrams."""
+
+
+class Hello(msgspec.Struct, frozen=True, gc=False):
+    """Who the sender is, once a second."""
+
+    boot_id: int
+    """Of the sender's hardware clock."""
+    clock_high: int
+    """The sender's clock in µs, shifted right by 32: makes `tx_us` whole."""
+    tcp_port: int
+    """Where its ZeroMQ socket listens, at the datagram's source address; 0: nowhere."""
+    tree_version: int
+    mission: int
+    """Digest of the active mission; 0: none."""
+    kind: PlatformKind
+    name: str
+    """Platform, or platform.unit where the unit is not `main`."""
+    curve_public: bytes = b""
+    """Only from nodes without a roster."""
+
+
+class Echo(NamedTuple):
+    """`I hear you`, and when: listing, link quality and time echo in one."""
+
+    hw: int
+    sequence: int
+    """Low byte of the answered datagram's sequence number."""
+    hold_us: int
+    """From its arrival to this datagram's `tx_us`, both on the sender's clock; NO_ECHO: not given."""
+    quality: int
+    """Share of the last 16 datagrams that arrived, in 1/255."""
+
+
+class Row(NamedTuple):
+    """The sender reaches this destination."""
+
+    hw: int
+    sequence: int
+    """Newest sequence number of the destination that the sender knows, 16 bits."""
+    metric: int
+    """256 for a hop without loss; INFINITY: lost."""
+
+
+class SequenceRequest(NamedTuple):
+    """Somebody needs a route to a destination with at least this sequence number."""
+
+    hw: int
+    sequence: int
+    hops_left: int
+    """With LOST: the sender itself has no route, so whoever goes through it has none either."""
+
+
+class MemberRow(msgspec.Struct, frozen=True, gc=False):
+    """Name and tree of a node that not all of the sender's neighbours hear."""
+
+    hw: int
+    tree_version: int
+    kind: PlatformKind
+    name: str
+
+
+class Value(msgspec.Struct, frozen=True, gc=False):
+    """Newest value of one of the sender's own boards."""
+
+    data_id: int
+    age_us: int
+    """Age at `tx_us`."""
+    packed: bool
+    """The type's quantised form instead of MessagePack."""
+    payload: bytes
+
+
+class Relay(msgspec.Struct, frozen=True, gc=False):
+    """A board of another node, passed on: hearsay under group trust."""
+
+    origin_hw: int
+    data_id: int
+    stamp_us: int
+    """Origin's clock, 48-bit µs: tells newer from older."""
+    age_us: int
+    """Summed up over the way."""
+    hops: int
+    """Hops from the origin to the receiver of this datagram."""
+    packed: bool
+    payload: bytes
+
+
+class Tick(msgspec.Struct, frozen=True, gc=False):
+    """The body of one datagram."""
+
+    hello: Hello | None = None
+    echoes: tuple[Echo, ...] = ()
+    rows: tuple[Row, ...] = ()
+    requests: tuple[SequenceRequest, ...] = ()
+    members: tuple[MemberRow, ...] = ()
+    values: tuple[Value, ...] = ()
+    relays: tuple[Relay, ...] = ()
+
+
+def encode_header(header: Header) -> bytes:
+    """The clear part."""
+    marks = VERSION << _VERSION_SHIFT | header.epoch
+    if header.session is None:
+        return _HEADER.pack(MAGIC, marks, header.sender_hw, header.sequence, header.tx_us & 0xFFFF_FFFF)
+    return _HEADER_SESSION.pack(
+        MAGIC,
+        marks | _SESSION_FLAG,
+        header.sender_hw,
+        header.sequence,
+        header.tx_us & 0xFFFF_FFFF,
+        header.session,
+    )
+
+
+def decode_header(data: bytes) -> tuple[Header, int]:
+    """The clear part and its length; the sealed part follows.
+
+    Raises: WireError for anything that is no tick of a version we speak.
+    """
+    try:
+        magic, marks, sender_hw, sequence, tx_us = _HEADER.unpack_from(data)
+        if magic != MAGIC or not VERSION - 1 <= marks >> _VERSION_SHIFT <= VERSION + 1:
+            raise WireError(f"datagram starts with {data[:2].hex()}: expected a tick of version {VERSION}")
+        if not marks & _SESSION_FLAG:
+            return Header(marks & _EPOCH_MASK, sender_hw, sequence, tx_us), HEADER_BYTES
+        session = _HEADER_SESSION.unpack_from(data)[5]
+    except struct.error as error:
+        raise WireError(f"datagram of {len(data)} bytes: {error}") from None
+    return Header(marks & _EPOCH_MASK, sender_hw, sequence, tx_us, session), HEADER_BYTES + SESSION_BYTES
+
+
+def sender_of(data: bytes) -> int:
+    """Sender of a datagram before anything else of it is looked at; 0 when it is too short."""
+    return int.from_bytes(data[2:6], "little")
+
+
+def value_bytes(payload: bytes) -> int:
+    """Bytes that a value takes in the body."""
+    return _VALUE.size + len(payload) + (2 if len(payload) >= _LONG else 0)
+
+
+def relay_bytes(payload: bytes) -> int:
+    """Bytes that a relayed value takes in the body."""
+    return _RELAY.size + len(payload) + (2 if len(payload) >= _LONG else 0)
+
+
+def member_bytes(member: MemberRow) -> int:
+    """Bytes that a member row takes in the body."""
+    return _MEMBER.size + len(member.name.encode())
+
+
+def hello_bytes(hello: Hello) -> int:
+    """Bytes that a hello takes in the body."""
+    return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode())
+
+
+def encode(tick: Tick) -> bytes:
+    """The body as bytes; the caller keeps it below BODY_LIMIT and each list below 256."""
+    sections = 0
+    out: list[bytes] = [b""]
+    if tick.hello is not None:
+        sections |= Section.HELLO
+        out.append(_encode_hello(tick.hello))
+    if tick.echoes:
+        sections |= Section.ECHOES
+        out.append(bytes((len(tick.echoes),)))
+        out.extend(
+            _ECHO.pack(hw, seq & 0xFF, hold & 0xFFFF, hold >> 16, q) for hw, seq, hold, q in tick.echoes
+        )
+    if tick.rows:
+        sections |= Section.ROWS
+        out.append(bytes((len(tick.rows),)))
+        out.extend([_ROW.pack(*row) for row in tick.rows])
+    if tick.requests:
+        sections |= Section.REQUESTS
+        out.append(bytes((len(tick.requests),)))
+        out.extend([_REQUEST.pack(*request) for request in tick.requests])
+    if tick.members:
+        sections |= Section.MEMBERS
+        out.append(bytes((len(tick.members),)))
+        for member in tick.members:
+            name = member.name.encode()
+            out.append(_MEMBER.pack(member.hw, member.tree_version, member.kind, len(name)) + name)
+    if tick.values:
+        sections |= Section.VALUES
+        out.append(bytes((len(tick.values),)))
+        for value in tick.values:
+            size, long = _size(value.payload, value.packed)
+            out += (_VALUE.pack(value.data_id, encode_age(value.age_us), size), long, value.payload)
+    if tick.relays:
+        sections |= Section.RELAYS
+        out.append(bytes((len(tick.relays),)))
+        for relay in tick.relays:
+            size, long = _size(relay.payload, relay.packed)
+            stamp = relay.stamp_us & 0xFFFF_FFFF_FFFF
+            head = _RELAY.pack(
+                relay.origin_hw,
+                relay.data_id,
+                stamp & 0xFFFF_FFFF,
+                stamp >> 32,
+                encode_age(relay.age_us),
+                relay.hops,
+                size,
+            )
+            out += (head, long, relay.payload)
+    out[0] = bytes((sections,))
+    return b"".join(out)
+
+
+def decode(data: bytes) -> Tick:
+    """The tick in an opened body.
+
+    Raises: WireError for anything that is none.
+    """
+    try:
+        return _Reader(data).tick()
+    except (struct.error, IndexError) as error:
+        raise WireError(f"tick of {len(data)} bytes: cut short: {error}") from None
+    except UnicodeDecodeError as error:
+        raise WireError(f"tick: a name that is no UTF-8: {error}") from None
+
+
+def encode_age(age_us: int) -> int:
+    """An age in 16 bits: 0.1 ms up to 3.2 s, 0.1 s up to 54 min, then no older."""
+    fine = max(age_us, 0) // AGE_UNIT_US
+    return fine if fine < _OLD else _OLD | min(age_us // _OLD_UNIT_US, _OLD - 1)
+
+
+def decode_age(age: int) -> int:
+    """The age in µs."""
+    return age * AGE_UNIT_US if age < _OLD else (age & ~_OLD) * _OLD_UNIT_US
+
+
+def _size(payload: bytes, packed: bool) -> tuple[int, bytes]:
+    mark = _PACKED if packed else 0
+    length = len(payload)
+    if length < _LONG:
+        return mark | length, b""
+    return mark | _LONG, length.to_bytes(2, "little")
+
+
+def _encode_hello(hello: Hello) -> bytes:
+    body = (
+        _HELLO.pack(
+            hello.boot_id,
+            hello.clock_high,
+            hello.tcp_port,
+            hello.tree_version,
+            hello.mission,
+            hello.kind,
+            len(hello.curve_public),
+        )
+        + hello.curve_public
+        + hello.name.encode()
+    )
+    return bytes((len(body),)) + body
+
+
+class _Reader:
+    """Walks once over a body; `struct.error` and `IndexError` mean that it is cut short."""
+
+    __slots__ = ("at", "data")
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.at = 1
+
+    def tick(self) -> Tick:
+        data = self.data
+        sections = data[0]
+        hello = self.hello() if sections & Section.HELLO else None
+        echoes: tuple[Echo, ...] = ()
+        rows: tuple[Row, ...] = ()
+        requests: tuple[SequenceRequest, ...] = ()
+        if sections & Section.ECHOES:
+            block = self.block(_ECHO.size)
+            echoes = tuple([Echo(h, s, lo | hi << 16, q) for h, s, lo, hi, q in _ECHO.iter_unpack(block)])
+        if sections & Section.ROWS:
+            rows = tuple([Row(*row) for row in _ROW.iter_unpack(self.block(_ROW.size))])
+        if sections & Section.REQUESTS:
+            block = self.block(_REQUEST.size)
+            requests = tuple([SequenceRequest(*request) for request in _REQUEST.iter_unpack(block)])
+        members = tuple([self.member() for _ in range(self.count())]) if sections & Section.MEMBERS else ()
+        values = tuple([self.value() for _ in range(self.count())]) if sections & Section.VALUES else ()
+        relays = tuple([self.relay() for _ in range(self.count())]) if sections & Section.RELAYS else ()
+        if sections & Section.EXTRA:
+            while self.at < len(data):
+                _, length = _EXTRA.unpack_from(data, self.at)
+                self.at += _EXTRA.size
+                self.take(length)
+        if self.at != len(data):
+            raise WireError(f"tick: {len(data) - self.at} bytes after its last section")
+        return Tick(hello, echoes, rows, requests, members, values, relays)
+
+    def count(self) -> int:
+        count = self.data[self.at]
+        self.at += 1
+        return count
+
+    def take(self, length: int) -> bytes:
+        end = self.at + length
+        if end > len(self.data):
+            raise WireError(f"tick of {len(self.data)} bytes: a part of it needs {end}")
+        part = self.data[self.at : end]
+        self.at = end
+        return part
+
+    def block(self, size: int) -> bytes:
+        return self.take(self.count() * size)
+
+    def payload(self, size: int) -> tuple[bool, bytes]:
+        length = size & _LONG
+        if length == _LONG:
+            length = int.from_bytes(self.take(2), "little")
+        return bool(size & _PACKED), self.take(length)
+
+    def hello(self) -> Hello:
+        end = self.at + 1 + self.count()
+        boot_id, clock_high, tcp_port, tree_version, mission, kind, key = _HELLO.unpack_from(
+            self.data, self.at
+        )
+        self.at += _HELLO.size
+        if key not in (0, _CURVE_BYTES) or not self.at + key < end <= len(self.data):
+            raise WireError(f"hello: a key of {key} bytes and a name up to byte {end} do not fit")
+        curve_public = self.take(key)
+        name = self.take(end - self.at).decode()
+        return Hello(
+            boot_id, clock_high, tcp_port, tree_version, mission, _platform_kind(kind), name, curve_public
+        )
+
+    def member(self) -> MemberRow:
+        hw, tree_version, kind, length = _MEMBER.unpack_from(self.data, self.at)
+        self.at += _MEMBER.size
+        return MemberRow(hw, tree_version, _platform_kind(kind), self.take(length).decode())
+
+    def value(self) -> Value:
+        data_id, age, size = _VALUE.unpack_from(self.data, self.at)
+        self.at += _VALUE.size
+        packed, payload = self.payload(size)
+        return Value(data_id, decode_age(age), packed, payload)
+
+    def relay(self) -> Relay:
+        origin_hw, data_id, low, high, age, hops, size = _RELAY.unpack_from(self.data, self.at)
+        self.at += _RELAY.size
+        packed, payload = self.payload(size)
+        return Relay(origin_hw, data_id, low | high << 32, decode_age(age), hops, packed, payload)
+
+
+def _platform_kind(number: int) -> PlatformKind:
+    try:
+        return PlatformKind(number)
+    except ValueError:
+        return PlatformKind.OTHER

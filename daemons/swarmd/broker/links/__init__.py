@@ -1,0 +1,1 @@
+"""What moves the broker's bytes: UDP datagrams and ZeroMQ over TCP. Decides nothing."""
