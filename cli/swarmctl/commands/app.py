@@ -1,0 +1,66 @@
+"""`swarmctl app`: applications that run on the nodes."""
+
+import click
+
+from swarmctl.lazy import Group
+from swarmctl.settings import settings
+
+
+@click.group(cls=Group)
+def cmd() -> None:
+    """Applications that run on the nodes.
+
+    Example: swarmctl app ls --node uav1
+    """
+
+
+@cmd.command()
+@click.option("--all", "everywhere", is_flag=True, help="Of every platform known, not of one.")
+@click.pass_context
+def ls(ctx: click.Context, everywhere: bool) -> None:
+    """List the applications of a platform.
+
+    Example: swarmctl app ls --node uav1
+    """
+    from swarmctl.connect import Link, run
+    from swarmctl.output import Column
+    from swarmware.errors import NotFound
+    from swarmware.types.register import Register
+    from swarmware.types.rpc import Empty
+
+    async def work(link: Link) -> None:
+        register = await link.ask("sys/register/apps", Empty(), Register)
+        units = [u for u in register.units if everywhere or u.table.platform == link.platform]
+        if not units:
+            raise NotFound(f"register of {link.platform}: not known; expected its register to have answered")
+        if link.settings.json:
+            link.out.document({"units": units})
+            return
+        now_ns = link.module.now_ns()
+        rows = [
+            (
+                f"{unit.table.platform}.{unit.table.unit}",
+                f"{app.name}#{app.instance}",
+                app.pid,
+                (now_ns - app.started_ns) / 1e9 if unit.hops == 0 else None,
+                app.provides,
+                len(app.serves),
+                unit.hops,
+                unit.table.master == f"{app.name}#{app.instance}",
+            )
+            for unit in units
+            for app in unit.table.applications
+        ]
+        columns = [
+            Column("UNIT"),
+            Column("APPLICATION"),
+            Column("PID", right=True),
+            Column("UP s", right=True),
+            Column("RESOURCES", right=True),
+            Column("COMMANDS", right=True),
+            Column("HOPS", right=True),
+            Column("MASTER"),
+        ]
+        link.out.table(columns, rows)
+
+    run(settings(ctx), work)

@@ -1,0 +1,300 @@
+"""`swarmctl mission`: check, start, watch and abort missions."""
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from swarmctl.lazy import Group
+from swarmctl.settings import settings
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+    from swarmctl.connect import Link
+    from swarmware.types.mission import MissionState, MissionStatus
+
+ENDED = frozenset({"done", "failed", "aborted", "idle"})
+
+
+@click.group(cls=Group)
+def cmd() -> None:
+    """Check, start, watch and abort missions.
+
+    Example: swarmctl mission start formation
+    """
+
+
+@cmd.command()
+@click.pass_context
+def ls(ctx: click.Context) -> None:
+    """List the missions that a ground station holds.
+
+    Example: swarmctl mission ls
+    """
+    from swarmctl.connect import Link, run
+    from swarmctl.output import Column
+    from swarmware.types.mission import MissionList
+    from swarmware.types.rpc import Empty
+
+    async def work(link: Link) -> None:
+        found = await link.ask("sys/mission/ls", Empty(), MissionList)
+        if link.settings.json:
+            link.out.document(found)
+            return
+        rows = [
+            (m.name, m.title, m.hash[:8], ", ".join(m.roles), m.sound, m.findings) for m in found.missions
+        ]
+        columns = [
+            Column("MISSION"),
+            Column("TITLE"),
+            Column("HASH"),
+            Column("ROLES"),
+            Column("SOUND"),
+            Column("FINDINGS", right=True),
+        ]
+        link.out.table(columns, rows)
+
+    run(settings(ctx), work)
+
+
+@cmd.command()
+@click.argument("missions", nargs=-1, required=True, metavar="FILE|FOLDER|NAME…")
+@click.pass_context
+def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
+    """Check missions before anything moves: BDL files, mission folders, or names of shipped missions.
+
+    Example: swarmctl mission check formation my_mission.json
+    """
+    from swarmctl.missions import check_all
+    from swarmctl.output import Column, Output
+    from swarmware.errors import MissionError
+
+    out = Output(settings(ctx))
+    verdicts = check_all(missions)
+    if settings(ctx).json:
+        out.document({"missions": verdicts})
+    else:
+        rows = [(v.source, "sound" if v.sound else "refused", len(v.findings)) for v in verdicts]
+        out.table([Column("MISSION"), Column("VERDICT"), Column("FINDINGS", right=True)], rows)
+        for verdict in verdicts:
+            for finding in verdict.findings:
+                out.text(str(finding))
+    if not all(verdict.sound for verdict in verdicts):
+        bad = ", ".join(verdict.source for verdict in verdicts if not verdict.sound)
+        raise MissionError(f"mission {bad}: must not be flown; expected no finding of level error")
+
+
+@cmd.command()
+@click.argument("mission")
+@click.option("--member", "members", multiple=True, metavar="PLATFORM", help="Only these take part.")
+@click.option("--set", "params", multiple=True, metavar="NAME=VALUE", help="A parameter of the mission.")
+@click.option("--yes", is_flag=True, help="Do not ask; vehicles will move.")
+@click.option("--watch/--no-watch", default=False, help="Follow it until it ends.")
+@click.pass_context
+def start(
+    ctx: click.Context,
+    mission: str,
+    members: tuple[str, ...],
+    params: tuple[str, ...],
+    yes: bool,
+    watch: bool,
+) -> None:
+    """Give the swarm one instruction: a mission by name, folder or file.
+
+    Example: swarmctl mission start formation --set speed_m_s=1.0 --yes --watch
+    """
+    from swarmctl.connect import Link, run
+    from swarmctl.missions import task
+    from swarmctl.output import Column
+    from swarmware.errors import Partial
+    from swarmware.types.mission import TaskAnswer
+
+    wish = task(mission, members, params)
+    _confirm(yes, f"start {mission}: vehicles will move")
+
+    async def work(link: Link) -> None:
+        answer = await link.ask(
+            "sys/mission/task", wish, TaskAnswer, timeout_s=max(link.settings.timeout_s, 15.0)
+        )
+        if link.settings.json and not watch:
+            link.out.document(answer)
+        elif not link.settings.json:
+            rows = [
+                (
+                    order.platform,
+                    order.role,
+                    order.accepted,
+                    (order.acked_ns - order.sent_ns) / 1e6 if order.acked_ns else None,
+                    "; ".join(order.reasons),
+                )
+                for order in answer.orders
+            ]
+            columns = [
+                Column("PLATFORM"),
+                Column("ROLE"),
+                Column("ACCEPTED"),
+                Column("ACK ms", right=True),
+                Column("WHY NOT"),
+            ]
+            link.out.table(columns, rows, f"{answer.mission} {answer.hash[:8]} run {answer.epoch}")
+        if not answer.accepted:
+            refused = ", ".join(order.platform for order in answer.orders if not order.accepted)
+            raise Partial(f"mission {mission}: refused or not heard by {refused}; nobody started")
+        if watch:
+            await _follow(link)
+
+    run(settings(ctx), work)
+
+
+@cmd.command()
+@click.pass_context
+def status(ctx: click.Context) -> None:
+    """Show what the mission of a platform, and of the members it hears, does now.
+
+    Example: swarmctl mission status --json
+    """
+    from swarmctl.connect import Link, run
+    from swarmware.types.mission import MissionStatus
+    from swarmware.types.rpc import Empty
+
+    async def work(link: Link) -> None:
+        found = await link.ask("sys/mission/status", Empty(), MissionStatus)
+        if link.settings.json:
+            link.out.document(found)
+        else:
+            _show(link, found)
+
+    run(settings(ctx), work)
+
+
+@cmd.command()
+@click.pass_context
+def watch(ctx: click.Context) -> None:
+    """Follow a mission until it ends, a line for each change of a member.
+
+    Example: swarmctl mission watch --json
+    """
+    from swarmctl.connect import run
+
+    run(settings(ctx), _follow)
+
+
+@cmd.command()
+@click.option("--reason", default="operator", help="Why; it stands in every log.")
+@click.option("--then", type=click.Choice(["land", "hold"]), default="land", help="What takes over.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.pass_context
+def abort(ctx: click.Context, reason: str, then: str, yes: bool) -> None:
+    """Stop the running mission at all members.
+
+    Example: swarmctl mission abort --then hold --yes
+    """
+    from swarmctl.connect import Link, run
+    from swarmware.errors import Partial
+    from swarmware.types.mission import AbortAnswer, MissionAbort
+
+    _confirm(yes, f"abort the mission, then {then}")
+
+    async def work(link: Link) -> None:
+        answer = await link.ask("sys/mission/abort", MissionAbort(reason, then), AbortAnswer)
+        if link.settings.json:
+            link.out.document(answer)
+        else:
+            link.out.text(f"told: {', '.join(answer.told) or 'nobody'}")
+        if answer.silent:
+            raise Partial(f"abort: no acknowledgement from {', '.join(answer.silent)}")
+
+    run(settings(ctx), work)
+
+
+def _confirm(yes: bool, what: str) -> None:
+    import sys
+
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise click.UsageError(f"{what}: expected --yes, because nobody can be asked here")
+    click.confirm(f"{what}. Go on?", abort=True, err=True)
+
+
+def _rows(found: "MissionStatus") -> "list[tuple[str, MissionState]]":
+    from swarmware import names
+
+    states = {found.platform: found.state, **found.others}
+    return sorted(states.items(), key=lambda item: names.natural(item[0]))
+
+
+def _show(link: "Link", found: "MissionStatus") -> None:
+    from swarmctl.output import Column
+
+    rows = [
+        (
+            platform,
+            state.mission,
+            state.state,
+            f"{state.progress_ratio * 100:.0f} %",
+            ", ".join(state.active),
+            ", ".join(arrival.barrier for arrival in state.arrivals),
+            state.text,
+        )
+        for platform, state in _rows(found)
+    ]
+    columns = [
+        Column("PLATFORM"),
+        Column("MISSION"),
+        Column("STATE"),
+        Column("PROGRESS", right=True),
+        Column("BLOCKS"),
+        Column("WAITS AT"),
+        Column("SAYS"),
+    ]
+    link.out.table(columns, rows)
+
+
+async def _follow(link: "Link") -> None:
+    """A line for each change, from the boards as they come in; ends with the mission."""
+    from swarmware.errors import SwarmError
+    from swarmware.types.mission import MissionState, MissionStatus
+    from swarmware.types.rpc import Empty
+
+    own = await link.module.reader("mission/state", MissionState)
+    others = await link.module.readers("/*/mission/state", MissionState)
+    found = await link.ask(f"/{link.here}/sys/mission/status", Empty(), MissionStatus)
+    members = {member.platform for member in found.members} or {link.here}
+    shown: dict[str, MissionState] = {}
+    while True:
+        fresh = {platform: reader.value for platform, reader in others.items()} | {link.here: own.value}
+        for platform, state in fresh.items():
+            if state is not None and platform in members and _told(state) != _told(shown.get(platform)):
+                _tell(link, platform, state)
+                shown[platform] = state
+        if members == set(shown) and all(state.state in ENDED for state in shown.values()):
+            break
+        await _either(own.changed(), others.changed())
+    failed = sorted(platform for platform, state in shown.items() if state.state in {"failed", "aborted"})
+    if failed:
+        raise SwarmError(f"mission {found.state.mission}: ended badly at {', '.join(failed)}")
+
+
+def _told(state: "MissionState | None") -> object:
+    return None if state is None else (state.state, state.active, state.text)
+
+
+def _tell(link: "Link", platform: str, state: "MissionState") -> None:
+    if link.settings.json:
+        link.out.line({"platform": platform, "state": state})
+    else:
+        link.out.text(f"{platform:<8} {state.state:<10} {', '.join(state.active):<24} {state.text}")
+
+
+async def _either(*waits: "Coroutine[Any, Any, object]") -> None:
+    """Returns when the first of them does; the others are given up."""
+    import asyncio
+
+    tasks = [asyncio.ensure_future(wait) for wait in waits]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
