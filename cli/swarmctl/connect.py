@@ -50,7 +50,7 @@ class Link:
         return await self.module.request(self.path(path), value, reply, timeout_s=wait_s)
 
 
-def find_config(settings: Settings) -> Path:
+def config_dir(settings: Settings) -> Path:
     """Configuration folder of the node to join: `--config`, else a running lab's station, else /etc/swarm.
 
     Raises: NotFound saying where was looked.
@@ -78,13 +78,13 @@ async def connect(settings: Settings, out: Output | None = None) -> AsyncIterato
 
     Raises: NotFound without a node, NoAnswer when nothing runs on it, ConfigError, Denied.
     """
-    config_dir = find_config(settings)
-    node = load_node(config_dir)
+    folder = config_dir(settings)
+    node = load_node(folder)
     table = AppTable(node.run_path)
     table.refresh(probe=True)
     if not len(table):
-        raise NoAnswer(f"node {node.platform} ({config_dir}): nothing runs there; expected its services")
-    async with Module(NAME, config_dir=config_dir) as module:
+        raise NoAnswer(f"node {node.platform} ({folder}): nothing runs there; expected its services")
+    async with Module(NAME, config_dir=folder) as module:
         yield Link(module, settings, out or Output(settings))
 
 

@@ -4,7 +4,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.output import Cell, Column, plain_table
+from swarmctl.output import Cell, Column
 
 
 class Traffic(msgspec.Struct, frozen=True):
@@ -158,15 +158,12 @@ def comparison(report: Report) -> list[Row]:
     ]
 
 
-def table(report: Report) -> str:
-    """The comparison as text."""
-    columns = (Column(""), Column("paper", right=True), Column("here", right=True), Column(""))
-    return plain_table(columns, [[row.what, row.paper, row.ours, row.note] for row in comparison(report)])
+COLUMNS: Final = (Column(""), Column("paper", right=True), Column("here", right=True), Column(""))
 
 
 def cells(report: Report) -> list[list[Cell]]:
     """The comparison for `Output.table`."""
-    return [[row.what, row.paper or None, row.ours, row.note] for row in comparison(report)]
+    return [[row.what, row.paper, row.ours, row.note] for row in comparison(report)]
 
 
 def shortfalls(report: Report) -> list[str]:

@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Final
 
 import msgspec
@@ -38,9 +38,9 @@ def at_once() -> int:
 class RunningLab:
     """Starts the nodes, a few at a time, and watches them through the kernel: no polling."""
 
-    def __init__(self, lab: LabRecord, watcher: Watcher = lambda _platform, _what: None) -> None:
+    def __init__(self, lab: LabRecord) -> None:
         self.record = lab
-        self._watcher = watcher
+        self.watcher: Watcher = lambda _platform, _what: None
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._pidfds: dict[str, int] = {}
         self._sockets: dict[str, NotifySocket] = {}
@@ -69,12 +69,12 @@ class RunningLab:
                     for platform in sorted(starting):
                         if self.ready(platform):
                             starting.discard(platform)
-                            self._watcher(platform, "ready")
+                            self.watcher(platform, "ready")
                     while waiting and len(starting) < at_once():
                         platform = waiting.pop(0)
                         self._launch(self.record.node(platform))
                         starting.add(platform)
-                        self._watcher(platform, "started")
+                        self.watcher(platform, "started")
                     self.check()
                     if waiting or starting:
                         await self._changed.wait()
@@ -94,9 +94,9 @@ class RunningLab:
                 f"node {platform}: ended with {how} ({node.log_file}); expected to run\n{_tail(node)}"
             )
 
-    async def until_fallen(self) -> None:
-        """Returns when any node has ended."""
-        while not self.fallen:
+    async def until_fallen(self, known: Collection[str] = ()) -> None:
+        """Returns when any node has ended besides those already known."""
+        while not self.fallen.keys() - set(known):
             self._changed.clear()
             await self._changed.wait()
 
@@ -150,7 +150,7 @@ class RunningLab:
         self._changed.set()
 
     def let_go(self) -> None:
-        """Stops watching; the nodes live on by themselves."""
+        """Stops watching; the nodes live on."""
         loop = asyncio.get_running_loop()
         for fd in self._pidfds.values():
             loop.remove_reader(fd)
@@ -159,10 +159,13 @@ class RunningLab:
         for heard in self._sockets.values():
             loop.remove_reader(heard.fileno())
             heard.close()
+        self._sockets.clear()
+
+    def leave(self) -> None:
+        """The nodes are nobody's children from here on: this process ends before them."""
         for child in self._children.values():
-            # they are not ours to collect any more; without this the interpreter warns about it
+            # without this the interpreter complains that they still run
             child.returncode = child.returncode if child.returncode is not None else 0
-        self._children.clear()
 
     def collect(self) -> None:
         """Takes the exit codes of all children; call it when they were ended."""

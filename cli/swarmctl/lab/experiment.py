@@ -1,0 +1,230 @@
+"""One experiment from start to report: swarm up, one instruction, mission followed, swarm down, figures."""
+
+import asyncio
+import os
+import shutil
+import time
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmctl.connect import Link, connect
+from swarmctl.lab import folders, load, upkeep
+from swarmctl.lab.facts import Facts, NodeFacts
+from swarmctl.lab.folders import RADIUS_M, Wish
+from swarmctl.lab.load import Usage
+from swarmctl.lab.record import LabRecord
+from swarmctl.lab.recording import ClockTruth
+from swarmctl.lab.running import RunningLab
+from swarmctl.lab.watch import ENDED, MissionWatch, Outcome
+from swarmctl.output import Output
+from swarmctl.progress import Progress
+from swarmware import __version__
+from swarmware.config import share_dir
+from swarmware.errors import SwarmError
+from swarmware.mission.folder import MANIFEST
+from swarmware.types.mission import MissionFile, MissionState, MissionTask, TaskAnswer
+
+TASK: Final = "sys/mission/task"
+TASK_S: Final = 30.0
+"""Longest wait until all platforms have answered the order."""
+FACTS: Final = "run.json"
+REPORT: Final = "report.json"
+LOGS: Final = "logs"
+DATA_LOST: Final = 3
+"""Exit code: the experiment went well, but entries of the logs are missing."""
+
+
+class Course(msgspec.Struct, frozen=True):
+    """How the mission went, as seen from outside."""
+
+    command_mono_ns: int
+    end_mono_ns: int
+    answer: TaskAnswer
+    outcome: Outcome
+    before: dict[str, Usage]
+    after: dict[str, Usage]
+
+
+def main(wish: Wish, duration_s: float, out_dir: Path, out: Output) -> int:
+    """`lab run`; the exit code.
+
+    Raises: SwarmError when the swarm does not come up or does not take the mission.
+    """
+    _prepare(out_dir)
+    started_utc_ns = time.time_ns()
+    running = RunningLab(folders.make(wish))
+    try:
+        course = upkeep.run(_conduct(running, duration_s, out))
+    finally:
+        lab = running.record
+        out.say(f"ending lab {lab.name}")
+        forced = folders.down(lab, keep=True)
+        running.collect()
+        _keep_logs(lab, out_dir)
+        folders.remove(lab)
+    if forced:
+        out.warn(f"{forced} processes did not end in time and were killed; their logs may lack the end")
+    facts = _facts(lab, wish, course, started_utc_ns)
+    (out_dir / FACTS).write_bytes(msgspec.json.format(msgspec.json.encode(facts), indent=1))
+    return report(out_dir, out)
+
+
+def report(out_dir: Path, out: Output) -> int:
+    """Computes, writes and prints the report of a folder with facts and logs; the exit code."""
+    from swarmctl.lab import analysis, page, plots
+    from swarmctl.lab import report as figures
+
+    out.say("computing the report")
+    facts = msgspec.json.decode((out_dir / FACTS).read_bytes(), type=Facts)
+    found, scene = analysis.analyse(facts, out_dir / LOGS)
+    text = msgspec.json.format(msgspec.json.encode(figures.rounded(found)), indent=2)
+    (out_dir / REPORT).write_bytes(text + b"\n")
+    pictures = {
+        "Paths": plots.paths(scene),
+        "Formation error": plots.formation(scene, figures.LIMITS.formation_error_m),
+        "Topology": plots.topology(scene),
+        "Traffic": plots.traffic(scene),
+    }
+    for caption, png in pictures.items():
+        (out_dir / f"{caption.lower().replace(' ', '-')}.png").write_bytes(png)
+    shortfalls, misses = figures.shortfalls(found), figures.misses(found)
+    remarks = [*([facts.failure] if facts.failure else []), *shortfalls, *(f"missed: {m}" for m in misses)]
+    (out_dir / "report.html").write_text(page.page(scene, found, pictures, remarks), "utf-8")
+    if out.settings.json:
+        out.exact(figures.rounded(found))
+    else:
+        out.table(figures.COLUMNS, figures.cells(found))
+    for remark in remarks:
+        out.warn(remark)
+    out.say(f"report: {out_dir / 'report.html'}")
+    if shortfalls:
+        return SwarmError.exit_code
+    return DATA_LOST if found.log_gaps else 0
+
+
+def _prepare(out_dir: Path) -> None:
+    """An empty report folder; one of an earlier run is replaced, anything else is left alone.
+
+    Raises: SwarmError when something else is there.
+    """
+    if out_dir.exists() and any(out_dir.iterdir()):
+        if not (out_dir / LOGS).is_dir():
+            raise SwarmError(
+                f"report folder {out_dir}: holds other things; expected none, or an older report"
+            )
+        shutil.rmtree(out_dir)
+    (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
+
+
+async def _conduct(running: RunningLab, duration_s: float, out: Output) -> Course:
+    try:
+        await upkeep.bring_up(running, out)
+        async with connect(upkeep.way_in(running.record)) as link:
+            mission = asyncio.create_task(_mission(link, running.record, duration_s, out), name="mission")
+            fallen = asyncio.create_task(running.until_fallen(), name="fallen")
+            try:
+                await asyncio.wait([mission, fallen], return_when=asyncio.FIRST_COMPLETED)
+                if not mission.done():
+                    running.check()
+                return await mission
+            finally:
+                mission.cancel()
+                fallen.cancel()
+                await asyncio.gather(mission, fallen, return_exceptions=True)
+    finally:
+        running.let_go()
+
+
+async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -> Course:
+    watch = await MissionWatch.open(link)
+    task = mission_task(lab.experiment)
+    before = load.usage(lab)
+    command_mono_ns = time.monotonic_ns()
+    answer = await link.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
+    if not answer.accepted:
+        reasons = [
+            f"{o.platform}: {'; '.join(o.reasons) or 'silent'}" for o in answer.orders if not o.accepted
+        ]
+        raise SwarmError(f"mission {lab.experiment}: not accepted ({', '.join(reasons)}); expected by all")
+    members = [order.platform for order in answer.orders]
+    out.say(f"mission {answer.mission} accepted by {len(members)} platforms")
+    with Progress(out, "mission", len(members)) as bar:
+        notes: list[str] = []
+
+        def show(states: Mapping[str, MissionState]) -> None:
+            note = phase(states)
+            done = sum(state.progress_ratio if state.state not in ENDED else 1.0 for state in states.values())
+            if not notes or notes[-1] != note or out.lively:
+                bar.at(done, note)
+                notes.append(note)
+
+        outcome = await watch.until_ended(members, answer.epoch, duration_s, show)
+    end_mono_ns = time.monotonic_ns()
+    after = load.usage(lab)
+    out.say(f"mission {'completed' if outcome.completed else 'failed: ' + outcome.failure()}")
+    return Course(command_mono_ns, end_mono_ns, answer, outcome, before, after)
+
+
+def phase(states: Mapping[str, MissionState]) -> str:
+    """What most platforms are doing, in a few words."""
+    ended = [state.state for state in states.values() if state.state in ENDED]
+    doing = Counter(block for state in states.values() if state.state not in ENDED for block in state.active)
+    if not doing:
+        return f"{len(ended)} of {len(states)} ended" if ended else ""
+    return ", ".join(f"{block} {count}" for block, count in doing.most_common(3))
+
+
+def mission_task(name: str) -> MissionTask:
+    """The mission of this installation, with its files: the ground station needs no copy of it.
+
+    Raises: ConfigError when the installation has none of that name.
+    """
+    folder = share_dir() / "missions" / name
+    files = sorted(path for path in folder.glob("*") if path.name == MANIFEST or path.suffix == ".json")
+    return MissionTask(
+        name=name, files=tuple(MissionFile(path.name, path.read_text("utf-8")) for path in files)
+    )
+
+
+def _keep_logs(lab: LabRecord, out_dir: Path) -> None:
+    for node in lab.nodes:
+        target = out_dir / LOGS / node.platform
+        target.mkdir(parents=True, exist_ok=True)
+        for path in [node.log_file, *(node.data_dir / "log").glob("*.mcap")]:
+            if path.exists():
+                shutil.copy2(path, target / path.name)
+
+
+def _facts(lab: LabRecord, wish: Wish, course: Course, started_utc_ns: int) -> Facts:
+    return Facts(
+        experiment=wish.experiment,
+        world=wish.experiment,
+        seed=lab.seed,
+        net=lab.net,
+        version=__version__,
+        cores=os.cpu_count() or 1,
+        started_utc_ns=started_utc_ns,
+        ready_s=lab.ready_s,
+        command_mono_ns=course.command_mono_ns,
+        end_mono_ns=course.end_mono_ns,
+        completed=course.outcome.completed,
+        failure=course.outcome.failure(),
+        orders=course.answer.orders,
+        nodes=tuple(
+            NodeFacts(
+                platform=node.platform,
+                kind=node.kind,
+                radius_m=RADIUS_M.get(node.kind, 0.0),
+                clock=ClockTruth(node.offset_s, node.drift_ppm),
+                processes=node.processes,
+                outcome=course.outcome.states.get(node.platform, ""),
+                cpu_percent=load.percent(course.before[node.platform], course.after[node.platform]),
+                rss_mb=course.after[node.platform].rss_mb,
+            )
+            for node in lab.nodes
+        ),
+    )

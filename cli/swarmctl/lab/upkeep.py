@@ -1,0 +1,117 @@
+"""Brings a lab up, keeps it up, takes it down: also when somebody presses Ctrl-C in the middle."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Coroutine
+from typing import Any, Final, TypeVar
+
+from swarmctl.connect import connect
+from swarmctl.lab import folders, listing, plan
+from swarmctl.lab.folders import Wish
+from swarmctl.lab.record import LabRecord
+from swarmctl.lab.running import RunningLab
+from swarmctl.lab.watch import MissionWatch
+from swarmctl.output import Output
+from swarmctl.progress import Progress
+from swarmctl.settings import Settings
+
+T = TypeVar("T")
+
+UP_S: Final = 120.0
+"""Longest wait for a swarm; two cores bring sixteen nodes up in a tenth of it."""
+
+
+def run(main: Coroutine[Any, Any, T]) -> T:
+    """Runs it; SIGTERM and a closed terminal interrupt it as Ctrl-C does, so that the lab is taken down.
+
+    Raises: KeyboardInterrupt when it was interrupted.
+    """
+
+    async def interruptible() -> T:
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        assert task is not None
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, task.cancel)
+        return await main
+
+    try:
+        return asyncio.run(interruptible())
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+
+
+def way_in(lab: LabRecord) -> Settings:
+    """Settings that join the lab's ground station."""
+    return Settings(config=str(lab.station.config_dir))
+
+
+async def bring_up(running: RunningLab, out: Output) -> float:
+    """Starts all nodes and waits until the ground station knows every tree; seconds from the first start.
+
+    Raises: SwarmError when a node falls over, NoAnswer when it takes too long.
+    """
+    lab = running.record
+    members = plan.members(len(lab.nodes), lab.seed)
+    order = plan.start_order(members, lab.seed)
+    with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
+        running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")
+        await running.start(order, UP_S)
+    vehicles = [node.platform for node in lab.nodes if node.kind != "gcs"]
+    with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
+        async with connect(way_in(lab)) as link:
+            watch = await MissionWatch.open(link)
+            known = asyncio.create_task(watch.until_known(vehicles, UP_S, bar.at), name="known")
+            fallen = asyncio.create_task(running.until_fallen(), name="fallen")
+            try:
+                await asyncio.wait([known, fallen], return_when=asyncio.FIRST_COMPLETED)
+                running.check()
+                await known
+            finally:
+                known.cancel()
+                fallen.cancel()
+                await asyncio.gather(known, fallen, return_exceptions=True)
+    ready_s = running.note_ready()
+    out.say(f"{len(lab.nodes)} nodes ready after {ready_s:.1f} s")
+    return ready_s
+
+
+def main(wish: Wish, out: Output, *, detach: bool) -> None:
+    """`lab up`."""
+    running = RunningLab(folders.make(wish))
+    left_running = False
+    try:
+        left_running = run(_up(running, out, detach=detach))
+    finally:
+        if left_running:
+            running.leave()
+        else:
+            out.say(f"ending lab {running.record.name}")
+            folders.down(running.record)
+            running.collect()
+
+
+async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:
+    name = running.record.name
+    try:
+        await bring_up(running, out)
+        if out.settings.json:
+            out.document(listing.describe(running.record, time.time_ns()))
+        if detach:
+            out.say(f"lab {name} is up; `swarmctl lab down {name}` ends it")
+            return True
+        out.say("Ctrl-C ends it")
+        await _stay(running, out)
+        return False
+    finally:
+        running.let_go()
+
+
+async def _stay(running: RunningLab, out: Output) -> None:
+    """Until interrupted, or until no node is left."""
+    told: set[str] = set()
+    while len(told) < len(running.record.nodes):
+        await running.until_fallen(told)
+        for platform in sorted(running.fallen.keys() - told):
+            out.warn(f"node {platform} ended (code {running.fallen[platform]})")
+            told.add(platform)
