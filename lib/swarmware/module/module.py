@@ -374,7 +374,14 @@ class Module:
             return Outcome(Status.REFUSED, self.platform, wrong)
         frame = self._frame(Kind.MESSAGE, platform, data_id, value, timeout_s)
         frame.flags = Flag.WANTS_ACK | (Flag.URGENT if urgent else 0)
-        return await self.node.post.send(frame, timeout_s)
+        outcome = await self.node.post.send(frame, timeout_s)
+        if (
+            platform is None
+            and outcome.status is Status.REFUSED
+            and (wrong := self._other_type(name, data_id))
+        ):
+            return msgspec.structs.replace(outcome, detail=wrong)  # its owner came while we waited
+        return outcome
 
     def _frame(
         self, kind: Kind, platform: str | None, data_id: int, value: msgspec.Struct, timeout_s: float
@@ -451,6 +458,8 @@ class Module:
         try:
             answer = await self.node.post.request(frame, timeout_s)
         except NotFound as error:
+            if platform is None and (wrong := self._other_type(name, data_id)):
+                raise TypeMismatch(f"{wrong}, not {registry.type_name(type(value))}") from error
             raise NotFound(f"{path}: {error}") from error
         if not answer.ok:
             raise from_kind(answer.kind, answer.error)

@@ -6,13 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+LOCKS = {"boot", "master.lock"}
+"""They hold the numbers of the node's last start and of its last master; later ones are larger."""
 SHARED_MEMORY = Path("/dev/shm")
 
 
 @contextmanager
 def no_leaks(*folders: Path) -> Iterator[None]:
-    """Raises AssertionError if the block leaves a child process, a thread, an open descriptor, something in
-    shared memory, or a file in one of the folders (a node's `boot` number and configuration may stay)."""
+    """Raises AssertionError if the block leaves a child process, a thread, an open descriptor, something
+    in shared memory, or a file in a folder (a node's configuration and its two lock files may stay)."""
     before = _state()
     yield
     left = {what: after - before[what] for what, after in _state().items()}
@@ -20,7 +22,7 @@ def no_leaks(*folders: Path) -> Iterator[None]:
         left["files"] = left.get("files", set()) | {
             str(path)
             for path in folder.rglob("*")
-            if not path.is_dir() and path.name != "boot" and "etc" not in path.parts
+            if not path.is_dir() and path.name not in LOCKS and "etc" not in path.parts
         }
     found = {what: sorted(names) for what, names in left.items() if names}
     assert not found, f"left behind: {found}"

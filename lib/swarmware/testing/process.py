@@ -79,18 +79,16 @@ class Process:
         await self.wait()
 
     async def end(self) -> None:
-        """Whatever it does, it is gone afterwards."""
-        if self._child.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                self._child.kill()
-            await self._child.wait()
+        """Ended by SIGTERM, or if it does not listen by SIGKILL: it is gone afterwards."""
+        for end in (self.terminate, self.kill):
+            if self._child.returncode is None:
+                with contextlib.suppress(ProcessLookupError, NoAnswer):
+                    await end()
 
 
 @asynccontextmanager
-async def run_python(
-    *args: str, env: Mapping[str, str] | None = None, end: bool = True
-) -> AsyncIterator[Process]:
-    """A Python process with these arguments; killed at the end if it still runs."""
+async def run_python(*args: str, env: Mapping[str, str] | None = None) -> AsyncIterator[Process]:
+    """A Python process with these arguments; ended with the block."""
     with tempfile.NamedTemporaryFile(prefix="swarm-test-", suffix=".err") as errors:
         child = await asyncio.create_subprocess_exec(
             sys.executable,
@@ -113,7 +111,9 @@ async def run_python(
 
 
 @asynccontextmanager
-async def spawn(config_dir: Path, *names: str, ready_s: float = READY_S) -> AsyncIterator[Process]:
+async def spawn(
+    config_dir: Path, *names: str, ready_s: float = READY_S, env: Mapping[str, str] | None = None
+) -> AsyncIterator[Process]:
     """`swarmd run NAMES`, or `swarmd node` without names, up to its READY; ended by SIGTERM at the end.
 
     Raises: SwarmError when it ends before it is ready, or takes too long.
@@ -124,11 +124,9 @@ async def spawn(config_dir: Path, *names: str, ready_s: float = READY_S) -> Asyn
         heard.setblocking(False)
         address = "@" + heard.getsockname()[1:].decode()
         command = ["-m", "swarmd", *args, "--config", str(config_dir)]
-        async with run_python(*command, env={"NOTIFY_SOCKET": address}) as process:
+        async with run_python(*command, env={**(env or {}), "NOTIFY_SOCKET": address}) as process:
             await _ready(process, heard, ready_s)
             yield process
-            if process.returncode is None:
-                await process.terminate()
 
 
 async def _ready(process: Process, heard: socket.socket, timeout_s: float) -> None:

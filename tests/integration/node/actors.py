@@ -1,0 +1,102 @@
+"""Processes that the tests of this folder start: `python actors.py NAME CONFIG_DIR …`."""
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+
+import uvloop
+
+from swarmware.errors import NotFound
+from swarmware.module import Meta, Module
+from swarmware.types.scalar import Int, Text
+from swarmware.types.vehicle import Goal, Pose
+
+
+def say(*words: object) -> None:
+    print(*words, flush=True)
+
+
+async def receive(config_dir: str) -> None:
+    """Says each message it gets."""
+    async with Module("receiver", config_dir=config_dir) as m:
+        inbox = await m.inbox("cmd/goto", Goal, limit=4)
+        say("ready")
+        async for goal in inbox:
+            say("goal", goal.seq)
+
+
+async def hoard(config_dir: str) -> None:
+    """Never looks into its inbox."""
+    async with Module("receiver", config_dir=config_dir) as m:
+        await m.inbox("cmd/goto", Goal, limit=2)
+        say("ready")
+        await asyncio.Event().wait()
+
+
+async def publish(config_dir: str) -> None:
+    """Writes a board and a stream."""
+    async with Module("publisher", config_dir=config_dir) as m:
+        pose = await m.writer("nav/pose", Pose, rate_hz=100)
+        steps = await m.stream_writer("plan/steps", Int)
+        say("ready")
+        async for tick in m.every(0.01):
+            pose.write(Pose(float(tick), 0.0))
+            steps.write(Int(tick))
+
+
+async def serve(config_dir: str) -> None:
+    """Answers requests: right, wrong, slow."""
+
+    async def slow(request: Int, meta: Meta) -> Int:
+        await asyncio.sleep(request.value / 1000)
+        return request
+
+    def double(request: Int, meta: Meta) -> Int:
+        if request.value < 0:
+            raise NotFound(f"number {request.value}: none such; expected 0 or more")
+        return Int(request.value * 2)
+
+    def broken(request: Text, meta: Meta) -> Text:
+        return Text(request.value[10])
+
+    async with Module("server", config_dir=config_dir) as m:
+        await m.serve("sys/double", Int, double, reply=Int)
+        await m.serve("sys/slow", Int, slow)
+        await m.serve("sys/broken", Text, broken)
+        say("ready")
+        await asyncio.Event().wait()
+
+
+async def flood(config_dir: str, count: str) -> None:
+    """Sends many messages at once and says what became of them."""
+    async with Module("flooder", config_dir=config_dir) as m:
+        outcomes = await asyncio.gather(
+            *(m.send("cmd/goto", Goal(number, "goto"), timeout_s=20) for number in range(int(count)))
+        )
+        say("delivered", sum(outcome.delivered for outcome in outcomes))
+
+
+ACTORS: dict[str, Callable[..., Awaitable[None]]] = {
+    "receive": receive,
+    "hoard": hoard,
+    "publish": publish,
+    "serve": serve,
+    "flood": flood,
+}
+
+
+async def act() -> None:
+    """SIGTERM ends an actor as it ends a service: everything is left in order."""
+    import signal
+
+    task = asyncio.current_task()
+    assert task is not None
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    try:
+        await ACTORS[sys.argv[1]](*sys.argv[2:])
+    except asyncio.CancelledError:
+        say("bye")
+
+
+if __name__ == "__main__":
+    uvloop.run(act())
