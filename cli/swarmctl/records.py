@@ -1,18 +1,18 @@
 """Where the record is, as an operator names it, and how an entry looks to people."""
 
 import asyncio
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
 from swarmctl.connect import config_dir
 from swarmctl.lab import record as labs
 from swarmctl.output import Output
+from swarmctl.quantities import span_s
 from swarmctl.settings import Settings
 from swarmware.clock import utc_ns
 from swarmware.config import load_node
@@ -24,9 +24,6 @@ from swarmware.record.query import FolderSource, Query, Source
 from swarmware.record.ring import segments
 from swarmware.record.segment import SegmentReader
 from swarmware.types.log import LogStats
-
-_SPAN: Final = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h|d)\Z")
-_SECONDS: Final = {"ms": 0.001, "s": 1, "m": 60, "h": 3600, "d": 86400}
 
 
 @contextmanager
@@ -88,8 +85,10 @@ def instant_ns(text: str, now_ns: int) -> int:
 
     Raises: InvalidInput when it is neither.
     """
-    if span := _SPAN.match(text.removesuffix(" ago")):
-        return now_ns - round(float(span[1]) * _SECONDS[span[2]] * 1e9)
+    try:
+        return now_ns - round(span_s(text.removesuffix(" ago")) * 1e9)
+    except InvalidInput:
+        pass  # then it is a date
     try:
         found = datetime.fromisoformat(text)
     except ValueError:

@@ -1,0 +1,188 @@
+"""What `swarmctl doctor` looks at on this machine: each check says what is wrong and what to do."""
+
+import os
+import shutil
+import socket
+import struct
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, Literal
+
+import msgspec
+
+from swarmctl.lab import record
+from swarmware.appfile import AppTable
+from swarmware.config import load_node, share_dir
+from swarmware.errors import SwarmError
+from swarmware.security import Keys
+from swarmware.shm.reap import reap
+
+SOCKET_PATH_BYTES: Final = 107
+"""Longest path of a Unix socket (sun_path without its zero)."""
+SHM_LOW_BYTES: Final = 64 << 20
+DISK_LOW_BYTES: Final = 512 << 20
+
+Verdict = Literal["ok", "warning", "error"]
+
+
+class Result(msgspec.Struct, frozen=True):
+    """What one check found."""
+
+    check: str
+    verdict: Verdict
+    text: str
+    advice: str = ""
+    fixed: bool = False
+
+
+def examine(folder: Path | None, *, fix: bool) -> list[Result]:
+    """All checks; with a configuration folder also those of that node. With `fix` leftovers are removed."""
+    out = [_python(), _share(), _shared_memory(), _multicast(), _remove_ipc()]
+    out += _leftovers(fix)
+    if folder is not None:
+        out += _node(folder, fix)
+    return out
+
+
+def _python() -> Result:
+    version = ".".join(map(str, sys.version_info[:3]))
+    fits = sys.version_info >= (3, 11)
+    return Result(
+        "python", "ok" if fits else "error", f"Python {version}", "" if fits else "install 3.11 or later"
+    )
+
+
+def _share() -> Result:
+    try:
+        return Result("share", "ok", f"templates and missions in {share_dir()}")
+    except SwarmError as error:
+        return Result("share", "error", str(error), "install the package again, or set SWARM_SHARE")
+
+
+def _shared_memory() -> Result:
+    try:
+        usage = shutil.disk_usage("/dev/shm")
+    except OSError as error:
+        return Result("shared memory", "error", f"/dev/shm: {error}", "mount a tmpfs there, or set shm_dir")
+    if not os.access("/dev/shm", os.W_OK):
+        return Result(
+            "shared memory", "error", "/dev/shm cannot be written", "set its mode to 1777, or set shm_dir"
+        )
+    low = usage.free < SHM_LOW_BYTES
+    advice = "make it larger (containers: --shm-size), or remove what fills it" if low else ""
+    return Result(
+        "shared memory", "warning" if low else "ok", f"{usage.free >> 20} MiB free in /dev/shm", advice
+    )
+
+
+def _multicast() -> Result:
+    """A datagram to ourselves over loopback, as the lab sends them."""
+    group, interface = "239.255.7.7", "127.0.0.1"
+    try:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        ):
+            receiver.bind(("", 0))
+            joined = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(interface))
+            receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+            receiver.settimeout(1.0)
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
+            sender.sendto(b"swarm", (group, receiver.getsockname()[1]))
+            receiver.recv(16)
+    except OSError as error:
+        return Result(
+            "multicast", "warning", f"loopback: {error}", "list the other nodes as seeds in broker.toml"
+        )
+    return Result("multicast", "ok", "datagrams come back over loopback")
+
+
+def _remove_ipc() -> Result:
+    """logind removes the shared memory of an ordinary user at logout."""
+    text = ""
+    for path in [Path("/etc/systemd/logind.conf"), *Path("/etc/systemd/logind.conf.d").glob("*.conf")]:
+        try:
+            text += path.read_text() + "\n"
+        except OSError:
+            continue
+    off = any(line.strip().lower() == "removeipc=no" for line in text.splitlines())
+    managed = Path("/run/systemd/seats").exists()
+    ordinary = os.getuid() >= 1000
+    if managed and ordinary and not off:
+        return Result(
+            "logout",
+            "warning",
+            "logind removes this user's shared memory at logout",
+            "run nodes as the system user `swarm`, or set RemoveIPC=no in logind.conf",
+        )
+    return Result("logout", "ok", "shared memory survives a logout")
+
+
+def _leftovers(fix: bool) -> Iterator[Result]:
+    known = {node.shm_dir for lab in record.labs() if lab.running for node in lab.nodes}
+    prefix = f"swarm-{os.getuid()}-"
+    stale = [path for path in Path("/dev/shm").glob(f"{prefix}*") if str(path) not in known]
+    if not stale:
+        yield Result("leftovers", "ok", "no shared memory of labs that ended")
+        return
+    names = ", ".join(path.name for path in stale[:4]) + (" …" if len(stale) > 4 else "")
+    if fix:
+        for path in stale:
+            shutil.rmtree(path, ignore_errors=True)
+    yield Result(
+        "leftovers",
+        "ok" if fix else "warning",
+        f"{len(stale)} folders of labs that ended: {names}",
+        "" if fix else "swarmctl doctor --fix removes them",
+        fixed=fix,
+    )
+
+
+def _node(folder: Path, fix: bool) -> Iterator[Result]:
+    try:
+        node = load_node(folder)
+    except SwarmError as error:
+        yield Result("node.toml", "error", str(error), "correct the file")
+        return
+    yield Result("node.toml", "ok", f"{folder}: platform {node.platform}, {len(node.services)} services")
+    longest = len(str(node.run_path / "p" / "4194304.sock").encode())
+    if longest > SOCKET_PATH_BYTES:
+        text = f"{node.run_dir}: sockets in it would have paths of {longest} bytes"
+        yield Result("run_dir", "error", text, f"choose a shorter run_dir: {SOCKET_PATH_BYTES} bytes at most")
+    table = AppTable(node.run_path)
+    table.refresh(probe=True)
+    alive = {entry.name for entry in table}
+    missing = [name for name in node.services if name not in alive]
+    if missing:
+        text = f"not running: {', '.join(missing)}"
+        yield Result(
+            "services", "error", text, f"swarmd node --config {folder}, or systemctl start swarm.target"
+        )
+    else:
+        yield Result("services", "ok", f"all {len(node.services)} services run")
+    if not len(table) and node.run_path.exists():
+        if fix:
+            reap(node.shm_path, node.run_path)
+        yield Result(
+            "remains", "ok", "what dead processes left was removed" if fix else "nobody lives here", fixed=fix
+        )
+    yield _keys(node.keys_dir, node.platform)
+    yield _disk(node.data_path)
+
+
+def _keys(directory: str, platform: str) -> Result:
+    try:
+        Keys.load(Path(directory), platform)
+    except SwarmError as error:
+        return Result("keys", "warning", str(error), "without keys only loopback is served")
+    return Result("keys", "ok", f"identity and roster in {directory}")
+
+
+def _disk(path: Path) -> Result:
+    while not path.exists():
+        path = path.parent
+    free = shutil.disk_usage(path).free
+    low = free < DISK_LOW_BYTES
+    advice = "remove old logs, or make ring_bytes in logger.toml smaller" if low else ""
+    return Result("disk", "warning" if low else "ok", f"{free >> 20} MiB free for logs at {path}", advice)

@@ -1,0 +1,62 @@
+"""`swarmctl topo`: who hears whom, as a graph."""
+
+import click
+
+from swarmctl.lazy import Command
+from swarmctl.settings import settings
+
+
+@click.command(cls=Command)
+@click.option("--dot", is_flag=True, help="As a Graphviz graph.")
+@click.option("--png", metavar="FILE", help="As a picture.")
+@click.pass_context
+def cmd(ctx: click.Context, dot: bool, png: str | None) -> None:
+    """Who hears whom, as a graph: asked of every platform that can be reached.
+
+    Example: swarmctl topo --dot | neato -Tsvg > swarm.svg
+    """
+    from swarmctl.connect import Link, run
+    from swarmctl.output import Column
+    from swarmctl.survey import ask_all, complain, platforms
+    from swarmctl.topology import edges, to_dot, to_png
+    from swarmware.errors import Partial
+    from swarmware.types.net import Neighbours
+    from swarmware.types.rpc import Empty
+
+    async def work(link: Link) -> None:
+        asked = await platforms(link)
+        answers, errors = await ask_all(link, asked, "sys/broker/links", Empty(), Neighbours)
+        found = edges(answers)
+        if png:
+            to_png(asked, found, png)
+            link.out.say(f"graph of {len(asked)} nodes and {len(found)} links to {png}")
+        elif dot:
+            link.out.text(to_dot(asked, found))
+        elif link.settings.json:
+            link.out.document({"nodes": asked, "links": found, "silent": sorted(errors)})
+        else:
+            rows = [
+                (
+                    e.a,
+                    e.b,
+                    f"{e.loss_ab_ratio * 100:.0f} %",
+                    f"{e.loss_ba_ratio * 100:.0f} %",
+                    e.rtt_ms,
+                    e.both,
+                )
+                for e in found
+            ]
+            columns = [
+                Column("NODE"),
+                Column("NODE"),
+                Column("LOSS →", right=True),
+                Column("LOSS ←", right=True),
+                Column("RTT ms", right=True),
+                Column("BOTH WAYS"),
+            ]
+            link.out.table(columns, rows)
+        complain(link, errors)
+        if errors:
+            raise Partial(f"topology: {len(errors)} of {len(asked)} platforms did not answer")
+
+    run(settings(ctx), work)
