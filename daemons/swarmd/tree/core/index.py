@@ -1,0 +1,138 @@
+"""The index of one platform's resources: sorted by path, with a digest that follows every change."""
+
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from functools import lru_cache
+from hashlib import blake2b
+from typing import Final
+
+import msgspec
+from sortedcontainers import SortedList
+
+from swarmware.names import Pattern
+from swarmware.resource import Resource
+
+_encoder = msgspec.msgpack.Encoder()
+_AFTER: Final = chr(ord("/") + 1)
+"""Sorts behind everything that begins with a path and a slash."""
+HINTS: Final = 3
+
+
+class Leaf(msgspec.Struct, frozen=True, gc=False):
+    """A resource and what became of its owner."""
+
+    resource: Resource
+    lost: bool
+    """Its owner ran and has gone."""
+    mark: int
+    """64-bit hash of the two: the digest of an index is the exclusive or of its marks."""
+
+
+def leaf(resource: Resource, *, lost: bool = False) -> Leaf:
+    """The leaf of a descriptor."""
+    mark = blake2b(_encoder.encode((resource, lost)), digest_size=8).digest()
+    return Leaf(resource, lost, int.from_bytes(mark, "little"))
+
+
+@lru_cache(maxsize=512)
+def pattern(text: str) -> Pattern:
+    """The compiled pattern. Raises: InvalidInput."""
+    return Pattern(text)
+
+
+class Index:
+    """Path → leaf; prefixes and patterns are found without a look at all the others."""
+
+    __slots__ = ("_leaves", "_paths", "digest")
+
+    def __init__(self, leaves: Iterable[Leaf] = ()) -> None:
+        self._leaves = {item.resource.path: item for item in leaves}
+        self._paths: SortedList[str] | None = None
+        # made by the first search: most trees of others are only kept
+        self.digest = 0
+        """Equal for equal content, however it came about."""
+        for item in self._leaves.values():
+            self.digest ^= item.mark
+
+    def copy(self) -> "Index":
+        """An index of its own with the same leaves."""
+        twin = Index()
+        twin._leaves = self._leaves.copy()
+        twin.digest = self.digest
+        return twin
+
+    def put(self, item: Leaf) -> bool:
+        """Add or replace; whether anything changed."""
+        path = item.resource.path
+        old = self._leaves.get(path)
+        if old is not None:
+            if old.mark == item.mark:
+                return False
+            self.digest ^= old.mark
+        elif self._paths is not None:
+            self._paths.add(path)
+        self._leaves[path] = item
+        self.digest ^= item.mark
+        return True
+
+    def remove(self, path: str) -> bool:
+        """Take out; whether it was there."""
+        old = self._leaves.pop(path, None)
+        if old is None:
+            return False
+        self.digest ^= old.mark
+        if self._paths is not None:
+            self._paths.remove(path)
+        return True
+
+    def get(self, path: str) -> Leaf | None:
+        """The leaf at a path."""
+        return self._leaves.get(path)
+
+    def __len__(self) -> int:
+        return len(self._leaves)
+
+    def __contains__(self, path: str) -> bool:
+        return path in self._leaves
+
+    def __iter__(self) -> Iterator[Leaf]:
+        """Every leaf, in no order."""
+        return iter(self._leaves.values())
+
+    @property
+    def paths(self) -> "SortedList[str]":
+        """All paths, sorted."""
+        if self._paths is None:
+            self._paths = SortedList(self._leaves)
+        return self._paths
+
+    def match(self, text: str, *, after: str = "") -> Iterator[Leaf]:
+        """Leaves whose path matches, sorted by path; only those behind `after`.
+
+        Raises: InvalidInput when the text is no pattern.
+        """
+        wanted = pattern(text)
+        if wanted.literal:
+            found = self._leaves.get(text)
+            if found is not None and text > after:
+                yield found
+            return
+        # "a/**" matches "a" too, which stands before the prefix "a/"
+        root = wanted.prefix.rstrip("/")
+        if text == f"{root}/**" and root > after and (found := self._leaves.get(root)) is not None:
+            yield found
+        low = max(wanted.prefix, after)
+        high = root + _AFTER if root else None
+        for path in self.paths.irange(low, high, inclusive=(low != after, False)):
+            if wanted.matches(path) and path != root:
+                yield self._leaves[path]
+
+    def near(self, path: str) -> list[str]:
+        """Paths that somebody who wrote this one may have meant, best first."""
+        paths = self.paths
+        branch = path.rpartition("/")[0]
+        siblings = list(paths.irange(branch + "/", branch + _AFTER)) if branch else []
+        close = get_close_matches(path, siblings or paths[:5000], n=HINTS, cutoff=0.6)
+        if not close and siblings:
+            close = get_close_matches(path, paths[:5000], n=HINTS, cutoff=0.6) or siblings[:HINTS]
+        return close

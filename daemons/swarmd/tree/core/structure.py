@@ -1,0 +1,124 @@
+"""Structures on the wire: changes to something the other side has, in few bytes."""
+
+import zlib
+from collections import OrderedDict
+from collections.abc import Iterable
+from enum import IntEnum
+from functools import lru_cache
+from typing import Final
+
+import msgspec
+
+from swarmd.tree.core.index import Index, Leaf, leaf
+from swarmware.errors import WireError
+from swarmware.frame import PAYLOAD_LIMIT
+from swarmware.resource import Resource
+
+HISTORY: Final = 64
+"""States of the own structure from which changes can still be told."""
+_ODD: Final = 0x9E37_79B1
+"""Spreads the epoch over 32 bits. Source: Knuth, The Art of Computer Programming 3, section 6.4."""
+
+
+class Form(IntEnum):
+    """How an answer tells the structure."""
+
+    UNCHANGED = 0
+    CHANGES = 1
+    """To the structure the asker holds."""
+    TEMPLATE = 2
+    """Changes to a template that both sides have."""
+    FULL = 3
+    """A template and the changes to it."""
+
+
+class Changes(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What makes one structure out of another."""
+
+    put: tuple[Resource, ...] = ()
+    lost: tuple[Resource, ...] = ()
+    """Put too, their owners have gone."""
+    removed: tuple[str, ...] = ()
+    template: tuple[Resource, ...] = ()
+    """To start from, instead of anything the other side has."""
+
+
+class Patch(msgspec.Struct, frozen=True, gc=False):
+    """Changes as leaves, ready to be applied."""
+
+    put: tuple[Leaf, ...]
+    removed: tuple[str, ...]
+    template: tuple[Leaf, ...]
+
+    def apply(self, index: Index) -> None:
+        """Make the changes."""
+        for path in self.removed:
+            index.remove(path)
+        for item in self.put:
+            index.put(item)
+
+
+_encoder = msgspec.msgpack.Encoder()
+_decoder = msgspec.msgpack.Decoder(Changes)
+
+
+def version(epoch: int, digest: int) -> int:
+    """32-bit number that rides in the hello: another one after a restart of the tree, and after any change."""
+    return ((digest ^ digest >> 32) ^ epoch * _ODD) & 0xFFFF_FFFF
+
+
+def encode(put: Iterable[Leaf], removed: Iterable[str], template: Iterable[Leaf] = ()) -> bytes:
+    """Changes for the wire."""
+    put = sorted(put, key=lambda item: item.resource.path)
+    changes = Changes(
+        tuple(item.resource for item in put if not item.lost),
+        tuple(item.resource for item in put if item.lost),
+        tuple(sorted(removed)),
+        tuple(item.resource for item in template),
+    )
+    return zlib.compress(_encoder.encode(changes), 6)
+
+
+@lru_cache(maxsize=256)
+def decode(data: bytes) -> Patch:
+    """Changes from the wire; platforms of one kind say the same, and share what comes out.
+
+    Raises: WireError.
+    """
+    inflate = zlib.decompressobj()
+    try:
+        plain = inflate.decompress(data, PAYLOAD_LIMIT)
+        if not inflate.eof:
+            raise WireError(f"structure: cut short, or more than {PAYLOAD_LIMIT} bytes")
+        changes = _decoder.decode(plain)
+    except (zlib.error, msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise WireError(f"structure: {error}") from error
+    put = [leaf(resource) for resource in changes.put]
+    put += [leaf(resource, lost=True) for resource in changes.lost]
+    return Patch(tuple(put), changes.removed, tuple(leaf(resource) for resource in changes.template))
+
+
+class History:
+    """Which paths changed since the structure had a digest."""
+
+    def __init__(self) -> None:
+        self._steps: OrderedDict[int, frozenset[str]] = OrderedDict()
+
+    def add(self, before: int, paths: frozenset[str]) -> None:
+        """The structure with that digest was changed at these paths."""
+        self._steps.pop(before, None)  # it came back to a former state: only the way from now counts
+        self._steps[before] = paths
+        while len(self._steps) > HISTORY:
+            self._steps.popitem(last=False)
+
+    def since(self, digest: int) -> set[str] | None:
+        """Paths that changed since then; None when that is not known any more."""
+        if digest not in self._steps:
+            return None
+        paths: set[str] = set()
+        found = False
+        for before, changed in self._steps.items():
+            found = found or before == digest
+            if found:
+                paths |= changed
+        return paths

@@ -1,0 +1,56 @@
+"""Many deadlines, one question: which is the next."""
+
+import heapq
+from collections.abc import Hashable
+from typing import Generic, TypeVar
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Timers(Generic[Key]):
+    """At most one deadline per key; setting another replaces it."""
+
+    def __init__(self) -> None:
+        self._due: dict[Key, int] = {}
+        self._heap: list[tuple[int, int, Key]] = []
+        self._count = 0
+
+    def set(self, key: Key, when_ns: int) -> None:
+        """Have the key come up at an instant."""
+        if self._due.get(key) != when_ns:
+            self._due[key] = when_ns
+            self._count += 1  # keys need not have an order
+            heapq.heappush(self._heap, (when_ns, self._count, key))
+
+    def sooner(self, key: Key, when_ns: int) -> None:
+        """Have the key come up at an instant, or earlier if it is due earlier."""
+        due = self._due.get(key)
+        if due is None or when_ns < due:
+            self.set(key, when_ns)
+
+    def drop(self, key: Key) -> None:
+        """Forget the key's deadline."""
+        self._due.pop(key, None)
+
+    def due_ns(self, key: Key) -> int | None:
+        """The key's deadline."""
+        return self._due.get(key)
+
+    def next_ns(self) -> int | None:
+        """The earliest deadline."""
+        heap = self._heap
+        while heap:
+            when_ns, _, key = heap[0]
+            if self._due.get(key) == when_ns:
+                return when_ns
+            heapq.heappop(heap)
+        return None
+
+    def pop(self, now_ns: int) -> Key | None:
+        """A key whose time has come; None: nothing more is due."""
+        when_ns = self.next_ns()
+        if when_ns is None or when_ns > now_ns:
+            return None
+        key = heapq.heappop(self._heap)[2]
+        del self._due[key]
+        return key

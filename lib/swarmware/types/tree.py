@@ -1,0 +1,284 @@
+"""The resource tree between processes and platforms: requests of `sys/tree/…`, structures, subscriptions, notifications."""
+
+import msgspec
+
+from swarmware.types.registry import register
+
+# -- for operators: sys/tree/get, set, undo, list
+
+
+@register
+class TreeGet(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/get`: the newest value of a resource here or anywhere."""
+
+    path: str
+    """`/uav3/nav/pose`, or `nav/pose` on the platform that is asked."""
+    fresh: bool = False
+    """Ask the owner even if a mirror here is young enough."""
+
+
+@register
+class TreeValue(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A value with everything known about it; answer of `sys/tree/get`."""
+
+    path: str
+    """Global: `/uav3/nav/pose`."""
+    type: str
+    data: bytes
+    """MessagePack of the type."""
+    stamp_ns: int
+    """Hardware clock of the owner."""
+    sequence: int
+    version: int
+    """For compare-and-set: of a setting its count of changes, of anything else its sequence."""
+    age_s: float | None
+    """None: the owner's clock is not known here."""
+    quality: str
+    """live | stale | lost."""
+    unit: str = ""
+    owner: str = ""
+    source: str = "own"
+    """own | mirror | asked: where the answer came from."""
+
+
+@register
+class TreeSet(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/set`: a new value, or a new value of one field (`nav/goal.z_m`)."""
+
+    path: str
+    value: bytes
+    """MessagePack of plain data: a number, a text, or a map or list of a Struct's fields."""
+    version: int | None = None
+    """Compare-and-set: refuse unless the value still has this version."""
+    by: str = ""
+    """Who wants it, for the audit: `operator@gcs`."""
+
+
+@register
+class TreeUndo(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/undo`: back to the value before the last change of a setting."""
+
+    path: str
+    by: str = ""
+
+
+@register
+class TreeSetDone(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of `sys/tree/set` and `sys/tree/undo`."""
+
+    path: str
+    version: int
+    """Version of the value now set; 0 when it was handed to an application, which versions it itself."""
+    type: str
+    data: bytes
+    """MessagePack of the value now set."""
+
+
+@register
+class TreeList(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/list`: resources by pattern, over the whole swarm as known here."""
+
+    pattern: str = "/**"
+    """`/uav*/nav/**`; without a leading slash on the platform that is asked."""
+    limit: int = 2000
+    after: str = ""
+    """Go on behind this path: the last one of the answer before."""
+
+
+@register
+class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One resource of an answer of `sys/tree/list`."""
+
+    path: str
+    """Global."""
+    kind: str
+    type: str
+    unit: str = ""
+    access: str = "r"
+    rate_hz: float = 0.0
+    category: str = "conditional"
+    link: str = "request"
+    owner: str = ""
+    age_s: float | None = None
+    """None: no value here, or the owner's clock is not known."""
+    quality: str = "none"
+    """live | stale | lost | none (no value has been seen here)."""
+    range: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+    log: str = "none"
+    reply: str = ""
+    description: str = ""
+
+
+@register
+class TreePlatform(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What is known of one platform's tree."""
+
+    platform: str
+    reachable: bool
+    resources: int
+    digest: int
+    """Of the structure; 0: not known yet."""
+
+
+@register
+class TreeListing(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of `sys/tree/list`."""
+
+    entries: tuple[TreeEntry, ...]
+    more: int = 0
+    """Resources that match too, behind the last one given."""
+    platforms: tuple[TreePlatform, ...] = ()
+    """Every platform whose tree is known here, whether it matches or not."""
+
+
+@register
+class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Audit of one set or undo (event `tree/changes`)."""
+
+    path: str
+    by: str
+    before: str
+    """As text; empty when it was not known."""
+    after: str
+    refused: str = ""
+    """Why it was not done; empty when it was."""
+
+
+@register
+class TreeStats(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Work of the tree service since its start (board `tree/stats`)."""
+
+    resources: int = 0
+    platforms: int = 0
+    """Other platforms whose structure is known."""
+    requests_sent: int = 0
+    """To other platforms: structures, subscriptions, values."""
+    requests_answered: int = 0
+    subscribers: int = 0
+    """Platforms that hold a subscription here."""
+    feeds: int = 0
+    """Pairs of subscriber and resource that are served by notification."""
+    notifications_sent: int = 0
+    """Messages acknowledged by their receivers."""
+    values_sent: int = 0
+    """Values in them."""
+    notifications_received: int = 0
+    values_received: int = 0
+    notify_failures: int = 0
+    """Messages that were not acknowledged; what they held was sent again."""
+    events_dropped: int = 0
+    """Events for which a subscriber's queue had no room any more."""
+
+
+# -- between the trees of two platforms
+
+
+@register
+class StructureRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/structure`: step 2 of S0.55, in as few bytes as there is news."""
+
+    platform: str
+    """Who asks."""
+    epoch: int
+    digest: int
+    """Epoch and digest of the asker's own tree: a hint for the other direction."""
+    held: int = 0
+    """Digest of the structure that the asker already has; 0: none."""
+    full: bool = False
+    """The template named in an answer is not known: send everything."""
+
+
+@register
+class StructureReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of `sys/tree/structure` (S0.56)."""
+
+    epoch: int
+    """Changes with each start of the owner's tree service."""
+    digest: int
+    """Of the owner's structure; what the asker must have after applying `data`."""
+    form: int
+    """0 unchanged, 1 changes to the held structure, 2 changes to a template, 3 everything."""
+    base: int = 0
+    """Digest of the template, in form 2 and 3."""
+    data: bytes = b""
+    """zlib of MessagePack: the template's resources (form 3 only) and the changes."""
+
+
+@register
+class Rule(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """When the values of some resources are worth a notification."""
+
+    pattern: str
+    """Local paths it holds for."""
+    deadband: float = 0.0
+    """A number must differ by more than this from the value sent last; 0: any change."""
+    min_interval_s: float = 0.0
+    max_interval_s: float = 0.0
+    """Send again after this time even without a change; 0: never."""
+
+
+@register
+class SubscribeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/subscribe`: everything one platform wants of another, or a renewal of it."""
+
+    platform: str
+    """Who subscribes."""
+    epoch: int
+    """Of the subscriber's tree service: with another one it has forgotten what it was sent."""
+    set_digest: int
+    """Of `patterns` and `rules`."""
+    lease_s: float
+    held: int = 0
+    """Digest of the structure that the subscriber has."""
+    renew: bool = False
+    """Patterns and rules are left out: the owner should have them."""
+    patterns: tuple[str, ...] = ()
+    """Local paths and patterns; they may match nothing yet."""
+    rules: tuple[Rule, ...] = ()
+    """The first that matches a path holds for it."""
+
+
+@register
+class SubscribeReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of `sys/tree/subscribe`."""
+
+    epoch: int
+    digest: int
+    """Epoch and digest of the owner's tree."""
+    unknown: bool = False
+    """A renewal of something that is not held here: send it whole."""
+
+
+@register
+class TreeItem(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One value in a notification."""
+
+    path: str
+    """Local path at the owner."""
+    data_id: int
+    kind: int
+    """Frame kind: board, event or stream."""
+    sequence: int
+    stamp_ns: int
+    """Hardware clock of the owner."""
+    data: bytes
+    """Payload as the owner wrote it."""
+    codec: int = 0
+
+
+@register
+class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Message to `sys/tree/notify`: changed values, and the change of the structure (S0.59)."""
+
+    platform: str
+    """The owner."""
+    epoch: int
+    serial: int
+    """Counts the notifications of one subscription in one epoch: an old one that comes late is known."""
+    items: tuple[TreeItem, ...] = ()
+    base: int = 0
+    """Digest that the structure had before; 0: no change of the structure in here."""
+    digest: int = 0
+    structure: bytes = b""
+    """As `StructureReply.data` in form 1."""
