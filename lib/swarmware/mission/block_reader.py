@@ -62,6 +62,8 @@ class BlockReader:
             message = "a time-out successor, but no time-out: expected `timeout` in seconds beside it"
             self.remarks.append((place, "timeout", message))
         params = self._params()
+        if timeout_s is not None and not any(key in self._body for key in _TIMEOUT_VALUE):
+            timeout_s += params.lasts_s
         return Block(self._id, self._spec, params, tuple(self._edges.values()), timeout_s, self._pointer)
 
     def _wrong(self, key: str, rule: str, message: str) -> None:

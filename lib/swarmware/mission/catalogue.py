@@ -31,9 +31,21 @@ Name = Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
 class Params(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Parameters of a block; a block type has a subclass with its own."""
 
+    @property
+    def lasts_s(self) -> float:
+        """Time that the parameters ask for, so that the type's default time-out begins after it."""
+        return 0.0
+
 
 class Nothing(Params, frozen=True):
     """No parameters."""
+
+
+class End(Params, frozen=True):
+    """How the mission went."""
+
+    result: Literal["done", "failed"] = "done"
+    """`failed` on a way that was safe but not what the mission was for; then `on_failure` follows."""
 
 
 class DecisionRandom(Params, frozen=True):
@@ -132,6 +144,11 @@ class Hold(Params, frozen=True):
     s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
     """For how long; 0: until the vehicle stands still, which it then keeps doing."""
 
+    @property
+    def lasts_s(self) -> float:
+        """The time of holding."""
+        return self.s
+
 
 class BlockType(msgspec.Struct, frozen=True):
     """What the language knows of one block."""
@@ -167,7 +184,7 @@ _MOVES: Final = ("blocked", "disarmed", "no_navigator")
 
 BLOCKS: Final = (
     BlockType("Start", "Where the mission begins.", control=True, instant=True),
-    BlockType("End", "Ends the mission and cancels what still runs.", control=True, instant=True),
+    BlockType("End", "Ends the mission and cancels what still runs.", End, control=True, instant=True),
     BlockType("Fork", "Starts all its successors at once.", control=True, instant=True),
     BlockType("Join", "Waits until every branch that leads to it has arrived.", control=True, instant=True),
     BlockType(

@@ -131,6 +131,9 @@ def _successors(block: BlockType, properties: dict[str, Any]) -> list[str]:
 
 def _lenient(schema: dict[str, Any]) -> dict[str, Any]:
     """Numbers may also be texts, anything may be a parameter: both stand in published missions."""
+    for key in ("items", "prefixItems"):
+        if isinstance(schema.get(key), dict):
+            schema = {**schema, key: _lenient(schema[key])}
     branches = [schema, *schema.get("anyOf", ())]
     if any(branch.get("type") in {"number", "integer"} for branch in branches):
         return {"anyOf": [schema, _NUMBER_TEXT]}

@@ -173,6 +173,9 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     text: str = ""
     """For people."""
     mission: str = ""
+    """What is played: the mission, or the built-in one that brings the vehicle to safety."""
+    kind: str = ""
+    """Kind of the platform: whoever hands out roles needs it."""
 
 
 @register

@@ -198,6 +198,12 @@ def test_each_visit_of_a_barrier_is_counted() -> None:
     assert short(p.on_outcome(1, "ok", 1)) == ["barrier b 2 2"]
 
 
+def test_an_end_may_say_that_the_mission_failed() -> None:
+    p = player(net(s="Start>w", w="Wait>e", e={"type": "End", "result": "failed"}))
+    p.start(0)
+    assert short(p.on_timer(S)) == ["failed: came to e"]
+
+
 def test_a_mission_that_is_stopped_says_why_once_all_is_quiet() -> None:
     p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e", e="End"))
     p.start(0)

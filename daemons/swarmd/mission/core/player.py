@@ -14,7 +14,7 @@ from swarmd.mission.core.actions import (
     StartBlock,
     Step,
 )
-from swarmware.mission.catalogue import DecisionRandom, Wait
+from swarmware.mission.catalogue import DecisionRandom, End, Wait
 from swarmware.mission.condition import Lookup
 from swarmware.mission.model import CANCELLED, ERROR, OK, TIMEOUT, Block, Mission
 from swarmware.mission.net import join_place
@@ -152,7 +152,8 @@ class Player:
             match block.type:
                 case "End":
                     actions.append(Step(block.id, block.type, OK))
-                    self._end("done", "", now_ns, actions)
+                    result = block.params.result if isinstance(block.params, End) else "done"
+                    self._end(result, "" if result == "done" else f"came to {block.id}", now_ns, actions)
                     return
                 case "Join":
                     self._arrived.add(join_place(source, target))

@@ -1,0 +1,23 @@
+"""Arm and Disarm: the motors."""
+
+from swarmd.mission.blocks.context import Context, spec
+
+
+class Arm:
+    """Arms the motors."""
+
+    spec = spec("Arm")
+
+    async def run(self, context: Context) -> None:
+        """Until the vehicle says so."""
+        await context.vehicle.arm(True)
+
+
+class Disarm:
+    """Disarms the motors."""
+
+    spec = spec("Disarm")
+
+    async def run(self, context: Context) -> None:
+        """Until the vehicle says so."""
+        await context.vehicle.arm(False)

@@ -1,0 +1,46 @@
+"""What a running block is given."""
+
+from collections.abc import Callable
+from typing import Any
+
+from swarmd.mission.vehicle import Vehicle
+from swarmware.mission.catalogue import BLOCKS, BlockType, Params
+from swarmware.mission.plugin import BlockError
+from swarmware.module import Module
+
+
+class Context:
+    """One run of one block."""
+
+    def __init__(
+        self,
+        module: Module,
+        vehicle: Vehicle | None,
+        block_id: str,
+        params: Params,
+        report: Callable[[float, str], None],
+    ) -> None:
+        self.module = module
+        self.block_id = block_id
+        self.params: Any = params
+        self._vehicle = vehicle
+        self._report = report
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The platform's vehicle.
+
+        Raises: BlockError when it has none.
+        """
+        if self._vehicle is None:
+            raise BlockError("no_vehicle", f"{self.module.platform} is no vehicle")
+        return self._vehicle
+
+    def report(self, ratio: float, text: str) -> None:
+        """How far the block is."""
+        self._report(ratio, f"{self.block_id}: {text}")
+
+
+def spec(name: str) -> BlockType:
+    """The type of a built-in block."""
+    return next(block for block in BLOCKS if block.name == name)

@@ -1,0 +1,35 @@
+"""Goto: one position."""
+
+from swarmd.mission.blocks.context import Context, spec
+from swarmd.mission.vehicle import Way
+from swarmware.mission import catalogue
+from swarmware.types.vehicle import NavStatus
+
+
+class Goto:
+    """Moves to a position."""
+
+    spec = spec("Goto")
+
+    async def run(self, context: Context) -> None:
+        """Until it is there."""
+        params: catalogue.Goto = context.params
+        way = Way()
+
+        def progress(status: NavStatus) -> None:
+            context.report(way.ratio(status), f"{status.distance_m:.1f} m to go")
+
+        await context.vehicle.move(
+            "goto",
+            _arrived,
+            progress,
+            x_m=params.x_m,
+            y_m=params.y_m,
+            z_m=params.z_m,
+            yaw_rad=params.yaw_rad,
+            speed_m_s=params.speed_m_s,
+        )
+
+
+def _arrived(status: NavStatus) -> bool:
+    return status.state == "arrived"

@@ -1,0 +1,43 @@
+"""Classes by block type: the built-in ones, and those of installed packages."""
+
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from typing import Final
+
+from swarmd.mission.blocks.arm import Arm, Disarm
+from swarmd.mission.blocks.formation import Formation
+from swarmd.mission.blocks.goto import Goto
+from swarmd.mission.blocks.hold import Hold
+from swarmd.mission.blocks.land import Land
+from swarmd.mission.blocks.takeoff import Takeoff
+from swarmware.mission.catalogue import BLOCKS, GROUP, BlockType, Catalogue
+from swarmware.mission.plugin import FunctionalBlock
+
+BUILT_IN: Final[tuple[type, ...]] = (Arm, Disarm, Takeoff, Land, Goto, Formation, Hold)
+
+
+class Plugins:
+    """Makes a block from its type's name."""
+
+    def __init__(self, classes: Mapping[str, type], foreign: tuple[BlockType, ...]) -> None:
+        self._classes = dict(classes)
+        self.catalogue = Catalogue((*BLOCKS, *foreign))
+
+    def make(self, name: str) -> FunctionalBlock:
+        """A new block of this type."""
+        block: FunctionalBlock = self._classes[name]()
+        return block
+
+
+def installed() -> Plugins:
+    """Everything that is installed here.
+
+    Raises: MissionError when a package takes a name that is in use.
+    """
+    classes = {cls.spec.name: cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # each has a spec
+    foreign: list[BlockType] = []
+    for point in entry_points(group=GROUP):
+        cls = point.load()
+        foreign.append(cls.spec)
+        classes.setdefault(cls.spec.name, cls)
+    return Plugins(classes, tuple(foreign))

@@ -1,0 +1,30 @@
+"""The built-in missions: always there, without network, above every user mission (S2.37)."""
+
+from typing import Final
+
+from swarmware.mission.binding import Binding
+from swarmware.mission.catalogue import VEHICLES
+from swarmware.mission.loader import load
+from swarmware.mission.model import Mission
+
+TEXTS: Final = {
+    "land": """{"mission": {
+        "start": {"type": "Start", "next": "land"},
+        "land": {"type": "Land", "next": "disarm"},
+        "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
+        "end": {"type": "End"}
+    }}""",
+    "hold": """{"mission": {
+        "start": {"type": "Start", "next": "hold"},
+        "hold": {"type": "Hold", "next": "end"},
+        "end": {"type": "End"}
+    }}""",
+}
+
+
+def built_in(platform: str, kind: str) -> dict[str, Mission]:
+    """Those that a platform of this kind can play; a ground station has nothing to bring to safety."""
+    if kind not in VEHICLES:
+        return {}
+    binding = Binding(platform, kind)
+    return {name: load(text, f"built-in {name}", binding) for name, text in TEXTS.items()}

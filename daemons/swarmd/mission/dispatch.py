@@ -1,0 +1,158 @@
+"""From one instruction to an order for each platform: roles, concurrent sending, receipts, all or none."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from swarmd.mission.config import Config
+from swarmd.mission.store import Store
+from swarmware.clock import utc_ns
+from swarmware.errors import MissionError, NotFound, SwarmError
+from swarmware.mission.assign import Cast, Part, Platform, assign
+from swarmware.mission.catalogue import Catalogue
+from swarmware.mission.check import check_folder
+from swarmware.mission.finding import sound
+from swarmware.mission.folder import Folder, content_hash, from_files
+from swarmware.module import BoardWriter, Module
+from swarmware.names import join
+from swarmware.types.mission import (
+    MissionAbort,
+    MissionOrder,
+    MissionReceipt,
+    MissionTask,
+    OrderReceipt,
+    TaskAnswer,
+)
+
+log = logging.getLogger("swarm.mission")
+
+ORDER_PATH = "cmd/mission"
+ABORT_PATH = "cmd/abort"
+
+Accept = Callable[[MissionOrder], Awaitable[MissionReceipt]]
+
+
+class Dispatcher:
+    """Hands a mission out to an ensemble."""
+
+    def __init__(
+        self,
+        module: Module,
+        config: Config,
+        store: Store,
+        catalogue: Catalogue,
+        receipts: BoardWriter[OrderReceipt],
+        accept: Accept,
+    ) -> None:
+        self._module = module
+        self._config = config
+        self._store = store
+        self._catalogue = catalogue
+        self._receipts = receipts
+        self._accept = accept
+        """Takes this platform's own order, without a network."""
+
+    async def task(self, task: MissionTask, platforms: list[Platform]) -> TaskAnswer:
+        """Checks the mission, orders it from all members at once, and takes it back unless all accept.
+
+        Raises: MissionError, NotFound, ConfigError; then nobody was told anything.
+        """
+        folder = self._checked(task)
+        cast = assign(folder, self._chosen(task, platforms), task.params)
+        epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
+        orders = [self._order(folder, cast, part, epoch) for part in cast.parts]
+        receipts = await asyncio.gather(
+            *(self._send(order, part.member.platform) for order, part in zip(orders, cast.parts, strict=True))
+        )
+        accepted = all(receipt.accepted for receipt in receipts)
+        name = folder.manifest.name
+        if accepted:
+            log.info("mission %s: ordered from %d members", name, len(receipts))
+        else:
+            refused = [receipt.platform for receipt in receipts if not receipt.accepted]
+            log.warning("mission %s: not accepted by %s; taken back", name, ", ".join(refused))
+            reason = f"not accepted by {', '.join(refused)}"
+            await self.abort(
+                tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
+            )
+        return TaskAnswer(name, folder.hash, epoch, accepted, tuple(receipts), cast.left_out)
+
+    async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
+        """Tells all these platforms to stop; those that did not acknowledge."""
+        outcomes = await asyncio.gather(
+            *(
+                self._module.send(
+                    join(platform, ABORT_PATH), order, timeout_s=self._config.order_timeout_s, urgent=True
+                )
+                for platform in platforms
+            )
+        )
+        return tuple(
+            platform for platform, outcome in zip(platforms, outcomes, strict=True) if not outcome.delivered
+        )
+
+    def _checked(self, task: MissionTask) -> Folder:
+        folder = from_files(task.files, task.name) if task.files else self._store.folder(task.name)
+        findings = check_folder(folder, self._catalogue)
+        if not sound(findings):
+            raise MissionError("\n".join(str(f) for f in findings if f.severity != "warning"))
+        return folder
+
+    @staticmethod
+    def _chosen(task: MissionTask, platforms: list[Platform]) -> list[Platform]:
+        known = {platform.name: platform for platform in platforms}
+        for name in task.members:
+            if name not in known:
+                raise NotFound(f"platform {name!r}: not known here; expected some of {', '.join(known)}")
+        return [known[name] for name in task.members] if task.members else platforms
+
+    def _order(self, folder: Folder, cast: Cast, part: Part, epoch: int) -> MissionOrder:
+        text = folder.texts[part.file]
+        now_ns = self._module.now_ns()
+        return MissionOrder(
+            mission=folder.manifest.name,
+            hash=folder.hash,
+            epoch=epoch,
+            role=part.member.role,
+            file=folder.place(part.file),
+            text=text,
+            text_hash=content_hash(text),
+            members=cast.members,
+            params=part.binding.params,
+            issuer=self._module.platform,
+            issued_ns=now_ns,
+            expires_ns=now_ns + round(self._config.order_expiry_s * 1e9),
+        )
+
+    async def _send(self, order: MissionOrder, platform: str) -> OrderReceipt:
+        reasons: tuple[str, ...] = ()
+        receipt: MissionReceipt | None = None
+        sent_ns = self._module.now_ns()
+        try:
+            if platform == self._module.platform:
+                receipt = await self._accept(order)
+            else:
+                receipt = await self._module.request(
+                    join(platform, ORDER_PATH),
+                    order,
+                    MissionReceipt,
+                    timeout_s=self._config.order_timeout_s,
+                    urgent=True,
+                )
+        except SwarmError as error:
+            reasons = (f"{type(error).__name__}: {error}",)
+        found = OrderReceipt(
+            mission=order.mission,
+            epoch=order.epoch,
+            platform=platform,
+            role=order.role,
+            sent_ns=sent_ns,
+            acked_ns=self._module.now_ns() if receipt else 0,
+            received_ns=receipt.received_ns if receipt else 0,
+            accepted=receipt is not None and receipt.accepted,
+            reasons=receipt.reasons if receipt else reasons,
+        )
+        if platform != self._module.platform:
+            # the own one crossed no link: it would flatter the figure
+            self._receipts.write(found)
+        return found

@@ -1,0 +1,77 @@
+"""Running blocks: one task each, ended by itself or cancelled for real."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from functools import partial
+
+from swarmd.mission.blocks.context import Context
+from swarmd.mission.blocks.plugins import Plugins
+from swarmd.mission.core.actions import StartBlock
+from swarmd.mission.vehicle import Vehicle
+from swarmware.mission.model import CANCELLED, ERROR, OK
+from swarmware.mission.plugin import BlockError
+from swarmware.module import Module
+
+log = logging.getLogger("swarm.mission")
+
+Ended = Callable[[int, str, str], None]
+"""Token, outcome, text."""
+Report = Callable[[int, float, str], None]
+
+CRASHED = f"{ERROR}:crashed"
+"""Outcome of a block that raised what it should not have."""
+
+
+class Runner:
+    """The blocks that run now, by token."""
+
+    def __init__(
+        self, module: Module, vehicle: Vehicle | None, plugins: Plugins, ended: Ended, report: Report
+    ) -> None:
+        self._module = module
+        self._vehicle = vehicle
+        self._plugins = plugins
+        self._ended = ended
+        self._report = report
+        self._tasks: dict[int, asyncio.Task[None]] = {}
+
+    def start(self, action: StartBlock) -> None:
+        """Begins a block."""
+        block = action.block
+        context = Context(
+            self._module, self._vehicle, block.id, block.params, partial(self._report, action.token)
+        )
+        work = self._plugins.make(block.type)
+        task = asyncio.get_running_loop().create_task(work.run(context), name=f"block:{block.id}")
+        self._tasks[action.token] = task
+        task.add_done_callback(partial(self._done, action.token))
+
+    def cancel(self, token: int) -> None:
+        """Asks a block to end; one that is ending already is left alone."""
+        task = self._tasks.get(token)
+        if task is not None:
+            task.cancel()
+
+    async def close(self) -> None:
+        """Cancels all blocks and waits for them."""
+        tasks = list(self._tasks.values())
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks, timeout=2.0)
+
+    def _done(self, token: int, task: asyncio.Task[None]) -> None:
+        self._tasks.pop(token, None)
+        if task.cancelled():
+            self._ended(token, CANCELLED, "")
+            return
+        error = task.exception()
+        if error is None:
+            self._ended(token, OK, "")
+        elif isinstance(error, BlockError):
+            self._ended(token, f"{ERROR}:{error.kind}", str(error))
+        else:
+            # whatever a block does, the mission goes on by its error successor or to safety
+            log.error("block %s failed", task.get_name(), exc_info=error)
+            self._ended(token, CRASHED, f"{type(error).__name__}: {error}")

@@ -1,0 +1,300 @@
+"""The mission daemon's shell: orders in, blocks and barriers out, state for all to see."""
+
+import asyncio
+import logging
+import random
+from typing import ClassVar
+
+import msgspec
+
+from swarmd.mission.blocks.plugins import installed
+from swarmd.mission.builtin import built_in
+from swarmd.mission.config import Config as Settings
+from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
+from swarmd.mission.core.admission import Admission
+from swarmd.mission.core.announce import HEARTBEAT_NS, Announcer
+from swarmd.mission.core.member import MissionCore
+from swarmd.mission.core.phases import Phase
+from swarmd.mission.core.run import Limits
+from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
+from swarmd.mission.runner import Runner
+from swarmd.mission.store import Store
+from swarmd.mission.values import Values
+from swarmd.mission.vehicle import Vehicle
+from swarmware.errors import Conflict, SwarmError
+from swarmware.mission.assign import Platform
+from swarmware.mission.catalogue import VEHICLES
+from swarmware.module import BoardReader, BoardSet, BoardWriter, Inbox, Meta, Module
+from swarmware.names import hardware_id
+from swarmware.service import Service
+from swarmware.types.mission import (
+    AbortAnswer,
+    Meeting,
+    MissionAbort,
+    MissionList,
+    MissionOrder,
+    MissionProgress,
+    MissionReceipt,
+    MissionState,
+    MissionStatus,
+    MissionTask,
+    OrderReceipt,
+    TaskAnswer,
+)
+from swarmware.types.net import Routes
+from swarmware.types.rpc import Empty
+from swarmware.types.vehicle import VehicleState
+
+log = logging.getLogger("swarm.mission")
+
+SAFE = "land"
+"""What a vehicle does that is under way when the daemon starts: its mission is forgotten."""
+
+
+class Mission(Service):
+    """Takes orders, plays them with the ensemble; at the ground station also hands them out."""
+
+    name: ClassVar[str] = "mission"
+    Config: ClassVar[type[msgspec.Struct]] = Settings
+
+    module: Module
+    config: Settings
+
+    async def run(self) -> None:
+        """Until cancelled."""
+        await self._open()
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._listen(), name="mission:others")
+                group.create_task(self._take_aborts(), name="mission:aborts")
+                group.create_task(self._watch_links(), name="mission:links")
+                await self._restarted()
+                self._after([])
+        finally:
+            if self._timer is not None:
+                self._timer.cancel()
+            await self._runner.close()
+
+    async def _open(self) -> None:
+        module, node = self.module, self.module.node.config
+        self._timer: asyncio.TimerHandle | None = None
+        self._kind = node.kind
+        self._plugins = installed()
+        catalogue = self._plugins.catalogue
+        self._admission = Admission(module.platform, self._kind, catalogue)
+        self._values = Values(module)
+        self._announcer = Announcer()
+        self._core = MissionCore(
+            module.platform,
+            built_in(module.platform, self._kind),
+            self._values,
+            random.random,
+            Limits(self.config.start_timeout_s, self.config.lost_after_s, self.config.barrier_lead_s),
+        )
+        vehicle = await Vehicle.open(module, self.config) if self._kind in VEHICLES else None
+        self._runner = Runner(module, vehicle, self._plugins, self._ended, self._core.report)
+        self._store = Store((node.data_path / "missions", node.share_path / "missions"), catalogue)
+        self._state: BoardWriter[MissionState] = await module.writer(
+            "mission/state",
+            MissionState,
+            rate_hz=1.0,
+            log="all",
+            link="tick",
+            description="Where the platform stands in its mission; barriers work through it",
+        )
+        self._progress: BoardWriter[MissionProgress] = await module.stream_writer(
+            "mission/progress", MissionProgress, kind="event", log="all", description="Steps of the mission"
+        )
+        receipts: BoardWriter[OrderReceipt] = await module.stream_writer(
+            "mission/orders",
+            OrderReceipt,
+            kind="event",
+            log="all",
+            description="What became of each platform's order",
+        )
+        self._dispatcher = Dispatcher(module, self.config, self._store, catalogue, receipts, self._accept)
+        self._others: BoardSet[MissionState] = await module.readers("/*/mission/state", MissionState)
+        self._heard: dict[str, tuple[MissionState, int]] = {}
+        self._routes: BoardReader[Routes] = await module.reader("net/routes", Routes)
+        self._aborts: Inbox[MissionAbort] = await module.inbox(ABORT_PATH, MissionAbort)
+        await self._serve()
+
+    async def _serve(self) -> None:
+        module = self.module
+        await module.serve(
+            ORDER_PATH, MissionOrder, self._on_order, reply=MissionReceipt, description="A mission to play"
+        )
+        await module.serve(
+            "sys/mission/task",
+            MissionTask,
+            self._on_task,
+            reply=TaskAnswer,
+            description="One instruction to the swarm: a mission, by name or by content",
+        )
+        await module.serve(
+            "sys/mission/abort",
+            MissionAbort,
+            self._on_abort,
+            reply=AbortAnswer,
+            description="Stop the mission at all its members",
+        )
+        await module.serve(
+            "sys/mission/status", Empty, self._on_status, reply=MissionStatus, description="The mission now"
+        )
+        await module.serve(
+            "sys/mission/ls", Empty, self._on_list, reply=MissionList, description="Missions of the store"
+        )
+
+    # -- what comes in
+
+    async def _on_order(self, order: MissionOrder, meta: Meta) -> MissionReceipt:
+        return await self._accept(order)
+
+    async def _accept(self, order: MissionOrder) -> MissionReceipt:
+        received_ns = self.module.now_ns()
+        core = self._core
+        if order.epoch == core.epoch and core.phase in {Phase.READY, Phase.RUNNING}:
+            return MissionReceipt(True, received_ns)  # asked again: the answer was lost
+        try:
+            run = self._admission.run(order, received_ns, self._expiry(order, received_ns))
+            await self._values.open(run.mission.resources())
+            self._after(core.order(run, self.module.now_ns()))
+        except SwarmError as error:
+            log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
+            return MissionReceipt(False, received_ns, tuple(str(error).splitlines()))
+        self._hear_all()
+        return MissionReceipt(True, received_ns)
+
+    def _expiry(self, order: MissionOrder, received_ns: int) -> int:
+        local_ns = self.module.foreign.to_local(hardware_id(order.issuer), order.expires_ns)
+        # the issuer's clock is not known yet: the order is as old as it can be said to be, new
+        return received_ns + order.expires_ns - order.issued_ns if local_ns is None else local_ns
+
+    async def _on_task(self, task: MissionTask, meta: Meta) -> TaskAnswer:
+        platforms = [Platform(self.module.platform, self._kind)]
+        platforms += [Platform(name, state.kind) for name, state in self._present().items()]
+        return await self._dispatcher.task(task, platforms)
+
+    async def _on_abort(self, order: MissionAbort, meta: Meta) -> AbortAnswer:
+        members = tuple(member.platform for member in self._core.members)
+        told = members or (self.module.platform, *self._present())
+        silent = await self._dispatcher.abort(told, order)
+        return AbortAnswer(tuple(name for name in told if name not in silent), silent)
+
+    def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:
+        core = self._core
+        return MissionStatus(
+            self.module.platform,
+            self._now_state(),
+            core.role,
+            core.since_ns,
+            core.members,
+            self._present(),
+            core.unmet,
+        )
+
+    def _on_list(self, request: Empty, meta: Meta) -> MissionList:
+        return MissionList(self._store.list())
+
+    async def _take_aborts(self) -> None:
+        async for order in self._aborts:
+            if order.epoch not in {0, self._core.epoch}:
+                continue
+            log.warning("abort: %s", order.reason)
+            try:
+                self._after(self._core.abort(order.reason, order.then, self.module.now_ns()))
+            except Conflict as error:
+                log.warning("abort refused: %s", error)
+
+    async def _listen(self) -> None:
+        while True:
+            for platform in await self._others.changed():
+                self._hear(platform, self._others[platform])
+
+    def _hear_all(self) -> None:
+        """What others said before this platform took its order counts, too."""
+        for platform in self._others:
+            self._hear(platform, self._others[platform])
+
+    def _hear(self, platform: str, reader: BoardReader[MissionState]) -> None:
+        state, meta = reader.value, reader.meta
+        if state is None or meta is None:
+            return
+        now_ns = self.module.now_ns()
+        self._heard[platform] = (state, now_ns)
+        meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
+        self._after(self._core.heard(platform, state, meetings, now_ns))
+
+    def _local(self, meeting: Meeting, meta: Meta, now_ns: int) -> Meeting:
+        """The meeting on this platform's clock."""
+        if meeting.leave_ns is None:
+            return meeting
+        local_ns = self.module.foreign.to_local(meta.sender_hw, meeting.leave_ns)
+        if local_ns is None:
+            # no conversion yet: what remained when it was written, less than a tick ago
+            local_ns = now_ns + meeting.leave_ns - meta.stamp_ns
+        return msgspec.structs.replace(meeting, leave_ns=local_ns)
+
+    async def _watch_links(self) -> None:
+        async for _ in self.module.every(HEARTBEAT_NS / 1e9):
+            routes = self._routes.value
+            if routes is not None and (self._routes.age_s or 0.0) < self.config.lost_after_s:
+                now_ns = self.module.now_ns()
+                for route in routes.routes:
+                    self._core.alive(route.platform, now_ns)
+
+    async def _restarted(self) -> None:
+        """A vehicle that is under way now has lost its mission: bring it to safety."""
+        if self._kind not in VEHICLES:
+            return
+        state = (await self.module.reader("vehicle/state", VehicleState)).value
+        if state is not None and state.armed:
+            reason = "the mission daemon was restarted while the vehicle was armed"
+            log.warning("%s: %s", SAFE, reason)
+            self._after(self._core.abort(reason, SAFE, self.module.now_ns()))
+
+    # -- what goes out
+
+    def _ended(self, token: int, outcome: str, text: str) -> None:
+        self._after(self._core.ended(token, outcome, text, self.module.now_ns()))
+
+    def _on_timer(self) -> None:
+        self._after(self._core.on_timer(self.module.now_ns()))
+
+    def _after(self, actions: list[Action]) -> None:
+        """Carries out what the core asks for, tells the state when it is due, sets the alarm."""
+        for action in actions:
+            match action:
+                case StartBlock():
+                    self._runner.start(action)
+                case CancelBlock(token):
+                    self._runner.cancel(token)
+                case Step():
+                    self._tell(action)
+        now_ns = self.module.now_ns()
+        state = self._now_state()
+        if self._announcer.due(state, now_ns):
+            self._state.write(state)
+        instants = (self._core.deadline_ns(), self._announcer.deadline_ns())
+        due_ns = min(instant for instant in instants if instant is not None)
+        if self._timer is not None:
+            self._timer.cancel()
+        loop = asyncio.get_running_loop()
+        self._timer = loop.call_later(max(0.0, (due_ns - now_ns) / 1e9), self._on_timer)
+
+    def _tell(self, step: Step) -> None:
+        now_ns = self.module.now_ns()
+        state = self._core.state()
+        self._progress.write(
+            MissionProgress(state.mission, state.epoch, step.block, step.type, step.event, now_ns, step.text)
+        )
+        level = logging.DEBUG if step.block else logging.INFO
+        log.log(level, "%s %s: %s %s", state.mission, step.block or "mission", step.event, step.text)
+
+    def _now_state(self) -> MissionState:
+        return msgspec.structs.replace(self._core.state(), kind=self._kind)
+
+    def _present(self) -> dict[str, MissionState]:
+        """Other platforms whose mission daemon was heard of lately."""
+        oldest_ns = self.module.now_ns() - round(self.config.lost_after_s * 1e9)
+        return {name: state for name, (state, at_ns) in self._heard.items() if at_ns >= oldest_ns}

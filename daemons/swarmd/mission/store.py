@@ -1,0 +1,51 @@
+"""Missions on disk: this node's own first, then those that were installed."""
+
+from pathlib import Path
+
+from swarmware.errors import ConfigError, NotFound
+from swarmware.mission.catalogue import Catalogue
+from swarmware.mission.check import check_folder
+from swarmware.mission.finding import Finding, sound
+from swarmware.mission.folder import MANIFEST, Folder, read_folder
+from swarmware.types.mission import StoredMission
+
+
+class Store:
+    """Folders with a mission.toml, by the folder's name."""
+
+    def __init__(self, places: tuple[Path, ...], catalogue: Catalogue) -> None:
+        self._places = places
+        self._catalogue = catalogue
+
+    def folder(self, name: str) -> Folder:
+        """The mission of that name.
+
+        Raises: NotFound with the names there are; ConfigError when its manifest does not fit.
+        """
+        found = self._folders()
+        if name not in found:
+            known = ", ".join(sorted(found)) or "there is none"
+            raise NotFound(f"mission {name!r}: not in the store; expected one of: {known}")
+        return read_folder(found[name])
+
+    def list(self) -> tuple[StoredMission, ...]:
+        """All missions, also those with mistakes."""
+        return tuple(self._entry(name, path) for name, path in sorted(self._folders().items()))
+
+    def _entry(self, name: str, path: Path) -> StoredMission:
+        try:
+            folder = read_folder(path)
+        except ConfigError as error:
+            return StoredMission(name, str(error), "", (), False, 1)
+        findings: list[Finding] = check_folder(folder, self._catalogue)
+        roles = tuple(role.name for role in folder.manifest.roles)
+        return StoredMission(name, folder.manifest.title, folder.hash, roles, sound(findings), len(findings))
+
+    def _folders(self) -> dict[str, Path]:
+        found: dict[str, Path] = {}
+        for place in self._places:
+            if place.is_dir():
+                for path in sorted(place.iterdir()):
+                    if (path / MANIFEST).is_file():
+                        found.setdefault(path.name, path)
+        return found

@@ -1,0 +1,71 @@
+"""Present values of resources, for the conditions of a mission."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+import msgspec
+
+from swarmware.errors import NotFound
+from swarmware.mission.condition import Scalar
+from swarmware.module import BoardReader, Module
+from swarmware.names import split
+from swarmware.types import registry
+
+WELL_KNOWN: Final = {
+    "power/battery": "BatteryState",
+    "nav/pose": "Pose",
+    "nav/status": "NavStatus",
+    "vehicle/state": "VehicleState",
+    "health/state": "HealthState",
+    "mission/state": "MissionState",
+    "system/load": "SystemLoad",
+    "sensor/gnss": "GnssFix",
+    "sensor/imu": "Imu",
+}
+"""Types of what every platform has, also while its owner is not there yet."""
+
+
+class Values:
+    """Opens a reader for each resource that a condition looks at."""
+
+    def __init__(self, module: Module) -> None:
+        self._module = module
+        self._readers: dict[str, BoardReader[Any]] = {}
+
+    async def open(self, paths: Iterable[str]) -> None:
+        """Makes these resources readable; one whose type nobody knows stays without a value."""
+        for path in paths:
+            if path not in self._readers and (cls := self._type(path)) is not None:
+                self._readers[path] = await self._module.reader(path, cls)
+
+    def value(self, path: str, field: str) -> Scalar | None:
+        """Newest value of the resource's field (empty: its only one)."""
+        reader = self._readers.get(path)
+        value: Any = None if reader is None else reader.value
+        names = field.split(".") if field else _only_field(value)
+        for name in names:
+            value = getattr(value, name, None)
+        return value if isinstance(value, bool | int | float | str) else None
+
+    def age_s(self, path: str) -> float | None:
+        """Age of the newest value."""
+        reader = self._readers.get(path)
+        return None if reader is None else reader.age_s
+
+    def _type(self, path: str) -> type[msgspec.Struct] | None:
+        local = split(path)[1]
+        name = WELL_KNOWN.get(local) or self._provided(local)
+        try:
+            return registry.find(name) if name else None
+        except NotFound:
+            return None  # of a foreign package that is not installed here
+
+    def _provided(self, local: str) -> str:
+        table = self._module.node.table
+        table.refresh()
+        return next((r.type for entry in table for r in entry.provides if r.path == local and r.type), "")
+
+
+def _only_field(value: Any) -> tuple[str, ...]:
+    fields = getattr(value, "__struct_fields__", ())
+    return fields if len(fields) == 1 else ("",)

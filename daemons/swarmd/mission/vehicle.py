@@ -1,0 +1,152 @@
+"""The vehicle as blocks see it: motors, one goal at a time, the navigator's answer."""
+
+from collections.abc import Callable
+from typing import Any
+
+from swarmd.mission.config import Config
+from swarmware.errors import Denied, NoAnswer, NotFound, SwarmError
+from swarmware.mission.plugin import BlockError
+from swarmware.module import BoardReader, BoardWriter, Module
+from swarmware.types.vehicle import ArmRequest, Goal, NavStatus, VehicleState
+
+Settled = Callable[[NavStatus], bool]
+Progress = Callable[[NavStatus], None]
+
+ARM_PATH = "sys/vehicle/arm"
+
+
+class Vehicle:
+    """Writes `nav/goal`, follows `nav/status`, asks for arming."""
+
+    def __init__(
+        self,
+        module: Module,
+        config: Config,
+        goal: BoardWriter[Goal],
+        status: BoardReader[NavStatus],
+        state: BoardReader[VehicleState],
+    ) -> None:
+        self._module = module
+        self._config = config
+        self._goal = goal
+        self._status = status
+        self._state = state
+        # a restarted daemon must not reuse a number that the navigator has seen
+        self._seq = module.now_ns() // 1_000_000 & 0x7FFF_FFFF
+
+    @classmethod
+    async def open(cls, module: Module, config: Config) -> "Vehicle":
+        """Makes the goal's board and opens the navigator's."""
+        goal = await module.writer(
+            "nav/goal", Goal, log="all", description="What the navigator shall reach or keep"
+        )
+        status = await module.reader("nav/status", NavStatus)
+        return cls(module, config, goal, status, await module.reader("vehicle/state", VehicleState))
+
+    @property
+    def landed(self) -> bool:
+        """Whether it stands on the ground, as far as is known."""
+        state = self._state.value
+        return state is not None and state.landed
+
+    async def arm(self, armed: bool) -> None:
+        """Arms or disarms the motors, and waits until they say so.
+
+        Raises: BlockError refused or no_vehicle.
+        """
+        try:
+            state = await self._module.request(ARM_PATH, ArmRequest(armed), VehicleState)
+            while state.armed != armed:
+                state = await self._state.changed()
+        except (NotFound, NoAnswer) as error:
+            raise BlockError("no_vehicle", str(error)) from error
+        except Denied as error:
+            raise BlockError("refused", str(error)) from error
+        except SwarmError as error:
+            raise BlockError("refused", f"{type(error).__name__}: {error}") from error
+
+    def command(self, kind: str, **fields: Any) -> int:
+        """Gives the navigator a new goal; its number."""
+        self._seq += 1
+        self._goal.write(Goal(self._seq, kind, **fields))
+        return self._seq
+
+    async def move(
+        self, kind: str, settled: Settled, progress: Progress, *, settle_s: float = 0.0, **fields: Any
+    ) -> None:
+        """Gives a goal and waits until it is reached and stays so; whatever else ends it commands hold.
+
+        Raises: BlockError blocked, disarmed, leader_lost or no_navigator.
+        """
+        seq = self.command(kind, **fields)
+        reached = False
+        try:
+            await self._reach(seq, settled, progress, settle_s)
+            reached = True
+        finally:
+            # unless another motion has taken over meanwhile, the vehicle must not go on by itself
+            if not reached and self._seq == seq:
+                self.command("hold")
+
+    async def _reach(self, seq: int, settled: Settled, progress: Progress, settle_s: float) -> None:
+        patience = _Patience(self._config)
+        there_ns: int | None = None
+        wait_s = self._config.navigator_timeout_s
+        heard_ns = self._module.now_ns()
+        while True:
+            try:
+                status = await self._status.changed(wait_s)
+            except NoAnswer as error:
+                silent_s = (self._module.now_ns() - heard_ns) / 1e9
+                raise BlockError("no_navigator", f"no answer to goal {seq} for {silent_s:.1f} s") from error
+            now_ns = self._module.now_ns()
+            if status.goal_seq > seq:
+                raise BlockError("blocked", f"another goal ({status.goal_seq}) has replaced {seq}")
+            if status.goal_seq < seq:
+                wait_s = max(0.0, self._config.navigator_timeout_s - (now_ns - heard_ns) / 1e9)
+                continue
+            heard_ns, wait_s = now_ns, self._config.navigator_timeout_s
+            progress(status)
+            patience.check(status, now_ns)
+            if not settled(status):
+                there_ns = None
+                continue
+            there_ns = now_ns if there_ns is None else there_ns
+            if now_ns - there_ns >= settle_s * 1e9:
+                return
+
+
+class _Patience:
+    """For how long a navigator has complained about the same thing."""
+
+    def __init__(self, config: Config) -> None:
+        self._limits_s = {
+            "disarmed": 1.0,
+            "leader_lost": config.leader_patience_s,
+            "blocked": config.blocked_patience_s,
+        }
+        self._since: tuple[str, int] | None = None
+
+    def check(self, status: NavStatus, now_ns: int) -> None:
+        """Raises: BlockError when it has lasted too long."""
+        word = status.note.partition(":")[0].strip()
+        kind = word if word in self._limits_s else "blocked" if status.state == "blocked" else ""
+        if not kind:
+            self._since = None
+            return
+        if self._since is None or self._since[0] != kind:
+            self._since = (kind, now_ns)
+        if now_ns - self._since[1] >= self._limits_s[kind] * 1e9:
+            raise BlockError(kind, status.note or "the navigator makes no progress")
+
+
+class Way:
+    """How much of a way is done, from the longest distance that was reported."""
+
+    def __init__(self) -> None:
+        self._length_m = 0.0
+
+    def ratio(self, status: NavStatus) -> float:
+        """Share that is done."""
+        self._length_m = max(self._length_m, status.distance_m, 1e-3)
+        return 1.0 - status.distance_m / self._length_m

@@ -1,0 +1,60 @@
+"""What a functional block is, for packages that bring their own (entry-point group `swarmware.blocks`).
+
+    class TakePhoto:
+        spec = BlockType("TakePhoto", "Takes a picture.", Photo, timeout_s=5.0, errors=("no_camera",))
+
+        async def run(self, context: BlockContext) -> None:
+            camera = await context.module.request("sys/camera/shoot", …)
+
+Returning is `ok`; `BlockError(kind, text)` is `error:kind`; cancellation passes through, so clean up in
+`finally`.
+"""
+
+from typing import Any, ClassVar, Protocol
+
+from swarmware.errors import SwarmError
+from swarmware.mission.catalogue import BlockType
+
+
+class BlockError(SwarmError):
+    """A block could not do its work; the kind decides where the mission goes on."""
+
+    def __init__(self, kind: str, text: str) -> None:
+        super().__init__(text)
+        self.kind = kind
+
+
+class BlockContext(Protocol):
+    """What a block is given."""
+
+    @property
+    def module(self) -> Any:
+        """The mission daemon's `swarmware.module.Module`: boards, messages, requests."""
+        ...
+
+    @property
+    def block_id(self) -> str:
+        """Name of the block in its mission."""
+        ...
+
+    @property
+    def params(self) -> Any:
+        """Its parameters, an instance of `spec.params`."""
+        ...
+
+    def report(self, ratio: float, text: str) -> None:
+        """How far it is, 0 to 1, and a word for people."""
+        ...
+
+
+class FunctionalBlock(Protocol):
+    """A block that does something; one object per run."""
+
+    spec: ClassVar[BlockType]
+
+    async def run(self, context: BlockContext) -> None:
+        """Does it.
+
+        Raises: BlockError.
+        """
+        ...
