@@ -167,8 +167,3 @@ def within(times_s: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.
     for start_s, end_s in spans:
         inside |= (times_s >= start_s) & (times_s <= end_s)
     return inside
-
-
-def kilobytes_per_s(bytes_before: int, bytes_after: int, duration_s: float) -> float:
-    """Mean rate in kB/s (1 000 bytes); 0 for no time at all."""
-    return (bytes_after - bytes_before) / duration_s / 1000 if duration_s > 0 else 0.0

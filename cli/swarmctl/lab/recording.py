@@ -86,7 +86,7 @@ class Recording:
                 t_s = (clock.to_mono_ns(entry.stamp_ns) - origin_ns) / 1e9
                 value = Value(t_s, entry.stamp_ns, entry.payload)
                 self._values.setdefault((platform, entry.path), []).append(value)
-        self.missing += sum(queue.last - queue.first + 1 - queue.entries for queue in queues.values())
+        self.missing += sum(max(0, q.last - q.first + 1 - q.entries) for q in queues.values())
 
     def platforms(self, path: str) -> list[str]:
         """Who logged values of this path, in natural order."""

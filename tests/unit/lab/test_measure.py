@@ -114,8 +114,3 @@ def test_percentiles_of_known_numbers() -> None:
     found = measure.spread([float(i) for i in range(101)])
     assert (found.p50, found.p95, found.p99, found.max, found.mean) == (50, 95, 99, 100, 50)
     assert measure.spread([]) == measure.Spread()
-
-
-def test_kilobytes_are_a_thousand_bytes() -> None:
-    assert measure.kilobytes_per_s(5_000, 25_000, 10) == 2.0
-    assert measure.kilobytes_per_s(5_000, 25_000, 0) == 0.0
