@@ -22,7 +22,7 @@ from swarmware.module.foreign import ForeignTime
 from swarmware.module.inbox import Inbox
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.stream import StreamReader
-from swarmware.module.ticker import Ticker
+from swarmware.module.ticker import Lateness, Ticker
 from swarmware.module.writer import BoardWriter
 from swarmware.node import Node
 from swarmware.resource import Access, Link, Resource
@@ -62,6 +62,8 @@ class Module:
         self.config: Any = config
         """Effective configuration of the service; None for a module without one."""
         self.log = logging.getLogger(f"swarm.{name}")
+        self.lateness = Lateness()
+        """How late this module's tickers were woken."""
         self._given_node = node
         self._given_instance = instance
         self._config_dir = config_dir
@@ -138,7 +140,7 @@ class Module:
 
     def every(self, period_s: float) -> Ticker:
         """`async for _ in m.every(0.05)`: ticks at absolute instants."""
-        return Ticker(self.clock, period_s)
+        return Ticker(self.clock, period_s, self.lateness)
 
     def start(self, coroutine: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
         """Run it beside the module, until the module ends; an error in it ends the module."""
@@ -147,9 +149,9 @@ class Module:
         task.add_done_callback(self._running.discard)
         return task
 
-    def keep_boards(self) -> None:
+    def keep_boards(self, keep: bool = True) -> None:
         """Leave the newest values readable at the end: this module will be back in a moment."""
-        self._keep_boards = True
+        self._keep_boards = keep
 
     def _track(self, reader: _Closes) -> None:
         self._readers.append(reader)

@@ -5,13 +5,32 @@ import asyncio
 from swarmware.clock import Clock
 
 
+class Lateness:
+    """How late the event loop woke its tickers, at worst."""
+
+    __slots__ = ("_worst_ns",)
+
+    def __init__(self) -> None:
+        self._worst_ns = 0
+
+    def note(self, late_ns: int) -> None:
+        """One tick came so much after its instant."""
+        self._worst_ns = max(self._worst_ns, late_ns)
+
+    def take_s(self) -> float:
+        """The worst since the last call."""
+        worst_ns, self._worst_ns = self._worst_ns, 0
+        return worst_ns / 1e9
+
+
 class Ticker:
     """`async for tick in m.every(0.1)`: the count of ticks; late by more than a period skips."""
 
-    def __init__(self, clock: Clock, period_s: float) -> None:
+    def __init__(self, clock: Clock, period_s: float, lateness: "Lateness | None" = None) -> None:
         if period_s <= 0:
             raise ValueError(f"period of {period_s} s: expected more than 0")
         self._clock = clock
+        self._lateness = lateness
         self.period_s = period_s
         self._period_ns = round(period_s * 1e9)
         self._start_ns = clock.now_ns()
@@ -32,9 +51,11 @@ class Ticker:
             self.missed += skipped
             late_ns -= skipped * self._period_ns
         await asyncio.sleep(max(0.0, -late_ns / 1e9))
+        if self._lateness is not None:
+            self._lateness.note(self._clock.now_ns() - (self._start_ns + self._count * self._period_ns))
         return self._count
 
     def retime(self, period_s: float) -> None:
         """Tick with another period from now on."""
         if period_s != self.period_s:
-            self.__init__(self._clock, period_s)  # type: ignore[misc]
+            self.__init__(self._clock, period_s, self._lateness)  # type: ignore[misc]

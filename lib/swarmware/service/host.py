@@ -92,6 +92,7 @@ class Host:
             service = self._running.get(name)
             if service is None:
                 continue
+            service.module.keep_boards(False)
             if reporter := self._reporters.get(name):
                 reporter.state = "stopping"
             try:
@@ -112,6 +113,7 @@ class Host:
             except Exception as error:
                 if alone:
                     raise
+                self._started[item.name].set()  # it has had its chance; the others do not wait for it
                 log.error("%s: failed: %s", item.name, error, exc_info=error)
             settled = time.monotonic() - began_s >= SETTLED_S
             failures = 1 if settled else failures + 1
@@ -127,6 +129,7 @@ class Host:
             self._running[item.name] = service
             task = asyncio.create_task(service.run(), name=f"run:{item.name}")
             self._tasks[item.name] = task
+            module.keep_boards()  # readable while the service comes back; `stop` undoes this
             try:
                 await asyncio.sleep(0)
                 reporter.state = "running"

@@ -17,6 +17,7 @@ from swarmware.node import Node
 from swarmware.service.find import find
 from swarmware.service.host import Host, Prepared
 from swarmware.service.notify import Notifier
+from swarmware.service.slow import warn_if_slow
 
 DRAIN_S: Final = 4.0
 """From SIGTERM to the end; units give five seconds."""
@@ -43,6 +44,7 @@ def _prepare(config_dir: Path, name: str) -> Prepared:
 
 async def _run(config_dir: Path, prepared: list[Prepared]) -> int:
     loop = asyncio.get_running_loop()
+    warn_if_slow(loop)
     asked = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, asked.set)

@@ -61,7 +61,7 @@ class Reporter:
                 return
             late_s = max(time.monotonic() - due_s, 0.0)
             due_s += PERIOD_S if late_s < PERIOD_S else late_s
-            self.report(late_s)
+            self.report(max(late_s, self._module.lateness.take_s()))
 
     def report(self, late_s: float) -> None:
         """Writes one report."""

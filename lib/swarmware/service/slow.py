@@ -1,0 +1,66 @@
+"""Steps that hold the event loop too long: every one makes all services of the process late."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Coroutine, Generator
+from contextvars import Context
+from typing import Any, Final
+
+SLOW_NS: Final = 50_000_000
+"""Two and a half periods of the fastest loop, the simulation's 50 Hz (style.md, habits)."""
+QUIET_NS: Final = 10_000_000_000
+"""A task that is always slow says so this often."""
+
+log = logging.getLogger("swarm.slow")
+
+
+class _Timed(Coroutine[Any, Any, Any]):
+    """A coroutine whose steps are timed."""
+
+    __slots__ = ("_coroutine", "_report")
+
+    def __init__(self, coroutine: Coroutine[Any, Any, Any], report: Callable[[int], None]) -> None:
+        self._coroutine = coroutine
+        self._report = report
+
+    def send(self, value: Any) -> Any:
+        began_ns = time.monotonic_ns()
+        try:
+            return self._coroutine.send(value)
+        finally:
+            took_ns = time.monotonic_ns() - began_ns
+            if took_ns > SLOW_NS:
+                self._report(took_ns)
+
+    def throw(self, *error: Any) -> Any:
+        return self._coroutine.throw(*error)
+
+    def close(self) -> None:
+        self._coroutine.close()
+
+    def __await__(self) -> Generator[Any, None, Any]:
+        return self._coroutine.__await__()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._coroutine, name)  # cr_frame, cr_code …: what stack traces and repr look at
+
+
+def warn_if_slow(loop: asyncio.AbstractEventLoop) -> None:
+    """From now on, name each task of the loop that holds it for more than 50 ms."""
+    warned_ns: dict[str, int] = {}
+
+    def report(took_ns: int) -> None:
+        task = asyncio.current_task(loop)
+        name = "a task" if task is None else task.get_name()
+        now_ns = time.monotonic_ns()
+        if now_ns - warned_ns.get(name, -QUIET_NS) >= QUIET_NS:
+            warned_ns[name] = now_ns
+            log.warning("%s held the event loop for %d ms", name, took_ns // 1_000_000)
+
+    def make(
+        loop: asyncio.AbstractEventLoop, coroutine: Any, *, context: Context | None = None, **named: Any
+    ) -> asyncio.Task[Any]:
+        return asyncio.Task(_Timed(coroutine, report), loop=loop, context=context, **named)
+
+    loop.set_task_factory(make)

@@ -1,0 +1,169 @@
+"""The runner of services: ready, restarted inside, stopped in order, wrong configuration named."""
+
+import asyncio
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from swarmware.appfile import scan
+from swarmware.config import load_node
+from swarmware.errors import SwarmError
+from swarmware.module import Module
+from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.types.scalar import Int, Text
+from swarmware.types.system import AppStatus
+
+HERE = Path(__file__).parent
+
+
+def install(folder: Path) -> dict[str, str]:
+    """Environment of a process that finds the services beside this file by their entry points."""
+    info = folder / "testservices-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: testservices\nVersion: 1.0\n")
+    points = [f"{name.lower()} = services:{name}" for name in ("Steady", "Fragile", "Stubborn")]
+    (info / "entry_points.txt").write_text("\n".join(["[swarmware.services]", *points]))
+    return {"PYTHONPATH": f"{folder}:{HERE}"}
+
+
+class Setting(NamedTuple):
+    config_dir: Path
+    env: dict[str, str]
+
+
+@pytest.fixture
+def setting(tmp_path: Path) -> Iterator[Setting]:
+    config_dir = make_node(tmp_path)
+    load_node(config_dir).data_path.mkdir()
+    packages = tmp_path / "etc"  # configuration: may stay
+    packages.mkdir()
+    with no_leaks(tmp_path / "uav1" / "run", tmp_path / "uav1" / "shm"):
+        yield Setting(config_dir, install(packages))
+
+
+def test_a_service_runs_with_its_settings_and_stops_in_order(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        (config_dir / "services" / "steady.toml").write_text("start = 1000\n")
+        async with Module("test", config_dir=config_dir) as m:
+            count = await m.reader("test/count", Int)
+            async with spawn(config_dir, "steady", env=env) as process:
+                assert (await count.changed(5)).value > 1000
+                status = await (await m.reader("app/steady/status", AppStatus)).changed(5)
+                assert (status.pid, status.restarts) == (process.pid, 0)
+                (entry,) = [entry for entry in scan(load_node(config_dir).run_path) if entry.name == "steady"]
+                assert entry.config == {"start": 1000}
+                assert {"test/count", "app/steady/status"} <= {item.path for item in entry.provides}
+                assert await process.terminate() == 0
+            assert (load_node(config_dir).data_path / "stopped").read_text() == "orderly"
+
+    asyncio.run(run())
+
+
+def test_a_service_that_fails_is_started_again_and_its_neighbours_notice_nothing(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        async with (
+            Module("test", config_dir=config_dir) as m,
+            spawn(config_dir, "steady", "fragile", env=env) as process,
+        ):
+            count = await m.reader("test/count", Int)
+            board = await m.reader("test/fragile", Text)
+            status = await m.reader("app/fragile/status", AppStatus)
+            life = await board.changed(5)
+            for restarts, order in enumerate(("boom", "return", "boom"), 1):
+                before = (await count.changed(5)).value
+                assert await m.send("test/order", Text(order), timeout_s=10)
+                while (again := await board.changed(10)) == life:
+                    pass
+                life = again
+                while (await status.changed(10)).restarts < restarts:
+                    assert board.value is not None
+                assert (await count.changed(5)).value > before
+                pid = await m.request("test/pid", Int(0), Int)
+                assert pid.value == process.pid, "in the same process"
+            said = process.stderr()
+            assert "fragile: failed: boom" in said
+            assert "run() returned" in said
+            assert "starts again in" in said
+
+    asyncio.run(run())
+
+
+def test_a_service_alone_ends_its_process_when_it_fails(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        async with (
+            Module("test", config_dir=config_dir) as m,
+            spawn(config_dir, "fragile", env=env) as process,
+        ):
+            assert await m.send("test/order", Text("boom"), timeout_s=10)
+            assert await process.wait() == 1
+            assert "ValueError: boom" in process.stderr()
+
+    asyncio.run(run())
+
+
+def test_a_step_that_holds_the_event_loop_is_named(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        async with (
+            Module("test", config_dir=config_dir) as m,
+            spawn(config_dir, "steady", env=env) as process,
+        ):
+            status = await m.reader("app/steady/status", AppStatus)
+            await m.request("test/block", Int(150), Int)
+            while (await status.changed(5)).loop_lag_ms < 100:
+                pass
+            assert "serve test/block held the event loop for 15" in process.stderr()
+
+    asyncio.run(run())
+
+
+def test_a_service_that_does_not_finish_is_not_waited_for(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        async with spawn(config_dir, "stubborn", "steady", env=env) as process:
+            process.signal(signal.SIGINT)
+            assert await process.wait(8) == 0
+            assert "stubborn: did not finish" in process.stderr()
+        assert (load_node(config_dir).data_path / "stopped").exists()
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("names", "files", "code", "words"),
+    [
+        (["stedy"], {}, 6, "did you mean steady?"),
+        (["steady"], {"services/steady.toml": "start = -1"}, 7, "services/steady.toml: key start: expected"),
+        (["steady"], {"services/steady.toml": "strat = 1"}, 7, "did you mean start?"),
+        (["steady"], {"node.toml": "platform = "}, 7, "node.toml: no valid TOML"),
+        ([], {"node.toml": 'processes = "per-daemon"\nservices = ["steady"]'}, 7, "needs the guard"),
+    ],
+)
+def test_what_is_wrong_at_the_start_is_one_line_and_an_exit_code(
+    setting: Setting, names: list[str], files: dict[str, str], code: int, words: str
+) -> None:
+    config_dir, env = setting
+    for name, text in files.items():
+        (config_dir / name).write_text(text)
+
+    async def run() -> None:
+        with pytest.raises(SwarmError) as caught:
+            async with spawn(config_dir, *names, env=env):
+                pass
+        message = str(caught.value)
+        assert f"ended with {code} " in message
+        assert words in message
+        assert "Traceback" not in message
+
+    asyncio.run(run())
