@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import msgspec
 
@@ -66,7 +67,7 @@ def to_png(nodes: list[str], found: list[Edge], target: str) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 8))
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     axes = figure.subplots()
     place = {
         node: (math.cos(math.tau * i / len(nodes)), math.sin(math.tau * i / len(nodes)))

@@ -1,0 +1,67 @@
+"""Values of resources between the wire and people."""
+
+import json
+from typing import Any
+
+import msgspec
+
+from swarmware.errors import InvalidInput, SwarmError
+from swarmware.record.entry import list_or_none, plain
+from swarmware.types import registry
+from swarmware.types.tree import TreeValue
+
+
+def decoded(value: TreeValue) -> Any:
+    """The value as plain data with field names."""
+    return decoded_payload(value.type, value.data)
+
+
+def decoded_payload(type_name: str, data: bytes) -> Any:
+    """MessagePack of a type as plain data with field names; a single value stands for itself."""
+    try:
+        found = plain(registry.decode(registry.find(type_name), data))
+    except SwarmError:
+        return list_or_none(data)  # a type of somebody else's module
+    return found["value"] if isinstance(found, dict) and found.keys() == {"value"} else found
+
+
+def field(value: Any, path: str, fields: str) -> Any:
+    """One field of a value, by its dotted name.
+
+    Raises: InvalidInput naming the fields there are.
+    """
+    for name in filter(None, fields.split(".")):
+        if not isinstance(value, dict) or name not in value:
+            known = ", ".join(value) if isinstance(value, dict) else "none"
+            raise InvalidInput(f"{path}: no field {name!r}; expected one of {known}")
+        value = value[name]
+    return value
+
+
+def typed(text: str) -> bytes:
+    """What an operator typed, as MessagePack: JSON, or a plain word."""
+    try:
+        value = json.loads(text)
+    except ValueError:
+        value = text
+    return msgspec.msgpack.encode(value)
+
+
+def brief(value: Any) -> str:
+    """A value on one line."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return msgspec.json.encode(rounded(value)).decode()
+
+
+def rounded(value: Any) -> Any:
+    """The value with numbers as short as people read them."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [rounded(item) for item in value]
+    return value
