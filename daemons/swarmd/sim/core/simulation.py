@@ -33,6 +33,8 @@ _CATCH_UP_S: Final = 1.0
 _SCANNER_M: Final = 0.3
 """Height of a ground vehicle's scanner above the ground."""
 _BATTERY_HZ: Final = 1.0
+_RELEASE_M: Final = 0.1
+"""This far away a contact is over."""
 _NEIGHBOUR_AGE_S: Final = 1.0
 """An older pose of another platform says nothing about a contact."""
 
@@ -183,6 +185,10 @@ class Simulation:
         found = self._world.touching(pose.x_m, pose.y_m, pose.z_m, radius)
         inside = self._world.bounds.contains(pose.x_m, pose.y_m, pose.z_m)
         now = frozenset(({found.name} if found else set()) | (set() if inside else {BOUNDS}))
+        if self._touched:
+            # a vehicle that presses against something moves to and fro by millimetres
+            near = self._world.touching(pose.x_m, pose.y_m, pose.z_m, radius + _RELEASE_M)
+            now |= self._touched & {near.name if near else ""}
         new, self._touched = now - self._touched, now
         if found is not None and found.distance_m(pose.x_m, pose.y_m) < found.distance_m(
             before.x_m, before.y_m

@@ -1,0 +1,173 @@
+"""The simulation: fixed instants, arming, contacts, battery, stalls."""
+
+import random
+
+import pytest
+
+from swarmd.sim.config import Battery, Config
+from swarmd.sim.core.simulation import BOUNDS, GROUND, Sample, Simulation
+from swarmware.errors import Denied
+from swarmware.types.vehicle import Pose, Setpoint
+from swarmware.world import Bounds, Circle, World
+
+WORLD = World(
+    description="",
+    bounds=Bounds(x_m=(-20.0, 20.0), y_m=(-20.0, 20.0)),
+    circles=(Circle(name="boulder", x_m=3.0, y_m=0.0, radius_m=0.5, height_m=1.0),),
+)
+STEP_NS = 20_000_000
+
+
+class Run:
+    """A simulation fed with one set-point, and everything it said."""
+
+    def __init__(self, kind: str = "ugv", config: Config | None = None, start: Pose | None = None) -> None:
+        chance = random.Random(1)
+        self.simulation = Simulation(
+            config or Config(), WORLD, kind, start or Pose.planar(0.0, 0.0), chance.gauss, chance.random
+        )
+        self.now_ns = 5_000_000_000
+        self.samples: list[Sample] = []
+
+    def go(self, seconds: float, wanted: Setpoint | None = None, step_ns: int = STEP_NS) -> "Run":
+        for _ in range(round(seconds * 1e9 / step_ns)):
+            self.now_ns += step_ns
+            if wanted is not None:
+                self.simulation.on_setpoint(wanted, self.now_ns)
+            sample = self.simulation.on_timer(self.now_ns)
+            if sample is not None:
+                self.samples.append(sample)
+        return self
+
+    @property
+    def hits(self) -> list[str]:
+        return [hit.other for sample in self.samples for hit in sample.collisions]
+
+
+def test_samples_lie_at_fixed_instants_however_late_the_calls_are() -> None:
+    run = Run()
+    run.simulation.on_timer(run.now_ns)
+    chance = random.Random(2)
+    for _ in range(500):
+        run.now_ns += chance.randrange(1, 60_000_000)
+        sample = run.simulation.on_timer(run.now_ns)
+        if sample is not None:
+            assert (sample.stamp_ns - 5_000_000_000) % STEP_NS == 0
+            assert 0 <= run.now_ns - sample.stamp_ns < STEP_NS
+    deadline_ns = run.simulation.deadline_ns()
+    assert deadline_ns is not None
+    assert run.now_ns < deadline_ns <= run.now_ns + STEP_NS
+
+
+def test_before_its_first_call_it_waits_for_nothing() -> None:
+    assert Run().simulation.deadline_ns() is None
+
+
+def test_the_same_drive_however_the_calls_come() -> None:
+    fine, coarse = Run(), Run()
+    for run, step_ns in ((fine, STEP_NS), (coarse, 5 * STEP_NS)):
+        run.simulation.on_arm(True)
+        run.go(2.0, Setpoint(1.0, 0.0, 0.0, 0.3), step_ns)
+    end = fine.samples[-1].truth
+    assert coarse.samples[-1].truth.x_m == pytest.approx(end.x_m, abs=0.1)
+
+
+def test_sensors_come_at_their_own_rates() -> None:
+    run = Run("uav").go(10.0)
+    counts = [
+        sum(getattr(s, name) is not None for s in run.samples)
+        for name in ("gnss", "imu", "scan", "sonar", "battery")
+    ]
+    assert counts == [100, 500, 100, pytest.approx(200, abs=60), 10]
+
+
+def test_a_vehicle_that_drives_has_no_sonar() -> None:
+    assert all(s.sonar is None for s in Run("ugv").go(1.0).samples)
+
+
+def test_the_state_is_told_when_it_changes_and_once_a_second() -> None:
+    run = Run().go(0.1)
+    run.simulation.on_arm(True)
+    run.go(2.4)
+    told = [s.vehicle for s in run.samples if s.vehicle is not None]
+    assert [state.armed for state in told] == [False, True, True, True]
+
+
+def test_an_empty_battery_refuses_to_arm_with_the_reason() -> None:
+    run = Run(config=Config(battery=Battery(start_ratio=0.1)))
+    with pytest.raises(Denied, match="battery at 10%, expected 15% at least"):
+        run.simulation.on_arm(True)
+
+
+def test_disarming_in_the_air_is_refused() -> None:
+    run = Run("uav")
+    run.simulation.on_arm(True)
+    run.go(2.0, Setpoint(0.0, 0.0, 1.0))
+    with pytest.raises(Denied, match="disarming in the air"):
+        run.simulation.on_arm(False)
+
+
+def test_motors_stop_when_the_battery_is_empty() -> None:
+    run = Run("uav", Config(battery=Battery(capacity_wh=0.3, start_ratio=0.5)))
+    run.simulation.on_arm(True)
+    run.go(6.0, Setpoint(0.0, 0.0, 1.0))
+    run.go(4.0)
+    assert not run.simulation.state().armed
+    assert run.simulation.state().landed
+    assert GROUND in run.hits
+
+
+def test_without_set_points_the_vehicle_stops() -> None:
+    run = Run()
+    run.simulation.on_arm(True)
+    run.go(1.0, Setpoint(1.0)).go(1.5)
+    assert run.samples[-1].truth.vx_m_s == 0.0
+
+
+def test_what_is_hit_does_not_yield_and_is_told_once() -> None:
+    run = Run()
+    run.simulation.on_arm(True)
+    run.go(6.0, Setpoint(1.0))
+    assert run.hits == ["boulder"]
+    assert run.samples[-1].truth.x_m < 3.0 - 0.5 - 0.34
+    hit = next(h for s in run.samples for h in s.collisions)
+    assert hit.speed_m_s == pytest.approx(1.0)
+    run.go(4.0, Setpoint(-0.5))
+    assert run.samples[-1].truth.x_m < 1.0
+    run.go(6.0, Setpoint(1.0))
+    assert run.hits == ["boulder", "boulder"]
+
+
+def test_a_vehicle_above_an_obstacle_does_not_touch_it() -> None:
+    run = Run("uav", start=Pose.planar(0.0, 0.0, 2.0))
+    run.simulation.on_arm(True)
+    run.go(5.0, Setpoint(1.0))
+    assert run.hits == []
+    assert run.samples[-1].truth.x_m > 4.0
+
+
+def test_leaving_the_world_is_told() -> None:
+    run = Run(start=Pose.planar(19.0, 5.0))
+    run.simulation.on_arm(True)
+    assert run.go(3.0, Setpoint(1.0)).hits == [BOUNDS]
+
+
+def test_touching_another_platform_is_told_once_per_contact() -> None:
+    run = Run()
+    run.go(0.1)
+    other = Pose.planar(0.5, 0.0)
+    for x in (0.5, 0.5, 5.0, 0.5):
+        run.simulation.on_neighbour("ugv2", Pose.planar(x, 0.0), run.now_ns)
+        run.go(0.3)
+    assert run.hits == ["ugv2", "ugv2"]
+    run.simulation.on_neighbour("ugv3", other, run.now_ns - 2_000_000_000)
+    run.go(0.3)
+    assert "ugv3" not in run.hits
+
+
+def test_a_long_stall_is_not_simulated_afterwards() -> None:
+    run = Run().go(1.0)
+    run.now_ns += 60_000_000_000
+    run.go(0.02)
+    assert run.simulation.stalls == 1
+    assert 0 <= run.now_ns - run.samples[-1].stamp_ns < STEP_NS
