@@ -1,0 +1,102 @@
+"""A node of the lab in a container: finds out who it is, writes its configuration, becomes `swarmd node`.
+
+`python -m swarmctl.lab.container` is the entry point of the lab's image (share/swarm/lab).
+"""
+
+import fcntl
+import os
+import re
+import socket
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+
+from swarmctl.lab.folders import STATION, TEMPLATES, VEHICLE
+from swarmware.errors import ConfigError, SwarmError
+from swarmware.security import make_swarm
+
+CONFIG: Final = Path("/etc/swarm")
+KEYS: Final = Path("/var/lib/swarm-keys")
+"""A volume of the whole lab: the first container makes the keys of the swarm in it."""
+MOST: Final = 64
+"""Keys are made for so many vehicles of each kind."""
+GROUP: Final = "239.255.42.42"
+PORT: Final = 17420
+
+
+def platform(kind: str, host: str) -> str:
+    """Name of the platform of a container, from its name in the composition: `lab_uav_2.lab_default` → uav2.
+
+    Raises: ConfigError when there is no number in it.
+    """
+    if kind == "gcs":
+        return kind
+    found = re.search(rf"[-_]{kind}[-_](\d+)(\.|$)", host)
+    if not found:
+        raise ConfigError(
+            f"container {host!r}: no number; expected <project>_{kind}_<number>, or SWARM_PLATFORM"
+        )
+    return f"{kind}{int(found[1])}"
+
+
+def settings(name: str, kind: str, address: str, mongodb_uri: str) -> dict[str, dict[str, Any]]:
+    """The files of this node, by path below the configuration folder."""
+    files: dict[str, dict[str, Any]] = {
+        "node.toml": {
+            "platform": name,
+            "kind": kind,
+            "template": TEMPLATES[kind],
+            "services": list(STATION if kind == "gcs" else VEHICLE),
+            "keys_dir": str(KEYS / name),
+        },
+        "services/broker.toml": {
+            "multicast_group": GROUP,
+            "multicast_interface": address,
+            "bind_address": address,
+            "udp_port": PORT,
+            # some bridges do not pass multicast on: the ground station is found by name as well
+            "seeds": [] if kind == "gcs" else [f"gcs:{PORT}"],
+        },
+    }
+    if mongodb_uri:
+        files["services/logger.toml"] = {"mongodb_uri": mongodb_uri, "mongodb_database": "swarm_lab"}
+    if name == "ugv1":
+        files["services/hal.toml"] = {"drivers": ["sim", "system", "replay"]}
+    return files
+
+
+def share_keys(directory: Path) -> None:
+    """Makes the keys of the swarm once, whoever comes first."""
+    directory.mkdir(parents=True, exist_ok=True)
+    with (directory / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if (directory / "gcs").exists():
+            return
+        roles = {"gcs": "operator"}
+        roles |= {f"{kind}{number}": "node" for kind in ("ugv", "uav") for number in range(1, MOST + 1)}
+        make_swarm(directory, roles)
+
+
+def main() -> None:
+    """Writes the configuration, then becomes the node."""
+    kind = os.environ.get("SWARM_KIND", "uav")
+    try:
+        address = socket.gethostbyname(socket.gethostname())
+        name = os.environ.get("SWARM_PLATFORM") or platform(kind, socket.gethostbyaddr(address)[0])
+        share_keys(KEYS)
+    except (OSError, SwarmError) as error:
+        sys.stderr.write(f"container: {error}\n")
+        sys.exit(getattr(error, "exit_code", 1))
+    for path, content in settings(name, kind, address, os.environ.get("SWARM_MONGODB_URI", "")).items():
+        target = CONFIG / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(tomli_w.dumps(content), "utf-8")
+    sys.stderr.write(f"container: platform {name} at {address}\n")
+    sys.stderr.flush()
+    os.execv(sys.executable, [sys.executable, "-m", "swarmd", "node", "--config", str(CONFIG)])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# Builds the image of the lab's nodes from this checkout: share/swarm/lab/build.sh [IMAGE]
+# SWARM_BASE: another base than debian:12-slim. PYTHON: the python3 whose pip fetches the wheels.
+set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
+root=$(cd "$here/../../.." && pwd)
+image=${1:-swarmware-lab}
+context=$(mktemp -d)
+trap 'rm -rf "$context"' EXIT
+
+echo "fetching wheels"
+"${PYTHON:-$root/.venv/bin/python}" -m pip wheel --quiet --disable-pip-version-check --wheel-dir "$context/wheels" "$root"
+cp "$here/Dockerfile" "$context/"
+echo "building $image"
+docker build --quiet --build-arg "BASE=${SWARM_BASE:-debian:12-slim}" --tag "$image" "$context"
