@@ -1,0 +1,1 @@
+"""Health guard: starts, watches and restarts the services of the node, above all the monitor `health`."""

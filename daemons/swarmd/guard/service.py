@@ -1,0 +1,219 @@
+"""The guard's shell: looks at application files, beats and deaths, and has decisions carried out."""
+
+import asyncio
+import contextlib
+from typing import ClassVar
+
+from swarmd.guard import config as settings
+from swarmd.guard.core import Action, Ask, GuardCore, Kill, Spawn, State
+from swarmd.guard.supervisor import Processes, Runner, Supervisor, Systemd
+from swarmware.errors import Conflict, NotFound
+from swarmware.module import BoardReader, BoardWriter, Meta, Module
+from swarmware.node.node import APPS_TABLE
+from swarmware.service import Service
+from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
+from swarmware.types.rpc import Empty
+from swarmware.types.system import AppStatus
+
+LOOK_S = 1.0
+"""How often beats are read: as often as they come."""
+
+
+class Guard(Service):
+    """Keeps the services of node.toml alive."""
+
+    name = "guard"
+    Config = settings.Config
+    config: settings.Config
+    stop_s: ClassVar[float] = 25.0
+    """Services end one after the other."""
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        node = module.node.config
+        names = tuple(name for name in node.services if name != self.name)
+        self._node = module.node
+        self._supervisor = self._choose()
+        self._core = GuardCore(
+            names,
+            self._supervisor.kind,
+            hung_s=config.hung_s,
+            start_s=config.start_s,
+            back_off_s=config.back_off_s,
+            settled_s=config.settled_s,
+            restart_limit=config.restart_limit,
+            stop_s=config.stop_s,
+        )
+        self._names = names
+        self._beats: dict[str, BoardReader[AppStatus]] = {}
+        self._board: BoardWriter[GuardStatus] | None = None
+        self._events: BoardWriter[WatchedService] | None = None
+        self._news = asyncio.Event()
+        self._stopped = asyncio.Event()
+        self._shown: GuardStatus | None = None
+
+    def _choose(self) -> Supervisor:
+        node = self._node
+        if node.config.processes == "one" and node.host is not None:
+            return Runner(node.host.restart)
+        if self.config.supervisor == "systemd":
+            return Systemd(node.config_dir, node.run_dir, self._on_exit)
+        return Processes(node.config_dir, node.run_dir, self._on_exit)
+
+    async def run(self) -> None:
+        """Starts, watches and restarts until cancelled.
+
+        Raises: Conflict when this node has a guard already.
+        """
+        module = self.module
+        self._node.table.refresh(probe=True)
+        other = next((e for e in self._node.table if e.name == self.name and e.id != module.id), None)
+        if other is not None:
+            raise Conflict(f"{self.name}: {other.id} (pid {other.pid}) runs already; expected one on a node")
+        before = await module.reader("guard/status", GuardStatus)
+        if before.value is not None:
+            self._core.remember(before.value)
+        self._board = await module.writer(
+            "guard/status", GuardStatus, link="notify", description="Services under the guard"
+        )
+        self._events = await module.stream_writer(
+            "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
+        )
+        for name in self._names:
+            self._beats[name] = await module.reader(f"app/{name}/status", AppStatus)
+        await module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
+        await module.serve(
+            "sys/guard/restart",
+            RestartOrder,
+            self._on_order,
+            reply=GuardStatus,
+            description="Restart a service",
+        )
+        self._node.listen(self._node.shm_dir / APPS_TABLE)
+        self._node.watch(self)
+        try:
+            self._begin()
+            await self._watch()
+        finally:
+            self._node.unwatch(self)
+            self._node.unlisten(self._node.shm_dir / APPS_TABLE)
+            self._supervisor.close()
+
+    async def stop(self) -> None:
+        """Ends the services it has started or adopted, the last started first."""
+        if not self._supervisor.stops or self._board is None:
+            return
+        self._act(self._core.stop(self.module.now_ns()))
+        await self._stopped.wait()
+
+    def poll(self) -> None:
+        """The doorbell has rung: perhaps a service has joined."""
+        if self._node.table.refresh():
+            self._news.set()
+
+    # -- what happens
+
+    def _begin(self) -> None:
+        running = {entry.name: entry.pid for entry in self._node.table if entry.name in self._core}
+        born = {
+            name: pid
+            for name in self._names
+            if name not in running and (pid := self._supervisor.running(name))
+        }
+        self._act(self._core.start(running, born, self.module.now_ns()))
+        for name, pid in (running | born).items():
+            self._follow(name, pid)
+        if running:
+            self.module.log.info("found running: %s", ", ".join(running))
+
+    async def _watch(self) -> None:
+        look_ns = 0
+        while True:
+            now_ns = self.module.now_ns()
+            deadline_ns = self._core.deadline_ns()
+            until_ns = look_ns if deadline_ns is None else min(look_ns, deadline_ns)
+            if self._core.stopped:
+                self._stopped.set()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), max(0.0, (until_ns - now_ns) / 1e9))
+            self._news.clear()
+            now_ns = self.module.now_ns()
+            self._look(now_ns)
+            if now_ns >= look_ns:
+                look_ns = now_ns + round(LOOK_S * 1e9)
+            self._act(self._core.on_timer(now_ns))
+
+    def _look(self, now_ns: int) -> None:
+        """Who has joined, who beats."""
+        self._node.table.refresh()
+        for entry in self._node.table:
+            if entry.name not in self._core:
+                continue
+            before = self._core.pid(entry.name)
+            self._core.on_joined(entry.name, entry.pid, now_ns)
+            if self._core.pid(entry.name) == entry.pid:
+                self._supervisor.joined(entry.name)
+                if before != entry.pid:
+                    self._follow(entry.name, entry.pid)
+        for name, reader in self._beats.items():
+            if (status := reader.value) is not None:
+                self._core.on_beat(name, status.beat, now_ns)
+                if self._supervisor.kind == Runner.kind:
+                    self._act(self._core.on_restarted(name, status.restarts, now_ns))
+        self._show()
+
+    def _follow(self, name: str, pid: int) -> None:
+        if not self._supervisor.watch(name, pid):
+            self._on_exit(name, pid, "gone")
+
+    def _on_exit(self, name: str, pid: int, how: str) -> None:
+        self._node.table.refresh(probe=True)  # or the dead one would be found and adopted
+        self._act(self._core.on_exit(name, pid, how, self.module.now_ns()))
+        self._news.set()
+
+    # -- what follows
+
+    def _act(self, actions: list[Action]) -> None:
+        for action in actions:
+            match action:
+                case Spawn(service=name):
+                    if pid := self._supervisor.spawn(name):
+                        self._core.on_spawned(name, pid)
+                        self._follow(name, pid)
+                case Ask(service=name, pid=pid):
+                    self._supervisor.ask(name, pid)
+                case Kill(service=name, pid=pid, reason=reason):
+                    self.module.log.warning("%s: killed, pid %d: %s", name, pid, reason)
+                    self._supervisor.kill(name, pid)
+                case _:
+                    self._tell(action.service)
+        self._show()
+
+    def _tell(self, service: WatchedService) -> None:
+        if self._events is not None:
+            self._events.write(service)
+        if service.state == State.FAILED:
+            self.module.log.error("%s: %s", service.name, service.reason)
+        else:
+            self.module.log.warning("%s: %s; restart %d", service.name, service.reason, service.restarts)
+
+    def _show(self) -> None:
+        status = self._core.status()
+        if self._board is not None and status != self._shown:
+            self._shown = status
+            self._board.write(status)
+
+    # -- requests
+
+    def _on_status(self, _: Empty, __: Meta) -> GuardStatus:
+        return self._core.status()
+
+    def _on_order(self, order: RestartOrder, _: Meta) -> GuardStatus:
+        if order.service not in self._core:
+            raise NotFound(
+                f"service {order.service!r}: not under this guard; expected one of {', '.join(self._names)}"
+            )
+        self.module.log.info("%s: restarted on request", order.service)
+        self._act(self._core.on_order(order.service, self.module.now_ns()))
+        self._news.set()
+        return self._core.status()

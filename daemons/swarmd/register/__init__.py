@@ -1,0 +1,1 @@
+"""Application register: the preferred master of this computer, and what the masters of others tell."""
