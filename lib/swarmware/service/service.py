@@ -24,6 +24,8 @@ class Service(ABC):
     """Name of the application, of the configuration file and of the entry point."""
     Config: ClassVar[type[msgspec.Struct]] = NoSettings
     """Settings, read from services/<name>.toml."""
+    stop_s: ClassVar[float] = 2.0
+    """Time that `stop` may take."""
 
     def __init__(self, module: Module, config: Any) -> None:
         self.module = module
