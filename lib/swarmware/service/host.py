@@ -21,8 +21,6 @@ BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
 """Pause before the n-th start in a row; the last one from then on."""
 SETTLED_S: Final = 10.0
 """A service that ran so long starts again without a pause."""
-STOP_S: Final = 2.0
-"""Time that one service has for its `stop`."""
 
 log = logging.getLogger("swarm.host")
 
@@ -64,6 +62,11 @@ class Host:
         """Names of the services, in the order of their start."""
         return list(self._prepared)
 
+    @property
+    def stop_s(self) -> float:
+        """Time that the slowest of them may take to stop."""
+        return max((item.cls.stop_s for item in self._prepared.values()), default=0.0)
+
     async def started(self) -> None:
         """Returns when every service has run up to its first wait."""
         for event in self._started.values():
@@ -96,9 +99,9 @@ class Host:
             if reporter := self._reporters.get(name):
                 reporter.state = "stopping"
             try:
-                await asyncio.wait_for(service.stop(), STOP_S)
+                await asyncio.wait_for(service.stop(), service.stop_s)
             except TimeoutError:
-                log.warning("%s: did not finish within %s s", name, STOP_S)
+                log.warning("%s: did not finish within %s s", name, service.stop_s)
             except Exception:
                 log.exception("%s: failed while stopping", name)
 

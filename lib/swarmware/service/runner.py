@@ -71,10 +71,11 @@ async def _serve(host: Host, notifier: Notifier, asked: asyncio.Event) -> int:
         if running.done():
             return _say_why(running)
         log.info("stopping: %s", ", ".join(host.names))
+        drain_s = max(DRAIN_S, host.stop_s)  # the guard waits for the services it has started
         try:
-            await asyncio.wait_for(host.stop(), DRAIN_S)
+            await asyncio.wait_for(host.stop(), drain_s)
         except TimeoutError:
-            log.warning("services did not finish within %s s", DRAIN_S)
+            log.warning("services did not finish within %s s", drain_s)
         return 0
     finally:
         for task in (speaking, ending, running):
