@@ -16,6 +16,8 @@ _RIGHT: Final = 0.02
 """m/s by which passing on the right is preferred: two that meet must not choose the same side of the map."""
 _URGENT: Final = 6.0
 """m/s · s: how much detour a meeting one second ahead is worth."""
+_YIELDING: Final = 0.7
+"""Share of separation and horizon kept from one that gives way."""
 _LEAST_M_S: Final = 0.8
 """Speed of an evading vehicle that would rather stand."""
 _CLIMBS_M_S: Final = (0.0, 0.8, -0.8)
@@ -80,7 +82,7 @@ def avoid(config: Config, pose: Pose, wanted: Vector, around: Surroundings) -> V
     Candidates are only tried when the wanted velocity leads to a meeting.
     """
     threats = _threats(config, pose, around)
-    if not threats or _meeting_s(threats, wanted) > config.air.horizon_s:
+    if not threats or math.isinf(_meeting_s(threats, wanted)):
         return wanted
     best, best_cost = wanted, math.inf
     for candidate in _candidates(config, wanted):
@@ -88,7 +90,7 @@ def avoid(config: Config, pose: Pose, wanted: Vector, around: Surroundings) -> V
         cross = wanted[0] * candidate[1] - wanted[1] * candidate[0]
         meeting_s = _meeting_s(threats, candidate)
         price = detour + (_RIGHT if cross > 0 else 0.0)
-        if meeting_s <= config.air.horizon_s:
+        if not math.isinf(meeting_s):
             price += _URGENT / max(meeting_s, 0.05)
         if price < best_cost:
             best, best_cost = candidate, price
@@ -110,8 +112,8 @@ def _candidates(config: Config, wanted: Vector) -> list[Vector]:
     return found
 
 
-_Threat = tuple[float, float, float, float, float, float, float]
-"""Where it is, seen from here; its velocity; radius to stay out of."""
+_Threat = tuple[float, float, float, float, float, float, float, float]
+"""Where it is, seen from here; its velocity; radius to stay out of; how far ahead that counts."""
 
 
 def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
@@ -121,21 +123,23 @@ def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
     for n in around.neighbours:
         dx, dy, dz = n.x_m - pose.x_m, n.y_m - pose.y_m, n.z_m - pose.z_m
         if max(abs(dx), abs(dy), abs(dz)) < reach:
-            found.append((dx, dy, dz, n.vx_m_s, n.vy_m_s, n.vz_m_s, air.separation_m))
+            share = _YIELDING if n.yields else 1.0
+            radius, horizon = air.separation_m * share, air.horizon_s * share
+            found.append((dx, dy, dz, n.vx_m_s, n.vy_m_s, n.vz_m_s, radius, horizon))
     for x, y in around.points_m:
-        found.append((x - pose.x_m, y - pose.y_m, math.nan, 0.0, 0.0, 0.0, air.obstacle_m))
+        found.append((x - pose.x_m, y - pose.y_m, math.nan, 0.0, 0.0, 0.0, air.obstacle_m, air.horizon_s))
     return found
 
 
 def _meeting_s(threats: list[_Threat], velocity: Vector) -> float:
-    """Time until the first threat comes closer than its radius; infinite when none does.
+    """Time until the first threat comes closer than its radius; infinite when none does that counts.
 
     What stands (height not a number) is as high as the sky. Who is too close already counts while
     the distance shrinks.
     """
     soonest = math.inf
     vx, vy, vz = velocity
-    for dx, dy, dz, ox, oy, oz, radius in threats:
+    for dx, dy, dz, ox, oy, oz, radius, horizon in threats:
         rx, ry, rz = vx - ox, vy - oy, vz - oz
         if math.isnan(dz):
             dz = rz = 0.0  # noqa: PLW2901  # an upright thing: only what happens on the map counts
@@ -149,5 +153,7 @@ def _meeting_s(threats: list[_Threat], velocity: Vector) -> float:
         root2 = closing * closing - speed2 * gap2
         if root2 <= 0.0:
             continue
-        soonest = min(soonest, (closing - math.sqrt(root2)) / speed2)
+        meeting = (closing - math.sqrt(root2)) / speed2
+        if meeting <= horizon:
+            soonest = min(soonest, meeting)
     return soonest

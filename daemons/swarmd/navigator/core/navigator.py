@@ -329,6 +329,7 @@ class Navigator:
                     pose.vx_m_s,
                     pose.vy_m_s,
                     pose.vz_m_s,
+                    platform > self._platform,
                 )
             )
         fresh = now_ns - self._scan_ns < _SCAN_AGE_S * 1e9

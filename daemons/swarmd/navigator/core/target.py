@@ -30,6 +30,8 @@ class Neighbour(msgspec.Struct, frozen=True, gc=False):
     vx_m_s: float
     vy_m_s: float
     vz_m_s: float
+    yields: bool = False
+    """It gives way to us: of two that avoid each other in the same manner, neither would get past."""
 
 
 class Surroundings(msgspec.Struct, frozen=True):

@@ -1,0 +1,148 @@
+"""The estimator: as good as its sensors allow, and honest when they fail."""
+
+import math
+import random
+from collections.abc import Callable
+from statistics import mean
+
+import pytest
+
+from swarmd.navigator.config import Estimator as EstimatorConfig
+from swarmd.navigator.core.estimator import Axis, Estimator
+from swarmd.sim.config import Sensors
+from swarmd.sim.core.sensors import SensorErrors
+from swarmware.types.vehicle import GnssFix, Imu, Pose
+from swarmware.world import Bounds, World
+
+WORLD = World(description="", bounds=Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0)))
+MS = 1_000_000
+Motion = Callable[[float], tuple[Pose, tuple[float, float, float]]]
+"""Truth and body acceleration at a time in seconds."""
+
+
+def circle(t: float) -> tuple[Pose, tuple[float, float, float]]:
+    speed, rate = 2.0, 0.25
+    yaw = rate * t
+    radius = speed / rate
+    velocity = (speed * math.cos(yaw), speed * math.sin(yaw), 0.0)
+    pose = Pose.planar(radius * math.sin(yaw), radius * (1 - math.cos(yaw)), 2.0, yaw, velocity, rate)
+    return pose, (0.0, speed * rate, 0.0)
+
+
+def follow(
+    motion: Motion, seconds: float, delay_ms: int = 40, config: Sensors | None = None, seed: int = 1
+) -> list[float]:
+    """Position errors of an estimator whose measurements arrive late."""
+    chance = random.Random(seed)
+    sensors = SensorErrors(config or Sensors(), WORLD, chance.gauss, chance.random)
+    estimator = Estimator(EstimatorConfig(), WORLD.origin)
+    errors = []
+    fixes: list[tuple[int, GnssFix]] = []
+    for ms in range(0, round(seconds * 1000), 10):
+        pose, acceleration = motion(ms / 1000)
+        if ms % 20 == 0:
+            estimator.on_imu(sensors.imu(pose, acceleration), ms * MS)
+        if ms % 100 == 0:
+            fixes.append((ms, sensors.gnss(pose)))
+        while fixes and fixes[0][0] <= ms - delay_ms:
+            stamp_ms, fix = fixes.pop(0)
+            estimator.on_gnss(fix, stamp_ms * MS)
+        if ms % 50 == 0:
+            estimator.predict(ms * MS)
+            found = estimator.pose()
+            if found is not None and ms > 3000:
+                errors.append(math.hypot(found.x_m - pose.x_m, found.y_m - pose.y_m))
+    return errors
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_moving_vehicle_is_known_to_a_hand(seed: int) -> None:
+    errors = follow(circle, 30.0, seed=seed)
+    assert mean(errors) < 0.1
+    assert max(errors) < 0.2
+
+
+def test_late_fixes_are_carried_to_now() -> None:
+    exact = Sensors(gnss_bias_sigma_m=0.0, yaw_bias_sigma_rad=0.0)
+    errors = follow(circle, 20.0, delay_ms=200, config=exact)
+    assert mean(errors) < 0.08  # 0.4 m of way lie between measurement and use
+
+
+def test_velocity_and_heading_follow_too() -> None:
+    chance = random.Random(3)
+    sensors = SensorErrors(Sensors(), WORLD, chance.gauss, chance.random)
+    estimator = Estimator(EstimatorConfig(), WORLD.origin)
+    for ms in range(0, 10_000, 50):
+        pose, acceleration = circle(ms / 1000)
+        estimator.on_imu(sensors.imu(pose, acceleration), ms * MS)
+        if ms % 100 == 0:
+            estimator.on_gnss(sensors.gnss(pose), ms * MS)
+        estimator.predict(ms * MS)
+    found = estimator.pose()
+    assert found is not None
+    assert (found.vx_m_s, found.vy_m_s) == pytest.approx((pose.vx_m_s, pose.vy_m_s), abs=0.2)
+    assert math.remainder(found.yaw_rad - pose.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.05)
+
+
+def fed(until_ms: int, *, gnss: bool = True, imu: bool = True) -> Estimator:
+    estimator = Estimator(EstimatorConfig(), WORLD.origin)
+    for ms in range(0, until_ms, 50):
+        if imu:
+            estimator.on_imu(Imu(0.0, 0.0, 0.0, 0.0, 0.0, 9.80665, 0.0), ms * MS)
+        if gnss:
+            estimator.on_gnss(GnssFix(0.0, 0.0, 0.0, 0.05, 12), ms * MS)
+        estimator.predict(ms * MS)
+    return estimator
+
+
+def test_there_is_no_pose_before_the_first_fix_and_heading() -> None:
+    assert fed(2000, gnss=False).pose() is None
+    assert fed(2000, imu=False).pose() is None
+    assert fed(2000).pose() is not None
+
+
+@pytest.mark.parametrize(("sensor", "limit_ms"), [("gnss", 1000), ("imu", 500)])
+def test_the_pose_is_gone_when_a_sensor_is_silent_too_long(sensor: str, limit_ms: int) -> None:
+    estimator = fed(2000)
+    for ms in range(2000, 2000 + limit_ms + 200, 50):
+        if sensor != "imu":
+            estimator.on_imu(Imu(0.0, 0.0, 0.0, 0.0, 0.0, 9.80665, 0.0), ms * MS)
+        if sensor != "gnss":
+            estimator.on_gnss(GnssFix(0.0, 0.0, 0.0, 0.05, 12), ms * MS)
+        estimator.predict(ms * MS)
+        if ms < 1950 + limit_ms:
+            assert estimator.pose() is not None
+    assert estimator.pose() is None
+
+
+def test_an_old_fix_changes_nothing() -> None:
+    estimator = fed(1000)
+    before = estimator.pose()
+    estimator.on_gnss(GnssFix(1.0, 1.0, 0.0, 0.01, 12), 500 * MS)
+    estimator.predict(950 * MS)
+    assert estimator.pose() == before
+
+
+def test_the_sonar_corrects_the_height() -> None:
+    estimator = fed(1000)
+    for ms in range(1000, 3000, 50):
+        estimator.on_imu(Imu(0.0, 0.0, 0.0, 0.0, 0.0, 9.80665, 0.0), ms * MS)
+        estimator.on_gnss(GnssFix(0.0, 0.0, 0.3, 0.2, 12), ms * MS)
+        estimator.on_height(0.0)
+        estimator.predict(ms * MS)
+    pose = estimator.pose()
+    assert pose is not None
+    assert abs(pose.z_m) < 0.05
+
+
+def test_an_axis_becomes_as_sure_as_theory_says() -> None:
+    # steady state of the filter driven by white acceleration: Kalata's tracking index, 1984
+    dt, accel, sigma = 0.1, 0.3, 0.02
+    axis = Axis(0.0, 1.0, accel)
+    for _ in range(500):
+        axis.predict(0.0, dt)
+        axis.update(0.0, sigma)
+    index = accel * dt * dt / sigma
+    r = (4 + index - math.sqrt(8 * index + index * index)) / 4
+    alpha = 1 - r * r
+    assert axis.pp == pytest.approx(alpha * sigma * sigma, rel=0.02)
