@@ -47,7 +47,7 @@ class PacketClock:
     def due(self, now_ns: int) -> Iterator[Due]:
         """The packets up to now, oldest first."""
         end = (now_ns - self._start_ns) * self._rate_uhz // (_NS * 1_000_000) + 1
-        most = int(_CATCH_UP_S * self._rate_uhz) // 1_000_000
+        most = max(1, int(_CATCH_UP_S * self._rate_uhz) // 1_000_000)
         if end - self._sent > most:
             self.lost += end - most - self._sent
             self._sent = end - most

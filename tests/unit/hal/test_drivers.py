@@ -1,0 +1,62 @@
+"""Which drivers a platform gets, and the filter of its sonar."""
+
+import pytest
+
+from swarmd.hal.catalogue import DRIVERS, find, make_all
+from swarmd.hal.config import Config
+from swarmd.hal.core.median import MedianFilter
+from swarmd.hal.driver import Site
+from swarmware.errors import ConfigError, NotFound
+
+UGV, UAV, GCS = (Site(kind, "/nowhere") for kind in ("ugv", "uav", "gcs"))
+
+
+def names(config: Config, site: Site) -> list[str]:
+    return [driver.name for driver in make_all(config, site)]
+
+
+def test_a_vehicle_has_its_simulated_devices_and_its_computer() -> None:
+    devices = ["sim.gnss", "sim.imu", "sim.range", "sim.battery"]
+    assert names(Config(), UGV) == [*devices, "system"]
+    assert names(Config(), UAV) == [*devices, "sim.sonar", "system"]
+    assert names(Config(), GCS) == ["system"]
+
+
+def test_a_driver_is_chosen_by_configuration_only() -> None:
+    assert names(Config(drivers=("replay",)), UGV) == ["replay"]
+    assert names(Config(drivers=()), UGV) == []
+
+
+def test_periods_are_those_of_the_devices() -> None:
+    periods = {driver.name: driver.period_s for driver in make_all(Config(), UAV)}
+    assert periods == {
+        "sim.gnss": 0.1,
+        "sim.imu": 0.02,
+        "sim.range": 0.1,
+        "sim.battery": 1.0,
+        "sim.sonar": 0.05,
+        "system": 1.0,
+    }
+
+
+def test_an_unknown_driver_is_named_with_the_known_ones() -> None:
+    with pytest.raises(NotFound, match="'lidar': not installed; expected one of replay, sim, system"):
+        make_all(Config(drivers=("lidar",)), UGV)
+
+
+def test_the_same_device_twice_is_refused() -> None:
+    with pytest.raises(ConfigError, match="system stands there twice"):
+        make_all(Config(drivers=("system", "system")), UGV)
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_every_listed_driver_can_be_loaded(name: str) -> None:
+    assert callable(find(name))
+
+
+def test_the_median_ignores_wrong_echoes() -> None:
+    smooth = MedianFilter(5)
+    out = [smooth.add(value) for value in (2.0, 2.1, 6.4, 2.2, 0.1, 2.3, 2.4)]
+    assert all(1.9 < value < 2.5 for value in out[2:])
+    smooth.reset()
+    assert smooth.add(5.0) == 5.0

@@ -1,0 +1,59 @@
+"""A driver's schedule: absolute instants, rate and lateness."""
+
+from swarmd.hal.core.schedule import Schedule
+
+MS = 1_000_000
+
+
+def test_reads_are_due_at_absolute_instants() -> None:
+    schedule = Schedule("gnss", 0.1, 0)
+    schedule.opened(0)
+    begins = []
+    now_ns = 0
+    for late_ms in (0, 30, 5, 0, 60):
+        now_ns += round(schedule.delay_s(now_ns) * 1e9) + late_ms * MS
+        schedule.begin(now_ns)
+        begins.append(now_ns // MS)
+    assert begins == [0, 130, 205, 300, 460]
+    assert schedule.delay_s(now_ns) == 0.04
+
+
+def test_periods_that_were_slept_through_are_counted_and_not_made_up_for() -> None:
+    schedule = Schedule("imu", 0.02, 0)
+    schedule.opened(0)
+    schedule.begin(0)
+    schedule.begin(110 * MS)
+    status = schedule.report(200 * MS)
+    assert status.missed == 4
+    assert schedule.delay_s(110 * MS) == 0.01
+
+
+def test_a_report_tells_rate_and_worst_lateness_since_the_last_one() -> None:
+    schedule = Schedule("gnss", 0.1, 0)
+    schedule.opened(0)
+    for i in range(10):
+        schedule.begin(i * 100 * MS + (7 * MS if i == 3 else 0))
+        schedule.done()
+    first = schedule.report(1000 * MS)
+    assert (first.asked_hz, first.real_hz, first.worst_late_ms, first.reads) == (10.0, 10.0, 7.0, 10)
+    second = schedule.report(2000 * MS)
+    assert (second.real_hz, second.worst_late_ms, second.reads) == (0.0, 0.0, 10)
+
+
+def test_failures_in_a_row_are_counted_until_one_read_works() -> None:
+    schedule = Schedule("gps", 0.1, 0)
+    schedule.opened(0)
+    assert [schedule.failed("no answer") for _ in range(3)] == [1, 2, 3]
+    schedule.done()
+    assert schedule.failed("no answer") == 1
+    assert schedule.report(MS).errors == 4
+
+
+def test_the_state_is_that_of_the_device() -> None:
+    schedule = Schedule("gps", 0.1, 0)
+    assert schedule.report(MS).state == "waiting"
+    schedule.opened(MS)
+    assert schedule.report(2 * MS).state == "running"
+    schedule.closed("failed", "unplugged")
+    status = schedule.report(3 * MS)
+    assert (status.state, status.note) == ("failed", "unplugged")

@@ -1,0 +1,286 @@
+"""The navigator: a table of goals and situations, and what it says and does then."""
+
+import math
+
+import msgspec
+import pytest
+
+from swarmd.navigator.config import Config
+from swarmd.navigator.core.air_pilot import AirPilot
+from swarmd.navigator.core.ground_pilot import GroundPilot
+from swarmd.navigator.core.navigator import DISARMED, LEADER_LOST, NO_POSITION, NO_WAY, Navigator, Step
+from swarmware.geodesy import LocalMap, Origin
+from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
+
+ORIGIN = Origin(lat_deg=48.0, lon_deg=11.0)
+COURSE = ((0.0, 0.0), (50.0, 0.0))
+STEP_NS = 50_000_000
+
+
+class Rig:
+    """A navigator with exact sensors; the vehicle does at once what it is told."""
+
+    def __init__(self, kind: str = "uav", name: str = "uav1", z_m: float = 8.0) -> None:
+        pilot = AirPilot(Config()) if kind == "uav" else GroundPilot(Config())
+        self.navigator = Navigator(Config(), name, ORIGIN, pilot)
+        self.map = LocalMap(ORIGIN)
+        self.truth = Pose.planar(0.0, 0.0, z_m if kind == "uav" else 0.0)
+        self.now_ns = 1_000_000_000
+        self.gnss = True
+        self.held = False
+        self.status = NavStatus(-1, "")
+        self.said: list[NavStatus] = []
+        self.last = Step(None, Setpoint(0.0), None)
+        self.neighbours: dict[str, Pose] = {}
+        self.vehicle(True, z_m <= 0.0 or kind != "uav")
+
+    def vehicle(self, armed: bool, landed: bool) -> None:
+        self.navigator.on_vehicle(VehicleState(armed, landed))
+
+    def goal(self, goal: Goal) -> "Rig":
+        self.navigator.on_goal(goal, self.now_ns)
+        return self
+
+    def go(self, seconds: float) -> "Rig":
+        for _ in range(round(seconds * 1e9 / STEP_NS)):
+            self.now_ns += STEP_NS
+            t = self.truth
+            self.navigator.on_imu(Imu(0.0, 0.0, t.wz_rad_s, 0.0, 0.0, 9.80665, t.yaw_rad), self.now_ns)
+            if self.gnss:
+                fix = GnssFix(*self.map.to_wgs84(t.x_m, t.y_m, t.z_m), 0.02, 12)
+                self.navigator.on_gnss(fix, self.now_ns)
+            for name, pose in self.neighbours.items():
+                self.navigator.on_neighbour(name, pose, self.now_ns)
+            self.last = self.navigator.on_timer(self.now_ns)
+            if self.last.status is not None:
+                self.status = self.last.status
+                self.said.append(self.status)
+            self._obey(self.last.setpoint)
+        return self
+
+    def _obey(self, wanted: Setpoint) -> None:
+        if self.held:
+            wanted = Setpoint(0.0)
+        t, dt = self.truth, STEP_NS / 1e9
+        yaw = t.yaw_rad + wanted.wz_rad_s * dt
+        vx = wanted.vx_m_s * math.cos(yaw) - wanted.vy_m_s * math.sin(yaw)
+        vy = wanted.vx_m_s * math.sin(yaw) + wanted.vy_m_s * math.cos(yaw)
+        z = max(0.0, t.z_m + wanted.vz_m_s * dt)
+        self.truth = Pose.planar(
+            t.x_m + vx * dt, t.y_m + vy * dt, z, yaw, (vx, vy, wanted.vz_m_s), wanted.wz_rad_s
+        )
+
+    @property
+    def stands(self) -> bool:
+        s = self.last.setpoint
+        return max(abs(s.vx_m_s), abs(s.vy_m_s), abs(s.vz_m_s), abs(s.wz_rad_s)) < 0.05
+
+
+def test_without_a_goal_it_is_idle_and_tells_its_pose() -> None:
+    rig = Rig().go(1.0)
+    assert rig.status.state == "idle"
+    assert rig.last.pose is not None
+    assert rig.stands
+
+
+@pytest.mark.parametrize("kind", ["uav", "ugv"])
+def test_goto_arrives(kind: str) -> None:
+    rig = Rig(kind).goal(Goal(1, "goto", 6.0, 2.0, 8.0, speed_m_s=2.0)).go(1.0)
+    assert rig.status.state == "moving"
+    assert 0 < rig.status.distance_m < 6.4
+    rig.go(15.0)
+    assert (rig.status.goal_seq, rig.status.state) == (1, "arrived")
+    assert math.hypot(rig.truth.x_m - 6.0, rig.truth.y_m - 2.0) < 0.5
+
+
+@pytest.mark.parametrize("kind", ["uav", "ugv"])
+def test_goto_with_a_heading_arrives_with_it(kind: str) -> None:
+    rig = Rig(kind).goal(Goal(1, "goto", 4.0, 0.0, 8.0, yaw_rad=2.0)).go(25.0)
+    assert rig.status.state == "arrived"
+    assert rig.truth.yaw_rad == pytest.approx(2.0, abs=0.15)
+
+
+def test_take_off_climbs_straight_with_its_speed() -> None:
+    rig = Rig(z_m=0.0)
+    rig.vehicle(True, True)
+    rig.go(0.5).goal(Goal(3, "takeoff", z_m=6.0, speed_m_s=1.0))
+    rig.vehicle(True, False)
+    rig.go(3.0)
+    assert rig.truth.z_m == pytest.approx(3.0, abs=0.2)
+    rig.go(8.0)
+    assert rig.status.state == "arrived"
+    assert rig.truth.z_m == pytest.approx(6.0, abs=0.2)
+    assert math.hypot(rig.truth.x_m, rig.truth.y_m) < 0.2
+
+
+def test_landing_is_over_when_the_vehicle_says_so() -> None:
+    rig = Rig().go(0.5).goal(Goal(4, "land", speed_m_s=1.0)).go(4.0)
+    assert rig.status.state == "moving"
+    assert rig.truth.z_m == pytest.approx(4.0, abs=0.5)
+    rig.go(2.8)
+    assert rig.last.setpoint.vz_m_s == pytest.approx(-Config().air.touch_down_m_s, abs=0.05)
+    rig.go(3.0)
+    rig.vehicle(True, True)
+    rig.go(0.2)
+    assert rig.status.state == "arrived"
+    assert rig.stands
+
+
+def test_hold_stays_where_the_vehicle_stopped() -> None:
+    rig = Rig().goal(Goal(1, "goto", 50.0, 0.0, 8.0, speed_m_s=3.0)).go(5.0).goal(Goal(2, "hold")).go(6.0)
+    assert rig.status.state == "holding"
+    x = rig.truth.x_m
+    rig.go(5.0)
+    assert rig.truth.x_m == pytest.approx(x, abs=0.1)
+
+
+def test_a_disarmed_vehicle_is_blocked_but_not_at_once() -> None:
+    rig = Rig("ugv")
+    rig.vehicle(False, True)
+    rig.go(0.5).goal(Goal(1, "goto", 5.0)).go(0.5)
+    assert rig.status.state == "moving"
+    rig.go(1.0)
+    assert (rig.status.state, rig.status.note) == ("blocked", DISARMED)
+    rig.vehicle(True, True)
+    rig.go(1.0)
+    assert rig.status.state == "moving"
+
+
+def test_without_a_position_it_holds() -> None:
+    rig = Rig().goal(Goal(1, "goto", 50.0, 0.0, 8.0)).go(2.0)
+    rig.gnss = False
+    rig.go(1.5)
+    assert (rig.status.state, rig.status.note) == ("holding", NO_POSITION)
+    assert rig.stands
+    assert rig.last.pose is None
+    rig.gnss = True
+    rig.go(1.0)
+    assert rig.status.state == "moving"
+
+
+def test_no_progress_is_being_blocked() -> None:
+    rig = Rig().goal(Goal(1, "goto", 50.0, 0.0, 8.0))
+    rig.held = True
+    rig.go(4.0)
+    assert rig.status.state == "moving"
+    rig.go(3.0)
+    assert (rig.status.state, rig.status.note) == ("blocked", NO_WAY)
+    rig.held = False
+    rig.go(2.0)
+    assert rig.status.state == "moving"
+
+
+@pytest.mark.parametrize(
+    ("goal", "kind", "note"),
+    [
+        (Goal(1, "dance"), "uav", "expected one of hold, goto"),
+        (Goal(1, "takeoff", z_m=3.0), "ugv", "does not fly"),
+        (Goal(1, "formation", leader="x", course=((1.0, 1.0),)), "uav", "two different waypoints"),
+        (Goal(1, "formation", leader="x", advance=True), "uav", "expected a course"),
+        (Goal(1, "formation", leader="uav1"), "uav", "expected a course"),
+    ],
+)
+def test_a_goal_that_makes_no_sense_is_blocked_with_the_reason(goal: Goal, kind: str, note: str) -> None:
+    rig = Rig(kind).go(0.5).goal(goal).go(0.5)
+    assert rig.status.state == "blocked"
+    assert note in rig.status.note
+    assert rig.stands
+
+
+def formation(seq: int = 1, *, advance: bool = True, leader: str = "ugv1") -> Goal:
+    return Goal(
+        seq,
+        "formation",
+        leader=leader,
+        offset_m=(-6.0, 3.0, 8.0),
+        course=COURSE,
+        advance=advance,
+        speed_m_s=2.0,
+    )
+
+
+def test_a_follower_takes_its_slot_and_keeps_it() -> None:
+    rig = Rig()
+    rig.neighbours["ugv1"] = Pose.planar(10.0, 0.0)
+    rig.go(0.5).goal(formation(advance=False)).go(15.0)
+    assert rig.status.state == "arrived"
+    assert (rig.truth.x_m, rig.truth.y_m, rig.truth.z_m) == pytest.approx((4.0, 3.0, 8.0), abs=0.2)
+    rig.goal(formation(2)).go(0.2)
+    for i in range(200):
+        rig.neighbours["ugv1"] = Pose.planar(10.0 + 0.1 * i, 0.0, 0.0, 0.0, (2.0, 0.0, 0.0))
+        rig.go(0.05)
+    assert rig.truth.x_m == pytest.approx(10.0 + 0.1 * 199 - 6.0, abs=0.3)
+    assert rig.status.formation_error_m < 0.3
+    assert rig.status.state == "moving"
+
+
+def test_a_follower_has_arrived_when_the_leader_is_at_the_end() -> None:
+    rig = Rig()
+    rig.neighbours["ugv1"] = Pose.planar(50.1, 0.1)
+    rig.go(0.5).goal(formation()).go(30.0)
+    assert rig.status.state == "arrived"
+
+
+def test_a_lost_leader_is_held_for_and_found_again() -> None:
+    rig = Rig()
+    rig.neighbours["ugv1"] = Pose.planar(10.0, 0.0)
+    rig.go(0.5).goal(formation()).go(3.0)
+    del rig.neighbours["ugv1"]
+    rig.go(3.0)
+    assert (rig.status.state, rig.status.note) == ("holding", f"{LEADER_LOST}: ugv1")
+    rig.go(3.0)
+    assert rig.stands
+    rig.neighbours["ugv1"] = Pose.planar(12.0, 0.0)
+    rig.go(1.0)
+    assert rig.status.state == "moving"
+
+
+@pytest.mark.parametrize("kind", ["uav", "ugv"])
+def test_the_leader_drives_the_course_and_stops_at_its_end(kind: str) -> None:
+    rig = Rig(kind, "ugv1")
+    goal = msgspec.structs.replace(formation(), offset_m=(0.0, 0.0, 0.0))
+    rig.go(0.5).goal(goal).go(5.0)
+    assert rig.status.state == "moving"
+    assert 35.0 < rig.status.distance_m < 50.0
+    rig.go(35.0)
+    assert rig.status.state == "arrived"
+    assert rig.truth.x_m == pytest.approx(50.0, abs=0.6)
+    if kind == "uav":
+        assert rig.truth.z_m == pytest.approx(8.0, abs=0.3)
+
+
+def test_echoes_are_avoided() -> None:
+    rig = Rig().goal(Goal(1, "goto", 20.0, 0.0, 8.0, speed_m_s=2.0))
+    nearest = math.inf
+    for _ in range(400):
+        t = rig.truth
+        ranges = [10.0] * 72
+        for beam in range(72):
+            angle = t.yaw_rad - math.pi + beam * math.tau / 72
+            along = (8.0 - t.x_m) * math.cos(angle) + (0.1 - t.y_m) * math.sin(angle)
+            across = (8.0 - t.x_m) * math.sin(angle) - (0.1 - t.y_m) * math.cos(angle)
+            if along > 0 and abs(across) < 0.5:
+                ranges[beam] = min(10.0, along - math.sqrt(0.25 - across * across))
+        rig.navigator.on_scan(Range(-math.pi, math.tau / 72, 10.0, tuple(ranges)), rig.now_ns + STEP_NS)
+        rig.go(0.05)
+        nearest = min(nearest, math.hypot(rig.truth.x_m - 8.0, rig.truth.y_m - 0.1) - 0.5)
+    assert nearest > 0.3
+    assert rig.status.state == "arrived"
+
+
+def test_the_status_comes_at_its_rate_and_at_each_change() -> None:
+    rig = Rig().go(2.0)
+    before = len(rig.said)
+    assert before == pytest.approx(2.0 * Config().status_hz, abs=2)
+    rig.goal(Goal(9, "hold")).go(0.05)
+    assert len(rig.said) == before + 1
+    assert rig.said[-1].goal_seq == 9
+
+
+def test_the_same_goal_again_changes_nothing() -> None:
+    goal = Goal(1, "goto", 5.0, 0.0, 8.0)
+    rig = Rig().goal(goal).go(10.0)
+    count = len(rig.said)
+    rig.goal(goal).go(0.05)
+    assert rig.status.state == "arrived"
+    assert len(rig.said) - count <= 1
