@@ -156,18 +156,20 @@ class TimeCore:
         }
         for function in self._composed(now_ns):
             known = best.get(function.hardware)
-            if known is None or function.bound_at_ns(now_ns) < known.bound_at_ns(now_ns):
-                if known is not None and known.hops == 1 and known.boot_id >= function.boot_id:
-                    continue
+            if known is None or _better(function, known, now_ns):
                 best[function.hardware] = function
         chosen = sorted(best.values(), key=lambda function: function.bound_at_ns(now_ns))[: self._limit]
         chosen.sort(key=lambda function: (function.platform, function.unit))
         platform, unit, _, boot_id = self._me
         return TimeFunctions(platform, unit, boot_id, now_ns, tuple(chosen))
 
-    def known(self) -> set[str]:
-        """Platforms measured directly."""
-        return {peer.platform for peer in self._peers.values() if peer.conversion}
+    def heard_since(self, since_ns: int) -> set[str]:
+        """Platforms measured directly, the last time not before that."""
+        return {
+            peer.platform
+            for peer in self._peers.values()
+            if peer.conversion and peer.heard_ns is not None and peer.heard_ns >= since_ns
+        }
 
     def _marked(self, function: Conversion) -> Conversion:
         if function.hardware in self._suspects:
@@ -217,3 +219,10 @@ class TimeCore:
                     triangles[corner] = triangles.get(corner, 0) + 1
                     votes[corner] = votes.get(corner, 0) + (not agree)
         return {corner for corner, count in votes.items() if count * 2 > triangles[corner]}
+
+
+def _better(one: Conversion, other: Conversion, now_ns: int) -> bool:
+    """Of a later start of that unit, or of the same start with the smaller bound."""
+    if one.boot_id != other.boot_id:
+        return one.boot_id > other.boot_id
+    return one.bound_at_ns(now_ns) < other.bound_at_ns(now_ns)

@@ -1,0 +1,150 @@
+"""The shell of time synchronisation: reads clock differences off the broker's stream, publishes functions.
+
+It sends nothing of its own where neighbours are heard: the differences ride in the datagrams that are sent
+anyway (S1.72). Only for platforms that are not heard directly does it ask the neighbours on the way to them.
+"""
+
+import asyncio
+
+from swarmd.timesync import config as settings
+from swarmd.timesync.core import Heard, Publish, Rebooted, Stepped, TimeCore
+from swarmd.timesync.peer import Exchange
+from swarmware.errors import NoAnswer, SwarmError
+from swarmware.module import BoardReader, BoardWriter, Meta, Module, StreamReader
+from swarmware.service import Service
+from swarmware.types.net import Routes, TimingBatch, TimingSample
+from swarmware.types.rpc import Empty
+from swarmware.types.time import TimeFunctions
+
+QUIET_S = 10.0
+"""Wait for a batch when nothing is due: a lone node has none."""
+ASK_S = 10.0
+"""How often a neighbour is asked for its functions: over 10 s a quartz wanders by less than 0.1 µs."""
+ASK_FIRST_S = 2.0
+"""How soon it is asked again while a platform has no function; also the time to hear it directly."""
+
+HEARD_NS = 10_000_000_000
+"""A platform silent for longer is better converted over others: its function ages."""
+
+
+class TimeSync(Service):
+    """One conversion function for each clock of the swarm; no clock is ever set."""
+
+    name = "timesync"
+    Config = settings.Config
+    config: settings.Config
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        node = module.node
+        self._core = TimeCore(
+            node.platform,
+            node.config.unit,
+            node.hardware,
+            node.clock.boot_id,
+            # of a restarted service larger than of the one before, whose functions others may still hold
+            first_epoch=(node.clock.now_ns() // 1_000_000_000) & 0xFFFF_FFFF,
+            window_s=config.window_s,
+            solve_s=config.solve_s,
+            publish_s=config.publish_s,
+            forget_s=config.forget_s,
+            functions_limit=config.functions_limit,
+        )
+        self._board: BoardWriter[TimeFunctions] | None = None
+
+    async def run(self) -> None:
+        """Converts what comes until cancelled."""
+        module = self.module
+        self._board = await module.writer(
+            "time/functions",
+            TimeFunctions,
+            rate_hz=1 / self.config.publish_s,
+            link="request",
+            log="all",
+            description="Conversion function for the clock of each hardware unit heard",
+        )
+        await module.serve(
+            "sys/time/functions",
+            Empty,
+            self._on_request,
+            reply=TimeFunctions,
+            description="Conversion functions as they are now",
+        )
+        timing = await module.stream_reader("net/timing", TimingBatch)
+        self._publish(self._core.functions(module.now_ns()))
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._measure(timing), name="time: measure")
+            if self.config.compose:
+                routes = await module.reader("net/routes", Routes)
+                group.create_task(self._compose(routes), name="time: compose")
+
+    async def _measure(self, timing: StreamReader[TimingBatch]) -> None:
+        while True:
+            deadline_ns = self._core.deadline_ns()
+            now_ns = self.module.now_ns()
+            wait_s = QUIET_S if deadline_ns is None else min(QUIET_S, (deadline_ns - now_ns) / 1e9)
+            batch: TimingBatch | None = timing.take()
+            if batch is None and wait_s > 0:
+                try:
+                    batch = await timing.next(timeout_s=wait_s)
+                except NoAnswer:
+                    batch = None
+            while batch is not None:
+                for sample in batch.samples:
+                    self._carry_out(self._core.on_exchange(_heard(sample)))
+                batch = timing.take()
+            self._carry_out(self._core.on_timer(self.module.now_ns()))
+
+    def _carry_out(self, actions: list[Publish | Stepped | Rebooted]) -> None:
+        for action in actions:
+            match action:
+                case Publish(functions=functions):
+                    self._publish(functions)
+                case Stepped(platform=platform, unit=unit, conv_epoch=epoch):
+                    self.module.log.warning(
+                        "%s.%s: its clock or ours has stepped, epoch %d", platform, unit, epoch
+                    )
+                case Rebooted(platform=platform, unit=unit):
+                    self.module.log.info("%s.%s: started anew, its clock is another one", platform, unit)
+
+    def _publish(self, functions: TimeFunctions) -> None:
+        if self._board is not None:
+            self._board.write(functions)
+
+    async def _compose(self, routes: BoardReader[Routes]) -> None:
+        """Asks the neighbours on the way to platforms that are not heard directly for their functions."""
+        pause_s = ASK_FIRST_S
+        while True:
+            await asyncio.sleep(pause_s)
+            known = routes.value
+            far = [route for route in known.routes if route.hops > 1] if known is not None else []
+            measured = self._core.heard_since(self.module.now_ns() - HEARD_NS)
+            far = [route for route in far if route.platform not in measured]
+            for via in sorted({route.via for route in far} & measured):
+                await self._ask(via)
+            functions = self._core.functions(self.module.now_ns())
+            missing = any(functions.of(route.platform) is None for route in far)
+            pause_s = ASK_FIRST_S if missing or not far else ASK_S
+
+    async def _ask(self, platform: str) -> None:
+        try:
+            told = await self.module.request(f"/{platform}/sys/time/functions", Empty(), TimeFunctions)
+        except SwarmError as error:
+            self.module.log.debug("functions of %s: %s", platform, error)
+            return
+        now_ns = self.module.now_ns()
+        self._core.on_functions(told, now_ns)
+        self._carry_out(self._core.on_timer(now_ns))
+
+    def _on_request(self, _: Empty, __: Meta) -> TimeFunctions:
+        return self._core.functions(self.module.now_ns())
+
+
+def _heard(sample: TimingSample) -> Heard:
+    return Heard(
+        sample.platform,
+        sample.unit,
+        sample.hardware,
+        sample.boot_id,
+        Exchange(sample.received_ns, sample.least_ns, sample.sent_ns, sample.most_ns),
+    )
