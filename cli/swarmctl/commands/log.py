@@ -81,7 +81,12 @@ def tail(ctx: click.Context, pattern: str, folder: str | None) -> None:
 @_query_options
 @_source_options
 @click.option(
-    "--format", "form", type=click.Choice(["jsonl", "csv", "mcap"]), default="jsonl", show_default=True
+    "--format",
+    "form",
+    type=click.Choice(["jsonl", "csv", "mcap"]),
+    default="jsonl",
+    show_default=True,
+    help="JSON Lines, CSV, or MCAP with JSON.",
 )
 @click.option("--out", "target", required=True, metavar="FILE", help="File to write; `-` for stdout.")
 @click.pass_context

@@ -1,0 +1,105 @@
+"""Writes the part of the documentation that follows from the code: `make docs`."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from swarmctl.main import cli
+
+HERE = Path(__file__).parent
+
+_HEAD = """# swarmctl
+
+One command for the whole swarm. This page is generated from the help texts by `make docs`;
+a test holds it against them.
+
+stdout is the result, stderr is talk. `--json` always works: one document per call, JSON Lines where it
+goes on; every document has a `schema_version`. A command joins the node that `--config DIR` names, else the
+ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` says which platform is asked about.
+Every option is also read from the environment: `SWARMCTL_NODE`, `SWARMCTL_JSON` …
+
+| exit code | means |
+|---|---|
+| 0 | done |
+| 1 | failed |
+| 2 | usage |
+| 3 | partial: some members did not, or data was lost |
+| 4 | no answer in time |
+| 5 | denied |
+| 6 | not found |
+| 7 | invalid input: a file, a value, a mission |
+| 130 | interrupted |
+
+`swarmctl doctor` exits with 0 healthy, 1 warnings, 2 errors.
+`eval "$(swarmctl completion bash)"` completes words; zsh and fish too.
+"""
+
+
+def commands(
+    group: click.Group, ctx: click.Context, words: str
+) -> Iterator[tuple[str, click.Command, click.Context]]:
+    """Every command below a group, in the order of the help."""
+    for name in group.list_commands(ctx):
+        command = group.get_command(ctx, name)
+        if command is None or command.hidden:
+            continue
+        inner = click.Context(command, info_name=name, parent=ctx)
+        full = f"{words} {name}"
+        if isinstance(command, click.Group):
+            yield full, command, inner
+            yield from commands(command, inner, full)
+        else:
+            yield full, command, inner
+
+
+def own_options(command: click.Command) -> list[click.Option]:
+    """Options of this command, without those of every command."""
+    shared = {id(param) for param in getattr(command, "_shared", [])}
+    return [p for p in command.params if isinstance(p, click.Option) and id(p) not in shared and not p.hidden]
+
+
+def cli_page() -> str:
+    """The page of all commands."""
+    root = click.Context(cli, info_name="swarmctl")
+    out = [_HEAD]
+    for words, command, ctx in commands(cli, root, "swarmctl"):
+        about, _, example = (command.help or "").partition("Example:")
+        if isinstance(command, click.Group):
+            out.append(f"\n## {words}\n\n{' '.join(about.split())}\n")
+            continue
+        pieces = " ".join(command.collect_usage_pieces(ctx))
+        level = "##" if words.count(" ") == 1 else "###"
+        out.append(f"\n{level} {words}\n\n{' '.join(about.split())}\n")
+        out.append(f"\n    {words} {pieces}\n    $ {' '.join(example.split())}\n")
+        rows = [record for option in own_options(command) if (record := option.get_help_record(ctx))]
+        if rows:
+            out.append("\n| option | |\n|---|---|\n")
+            out += [
+                f"| `{name}` | {' '.join(text.split()).replace('|', chr(92) + '|')} |\n"
+                for name, text in rows
+            ]
+    return "".join(out)
+
+
+PAGES = {"cli.md": cli_page}
+
+
+def main() -> int:
+    """Writes the pages; with --check only says whether they are up to date."""
+    stale = [
+        name
+        for name, make in PAGES.items()
+        if not (HERE / name).exists() or (HERE / name).read_text() != make()
+    ]
+    if "--check" in sys.argv:
+        return 1 if stale else 0
+    for name in stale:
+        (HERE / name).write_text(PAGES[name]())
+        sys.stdout.write(f"share/doc/{name}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
