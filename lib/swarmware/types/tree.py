@@ -1,4 +1,4 @@
-"""The resource tree between processes and platforms: requests of `sys/tree/…`, structures, subscriptions, notifications."""
+"""The resource tree between processes and platforms: requests, structures, subscriptions, notifications."""
 
 import msgspec
 

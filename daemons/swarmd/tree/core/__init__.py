@@ -1,1 +1,1 @@
-"""Decisions of the tree: index, structure exchange, subscriptions, settings. No sockets, no files, no clock."""
+"""Decisions of the tree: index, structure exchange, subscriptions, settings. No socket, file or clock."""

@@ -63,7 +63,7 @@ _decoder = msgspec.msgpack.Decoder(Changes)
 
 
 def version(epoch: int, digest: int) -> int:
-    """32-bit number that rides in the hello: another one after a restart of the tree, and after any change."""
+    """Number for the hello: another one after a restart of the tree, and after any change."""
     return ((digest ^ digest >> 32) ^ epoch * _ODD) & 0xFFFF_FFFF
 
 

@@ -1,0 +1,62 @@
+"""What the core wants done; the shell carries it out and tells how it went."""
+
+import msgspec
+
+from swarmware.resource import Resource
+from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeNotify
+
+
+class AskStructure(msgspec.Struct, frozen=True, gc=False):
+    """Request `sys/tree/structure`; tell `on_structure`."""
+
+    platform: str
+    request: StructureRequest
+
+
+class AskSubscription(msgspec.Struct, frozen=True, gc=False):
+    """Request `sys/tree/subscribe`; tell `on_subscribed`."""
+
+    platform: str
+    request: SubscribeRequest
+
+
+class SendNotify(msgspec.Struct, frozen=True, gc=False):
+    """Send a message to `sys/tree/notify`; tell `on_notified`."""
+
+    platform: str
+    notify: TreeNotify
+
+
+class Watch(msgspec.Struct, frozen=True, gc=False):
+    """Look at an own resource; tell each of its values to `on_value`."""
+
+    resource: Resource
+
+
+class Unwatch(msgspec.Struct, frozen=True, gc=False):
+    """Nobody wants its values any more."""
+
+    path: str
+
+
+class Forget(msgspec.Struct, frozen=True, gc=False):
+    """A platform has been away too long: its mirrors go."""
+
+    platform: str
+
+
+Action = AskStructure | AskSubscription | SendNotify | Watch | Unwatch | Forget
+
+
+class Offer(msgspec.Struct, frozen=True, gc=False):
+    """An own board that somebody wants in the tick datagram."""
+
+    resource: Resource
+    min_interval_ms: int
+
+
+class Want(msgspec.Struct, frozen=True, gc=False):
+    """A board of another platform that somebody here wants from its tick datagrams."""
+
+    platform: str
+    resource: Resource

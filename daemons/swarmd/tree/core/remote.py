@@ -1,0 +1,52 @@
+"""One other platform, as far as it is known here."""
+
+from swarmd.tree.core.index import Index
+from swarmd.tree.core.interest import Wish
+from swarmware.resource import Resource
+
+
+class Remote:
+    """One other platform."""
+
+    __slots__ = (
+        "asked_hint", "asking", "checked", "confirmed", "demanded", "epoch", "failures", "full", "hint",
+        "index", "near", "notify_epoch", "platform", "retired", "serial", "subscribing", "sure", "told", "up",
+        "wanted_of", "wants", "wish",
+    )  # fmt: skip
+
+    def __init__(self, platform: str, wish: Wish) -> None:
+        self.platform = platform
+        self.up = False
+        self.near = False
+        """Heard directly."""
+        self.demanded = False
+        """Somebody here wants to see its structure once."""
+        self.epoch: int | None = None
+        self.index: Index | None = None
+        """Its structure; None: not known yet."""
+        self.hint: int | None = None
+        """Version last heard of."""
+        self.checked: int | None = None
+        """Version heard of before the last question: a rumour older than its answer is not asked about."""
+        self.asked_hint: int | None = None
+        self.told: tuple[int, int | None] | None = None
+        """Epoch and digest that it told of itself while it was being asked."""
+        self.asking = False
+        self.full = False
+        self.sure = False
+        """It has answered since it came up."""
+        self.subscribing = False
+        self.wish = wish
+        self.confirmed: tuple[int, int] | None = None
+        """Epoch of the owner and digest of the wish that it holds."""
+        self.failures = 0
+        self.notify_epoch: int | None = None
+        self.serial = 0
+        self.retired: tuple[int, ...] = ()
+        self.wants: tuple[Resource, ...] = ()
+        self.wanted_of: tuple[int, int] | None = None
+
+    @property
+    def digest(self) -> int:
+        """Of the structure known here; 0: none."""
+        return 0 if self.index is None else self.index.digest
