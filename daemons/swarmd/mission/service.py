@@ -279,17 +279,24 @@ class Mission(Service):
         due_ns = min(instant for instant in instants if instant is not None)
         if self._timer is not None:
             self._timer.cancel()
-        loop = asyncio.get_running_loop()
-        self._timer = loop.call_later(max(0.0, (due_ns - now_ns) / 1e9), self._on_timer)
+        # the event loop counts milliseconds and rounds down: asked for exactly, it would come too early
+        delay_ms = max(0, -(-(due_ns - now_ns) // 1_000_000))
+        self._timer = asyncio.get_running_loop().call_later(delay_ms / 1000, self._on_timer)
 
     def _tell(self, step: Step) -> None:
-        now_ns = self.module.now_ns()
-        state = self._core.state()
         self._progress.write(
-            MissionProgress(state.mission, state.epoch, step.block, step.type, step.event, now_ns, step.text)
+            MissionProgress(
+                step.mission,
+                self._core.epoch,
+                step.block,
+                step.type,
+                step.event,
+                self.module.now_ns(),
+                step.text,
+            )
         )
         level = logging.DEBUG if step.block else logging.INFO
-        log.log(level, "%s %s: %s %s", state.mission, step.block or "mission", step.event, step.text)
+        log.log(level, "%s %s: %s %s", step.mission, step.block or "mission", step.event, step.text)
 
     def _now_state(self) -> MissionState:
         return msgspec.structs.replace(self._core.state(), kind=self._kind)

@@ -41,6 +41,8 @@ class Step(msgspec.Struct, frozen=True):
     type: str
     event: str
     text: str = ""
+    mission: str = ""
+    """What is played: the mission, or a built-in one."""
 
 
 class Ended(msgspec.Struct, frozen=True):

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from itertools import count
 from typing import Final, Literal
 
+import msgspec
+
 from swarmd.mission.core.actions import (
     Action,
     Ended,
@@ -214,7 +216,7 @@ class MissionCore:
     def _move(self, event: Event, now_ns: int, actions: list[Action], text: str = "") -> None:
         self._phase = follow(self._phase, event)
         self._since_ns = now_ns
-        actions.append(Step("", "Mission", f"state:{self._phase}", text))
+        actions.append(Step("", "Mission", f"state:{self._phase}", text, self._playing))
 
     def _settle(self, now_ns: int, actions: list[Action]) -> None:
         """Follows barriers that have opened or broken until nothing changes any more."""
@@ -270,9 +272,10 @@ class MissionCore:
                         self._barriers.withdraw(token)
                 case Ended(result, reason):
                     self._end(result, reason, now_ns, actions)
-                case Step() if step.event == "started":
-                    self._text = f"{step.block}: {step.type}"
-                    actions.append(step)
+                case Step():
+                    if step.event == "started":
+                        self._text = f"{step.block}: {step.type}"
+                    actions.append(msgspec.structs.replace(step, mission=self._playing))
                 case _:
                     actions.append(step)
 

@@ -1,0 +1,208 @@
+"""The mission daemon over real nodes: one instruction, common start, barriers, failures, aborts."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from tests.integration.mission.swarm import on_uvloop, swarm
+
+from swarmware.errors import MissionError, NotFound
+from swarmware.types.mission import (
+    AbortAnswer,
+    MissionAbort,
+    MissionFile,
+    MissionList,
+    MissionStatus,
+    MissionTask,
+    TaskAnswer,
+)
+from swarmware.types.rpc import Empty
+
+TASK = "sys/mission/task"
+FORMATION = MissionTask("formation", params={"speed_m_s": 2.5})
+
+
+def hover(seconds: float) -> MissionFile:
+    """Arm, meet, wait, meet."""
+    return MissionFile(
+        "hover.json",
+        f"""{{"mission": {{
+            "s": {{"type": "Start", "next": "arm"}},
+            "arm": {{"type": "Arm", "next": "a"}},
+            "a": {{"type": "Barrier", "id": "a", "timeout": 20, "next": "w"}},
+            "w": {{"type": "Wait", "s": {seconds}, "next": "b"}},
+            "b": {{"type": "Barrier", "id": "b", "timeout": 20, "next": "e"}},
+            "e": {{"type": "End"}}
+        }}}}""",
+    )
+
+
+@on_uvloop
+async def test_one_instruction_flies_the_formation(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "ugv1", "ugv2", "uav1", "uav2") as s:
+        answer = await s.ask(TASK, FORMATION, TaskAnswer)
+        assert answer.accepted
+        assert {order.platform: order.role for order in answer.orders} == {
+            "ugv1": "leader",
+            "ugv2": "ground",
+            "uav1": "air",
+            "uav2": "air",
+            "gcs": "control",
+        }
+        await s.until(lambda: s.all_in("done"))
+        assert s["gcs"].history == ["ready", "running", "ending", "done"]
+        assert s["uav2"].kinds == ["takeoff", "formation", "formation", "land"]
+        assert s["ugv2"].kinds == ["formation", "formation", "land"]
+        second = s["uav2"].vehicle.goals[2]
+        assert (second.leader, second.advance, second.speed_m_s) == ("ugv1", True, 2.5)
+        assert second.offset_m == pytest.approx((-9.0, 3.0, 8.4))
+        assert not s["uav2"].vehicle.armed
+        # members left each barrier together although their clocks are up to ten seconds apart
+        for barrier in ("airborne", "formed", "course", "down"):
+            times = [member.passed[barrier] for member in s.members.values()]
+            assert max(times) - min(times) < 100_000_000
+        # every order but the station's own is on record, with the receiver's own stamp
+        assert sorted(order.platform for order in s.orders) == ["uav1", "uav2", "ugv1", "ugv2"]
+        for order in s.orders:
+            local = s[order.platform].node.clock.to_mono_ns(order.received_ns)
+            sent = s["gcs"].node.clock.to_mono_ns(order.sent_ns)
+            acked = s["gcs"].node.clock.to_mono_ns(order.acked_ns)
+            assert sent < local < acked
+
+
+@on_uvloop
+async def test_nobody_starts_when_one_member_refuses(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "ugv1", "uav1", "uav2", uav2=0.1) as s:
+        answer = await s.ask(TASK, FORMATION, TaskAnswer)
+        assert not answer.accepted
+        (refused,) = [order for order in answer.orders if not order.accepted]
+        assert refused.platform == "uav2"
+        assert "battery > 20 %" in refused.reasons[0]
+        await s.until(lambda: s.all_in("aborted", "uav2"))
+        assert s["uav1"].history == ["ready", "aborted"]
+        assert s["uav1"].kinds == []
+        assert s["uav2"].history == []
+        # and the swarm is free for the next one
+        again = await s.ask(TASK, MissionTask("formation", members=("gcs", "ugv1", "uav1")), TaskAnswer)
+        assert again.accepted
+        await s.until(lambda: s.all_in("done", "uav2"))
+
+
+@on_uvloop
+async def test_an_abort_brings_everybody_down(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
+        s["ugv1"].vehicle.took_s = 30.0
+        await s.ask(TASK, FORMATION, TaskAnswer)
+        await s.until(lambda: "formation" in s["ugv1"].kinds)
+        s["ugv1"].vehicle.took_s = 0.05
+        answer = await s.ask("sys/mission/abort", MissionAbort("enough", "hold"), AbortAnswer)
+        assert sorted(answer.told) == ["gcs", "uav1", "ugv1"]
+        assert answer.silent == ()
+        await s.until(lambda: s["gcs"].history[-1] == "aborted" and s["uav1"].history[-1] == "aborted")
+        assert s["uav1"].history == ["ready", "running", "ending", "recovering", "ending", "aborted"]
+        assert s["uav1"].kinds[-1] == "hold"
+        assert s["uav1"].vehicle.armed
+
+
+@on_uvloop
+async def test_a_navigator_that_is_blocked_ends_in_a_landing_for_all(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
+        s["uav1"].vehicle.answers["formation"] = "blocked"
+        await s.ask(TASK, FORMATION, TaskAnswer)
+        await s.until(lambda: s.all_in("failed"))
+        assert [kind for kind in s["uav1"].kinds if kind != "hold"] == ["takeoff", "formation", "land"]
+        assert s["ugv1"].kinds[-1] == "land"
+        assert not s["ugv1"].vehicle.armed
+        status = await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)
+        assert "form ended with error:blocked" in status.state.text
+        assert status.others["gcs"].state == "failed"
+
+
+@on_uvloop
+async def test_a_vehicle_that_does_not_arm_fails_the_mission(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
+        s["uav1"].vehicle.refuses_to_arm = True
+        await s.ask(TASK, FORMATION, TaskAnswer)
+        await s.until(lambda: s.all_in("failed"))
+        status = await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)
+        assert "error:refused: safety switch" in status.state.text
+
+
+@on_uvloop
+async def test_a_member_that_falls_silent_breaks_the_barrier(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2", "uav3") as s:
+        answer = await s.ask(TASK, MissionTask("hover", files=(hover(1.0),)), TaskAnswer)
+        assert answer.accepted
+        await s.until(lambda: all("a" in member.passed for member in s.members.values()))
+        await s.kill("uav3")
+        await s.until(lambda: s["uav1"].history[-1] == "failed" and s["uav2"].history[-1] == "failed")
+        status = await s.ask("/uav2/sys/mission/status", Empty(), MissionStatus)
+        assert "uav3" in status.state.text
+        assert s["uav1"].kinds == ["land"]
+
+
+@on_uvloop
+async def test_a_vehicle_under_way_lands_when_its_daemon_comes_back(tmp_path: Path) -> None:
+    from swarmd.mission.service import Mission
+
+    async with swarm(tmp_path, "uav1") as s:
+        await s.ask(TASK, MissionTask("hover", files=(hover(60.0),)), TaskAnswer)
+        await s.until(lambda: s["uav1"].vehicle.armed and "a" in s["uav1"].passed)
+        member = s["uav1"]
+        await s.kill("uav1")
+        for path in list(member.daemon._serves):
+            member.node.post.unserve(member.daemon._serves[path].data_id)
+        for writer in list(member.daemon._writers):
+            member.daemon.close_writer(writer)
+        member.task = asyncio.create_task(Mission(member.daemon, member.daemon.config).run())
+        await s.until(lambda: member.history[-1] == "aborted")
+        assert member.history[-3:] == ["recovering", "ending", "aborted"]
+        assert member.kinds[-1] == "land"
+        assert not member.vehicle.armed
+
+
+@on_uvloop
+async def test_a_second_instruction_is_refused_while_the_first_is_carried_out(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "uav1") as s:
+        task = MissionTask("hover", files=(hover(0.5),))
+        assert (await s.ask(TASK, task, TaskAnswer)).accepted
+        await s.until(lambda: s["uav1"].history[-1] == "running")
+        second = await s.ask(TASK, task, TaskAnswer)
+        assert not second.accepted
+        assert "busy: hover is running" in second.orders[0].reasons[0]
+        # taking the second back does not touch the first
+        await s.until(lambda: s["uav1"].history[-1] == "done")
+
+
+@pytest.mark.parametrize(
+    ("task", "error", "words"),
+    [
+        (MissionTask("dance"), NotFound, "mission 'dance': not in the store; expected one of: .*formation"),
+        (MissionTask("formation", members=("uav9",)), NotFound, "'uav9': not known here"),
+        (MissionTask("formation", members=("gcs",)), MissionError, "role 'leader': no ugv"),
+        (MissionTask("formation", params={"spede": 1.0}), MissionError, "'spede': unknown in formation"),
+        (
+            MissionTask("x", files=(MissionFile("x.json", '{"mission": {"b0": {"type": "Strat"}}}'),)),
+            MissionError,
+            "'Strat': unknown; nearest known: Start",
+        ),
+    ],
+)
+@on_uvloop
+async def test_an_instruction_that_makes_no_sense_reaches_nobody(
+    tmp_path: Path, task: MissionTask, error: type[Exception], words: str
+) -> None:
+    async with swarm(tmp_path, "gcs", "ugv1") as s:
+        with pytest.raises(error, match=words):
+            await s.ask(TASK, task, TaskAnswer)
+        assert s.orders == []
+        assert s["ugv1"].history == []
+
+
+@on_uvloop
+async def test_the_store_lists_the_missions_of_the_installation(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs") as s:
+        found = await s.ask("sys/mission/ls", Empty(), MissionList)
+        (formation,) = [mission for mission in found.missions if mission.name == "formation"]
+        assert formation.sound
+        assert formation.roles == ("leader", "ground", "air", "control")
