@@ -302,7 +302,7 @@ def play(
             send(0)
 
     if side == 0:
-        out.send(None)
+        out.send([])
     end.run(on_message, first)
     if side:
         out.send(taken[len(taken) // 10 :])  # without the first tenth: caches, connections, first calls
@@ -316,20 +316,18 @@ def measure(make: Callable[[Path, int], End], size: int, count: int, cores: Core
         free.bind(("127.0.0.1", 0))
         (folder / "port").write_text(str(free.getsockname()[1]))
         free.close()
-        ours, theirs = context.Pipe()
-        answering = context.Process(target=play, args=(make, folder, 0, size, count, cores, theirs))
-        asking = context.Process(target=play, args=(make, folder, 1, size, count, cores, theirs))
-        answering.start()
+        processes = []
         taken: list[int] = []
-        if ours.poll(15):  # the answering side is ready
-            ours.recv()
-            asking.start()
-            theirs.close()
-            with contextlib.suppress(EOFError):
-                taken = ours.recv() if ours.poll(60) else []
-        for process in (asking, answering):
-            if process.pid is None:
-                continue
+        with contextlib.suppress(EOFError):  # it could not start: its traceback is on stderr
+            for side in (0, 1):
+                ours, theirs = context.Pipe()
+                process = context.Process(target=play, args=(make, folder, side, size, count, cores, theirs))
+                processes.append(process)
+                process.start()
+                theirs.close()
+                if ours.poll(60):
+                    taken = ours.recv()  # nothing yet from the answering side: it is ready
+        for process in reversed(processes):
             process.join(10)
             process.kill()
             process.join()
@@ -341,9 +339,13 @@ def compare(
 ) -> None:
     """All peers in turn, several rounds; prints the table with the first peer as the measure."""
     taken: dict[str, list[int]] = {name: [] for name in peers}
+    peers = dict(peers)
     for _ in range(ROUNDS):
-        for name, make in peers.items():
-            taken[name] += measure(make, size, count, cores)
+        for name in [*peers]:
+            values = measure(peers[name], size, count, cores)
+            taken[name] += values
+            if not values:
+                del peers[name]  # what does not run once is not tried again
     print(f"{f'one way, {size} bytes, {where}':<38}{'p50 µs':>10}{'p99 µs':>10}{'p50 ratio':>11}")
     measure_us = 0.0
     for name, values in taken.items():
