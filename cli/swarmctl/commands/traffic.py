@@ -96,7 +96,12 @@ def ls(ctx: click.Context) -> None:
 
 @cmd.command()
 @click.option(
-    "--period", "period_s", type=click.FloatRange(min=0.2), default=1.0, show_default=True, metavar="SECONDS"
+    "--period",
+    "period_s",
+    type=click.FloatRange(min=0.2),
+    default=1.0,
+    show_default=True,
+    metavar="SECONDS",
     help="How often.",
 )
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N periods.")
