@@ -11,6 +11,7 @@ from swarmd.logger.core import Plan
 from swarmd.logger.forward import Forwarder
 from swarmd.logger.taps import Tap
 from swarmware import template
+from swarmware.appfile import AppTable
 from swarmware.clock import utc_ns
 from swarmware.errors import SwarmError
 from swarmware.module import BoardWriter, Meta, Module
@@ -31,6 +32,8 @@ class Logger(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         self._node = module.node
+        # a table of its own: the one of the process tells its changes only to who asks first
+        self._table = AppTable(self._node.run_dir)
         self._plan = Plan()
         self._taps: dict[str, Tap] = {}
         self._batch = Batch()
@@ -97,7 +100,7 @@ class Logger(Service):
                 stats.write(await self._stats(book))
 
     def _follow_table(self) -> None:
-        changed = self._node.table.refresh()
+        changed = self._table.refresh()
         if not changed and self._plan.tracks:
             return
         assert self._book is not None
@@ -114,7 +117,7 @@ class Logger(Service):
     def _resources(self) -> list[Resource]:
         """The template's resources and those that modules added; the template says how they are logged."""
         found = {resource.path: resource for resource in self._template.resources}
-        for entry in self._node.table:
+        for entry in self._table:
             for resource in entry.provides:
                 found.setdefault(resource.path, resource)
         return [resource for path, resource in found.items() if path != GAPS]
@@ -180,6 +183,7 @@ class Logger(Service):
     async def _answer(self, request: LogStatsRequest, _: Meta) -> LogStats:
         assert self._book is not None
         if request.flush:
+            self._follow_table()
             self._look()
             await self._write(self._book)
         return await self._stats(self._book)

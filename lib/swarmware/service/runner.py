@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import resource
 import signal
 import sys
 from pathlib import Path
@@ -33,8 +34,15 @@ def run_services(config_dir: Path, names: list[str]) -> int:
     node_config = config.load_node(config_dir)
     prepared = [_prepare(config_dir, name) for name in names]
     _log_to_stderr(node_config.log_level, node_config.platform)
+    _open_many_files()
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         return runner.run(_run(config_dir, prepared))
+
+
+def _open_many_files() -> None:
+    """A mapped ring holds a descriptor or three: the usual soft limit of 1024 is soon reached."""
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def _prepare(config_dir: Path, name: str) -> Prepared:
@@ -118,7 +126,8 @@ class _Lines(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         text = super().format(record)
-        return f"<{self._PRIORITY.get(record.levelname, 6)}>{text}" if self._journal else text
+        mark = f"<{self._PRIORITY.get(record.levelname, 6)}>" if self._journal else ""
+        return mark + text.replace("\n", f"\n{mark}  ")  # a traceback stays with its record
 
 
 def _log_to_stderr(level: str, platform: str) -> None:

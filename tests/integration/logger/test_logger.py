@@ -1,0 +1,131 @@
+"""The logger as a real process: what moved in shared memory is on disk once, also after kill -9."""
+
+from pathlib import Path
+from typing import Any
+
+from tests.integration.record.mongod import Mongod
+
+from swarmware.module import BoardWriter, Module
+from swarmware.record.query import FolderSource, Query
+from swarmware.testing import make_node, spawn
+from swarmware.types.log import LogGap, LogStats, LogStatsRequest
+from swarmware.types.scalar import Float, Int
+
+COUNT = "test/count"
+
+
+def counted(folder: Path, path: str = COUNT) -> list[int]:
+    found = (entry.value() for entry in FolderSource([folder]).entries(Query(pattern=f"/uav1/{path}")))
+    return [value.value for value in found if isinstance(value, Int)]
+
+
+async def flushed(module: Module) -> LogStats:
+    return await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=10.0)
+
+
+async def events(module: Module, **more: Any) -> BoardWriter[Int]:
+    return await module.writer(COUNT, Int, kind="event", log="all", **more)
+
+
+async def test_every_event_is_logged_once_although_the_logger_is_killed_in_the_middle(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"logger": {"flush_s": 0.1}})
+    log = tmp_path / "uav1/data/log"
+    async with Module("source", config_dir=config) as module:
+        writer = await events(module, slots=512)
+        for number in range(100):
+            writer.write(Int(number))  # before there is a logger
+        async with spawn(config, "logger") as logger:
+            await flushed(module)
+            assert counted(log) == list(range(100))
+            for number in range(100, 200):
+                writer.write(Int(number))
+            await flushed(module)
+            for number in range(200, 250):
+                writer.write(Int(number))
+            await logger.kill()
+        for number in range(250, 300):
+            writer.write(Int(number))  # while there is none
+        async with spawn(config, "logger"):
+            stats = await flushed(module)
+            assert counted(log) == list(range(300))
+            assert stats.gaps == 0
+
+
+async def test_events_that_were_overwritten_unseen_are_a_gap_with_their_number(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"logger": {"period_s": 1.0}})
+    log = tmp_path / "uav1/data/log"
+    async with Module("source", config_dir=config) as module:
+        writer = await events(module, slots=16)
+        async with spawn(config, "logger"):
+            writer.write(Int(0))
+            await flushed(module)
+            for number in range(1, 201):
+                writer.write(Int(number))
+            stats = await flushed(module)
+        numbers = counted(log)
+        assert numbers[-1] == 200
+        gaps = [
+            value
+            for entry in FolderSource([log]).entries(Query(pattern="/uav1/log/gaps"))
+            if isinstance(value := entry.value(), LogGap)
+        ]
+        assert sum(gap.count for gap in gaps) == 201 - len(numbers) == stats.gaps
+        assert {(gap.where, gap.path) for gap in gaps} == {("ring", COUNT)}
+
+
+async def test_a_board_is_decimated_to_the_rate_of_its_descriptor(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"logger": {"period_s": 0.02}})
+    log = tmp_path / "uav1/data/log"
+    async with Module("source", config_dir=config) as module, spawn(config, "logger"):
+        writer = await module.writer("test/level", Float, rate_hz=50.0, log="5hz")
+        ticks = 0
+        async for _ in module.every(0.02):
+            writer.write(Float(float(ticks)))
+            ticks += 1
+            if ticks == 100:
+                break
+        await flushed(module)
+        stamps = [entry.stamp_ns for entry in FolderSource([log]).entries(Query(pattern="/uav1/test/level"))]
+        span_s = (stamps[-1] - stamps[0]) / 1e9
+        assert 3.0 < (len(stamps) - 1) / span_s < 7.0
+
+
+async def test_a_database_that_comes_late_and_goes_away_gets_everything_once(tmp_path: Path) -> None:
+    server = Mongod(tmp_path / "db")
+    logger_settings = {
+        "flush_s": 0.1,
+        "mongodb_uri": f"{server.uri}/?serverSelectionTimeoutMS=300",
+        "retry_s": 0.2,
+        "forward_batch": 50,
+    }
+    config = make_node(tmp_path, services={"logger": logger_settings})
+    try:
+        async with Module("source", config_dir=config) as module, spawn(config, "logger"):
+            writer = await events(module, slots=512)
+            stats = await module.reader("log/stats", LogStats)
+            for number in range(200):
+                writer.write(Int(number))
+            await flushed(module)
+            server.start()
+            await forwarded(stats, 200)
+            server.kill()
+            for number in range(200, 400):
+                writer.write(Int(number))
+            await flushed(module)
+            server.start()
+            await forwarded(stats, 400)
+        from swarmware.record.mongo import MongoStore
+
+        store = MongoStore(server.uri)
+        found = [entry.value() for entry in store.entries(Query(pattern=f"/uav1/{COUNT}"))]
+        store.close()
+        assert found == [Int(number) for number in range(400)]
+    finally:
+        server.stop()
+
+
+async def forwarded(stats: Any, count: int) -> None:
+    """Waits until the logger says that so many entries are in the database and none is left."""
+    async for value in stats:
+        if value.forwarded >= count and value.backlog == 0:
+            return
