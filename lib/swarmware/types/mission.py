@@ -1,8 +1,21 @@
 """Missions between processes and platforms: order and receipt, and the state that barriers work through."""
 
+import struct
+from typing import Final, Self
+
 import msgspec
 
+from swarmware.errors import WireError
 from swarmware.types.registry import register
+
+STATES: Final = ("idle", "ready", "running", "ending", "recovering", "done", "failed", "aborted")
+"""States of a mission, in the order in which they are numbered on the wire."""
+KINDS: Final = ("", "uav", "ugv", "usv", "gcs")
+HASH_DIGITS: Final = 8
+"""Of a mission's hash, on its board: enough to tell the versions of one mission apart."""
+
+_HEAD: Final = struct.Struct("<IIBBB")
+"""Epoch, hash, state, kind, progress in 1/255; the rest follows as MessagePack."""
 
 ParamValue = bool | int | float | str | tuple[tuple[float, ...], ...]
 """Value of a mission parameter: a number, a text, yes or no, or points in metres."""
@@ -159,9 +172,9 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
 
     epoch: int
     hash: str
-    """First eight digits."""
+    """First eight digits; empty without a mission."""
     state: str
-    """idle | ready | running | ending | recovering | done | failed | aborted."""
+    """One of STATES."""
     active: tuple[str, ...] = ()
     """Blocks that hold a token."""
     arrivals: tuple[Arrival, ...] = ()
@@ -175,7 +188,60 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     mission: str = ""
     """What is played: the mission, or the built-in one that brings the vehicle to safety."""
     kind: str = ""
-    """Kind of the platform: whoever hands out roles needs it."""
+    """Kind of the platform, one of KINDS: whoever hands out roles needs it."""
+
+    def pack(self) -> bytes:
+        """The short form for the tick."""
+        head = _HEAD.pack(
+            self.epoch,
+            int(self.hash or "0", 16),
+            STATES.index(self.state),
+            KINDS.index(self.kind),
+            round(min(max(self.progress_ratio, 0.0), 1.0) * 255),
+        )
+        return head + _tail_encoder.encode(
+            _Tail(self.active, self.arrivals, self.meetings, self.text, self.mission)
+        )
+
+    @classmethod
+    def unpack(cls, data: bytes | memoryview) -> Self:
+        """The state in the short form.
+
+        Raises: WireError when it is none.
+        """
+        if len(data) < _HEAD.size:
+            raise WireError(f"packed MissionState of {len(data)} bytes: expected {_HEAD.size} at least")
+        epoch, digest, state, kind, ratio = _HEAD.unpack_from(data)
+        if state >= len(STATES) or kind >= len(KINDS):
+            raise WireError(f"packed MissionState: state {state}, kind {kind}: expected known ones")
+        try:
+            tail = _tail_decoder.decode(data[_HEAD.size :])
+        except (msgspec.DecodeError, ValueError) as error:
+            raise WireError(f"packed MissionState: {error}") from error
+        return cls(
+            epoch,
+            f"{digest:0{HASH_DIGITS}x}" if epoch else "",
+            STATES[state],
+            tail.active,
+            tail.arrivals,
+            tail.meetings,
+            ratio / 255,
+            tail.text,
+            tail.mission,
+            KINDS[kind],
+        )
+
+
+class _Tail(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    active: tuple[str, ...]
+    arrivals: tuple[Arrival, ...]
+    meetings: tuple[Meeting, ...]
+    text: str
+    mission: str
+
+
+_tail_encoder = msgspec.msgpack.Encoder()
+_tail_decoder = msgspec.msgpack.Decoder(_Tail)
 
 
 @register

@@ -15,8 +15,10 @@ OVER: Final = frozenset({"idle", "ending", "recovering", "done", "failed", "abor
 """States of a member that will come to no barrier any more."""
 PATIENCE: Final = 3
 """A member whose mission is silent but whose computer is heard of gets so many times longer."""
-MEMORY: Final = 8
-"""Outcomes of barriers that a member keeps telling, for those who come late."""
+MEMORY: Final = 16
+"""Outcomes of barriers that a member remembers."""
+TOLD: Final = 3
+"""Of these it keeps telling the newest, for those who come late."""
 
 Key = tuple[str, int]
 
@@ -97,7 +99,8 @@ class Barriers:
     @property
     def meetings(self) -> tuple[Meeting, ...]:
         """Outcomes of barriers, on this member's clock, for its board."""
-        return tuple(Meeting(*key, known.leave_ns, known.by) for key, known in self._known.items())
+        newest = list(self._known.items())[-TOLD:]
+        return tuple(Meeting(*key, known.leave_ns, known.by) for key, known in newest)
 
     def expect_all(self, now_ns: int) -> None:
         """From now on a member's silence means that it is lost."""

@@ -22,13 +22,12 @@ from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
 from swarmware.mission.model import ERROR, TIMEOUT, Block, Mission
-from swarmware.types.mission import Meeting, Member, MissionState
+from swarmware.types.mission import HASH_DIGITS, Meeting, Member, MissionState
 
 START: Final = "@start"
 """The barrier before Start: nobody begins unless all have accepted."""
 CHECK_NS: Final = 1_000_000_000
 """Requirements are looked at so often (S2.35)."""
-HASH_DIGITS: Final = 8
 
 _PLAYING: Final = frozenset({Phase.RUNNING, Phase.RECOVERING})
 _BUSY: Final = frozenset({Phase.READY, Phase.RUNNING, Phase.ENDING, Phase.RECOVERING})

@@ -1,0 +1,136 @@
+"""May an order be played here? What is refused, and with which words."""
+
+import contextlib
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.unit.mission.nets import net
+
+from swarmd.mission.core.admission import Admission
+from swarmware.errors import MissionError, WireError
+from swarmware.mission.catalogue import built_in
+from swarmware.mission.folder import content_hash
+from swarmware.types import registry
+from swarmware.types.mission import Arrival, Meeting, Member, MissionOrder, MissionState
+
+TEXT = net(
+    s="Start>t",
+    t={"type": "Takeoff", "alt": "$param.height", "next": "e"},
+    e="End",
+).replace('{"mission"', '{"params": {"height": 5.0}, "mission"', 1)
+S = 1_000_000_000
+STATE = MissionState(
+    4_000_000_000,
+    "00ab12cd",
+    "running",
+    ("advance",),
+    (Arrival("course", 1),),
+    (Meeting("formed", 1, -5_000_000_000, 0), Meeting("airborne", 1, None, 2)),
+    0.5,
+    "advance: 0.1 m off its slot",
+    "formation",
+    "uav",
+)
+
+
+def order(text: str = TEXT, **changed: object) -> MissionOrder:
+    plain = MissionOrder(
+        mission="hop",
+        hash="00" * 16,
+        epoch=7,
+        role="air",
+        file="hop/air.json",
+        text=text,
+        text_hash=content_hash(text),
+        members=(Member("uav1", "air", "uav"), Member("uav2", "air", "uav")),
+        params={"height": 8.0},
+        issuer="gcs",
+        issued_ns=0,
+        expires_ns=10 * S,
+    )
+    return msgspec.structs.replace(plain, **changed)
+
+
+def admission(platform: str = "uav1", kind: str = "uav") -> Admission:
+    return Admission(platform, kind, built_in())
+
+
+def test_a_good_order_becomes_a_run_with_its_parameters() -> None:
+    run = admission().run(order(), S, 10 * S)
+    assert run.mission.blocks["t"].params.altitude_m == 8.0  # type: ignore[attr-defined]  # Takeoff's
+    assert (run.name, run.epoch, run.role) == ("hop", 7, "air")
+
+
+def test_the_same_order_again_is_not_checked_anew() -> None:
+    desk = admission()
+    assert desk.run(order(), S, 10 * S).mission is desk.run(order(epoch=8), S, 10 * S).mission
+    other = desk.run(order(params={"height": 9.0}), S, 10 * S).mission
+    assert other.blocks["t"].params.altitude_m == 9.0  # type: ignore[attr-defined]  # as above
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"text_hash": "0"}, "hash differs"),
+        ({"text_hash": content_hash(TEXT + " ")}, "hash differs"),
+        ({"members": (Member("uav2", "air", "uav"),)}, "uav1 is not among its members"),
+        ({"members": (Member("uav1", "air", "uav"),) * 2}, "stands there twice"),
+        ({"params": {"height": "high"}}, "/params/height"),
+        ({"params": {"height": -3.0}}, "/mission/t/alt"),
+    ],
+)
+def test_an_order_that_does_not_fit_is_refused(changed: dict[str, Any], words: str) -> None:
+    with pytest.raises(MissionError) as caught:
+        admission().run(order(**changed), S, 10 * S)
+    assert words in str(caught.value)
+
+
+def test_an_order_that_came_too_late_is_refused() -> None:
+    with pytest.raises(MissionError, match=r"came 2\.0 s after it had expired"):
+        admission().run(order(), 12 * S, 10 * S)
+
+
+def test_an_unsound_mission_is_refused_with_the_place() -> None:
+    text = net(s="Start>t", t={"type": "Arm", "next": "e"}, e="End", x={"type": "Arm", "next": "e"})
+    with pytest.raises(MissionError, match=r"hop/air\.json:1: /mission/x: 'x' can never be reached"):
+        admission().run(order(text), S, 10 * S)
+
+
+def test_a_mission_that_this_vehicle_cannot_do_is_refused() -> None:
+    with pytest.raises(MissionError, match="a ugv cannot Takeoff: expected uav"):
+        admission(kind="ugv").run(order(), S, 10 * S)
+
+
+@given(st.binary(max_size=200) | st.builds(lambda cut: registry.encode(order())[:cut], st.integers(0, 400)))
+def test_any_bytes_are_an_order_and_a_state_or_a_wire_error(data: bytes) -> None:
+    for cls in (MissionOrder, MissionState):
+        try:
+            registry.decode(cls, data)
+        except WireError:
+            continue
+
+
+@given(st.binary(max_size=100) | st.builds(lambda cut: STATE.pack()[:cut], st.integers(0, 200)))
+def test_any_bytes_are_a_packed_state_or_a_wire_error(data: bytes) -> None:
+    with contextlib.suppress(WireError):
+        MissionState.unpack(data).pack()
+
+
+def test_a_state_is_the_same_after_the_tick() -> None:
+    packed = STATE.pack()
+    assert len(packed) + 20 < len(registry.encode(STATE))
+    back = MissionState.unpack(memoryview(packed))
+    assert msgspec.structs.replace(back, progress_ratio=0.5) == STATE
+    assert back.progress_ratio == pytest.approx(0.5, abs=0.002)
+    idle = MissionState(0, "", "idle", kind="gcs")
+    assert MissionState.unpack(idle.pack()) == idle
+
+
+def test_an_order_is_the_same_after_the_wire() -> None:
+    sent = order(
+        params={"height": 8.0, "course": ((0.0, 1.0), (2.0, 3.0)), "slot": 3, "on": True, "who": "a"}
+    )
+    assert registry.decode(MissionOrder, registry.encode(sent)) == sent

@@ -1,0 +1,54 @@
+"""share/doc/missions.md says what the code does: the table of blocks, the examples, the files named."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from swarmware.mission.binding import Binding
+from swarmware.mission.catalogue import BLOCKS, BlockType
+from swarmware.mission.check import check_text
+from swarmware.mission.condition import parse
+
+ROOT = Path(__file__).parents[3]
+TEXT = (ROOT / "share/doc/missions.md").read_text()
+
+
+def row(block: BlockType) -> str:
+    """The block's line of the table."""
+    params = []
+    for field in msgspec.structs.fields(block.params):
+        default = "" if field.required else f" = {show(field.default)}"
+        params.append(f"`{field.name}{default}`")
+    timeout = f"{block.timeout_s:g} s" if block.timeout_s else "–"
+    errors = ", ".join(block.errors) or "–"
+    who = ", ".join(block.kinds) or "all"
+    return f"| {block.name} | {block.purpose} | {' '.join(params) or '–'} | {timeout} | {errors} | {who} |"
+
+
+def show(value: Any) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(show(item) for item in value) + "]"
+    return msgspec.json.encode(value).decode()
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.name)
+def test_the_table_of_blocks_is_that_of_the_catalogue(block: BlockType) -> None:
+    assert row(block) in TEXT
+
+
+@pytest.mark.parametrize("example", re.findall(r"```json\n(.*?)```", TEXT, re.DOTALL))
+def test_every_example_mission_is_sound(example: str) -> None:
+    assert check_text(example, "missions.md", Binding())[1] == []
+
+
+@pytest.mark.parametrize("example", re.findall(r"^    if: (.*)$", TEXT, re.MULTILINE))
+def test_every_example_condition_can_be_read(example: str) -> None:
+    parse(example)
+
+
+@pytest.mark.parametrize("path", re.findall(r"`(share/[\w/.]+|tests/[\w/.]+|etc/[\w/.]+)`", TEXT))
+def test_every_file_named_exists(path: str) -> None:
+    assert (ROOT / path).exists()
