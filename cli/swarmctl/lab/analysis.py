@@ -134,11 +134,16 @@ class Analysis:
         )
 
     def _receipts_ms(self) -> dict[str, float]:
-        """From the order's leaving the ground station to its receipt, both clocks made true."""
-        station = next(node for node in self._facts.nodes if node.kind == "gcs").clock.clock
+        """From the order's leaving the ground station to its receipt, both clocks made true.
+
+        The ground station's own order crossed no link and does not count.
+        """
+        gcs = next(node for node in self._facts.nodes if node.kind == "gcs")
+        station = gcs.clock.clock
         found = {}
         for order in self._facts.orders:
-            if order.received_ns and order.platform in self._recording.clocks:
+            known = order.platform in self._recording.clocks and order.platform != gcs.platform
+            if order.received_ns and known:
                 there = self._recording.clocks[order.platform].clock
                 took_ns = there.to_mono_ns(order.received_ns) - station.to_mono_ns(order.sent_ns)
                 found[order.platform] = took_ns / 1e6

@@ -35,6 +35,26 @@ def at_once() -> int:
     return max(2, 2 * (os.cpu_count() or 1))
 
 
+def command(node: NodeRecord) -> list[str]:
+    """What is started for a node."""
+    return [sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)]
+
+
+def environment(lab: LabRecord, node: NodeRecord) -> dict[str, str]:
+    """The node's environment: marked, with its own notification socket, without the operator's options."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
+    kept.pop("WATCHDOG_USEC", None)
+    return (
+        kept
+        | ENVIRONMENT
+        | {
+            MARK: lab.mark,
+            NODE_MARK: node.folder,
+            "NOTIFY_SOCKET": str(node.notify_path),
+        }
+    )
+
+
 class RunningLab:
     """Starts the nodes, a few at a time, and watches them through the kernel: no polling."""
 
@@ -105,20 +125,13 @@ class RunningLab:
         self._sockets[node.platform] = heard
         loop = asyncio.get_running_loop()
         loop.add_reader(heard.fileno(), self._on_notify, heard)
-        environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
-        environment |= ENVIRONMENT | {
-            MARK: self.record.mark,
-            NODE_MARK: node.folder,
-            "NOTIFY_SOCKET": str(node.notify_path),
-        }
-        environment.pop("WATCHDOG_USEC", None)
         with node.log_file.open("ab") as log:
             child = subprocess.Popen(
-                [sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)],
+                command(node),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env=environment,
+                env=environment(self.record, node),
                 cwd=node.folder,
                 start_new_session=True,
             )

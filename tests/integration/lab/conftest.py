@@ -1,0 +1,71 @@
+"""A folder of labs of the test's own, and the command as an operator types it."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmctl.lab import folders, processes, record
+from swarmctl.lab.record import LabRecord
+
+Done = subprocess.CompletedProcess[str]
+Ctl = Callable[..., Done]
+
+
+@pytest.fixture
+def labs(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Folder of labs; short, because sockets live below it. Whatever a test leaves there is ended."""
+    folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
+    monkeypatch.setenv("SWARMCTL_LABS", str(folder))
+    try:
+        yield folder
+    finally:
+        left = record.labs()
+        for lab in left:
+            folders.down(lab)
+        shutil.rmtree(folder)
+
+
+@pytest.fixture
+def ctl(labs: Path) -> Ctl:
+    """`swarmctl …`, to its end."""
+
+    def run(*words: str, code: int | None = 0) -> Done:
+        done = subprocess.run(
+            [sys.executable, "-m", "swarmctl", *words],
+            capture_output=True,
+            text=True,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            env={**os.environ, "SWARMCTL_LABS": str(labs)},
+        )
+        assert code is None or done.returncode == code, (
+            f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
+        )
+        return done
+
+    return run
+
+
+def remains(lab: LabRecord) -> list[str]:
+    """What a lab that was taken down left behind."""
+    left = [str(process.pid) for process in processes.marked(lab.mark)]
+    left += [node.shm_dir for node in lab.nodes if Path(node.shm_dir).exists()]
+    left += [node.folder for node in lab.nodes if Path(node.folder).exists()]
+    return left
+
+
+@pytest.fixture
+def nothing_remains() -> Callable[[LabRecord], None]:
+    """Asserts that a lab is gone without a trace."""
+
+    def check(lab: LabRecord) -> None:
+        assert remains(lab) == []
+        assert not Path(lab.folder).exists()
+
+    return check

@@ -1,0 +1,117 @@
+"""Labs of real processes: up, seen, down, side by side, interrupted."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmctl.lab import record
+from swarmctl.lab.record import LabRecord
+
+Done = subprocess.CompletedProcess[str]
+Ctl = Callable[..., Done]
+Gone = Callable[[LabRecord], None]
+
+
+def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes(
+    ctl: Ctl, labs: Path, nothing_remains: Gone
+) -> None:
+    up = json.loads(ctl("lab", "up", "formation", "--nodes", "3", "--detach", "--json").stdout)
+    assert (up["name"], up["nodes"], up["alive"], up["state"]) == ("formation", 3, 3, "running")
+    lab = record.find()
+    assert lab.ready_s > 0
+    (listed,) = json.loads(ctl("lab", "ls", "--json").stdout)["labs"]
+    assert (listed["name"], listed["alive"]) == ("formation", 3)
+    said = ctl("lab", "logs", "uav1", "--lines", "5").stdout
+    assert said.strip()
+    assert {line.split(":")[0] for line in ctl("lab", "logs").stdout.splitlines()} == {"gcs", "ugv1", "uav1"}
+    ended = json.loads(ctl("lab", "down", "--json").stdout)["ended"]
+    assert ended == [{"name": "formation", "nodes": 3, "forced": 0}]
+    nothing_remains(lab)
+    assert list(labs.iterdir()) == []
+
+
+def test_two_labs_side_by_side_do_not_see_each_other(ctl: Ctl, nothing_remains: Gone) -> None:
+    for seed in ("1", "2"):
+        ctl("lab", "up", "formation", "--nodes", "3", "--seed", seed, "--detach")
+    first, second = record.labs()
+    assert (first.name, second.name) == ("formation", "formation2")
+    assert (first.multicast_group, first.udp_port) != (second.multicast_group, second.udp_port)
+    for lab in (first, second):
+        nodes = json.loads(ctl("node", "ls", "--lab", lab.name, "--json").stdout)["nodes"]
+        assert sorted(node["platform"] for node in nodes) == ["gcs", "uav1", "ugv1"]
+    ctl("lab", "down", first.name)
+    nothing_remains(first)
+    assert second.running, "the other lab goes on"
+    ctl("lab", "down", "--all")
+    nothing_remains(second)
+
+
+def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) -> None:
+    ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach")
+    lab = record.find("mine")
+    refused = ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach", code=1)
+    assert "mine" in refused.stderr
+    for node in lab.nodes:
+        node.identity.send(signal.SIGKILL)
+    ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach")
+    assert record.find("mine").created_utc_ns > lab.created_utc_ns
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_lab_is_taken_down(labs: Path, nothing_remains: Gone, number: signal.Signals) -> None:
+    foreground = subprocess.Popen(
+        [sys.executable, "-m", "swarmctl", "lab", "up", "formation", "--nodes", "3"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "SWARMCTL_LABS": str(labs)},
+        start_new_session=True,
+    )
+    assert foreground.stderr is not None
+    with foreground.stderr as talk:
+        heard = []
+        for line in talk:
+            heard.append(line)
+            if "Ctrl-C ends it" in line:
+                break
+        lab = record.find()
+        assert lab.running, heard
+        foreground.send_signal(number)
+        talk.read()
+    assert foreground.wait(30) == 130
+    nothing_remains(lab)
+
+
+def test_an_interrupt_in_the_middle_of_the_start_leaves_nothing_either(labs: Path) -> None:
+    foreground = subprocess.Popen(
+        [sys.executable, "-m", "swarmctl", "lab", "up", "formation", "--nodes", "6", "--verbose"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "SWARMCTL_LABS": str(labs)},
+        start_new_session=True,
+    )
+    assert foreground.stderr is not None
+    with foreground.stderr as talk:
+        for line in talk:
+            if "started" in line:
+                break
+        lab = record.labs()[0]
+        foreground.send_signal(signal.SIGINT)
+        talk.read()
+    assert foreground.wait(30) == 130
+    assert list(labs.iterdir()) == []
+    assert not any(Path(node.shm_dir).exists() for node in lab.nodes)
+
+
+def test_what_cannot_be_is_refused_before_anything_starts(ctl: Ctl, labs: Path) -> None:
+    assert "expected 3..200" in ctl("lab", "up", "formation", "--nodes", "2", code=7).stderr
+    assert "usv1" in ctl("lab", "up", "formation", "--nodes", "3", "--per-daemon", "usv1", code=7).stderr
+    assert "--net moon" in ctl("lab", "up", "formation", "--net", "moon", code=7).stderr
+    assert "not there" in ctl("lab", "down", "nothing", code=6).stderr
+    assert "lab up" in ctl("lab", "logs", code=6).stderr
+    assert list(labs.iterdir()) == []

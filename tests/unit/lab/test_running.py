@@ -1,0 +1,129 @@
+"""Starting nodes and watching them: ready, fallen, late."""
+
+import asyncio
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from swarmctl.lab import processes, record, running
+from swarmctl.lab.record import LabRecord, NodeRecord
+from swarmctl.lab.running import RunningLab
+from swarmware.errors import NoAnswer, SwarmError
+
+READY = """
+import os, signal, socket
+with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s:
+    s.sendto(b"READY=1", os.environ["NOTIFY_SOCKET"])
+signal.pause()
+"""
+FALLS = "import sys; sys.exit('no such world')"
+LATE = "import signal; signal.pause()"
+
+
+def lab(tmp_path: Path, names: list[str]) -> LabRecord:
+    nodes = []
+    for name in names:
+        (tmp_path / name).mkdir()
+        nodes.append(
+            NodeRecord(
+                platform=name,
+                kind="uav",
+                folder=str(tmp_path / name),
+                shm_dir=str(tmp_path / name / "shm"),
+                processes="one",
+                offset_s=0,
+                drift_ppm=0,
+            )
+        )
+    return LabRecord(
+        name="t", experiment="formation", net="loopback", seed=1, folder=str(tmp_path), created_utc_ns=1,
+        starter=processes.identity(1), multicast_group="", udp_port=1, nodes=tuple(nodes),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def node_program(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """What a node runs instead of swarmd, by its platform."""
+    programs: dict[str, str] = {}
+
+    def command(node: NodeRecord) -> list[str]:
+        return [sys.executable, "-c", programs[node.platform]]
+
+    monkeypatch.setattr(running, "command", command)
+    return programs
+
+
+async def start(rig: RunningLab, order: list[str], timeout_s: float = 20) -> None:
+    try:
+        await rig.start(order, timeout_s)
+    finally:
+        rig.let_go()
+        processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
+        rig.collect()
+
+
+def test_nodes_start_in_the_order_given_a_few_at_a_time_until_all_are_ready(
+    tmp_path: Path, node_program: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "at_once", lambda: 2)
+    names = ["a", "b", "c", "d", "e"]
+    node_program.update(dict.fromkeys(names, READY))
+    rig = RunningLab(lab(tmp_path, names))
+    seen: list[tuple[str, str]] = []
+    rig.watcher = lambda platform, what: seen.append((platform, what))
+    order = ["d", "a", "e", "c", "b"]
+    asyncio.run(start(rig, order))
+    assert [platform for platform, what in seen if what == "started"] == order
+    alive = 0
+    for _, what in seen:
+        alive += 1 if what == "started" else -1
+        assert alive <= 2
+    known = record.load(tmp_path)
+    assert all(node.pid and node.pid_start for node in known.nodes), "whoever comes later can end them"
+
+
+def test_a_node_that_falls_over_is_named_with_the_end_of_its_log(
+    tmp_path: Path, node_program: dict[str, str]
+) -> None:
+    node_program.update({"a": LATE, "b": FALLS})
+    with pytest.raises(SwarmError, match=r"(?s)node b: ended with exit code 1.*no such world"):
+        asyncio.run(start(RunningLab(lab(tmp_path, ["a", "b"])), ["a", "b"]))
+
+
+def test_nodes_that_are_late_are_named(tmp_path: Path, node_program: dict[str, str]) -> None:
+    node_program.update({"a": READY, "b": LATE})
+    with pytest.raises(NoAnswer, match="b not ready"):
+        asyncio.run(start(RunningLab(lab(tmp_path, ["a", "b"])), ["a", "b"], timeout_s=0.5))
+
+
+def test_one_that_dies_later_is_noticed(tmp_path: Path, node_program: dict[str, str]) -> None:
+    node_program.update({"a": READY, "b": READY})
+
+    async def kill_one(rig: RunningLab) -> set[str]:
+        await rig.start(["a", "b"], 20)
+        rig.record.node("b").identity.send(signal.SIGKILL)
+        await rig.until_fallen()
+        return set(rig.fallen)
+
+    async def main() -> set[str]:
+        rig = RunningLab(lab(tmp_path, ["a", "b"]))
+        try:
+            return await kill_one(rig)
+        finally:
+            rig.let_go()
+            processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
+            rig.collect()
+
+    assert asyncio.run(main()) == {"b"}
+
+
+def test_a_node_gets_no_options_of_the_operator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SWARMCTL_NODE", "uav7")
+    monkeypatch.setenv("WATCHDOG_USEC", "1")
+    made = lab(tmp_path, ["a"])
+    environment = running.environment(made, made.nodes[0])
+    assert not [name for name in environment if name.startswith("SWARMCTL_") or name == "WATCHDOG_USEC"]
+    assert environment[processes.MARK] == str(tmp_path)
+    assert environment["NOTIFY_SOCKET"] == str(tmp_path / "a" / "notify")
