@@ -12,7 +12,7 @@ from swarmd.mission.builtin import built_in
 from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
 from swarmd.mission.core.admission import Admission
-from swarmd.mission.core.announce import HEARTBEAT_NS, Announcer
+from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS, Announcer
 from swarmd.mission.core.member import MissionCore
 from swarmd.mission.core.phases import Phase
 from swarmd.mission.core.run import Limits
@@ -97,7 +97,8 @@ class Mission(Service):
         self._state: BoardWriter[MissionState] = await module.writer(
             "mission/state",
             MissionState,
-            rate_hz=1.0,
+            rate_hz=1e9 / INTERVAL_NS,  # of changes; a barrier's news must not wait for a slower one
+            max_age_s=3.5 * HEARTBEAT_NS / 1e9,
             log="all",
             link="tick",
             description="Where the platform stands in its mission; barriers work through it",
@@ -115,6 +116,7 @@ class Mission(Service):
         self._dispatcher = Dispatcher(module, self.config, self._store, catalogue, receipts, self._accept)
         self._others: BoardSet[MissionState] = await module.readers("/*/mission/state", MissionState)
         self._heard: dict[str, tuple[MissionState, int]] = {}
+        self._reached: dict[str, int] = {}
         self._routes: BoardReader[Routes] = await module.reader("net/routes", Routes)
         self._aborts: Inbox[MissionAbort] = await module.inbox(ABORT_PATH, MissionAbort)
         await self._serve()
@@ -242,6 +244,7 @@ class Mission(Service):
                 now_ns = self.module.now_ns()
                 for route in routes.routes:
                     self._core.alive(route.platform, now_ns)
+                    self._reached[route.platform] = now_ns
 
     async def _restarted(self) -> None:
         """A vehicle that is under way now has lost its mission: bring it to safety."""
@@ -302,6 +305,10 @@ class Mission(Service):
         return msgspec.structs.replace(self._core.state(), kind=self._kind)
 
     def _present(self) -> dict[str, MissionState]:
-        """Other platforms whose mission daemon was heard of lately."""
+        """Other platforms with a mission daemon that were heard of lately."""
         oldest_ns = self.module.now_ns() - round(self.config.lost_after_s * 1e9)
-        return {name: state for name, (state, at_ns) in self._heard.items() if at_ns >= oldest_ns}
+        return {
+            name: state
+            for name, (state, at_ns) in self._heard.items()
+            if max(at_ns, self._reached.get(name, at_ns)) >= oldest_ns
+        }
