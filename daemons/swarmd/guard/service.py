@@ -7,6 +7,7 @@ from typing import ClassVar
 from swarmd.guard import config as settings
 from swarmd.guard.core import Action, Ask, GuardCore, Kill, Spawn, State
 from swarmd.guard.supervisor import Processes, Runner, Supervisor, Systemd
+from swarmware.appfile import AppTable
 from swarmware.errors import Conflict, NotFound
 from swarmware.module import BoardReader, BoardWriter, Meta, Module
 from swarmware.node.node import APPS_TABLE
@@ -33,6 +34,8 @@ class Guard(Service):
         node = module.node.config
         names = tuple(name for name in node.services if name != self.name)
         self._node = module.node
+        # its own: a table tells of a change only once
+        self._table = AppTable(module.node.run_dir)
         self._supervisor = self._choose()
         self._core = GuardCore(
             names,
@@ -66,8 +69,8 @@ class Guard(Service):
         Raises: Conflict when this node has a guard already.
         """
         module = self.module
-        self._node.table.refresh(probe=True)
-        other = next((e for e in self._node.table if e.name == self.name and e.id != module.id), None)
+        self._table.refresh(probe=True)
+        other = next((e for e in self._table if e.name == self.name and e.id != module.id), None)
         if other is not None:
             raise Conflict(f"{self.name}: {other.id} (pid {other.pid}) runs already; expected one on a node")
         before = await module.reader("guard/status", GuardStatus)
@@ -108,13 +111,13 @@ class Guard(Service):
 
     def poll(self) -> None:
         """The doorbell has rung: perhaps a service has joined."""
-        if self._node.table.refresh():
+        if self._table.refresh():
             self._news.set()
 
     # -- what happens
 
     def _begin(self) -> None:
-        running = {entry.name: entry.pid for entry in self._node.table if entry.name in self._core}
+        running = {entry.name: entry.pid for entry in self._table if entry.name in self._core}
         born = {
             name: pid
             for name in self._names
@@ -145,8 +148,8 @@ class Guard(Service):
 
     def _look(self, now_ns: int) -> None:
         """Who has joined, who beats."""
-        self._node.table.refresh()
-        for entry in self._node.table:
+        self._table.refresh()
+        for entry in self._table:
             if entry.name not in self._core:
                 continue
             before = self._core.pid(entry.name)
@@ -167,7 +170,7 @@ class Guard(Service):
             self._on_exit(name, pid, "gone")
 
     def _on_exit(self, name: str, pid: int, how: str) -> None:
-        self._node.table.refresh(probe=True)  # or the dead one would be found and adopted
+        self._table.refresh(probe=True)  # or the dead one would be found and adopted
         self._act(self._core.on_exit(name, pid, how, self.module.now_ns()))
         self._news.set()
 

@@ -58,7 +58,6 @@ class TimeSync(Service):
         self._board = await module.writer(
             "time/functions",
             TimeFunctions,
-            rate_hz=1 / self.config.publish_s,
             link="request",
             log="all",
             description="Conversion function for the clock of each hardware unit heard",

@@ -11,6 +11,7 @@ from swarmware.appfile.file import folder
 from swarmware.clock import Clock
 from swarmware.errors import Conflict
 from swarmware.frame import Frame, Kind, encode
+from swarmware.master.deaths import Deaths
 from swarmware.master.record import Holder
 from swarmware.master.role import Role
 from swarmware.names import ANY, application_id, data_id
@@ -83,7 +84,8 @@ class Master:
         self._apps = AppTable(home.run_dir)
         self._board: Board | None = None
         self._listening = False
-        self._deaths: dict[int, int] = {}
+        self._deaths = Deaths(self._died)
+        self._watched: dict[str, int] = {}
         self._version = 0
         self._timer: asyncio.TimerHandle | None = None
         self._published_s = -PAUSE_S
@@ -160,10 +162,7 @@ class Master:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        for fd in self._deaths.values():
-            self._loop.remove_reader(fd)
-            os.close(fd)
-        self._deaths.clear()
+        self._deaths.close()
         self._listening = False
         self._home.unlisten(self._apps_table)
         if self._board is not None:
@@ -171,7 +170,8 @@ class Master:
             self._board = None
 
     def _changed(self) -> None:
-        self._watch_deaths()
+        self._watched = {entry.id: entry.pid for entry in self._apps}
+        self._deaths.watch(set(self._watched.values()))
         if self._timer is None:
             wait_s = self._published_s + PAUSE_S - self._loop.time()
             self._timer = self._loop.call_later(max(0.0, wait_s), self._publish)
@@ -200,27 +200,8 @@ class Master:
         )
         self._board.publish(encode(frame))
 
-    def _watch_deaths(self) -> None:
-        """One pidfd for each process that runs applications, this one excepted."""
-        pids = {entry.pid for entry in self._apps} - {os.getpid()}
-        for pid in self._deaths.keys() - pids:
-            self._forget(pid)
-        for pid in pids - self._deaths.keys():
-            try:
-                fd = os.pidfd_open(pid)
-            except OSError:
-                continue  # of another PID namespace: its lock tells when somebody looks
-            self._deaths[pid] = fd
-            self._loop.add_reader(fd, self._died, pid)
-
-    def _forget(self, pid: int) -> None:
-        fd = self._deaths.pop(pid)
-        self._loop.remove_reader(fd)
-        os.close(fd)
-
     def _died(self, pid: int) -> None:
-        self._forget(pid)
-        died = [entry.id for entry in self._apps if entry.pid == pid]
+        died = [app_id for app_id, owner in self._watched.items() if owner == pid]
         self._apps.refresh(probe=True)
         if self._tidy():
             log.info("died without goodbye: %s", ", ".join(died))

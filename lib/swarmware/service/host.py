@@ -98,6 +98,7 @@ class Host:
             service.module.keep_boards(False)
             if reporter := self._reporters.get(name):
                 reporter.state = "stopping"
+                reporter.report(0.0)  # its end is a goodbye, not a death
             try:
                 await asyncio.wait_for(service.stop(), service.stop_s)
             except TimeoutError:

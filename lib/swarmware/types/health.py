@@ -17,6 +17,11 @@ OK_STATE = "ok"
 """Name of the state that needs no action."""
 
 
+def default_level(state: str) -> Level:
+    """How bad a state is that nobody spoke of: `ok` is fine, `warn` a warning, any other an error."""
+    return "ok" if state == OK_STATE else "warn" if state == "warn" else "error"
+
+
 class Phase(StrEnum):
     """Life of a fault."""
 
@@ -63,16 +68,26 @@ class CheckRegistration(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class CheckReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Result of a module's own check: sent on change and as often as the registration promises."""
+    """Present result of a module's own check."""
 
     check: str
-    app: str
     state: str
+    """Believed: the module's own debounce is behind it."""
     stamp_ns: int
+    """When the data was looked at."""
+    seen: str = ""
+    """What the last look gave, when it is not believed yet."""
     freeze: str = ""
     """The data that the criterion saw, as text: the freeze-frame of a fault."""
-    pending: bool = False
-    """Seen, but not yet believed by the module's own debounce."""
+
+
+@register
+class CheckReports(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """All checks of one application (board `health/checks/<application>`), on change and once a second."""
+
+    app: str
+    """`planner#1`."""
+    reports: tuple[CheckReport, ...] = ()
 
 
 @register
@@ -88,9 +103,9 @@ class Fault(msgspec.Struct, frozen=True, array_like=True, gc=False):
     last_ns: int
     """Hardware clock when it was last seen."""
     count: int
-    """How often it was seen."""
+    """How often it was confirmed before it was cleared."""
     freeze: str = ""
-    """The data at the moment it was first seen."""
+    """The data at the moment it was confirmed first."""
     message: str = ""
 
 

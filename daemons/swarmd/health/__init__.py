@@ -1,0 +1,1 @@
+"""Health monitor: data → criterion → state → action; faults; the logical state of the platform."""

@@ -1,0 +1,93 @@
+"""Settings of the health monitor (services/health.toml)."""
+
+from collections.abc import Callable
+from typing import Annotated
+
+import msgspec
+
+from swarmd.health.core.monitor import Limit
+from swarmware.health import Above, Below
+
+
+class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Limits of one field of one resource; with `low`, below the limits is bad, else above."""
+
+    check: str
+    """Name of the check."""
+    path: str
+    """Resource of this platform."""
+    field: str
+    """Field of its type."""
+    low: bool = False
+    warn: float | None = None
+    error: float | None = None
+    hysteresis: float = 0.0
+    """How much better than the limit it must be to be well again."""
+    confirm: tuple[Annotated[int, msgspec.Meta(ge=1)], Annotated[int, msgspec.Meta(ge=1)]] = (3, 5)
+    """n of the last m looks must agree; there is one a second."""
+
+    def __post_init__(self) -> None:
+        """Checks what the types cannot say."""
+        if self.warn is None and self.error is None:
+            raise ValueError(f"limit {self.check}: neither warn nor error; expected one of them")
+        if self.confirm[0] > self.confirm[1]:
+            raise ValueError(f"limit {self.check}: confirm {list(self.confirm)}; expected [n, m] with n ≤ m")
+
+    def limit(self) -> Limit:
+        """As the core wants it."""
+        return Limit(self.check, self.path, self.field, self._criterion, self.confirm)
+
+    def _criterion(self) -> Callable[[float], str]:
+        kind = Below if self.low else Above
+        return kind(warn=self.warn, error=self.error, hysteresis=self.hysteresis)
+
+
+LIMITS = (
+    LimitConfig(
+        check="battery/charge",
+        path="power/battery",
+        field="remaining_ratio",
+        low=True,
+        warn=0.3,
+        error=0.15,
+        hysteresis=0.02,
+    ),
+    LimitConfig(
+        check="gnss/accuracy", path="sensor/gnss", field="h_acc_m", warn=5.0, error=20.0, hysteresis=1.0
+    ),
+    LimitConfig(
+        check="gnss/satellites", path="sensor/gnss", field="satellites", low=True, warn=6.0, error=4.0
+    ),
+    LimitConfig(
+        check="system/memory",
+        path="system/load",
+        field="memory_used_ratio",
+        warn=0.9,
+        error=0.97,
+        hysteresis=0.02,
+    ),
+    LimitConfig(
+        check="system/disk", path="system/load", field="disk_free_bytes", low=True, warn=5e8, error=5e7
+    ),
+)
+
+
+class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is looked at, how often, and what is done about the guard."""
+
+    look_hz: Annotated[float, msgspec.Meta(ge=0.5, le=20)] = 2.0
+    """How often the ages of resources are looked at."""
+    grace_s: Annotated[float, msgspec.Meta(ge=0, le=600)] = 10.0
+    """A resource is not judged for so long after it has appeared."""
+    clear_s: Annotated[float, msgspec.Meta(ge=0, le=3600)] = 10.0
+    """A healed fault that stays away for so long is over."""
+    hung_s: Annotated[float, msgspec.Meta(ge=1.5, le=600)] = 4.0
+    """An application without a beat for so long is hung; a beat comes every second."""
+    restart_guard: bool = True
+    """Whether a guard that died or hangs is started again; never where systemd does it (guard.toml)."""
+    sensors: tuple[str, ...] = ("sensor/*", "nav/pose")
+    """Patterns of the resources whose validity is in the state of the platform."""
+    ignore: tuple[str, ...] = ("app/**", "health/**")
+    """Patterns of resources whose age is not judged."""
+    limits: tuple[LimitConfig, ...] = LIMITS
+    """Limits of values."""

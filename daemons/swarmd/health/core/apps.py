@@ -1,0 +1,119 @@
+"""Applications: alive, hung, dead without goodbye, started again."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import msgspec
+
+from swarmware.resource import Resource
+from swarmware.types.health import OK_STATE, Level
+from swarmware.types.system import AppStatus
+
+DIED: Final = "died"
+HUNG: Final = "hung"
+FAILED: Final = "failed"
+"""It ended with an error inside a process that went on, and was started again there."""
+
+APP_LEVELS: Final[dict[str, Level]] = {OK_STATE: "ok", DIED: "error", HUNG: "error", FAILED: "warn"}
+
+
+class App(msgspec.Struct):
+    """One application instance that is watched."""
+
+    id: str
+    name: str
+    pid: int
+    since_ns: int
+    resources: dict[str, Resource] = {}
+    state: str = OK_STATE
+    beats: bool = False
+    """It reports its beat: only then its death or silence is a fault."""
+    beat: int = -1
+    beat_ns: int = 0
+    restarts: int = 0
+
+    @property
+    def check(self) -> str:
+        """Name of its check."""
+        return f"app/{self.name}" if self.id.endswith("#1") else f"app/{self.id.replace('#', '_')}"
+
+
+class Apps:
+    """All applications of this node since the monitor started."""
+
+    def __init__(self, hung_s: float) -> None:
+        self._hung_ns = round(hung_s * 1e9)
+        self._apps: dict[str, App] = {}
+        self._restarts: dict[str, int] = {}
+
+    def __iter__(self) -> Iterator[App]:
+        return iter(list(self._apps.values()))
+
+    def get(self, app_id: str) -> App | None:
+        """One of them."""
+        return self._apps.get(app_id)
+
+    def on_present(
+        self, app_id: str, name: str, pid: int, resources: dict[str, Resource], now_ns: int
+    ) -> App:
+        """It has an application file; a dead one is back."""
+        app = self._apps.get(app_id)
+        if app is None:
+            app = self._apps[app_id] = App(app_id, name, pid, now_ns)
+        if app.pid != pid or app.state == DIED:
+            app.pid = pid
+            app.state = OK_STATE
+            app.since_ns = app.beat_ns = now_ns
+        app.resources = resources
+        return app
+
+    def on_died(self, app_id: str, now_ns: int) -> App | None:
+        """Its process ended without goodbye; None when it is not one that is missed."""
+        app = self._apps.get(app_id)
+        if app is None or app.state == DIED:
+            return None
+        if not app.beats:
+            del self._apps[app_id]
+            return None
+        app.state = DIED
+        app.since_ns = now_ns
+        return app
+
+    def on_left(self, app_id: str) -> App | None:
+        """It said goodbye; None for one that died before."""
+        app = self._apps.get(app_id)
+        if app is None or app.state == DIED:
+            return None
+        return self._apps.pop(app_id)
+
+    def on_status(self, app: App, status: AppStatus, now_ns: int) -> bool:
+        """Its own report; True when it stands otherwise than before."""
+        if status.pid != app.pid:
+            return False  # left in memory by a process that is gone
+        first, app.beats = not app.beats, True
+        if first:
+            # of a service that left its process running, the count goes on; a new process begins at 0
+            app.restarts = min(self._restarts.get(app.id, status.restarts), status.restarts)
+        self._restarts[app.id] = status.restarts
+        if status.beat != app.beat:
+            app.beat = status.beat
+            app.beat_ns = now_ns
+        state = HUNG if now_ns - app.beat_ns >= self._hung_ns else OK_STATE
+        if status.restarts > app.restarts:
+            app.restarts = status.restarts
+            state = FAILED
+        if state != app.state:
+            app.state = state
+            app.since_ns = now_ns
+            return True
+        return first
+
+    def excuse(self, late_ns: int) -> None:
+        """The monitor itself was kept from running: nobody is blamed for that time."""
+        for app in self._apps.values():
+            app.beat_ns += late_ns
+
+    def count(self) -> tuple[int, int]:
+        """(alive, failed)."""
+        failed = sum(app.state in {DIED, HUNG} for app in self._apps.values())
+        return len(self._apps) - failed, failed

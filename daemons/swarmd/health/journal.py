@@ -1,0 +1,40 @@
+"""What the monitor must know again after it was killed: registrations and open faults (S1.25)."""
+
+import os
+from pathlib import Path
+
+import msgspec
+
+from swarmware.types.health import CheckRegistration, Fault
+
+
+class Journal(msgspec.Struct, frozen=True):
+    """Of one start of the node; another start begins anew."""
+
+    boot_id: int
+    registrations: tuple[CheckRegistration, ...] = ()
+    faults: tuple[Fault, ...] = ()
+
+
+class JournalFile:
+    """One small file, replaced as a whole: a kill leaves the one before."""
+
+    def __init__(self, folder: Path, boot_id: int) -> None:
+        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+        self._path = folder / "journal.json"
+        self._boot_id = boot_id
+
+    def load(self) -> Journal:
+        """The journal of this start of the node; empty when there is none, or it cannot be read."""
+        empty = Journal(self._boot_id)
+        try:
+            found = msgspec.json.decode(self._path.read_bytes(), type=Journal)
+        except (OSError, msgspec.DecodeError):
+            return empty
+        return found if found.boot_id == self._boot_id else empty
+
+    def save(self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...]) -> None:
+        """Replaces the file. It outlives processes, not the node: no fsync."""
+        temporary = self._path.with_suffix(f".{os.getpid()}")
+        temporary.write_bytes(msgspec.json.encode(Journal(self._boot_id, registrations, faults)))
+        temporary.replace(self._path)

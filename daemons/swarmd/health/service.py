@@ -1,0 +1,294 @@
+"""The monitor's shell: looks at shared memory, hears of deaths, publishes state and faults."""
+
+import asyncio
+from typing import Any
+
+from swarmd.health import config as settings
+from swarmd.health.core.apps import DIED, HUNG
+from swarmd.health.core.monitor import MonitorCore, Present
+from swarmd.health.guardian import NAME as GUARD
+from swarmd.health.guardian import Guardian
+from swarmd.health.journal import JournalFile
+from swarmware import template
+from swarmware.appfile import AppEntry, AppTable
+from swarmware.errors import NotFound, SwarmError
+from swarmware.health.monitor import ADDRESS
+from swarmware.master.deaths import Deaths
+from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
+from swarmware.node.node import APPS_TABLE
+from swarmware.service import Service
+from swarmware.shm.owner import start_ticks
+from swarmware.types import registry
+from swarmware.types.health import (
+    CheckRegistration,
+    CheckReports,
+    Fault,
+    FaultList,
+    FaultQuery,
+    HealthReport,
+    HealthState,
+    Phase,
+)
+from swarmware.types.rpc import Empty
+from swarmware.types.system import AppStatus
+
+VALUE_S = 1.0
+"""How often values with limits are looked at."""
+LATE_S = 1.0
+"""A monitor that was kept from running for longer blames nobody for that time."""
+
+
+class Health(Service):
+    """Finds out how the platform is, and says so; it acts on nobody but the guard (S1.28)."""
+
+    name = "health"
+    Config = settings.Config
+    config: settings.Config
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        node = module.node
+        self._core = MonitorCore(
+            limits=tuple(limit.limit() for limit in config.limits),
+            sensors=config.sensors,
+            ignore=config.ignore,
+            grace_s=config.grace_s,
+            clear_s=config.clear_s,
+            hung_s=config.hung_s,
+        )
+        self._table = AppTable(node.run_dir)  # its own: a table tells of a change only once
+        self._entries: dict[str, AppEntry] = {}
+        self._types: dict[str, str] = {}
+        self._boards: dict[str, BoardReader[Any]] = {}
+        self._reports_at: dict[str, int] = {}
+        self._deaths = Deaths(self._on_death)
+        self._guardian = Guardian(node, enabled=config.restart_guard)
+        self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
+        self._shown: HealthState | None = None
+        self._board: BoardWriter[HealthState] | None = None
+        self._events: BoardWriter[Fault] | None = None
+
+    async def run(self) -> None:
+        """Watches until cancelled."""
+        module, node = self.module, self.module.node
+        self._expect()
+        journal = self._journal.load()
+        for registration in journal.registrations:
+            self._core.register(registration, module.now_ns())
+        self._core.faults.restore(journal.faults, module.now_ns())
+        self._board = await module.writer(
+            "health/state", HealthState, link="notify", log="all", description="Logical system state"
+        )
+        self._events = await module.stream_writer(
+            "health/faults",
+            Fault,
+            kind="event",
+            link="notify",
+            log="all",
+            slots=64,
+            slot_bytes=512,
+            description="Each change of a fault",
+        )
+        await module.serve("sys/health/state", Empty, self._on_state, reply=HealthReport)
+        await module.serve("sys/health/faults", FaultQuery, self._on_faults, reply=FaultList)
+        inbox = await module.inbox(ADDRESS, CheckRegistration, description="Registers a check of a module")
+        node.listen(node.shm_dir / APPS_TABLE)
+        node.watch(self)
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._look(), name="health: look")
+                group.create_task(self._take_registrations(inbox), name="health: registrations")
+        finally:
+            node.unwatch(self)
+            node.unlisten(node.shm_dir / APPS_TABLE)
+            self._deaths.close()
+            self._guardian.close()
+
+    def _expect(self) -> None:
+        node = self.module.node.config
+        try:
+            found = template.load(node.template, node.share_path / "templates")
+        except SwarmError as error:
+            self.module.log.warning("template: %s; sensors are judged when they appear", error)
+            return
+        self._core.expect(found.resources)
+
+    # -- applications
+
+    def poll(self) -> None:
+        """The doorbell has rung: has an application come, gone, or changed?"""
+        if self._table.refresh():
+            self._on_applications()
+
+    def _on_applications(self) -> None:
+        now_ns = self.module.now_ns()
+        present = {entry.id: entry for entry in self._table}
+        for app_id, entry in list(self._entries.items()):
+            if app_id not in present:
+                self._gone(entry, now_ns)
+        for app_id, entry in present.items():
+            known = self._entries.get(app_id)
+            if known is not None and known.pid != entry.pid:
+                self._gone(known, now_ns)  # it is back before we heard of its end
+            self._entries[app_id] = entry
+            self._types |= {one.path: one.type for one in entry.provides}
+            self._core.on_present(
+                Present(app_id, entry.name, entry.pid, entry.started_ns, entry.provides), now_ns
+            )
+            if entry.name == GUARD:
+                self._guardian.on_present(entry)
+        self._deaths.watch({entry.pid for entry in present.values()})
+        self._publish(now_ns)
+
+    def _on_death(self, pid: int) -> None:
+        """A process ended. Applications that had not said goodbye are those we still have."""
+        now_ns = self.module.now_ns()
+        for entry in list(self._entries.values()):
+            if entry.pid == pid:
+                self._gone(entry, now_ns)
+        self._publish(now_ns)
+
+    def _gone(self, entry: AppEntry, now_ns: int) -> None:
+        """An application is no more: it took its file away while it lived, or said so, or else it died."""
+        del self._entries[entry.id]
+        status = self._status(entry.name)
+        said_so = status is not None and status.pid == entry.pid and status.state == "stopping"
+        if said_so or start_ticks(entry.pid) == entry.pid_start:
+            self._core.on_left(entry.id, now_ns)
+            if entry.name == GUARD:
+                self._guardian.on_left()
+        else:
+            self._core.on_died(entry.id, now_ns)
+            if entry.name == GUARD:
+                self._guardian.on_died()
+
+    # -- looks
+
+    async def _look(self) -> None:
+        period_s = 1 / self.config.look_hz
+        values_ns = 0
+        last_ns = self.module.now_ns()
+        async for _ in self.module.every(period_s):
+            now_ns = self.module.now_ns()
+            late_ns = now_ns - last_ns - round(period_s * 1e9)
+            last_ns = now_ns
+            if late_ns > LATE_S * 1e9:
+                self._core.apps.excuse(late_ns)
+            if self._table.refresh():
+                self._on_applications()
+            await self._open_boards()
+            self._look_at_applications(now_ns)
+            for age in self._core.ages():
+                if (board := self._boards.get(age.path)) is not None:
+                    self._core.on_look(age, board.position, now_ns)
+            if now_ns >= values_ns:
+                values_ns = now_ns + round(VALUE_S * 1e9)
+                self._look_at_values(now_ns)
+            self._look_at_reports(now_ns)
+            self._core.on_timer(now_ns)
+            self._publish(now_ns)
+
+    async def _open_boards(self) -> None:
+        """One reader for each resource that is looked at, whatever it is looked at for."""
+        wanted = {age.path for age in self._core.ages()} | {rule.path for rule in self._core.limits()}
+        for entry in self._entries.values():
+            wanted.add(_status_path(entry.name))
+            wanted |= {one.path for one in entry.provides if one.type == CheckReports.__name__}
+        for path in wanted - self._boards.keys():
+            try:
+                cls = registry.find(self._types.get(path, AppStatus.__name__))
+            except NotFound:
+                cls = Empty  # a type that only its owner knows: its age can still be judged
+            self._boards[path] = await self.module.reader(path, cls)
+        for path in self._boards.keys() - wanted:
+            self._boards.pop(path).close()
+
+    def _status(self, name: str) -> AppStatus | None:
+        board = self._boards.get(_status_path(name))
+        value = None if board is None else board.value
+        return value if isinstance(value, AppStatus) else None
+
+    def _look_at_applications(self, now_ns: int) -> None:
+        guard = None
+        for app in self._core.apps:
+            if app.state == DIED:
+                continue
+            if (status := self._status(app.name)) is not None:
+                before = app.state
+                self._core.on_status(app, status, now_ns)
+                if app.name == GUARD and app.state == HUNG and before != HUNG:
+                    self._guardian.on_hung(app.pid)
+            if app.name == GUARD:
+                guard = app
+        if guard is None:
+            self._core.guard = "absent"
+        else:
+            self._core.guard = "hung" if guard.state == HUNG else "alive"
+
+    def _look_at_values(self, now_ns: int) -> None:
+        for rule in self._core.limits():
+            board = self._boards.get(rule.path)
+            value = None if board is None else board.value
+            field = getattr(value, rule.field, None)
+            if isinstance(field, int | float):
+                self._core.on_value(rule, float(field), now_ns)
+
+    def _look_at_reports(self, now_ns: int) -> None:
+        for path, board in self._boards.items():
+            if self._types.get(path) != CheckReports.__name__:
+                continue
+            position = board.position
+            if position != self._reports_at.get(path):
+                self._reports_at[path] = position
+                if (reports := board.value) is not None:
+                    self._core.on_reports(reports, now_ns)
+
+    # -- what others know
+
+    async def _take_registrations(self, inbox: Inbox[CheckRegistration]) -> None:
+        async for registration in inbox:
+            if self._core.register(registration, self.module.now_ns()):
+                self.module.log.info(
+                    "check %s of %s: %s",
+                    registration.check,
+                    registration.app,
+                    "withdrawn" if registration.withdrawn else f"{registration.frequency_hz:g} Hz",
+                )
+                self._save()
+
+    def _publish(self, now_ns: int) -> None:
+        """Changed faults as events, the state when it is another."""
+        if self._board is None or self._events is None:
+            return
+        changed = self._core.take()
+        for fault in changed:
+            self._events.write(fault, now_ns)
+            level = self.module.log.warning if fault.phase is Phase.CONFIRMED else self.module.log.info
+            level("%s: %s %s (%s)", fault.check, fault.state, fault.phase, fault.freeze)
+        if changed:
+            self._save()
+        state = self._core.state()
+        if state != self._shown:
+            self._shown = state
+            self._board.write(state, now_ns)
+
+    def _save(self) -> None:
+        try:
+            self._journal.save(self._core.reports.registrations(), self._core.faults.open())
+        except OSError as error:
+            self.module.log.error("journal: %s; after a kill registrations would be missing", error)
+
+    def _on_state(self, _: Empty, __: Meta) -> HealthReport:
+        return HealthReport(
+            self.module.platform, self.module.now_ns(), self._core.state(), self._core.checks()
+        )
+
+    def _on_faults(self, query: FaultQuery, _: Meta) -> FaultList:
+        faults = self._core.faults.open()
+        if query.cleared:
+            faults += self._core.faults.cleared()
+        return FaultList(self.module.platform, self.module.now_ns(), faults)
+
+
+def _status_path(name: str) -> str:
+    return f"app/{name.replace('-', '_')}/status"

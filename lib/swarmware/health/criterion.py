@@ -1,0 +1,54 @@
+"""Criteria that many checks need: limits with hysteresis. Any function from data to a state is one too."""
+
+import math
+
+from swarmware.types.health import OK_STATE
+
+
+class Below:
+    """`warn` below one limit, `error` below a lower one; back only when it is `hysteresis` better.
+
+    The names of the states are the levels, so that `levels` need not be given.
+    """
+
+    def __init__(
+        self, *, warn: float | None = None, error: float | None = None, hysteresis: float = 0.0
+    ) -> None:
+        if warn is None and error is None:
+            raise ValueError("criterion: neither warn nor error; expected a limit")
+        self._warn = warn
+        self._error = error
+        self._hysteresis = hysteresis
+        self._state = OK_STATE
+
+    def __call__(self, value: float) -> str:
+        """The state for a value; NaN is an error, for nobody measured it."""
+        error_at = self._limit(self._error, self._state == "error")
+        warn_at = self._limit(self._warn, self._state in {"warn", "error"})
+        if math.isnan(value) or (error_at is not None and value < error_at):
+            self._state = "error"
+        elif warn_at is not None and value < warn_at:
+            self._state = "warn"
+        else:
+            self._state = OK_STATE
+        return self._state
+
+    def _limit(self, limit: float | None, inside: bool) -> float | None:
+        return None if limit is None else limit + (self._hysteresis if inside else 0.0)
+
+
+class Above:
+    """`warn` above one limit, `error` above a higher one; back only when it is `hysteresis` better."""
+
+    def __init__(
+        self, *, warn: float | None = None, error: float | None = None, hysteresis: float = 0.0
+    ) -> None:
+        self._below = Below(
+            warn=None if warn is None else -warn,
+            error=None if error is None else -error,
+            hysteresis=hysteresis,
+        )
+
+    def __call__(self, value: float) -> str:
+        """The state for a value."""
+        return self._below(-value)
