@@ -23,6 +23,8 @@ FIRST_PERIOD_NS: Final = 500_000_000
 LISTING_NS: Final = 2_000_000_000
 """Everybody heard is listed at least this often."""
 UNLISTED_NS: Final = 3 * LISTING_NS + 1_000_000_000
+HEARS_NS: Final = 2 * LISTING_NS + 2_500_000_000
+"""How long a neighbour's word that it hears somebody holds: idle ones say it every 3 s."""
 ECHO_GAP_NS: Final = 200_000_000
 """Echoes beyond the listing: at least five a second in all, to whoever waited longest."""
 ANSWER_LIMIT_NS: Final = 25_000_000_000
@@ -118,10 +120,12 @@ class Neighbour:
         "hw",
         "late",
         "listed_ns",
+        "lost",
         "period_ns",
         "received",
         "reported",
         "rtt_ns",
+        "session",
         "since_ns",
         "state",
         "top",
@@ -135,6 +139,9 @@ class Neighbour:
         self.since_ns = now_ns
         self.hello: Hello | None = None
         self.address: tuple[str, int] = ("", 0)
+        self.session = 0
+        self.lost = 0
+        self.late = 0
         self.hears: dict[int, int] = {}
         """Nodes that it lists as heard, and when it said so last."""
         self.restart(now_ns)
@@ -154,7 +161,6 @@ class Neighbour:
         self.costed = -1
         self.expected = 0
         self.received = 0
-        self.late = 0
         self.heard_ns = now_ns
         self.deadline_ns = now_ns
         self.period_ns = FIRST_PERIOD_NS
@@ -299,6 +305,16 @@ class Neighbours:
             neighbour.rtt_ns += (rtt_ns - neighbour.rtt_ns) // 8 if neighbour.rtt_ns else rtt_ns
         return Timing(neighbour.hw, neighbour.hello.boot_id, rx_ns, reverse_ns, forward_ns, forward_tx_ns)
 
+    def needed(self, origin_hw: int, have: set[int], now_ns: int) -> bool:
+        """Whether a neighbour neither hears this node itself nor is one of those who have its value."""
+        oldest_ns = now_ns - HEARS_NS
+        return any(
+            neighbour.state is LinkState.UP
+            and neighbour.hw not in have
+            and neighbour.hears.get(origin_hw, _NEVER) < oldest_ns
+            for neighbour in self._all.values()
+        )
+
     def on_timer(self, now_ns: int) -> list[LinkChanged]:
         """Deadlines that passed."""
         changes: list[LinkChanged] = []
@@ -365,7 +381,7 @@ class Neighbours:
         """Nodes that every neighbour of ours hears itself (or is): nobody needs us for them."""
         if now_ns - self._common_ns >= refresh_ns:
             self._common_ns = now_ns
-            oldest_ns = now_ns - 2 * LISTING_NS - 1_000_000_000
+            oldest_ns = now_ns - HEARS_NS
             common: set[int] | None = None
             for neighbour in self.up():
                 heard = {hw for hw, said_ns in neighbour.hears.items() if said_ns >= oldest_ns}
@@ -380,6 +396,7 @@ class Neighbours:
         ahead = header.sequence - neighbour.top
         if ahead <= 0:
             neighbour.late += 1
+            neighbour.lost -= 1
             if -ahead < WINDOW:
                 neighbour.window |= 1 << -ahead
             return
@@ -389,6 +406,7 @@ class Neighbours:
             neighbour.window = 1
         else:
             neighbour.expected += ahead
+            neighbour.lost += ahead - 1
             neighbour.window = (neighbour.window << ahead | 1) & _WINDOW_MASK
             step_ns = ((header.tx_us - neighbour.tx_us) & _MOD32) * 1000 // ahead
             neighbour.period_ns += (step_ns - neighbour.period_ns) // 4

@@ -1,0 +1,153 @@
+"""Boards in shared memory: our own that the tick takes out, those of others that it brings."""
+
+import logging
+from typing import Final
+
+from swarmd.broker.core.bulletin import Board, Bulletin
+from swarmd.broker.core.relay import News
+from swarmd.broker.core.traffic import Counters
+from swarmware.errors import Conflict, NotFound, SwarmError, WireError
+from swarmware.frame import Codec, Frame, Kind, decode, encode
+from swarmware.node import Node, Publication
+from swarmware.shm.layout import ring_file
+from swarmware.shm.ring import RingReader
+from swarmware.types import registry
+from swarmware.types.net import Want
+
+LOOK_AGAIN_NS: Final = 500_000_000
+"""A board whose ring is not there yet is looked for this often."""
+_MASK32: Final = 0xFFFF_FFFF
+
+log = logging.getLogger("swarm.broker")
+
+
+class OwnBoards:
+    """Takes the newest values of our own boards out of shared memory."""
+
+    def __init__(self, node: Node, bulletin: Bulletin, counters: Counters) -> None:
+        self._node = node
+        self._bulletin = bulletin
+        self._counters = counters
+        self._rings: dict[int, RingReader] = {}
+        self._at: dict[int, int] = {}
+        self._look_ns = 0
+
+    def poll(self, now_ns: int) -> None:
+        """Puts values that changed since the last tick into the bulletin."""
+        boards = self._bulletin.boards
+        for data_id in [known for known in self._rings if known not in boards]:
+            self._rings.pop(data_id).close()
+        look = now_ns >= self._look_ns
+        if look:
+            self._look_ns = now_ns + LOOK_AGAIN_NS
+        for data_id, board in boards.items():
+            ring = self._rings.get(data_id)
+            if (ring is None and look) or (ring is not None and ring.moved):
+                ring = self._open(data_id, board)
+            if ring is not None and ring.sequence != self._at[data_id]:
+                self._take(ring, board)
+
+    def _open(self, data_id: int, board: Board) -> RingReader | None:
+        old = self._rings.get(data_id)
+        try:
+            ring = RingReader(ring_file(self._node.shm_dir, board.path))
+        except NotFound:
+            return old
+        except SwarmError as error:
+            log.debug("board %s: %s", board.path, error)
+            return old
+        if old is not None:
+            old.close()
+        self._rings[data_id] = ring
+        self._at[data_id] = 0
+        return ring
+
+    def _take(self, ring: RingReader, board: Board) -> None:
+        before = self._at[board.data_id]
+        self._at[board.data_id] = ring.sequence
+        try:
+            data = ring.newest()
+            if data is None:
+                return
+            self._at[board.data_id] = ring.seen
+            frame = decode(data)
+            payload, packed = _wire_form(board.type, frame)
+        except WireError as error:
+            log.debug("board %s: %s", board.path, error)
+            return
+        channel = self._counters.channel(board.path)
+        news = max(1, ring.seen - before) if before else 1
+        channel.offered_frames += news
+        channel.offered_bytes += news * len(payload)
+        board.put(payload, packed, frame.stamp_ns)
+
+    def close(self) -> None:
+        """Stops reading."""
+        for ring in self._rings.values():
+            ring.close()
+        self._rings.clear()
+
+
+def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:
+    """A value as it travels, and whether that is the type's quantised form."""
+    payload = bytes(frame.payload)
+    if frame.codec is Codec.PACKED:
+        return payload, True
+    if frame.codec is not Codec.NONE:
+        payload = registry.decompress(payload, frame.codec)
+    try:
+        cls = registry.find(type_name)
+    except NotFound:
+        return payload, False  # a type of somebody's own module: it travels as it is
+    if not hasattr(cls, "unpack"):
+        return payload, False
+    packed, codec = registry.pack(registry.decode(cls, payload))
+    return packed, codec is Codec.PACKED
+
+
+class Mirrors:
+    """Writes values of other platforms where their readers here look for them."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._rings: dict[tuple[str, str], Publication] = {}
+
+    def write(self, want: Want, news: News) -> bool:
+        """One value; False when another process writes that mirror."""
+        key = (want.platform, want.path)
+        ring = self._rings.get(key)
+        if ring is None:
+            try:
+                ring = self._rings[key] = self._node.mirror_writer(want.platform, want.path)
+            except Conflict as error:
+                log.warning("%s", error)
+                return False
+        ring.publish(
+            encode(
+                Frame(
+                    Kind.BOARD,
+                    want.data_id,
+                    news.origin_hw,
+                    sequence=ring.sequence + 1,
+                    stamp_ns=news.stamp_us * 1000,
+                    # our clock when the value was made, as far as ages on the way tell: good enough to
+                    # judge its age where the origin's clock is not known yet
+                    echo_rx_us=(news.rx_ns // 1000 - news.age_us) & _MASK32,
+                    codec=Codec.PACKED if news.packed else Codec.NONE,
+                    payload=news.payload,
+                )
+            )
+        )
+        return True
+
+    def keep_only(self, wants: tuple[Want, ...]) -> None:
+        """Takes away mirrors that nobody reads any more."""
+        wanted = {(want.platform, want.path) for want in wants}
+        for key in [key for key in self._rings if key not in wanted]:
+            self._rings.pop(key).close()
+
+    def close(self) -> None:
+        """Stops writing; the newest values stay readable, a broker that is started again goes on."""
+        for ring in self._rings.values():
+            ring.close(unlink=False)
+        self._rings.clear()

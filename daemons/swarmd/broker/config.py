@@ -1,0 +1,39 @@
+"""Settings of the broker (services/broker.toml)."""
+
+from typing import Annotated
+
+import msgspec
+
+Port = Annotated[int, msgspec.Meta(ge=0, le=65_535)]
+GroupPort = Annotated[int, msgspec.Meta(ge=1, le=65_535)]
+Platform = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
+Seed = Annotated[str, msgspec.Meta(pattern=r"^[^\s:]+:[0-9]{1,5}$")]
+
+
+class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where the broker listens, whom it talks to, how often."""
+
+    multicast_group: str = "239.83.87.1"
+    """IPv4 group of the tick datagrams; empty: no multicast, seeds only."""
+    multicast_interface: str = ""
+    """Address or name of the network interface for the group; empty: the kernel's choice."""
+    udp_port: GroupPort = 7447
+    """Port of the group."""
+    bind_address: str = "0.0.0.0"
+    """Address on which datagrams of single nodes and ZeroMQ connections are taken."""
+    unicast_port: Port = 0
+    """UDP port of this node alone; set it where others name this node as a seed. 0: any."""
+    tcp_port: Port = 0
+    """ZeroMQ port; neighbours learn it from the tick. 0: any."""
+    seeds: tuple[Seed, ...] = ()
+    """Nodes to write to where multicast does not work, as host:port."""
+    hear_only: tuple[Platform, ...] = ()
+    """Platforms whose datagrams are heard; empty: all. Forms multi-hop swarms on one machine."""
+    tick_hz: Annotated[float, msgspec.Meta(ge=1, le=50)] = 10.0
+    """Tick rate while somebody wants boards of this node; otherwise 2 Hz. Less where the air is full."""
+    link_timeout_s: Annotated[float, msgspec.Meta(ge=0.2, le=60)] = 1.0
+    """A neighbour that was silent for so long is down; 2.5 of its periods where that is longer."""
+    relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 3000.0
+    """Budget for boards of other nodes that are passed on."""
+    heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
+    """ZeroMQ heartbeats on connections; 0: none, the ticks tell when a neighbour is gone."""

@@ -1,0 +1,110 @@
+"""The node's own boards in its ticks: which value goes into which datagram."""
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from swarmd.broker.core.tick import Value, value_bytes
+from swarmware.types.net import Offer
+
+REFRESH_NS: Final = 1_000_000_000
+"""An unchanged value is said again this often: a datagram may be lost, a reader may be new."""
+_ALWAYS_NS: Final = 1
+
+
+class Board:
+    """One board that others want."""
+
+    __slots__ = (
+        "data_id",
+        "limited",
+        "packed",
+        "path",
+        "payload",
+        "period_ns",
+        "sent_ns",
+        "sent_version",
+        "stamp_ns",
+        "type",
+        "version",
+    )
+
+    def __init__(self, offer: Offer) -> None:
+        self.path = offer.path
+        self.data_id = offer.data_id
+        self.type = offer.type
+        self.period_ns = _ALWAYS_NS
+        self.limited = False
+        """The limit of a channel, not the offer, sets the period."""
+        self.payload = b""
+        self.packed = False
+        self.stamp_ns = 0
+        self.version = 0
+        """Counts the values put; 0: none yet."""
+        self.sent_version = 0
+        self.sent_ns = -REFRESH_NS
+
+    def put(self, payload: bytes, packed: bool, stamp_ns: int) -> None:
+        """The newest value."""
+        self.payload = payload
+        self.packed = packed
+        self.stamp_ns = stamp_ns
+        self.version += 1
+
+
+class Bulletin:
+    """The boards of this node that somebody wants."""
+
+    def __init__(self) -> None:
+        self.boards: dict[int, Board] = {}
+        """By data id."""
+        self.held_back = 0
+        """Values that were replaced by newer ones before they were sent."""
+
+    def offer(self, offers: Iterable[Offer], max_hz: Callable[[str], float | None]) -> None:
+        """The boards that are wanted from now on, and the limits of their channels."""
+        boards: dict[int, Board] = {}
+        for offer in offers:
+            board = self.boards.get(offer.data_id) or Board(offer)
+            board.period_ns = max(offer.min_interval_ms * 1_000_000, _ALWAYS_NS)
+            board.limited = False
+            limit_hz = max_hz(offer.path)
+            if limit_hz is not None:
+                limit_ns = round(1e9 / limit_hz) if limit_hz > 0 else 0
+                if limit_ns == 0 or limit_ns > board.period_ns:
+                    board.period_ns = limit_ns
+                    board.limited = True
+            boards[offer.data_id] = board
+        self.boards = boards
+
+    def values(self, now_ns: int, room: int, tick_ns: int) -> list[Value]:
+        """Values for the next datagram in at most `room` bytes, those that waited longest first.
+
+        `tick_ns`: time between two ticks; a period that ends within half of it is over, or a value
+        of 10 Hz would miss every second tick.
+        """
+        due: list[tuple[float, Board]] = []
+        for board in self.boards.values():
+            if not board.version or not board.period_ns:
+                continue
+            waited_ns = now_ns - board.sent_ns + tick_ns // 2
+            changed = board.version != board.sent_version
+            period_ns = board.period_ns if changed else max(REFRESH_NS, board.period_ns)
+            if waited_ns >= period_ns:
+                due.append((waited_ns / max(period_ns, tick_ns), board))
+        due.sort(key=_waited, reverse=True)
+        values: list[Value] = []
+        for _, board in due:
+            size = value_bytes(board.payload)
+            if size > room:
+                continue
+            room -= size
+            self.held_back += max(0, board.version - board.sent_version - 1)
+            board.sent_version = board.version
+            board.sent_ns = now_ns
+            age_us = (now_ns - board.stamp_ns) // 1000
+            values.append(Value(board.data_id, age_us, board.packed, board.payload))
+        return values
+
+
+def _waited(entry: tuple[float, Board]) -> float:
+    return entry[0]

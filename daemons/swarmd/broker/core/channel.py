@@ -1,0 +1,64 @@
+"""Channels: rate limits of resource patterns, set while running."""
+
+from swarmware.names import Pattern
+from swarmware.types.net import ChannelLimit, ChannelLimits, SetChannel
+
+
+class _Limit:
+    __slots__ = ("ends_ns", "max_hz", "pattern")
+
+    def __init__(self, pattern: Pattern, max_hz: float, ends_ns: int | None) -> None:
+        self.pattern = pattern
+        self.max_hz = max_hz
+        self.ends_ns = ends_ns
+
+
+class Channels:
+    """Rate limits by pattern; the newest that matches counts."""
+
+    def __init__(self) -> None:
+        self._limits: dict[str, _Limit] = {}
+        self.version = 0
+        """Another number after each change: what was looked up is out of date."""
+
+    def set(self, request: SetChannel, now_ns: int) -> None:
+        """Sets, replaces or takes away the limit of a pattern.
+
+        Raises: InvalidInput when the pattern is none.
+        """
+        pattern = Pattern(request.pattern)
+        self.version += 1
+        self._limits.pop(request.pattern, None)
+        if request.max_hz is None:
+            return
+        ends_ns = now_ns + round(request.for_s * 1e9) if request.for_s > 0 else None
+        self._limits = {request.pattern: _Limit(pattern, max(request.max_hz, 0.0), ends_ns), **self._limits}
+
+    def max_hz(self, path: str) -> float | None:
+        """Limit of a local path; None: none."""
+        for limit in self._limits.values():
+            if limit.pattern.matches(path):
+                return limit.max_hz
+        return None
+
+    def on_timer(self, now_ns: int) -> None:
+        """Limits that were set for a time end."""
+        over = [
+            text
+            for text, limit in self._limits.items()
+            if limit.ends_ns is not None and limit.ends_ns <= now_ns
+        ]
+        for text in over:
+            del self._limits[text]
+            self.version += 1
+
+    def limits(self, now_ns: int) -> ChannelLimits:
+        """All limits in force."""
+        return ChannelLimits(
+            tuple(
+                ChannelLimit(
+                    text, limit.max_hz, None if limit.ends_ns is None else (limit.ends_ns - now_ns) / 1e9
+                )
+                for text, limit in self._limits.items()
+            )
+        )

@@ -1,0 +1,111 @@
+"""Where a frame goes: to an application here, to a neighbour, or back to its sender with the reason."""
+
+from enum import IntEnum
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.directory import Directory
+from swarmware.frame import HOPS, Frame, Kind
+
+SEEN_MAX: Final = 4096
+LOOP_NS: Final = 90_000_000
+"""A frame that is back within this time went round; later it is a repetition over another route:
+senders wait 100 ms at least."""
+
+
+class Step(IntEnum):
+    """What happens to a frame."""
+
+    DELIVER = 1
+    SEND = 2
+    NO_ROUTE = 3
+    HOP_LIMIT = 4
+    LOOPED = 5
+    """Came round again with fewer hops left."""
+    SPOOFED = 6
+    """Says that it starts at the neighbour it came from, but has another sender."""
+
+
+class Decision(msgspec.Struct, frozen=True, gc=False):
+    """A frame's next step."""
+
+    step: Step
+    via: int = 0
+    """Neighbour to which it goes."""
+    first: bool = True
+    """Not a repetition of one that went through here."""
+
+
+_DELIVER: Final = Decision(Step.DELIVER)
+_HOP_LIMIT: Final = Decision(Step.HOP_LIMIT)
+_LOOPED: Final = Decision(Step.LOOPED)
+_SPOOFED: Final = Decision(Step.SPOOFED)
+
+_Identity = tuple[int, int, int, int, int]
+
+
+class Forwarder:
+    """Forwards along the directory, each frame once round.
+
+    A repetition by its sender (an acknowledgement was lost) is forwarded again; what comes round
+    within milliseconds with fewer hops left is not.
+    """
+
+    def __init__(self, own_hw: int, directory: Directory) -> None:
+        self._own_hw = own_hw
+        self._directory = directory
+        self._seen: dict[_Identity, tuple[int, int]] = {}
+
+    def from_here(self, frame: Frame, now_ns: int) -> Decision:
+        """A frame of an application of this platform; it starts with all its hops.
+
+        A refusal on behalf of a receiver that cannot be reached starts as if it had gone one hop.
+        """
+        frame.hops_left = HOPS if frame.sender_hw == self._own_hw else HOPS - 1
+        return self._onward(frame, self._first(frame, now_ns), now_ns)
+
+    def again(self, frame: Frame, now_ns: int) -> Decision:
+        """A frame that waited for a neighbour which is gone."""
+        return self._onward(frame, False, now_ns)
+
+    def from_neighbour(self, frame: Frame, neighbour_hw: int | None, now_ns: int) -> Decision:
+        """A frame from a link; `neighbour_hw`: the member at its other end, None where nobody can tell."""
+        if frame.hops_left >= HOPS and neighbour_hw is not None and frame.sender_hw != neighbour_hw:
+            return _SPOOFED
+        if frame.sender_hw == self._own_hw:
+            return _LOOPED
+        if frame.receiver_hw == self._own_hw:
+            return _DELIVER
+        before = self._seen.get(_identity(frame))
+        if before is not None and frame.hops_left < before[0] and now_ns - before[1] < LOOP_NS:
+            return _LOOPED
+        if frame.hops_left <= 1:
+            return _HOP_LIMIT
+        first = self._first(frame, now_ns)
+        frame.hops_left -= 1
+        return self._onward(frame, first, now_ns)
+
+    def _onward(self, frame: Frame, first: bool, now_ns: int) -> Decision:
+        via = self._directory.next_hop(frame.receiver_hw)
+        if not via:
+            self._directory.want(frame.receiver_hw, now_ns)
+            return Decision(Step.NO_ROUTE, first=first)
+        return Decision(Step.SEND, via, first)
+
+    def _first(self, frame: Frame, now_ns: int) -> bool:
+        identity = _identity(frame)
+        first = self._seen.pop(identity, None) is None
+        if len(self._seen) >= SEEN_MAX:
+            del self._seen[next(iter(self._seen))]
+        self._seen[identity] = (frame.hops_left, now_ns)
+        return first
+
+
+def answerable(frame: Frame) -> bool:
+    """Whether its sender waits to be told what became of it."""
+    return frame.kind in (Kind.MESSAGE, Kind.REQUEST)
+
+
+def _identity(frame: Frame) -> _Identity:
+    return frame.sender_hw, frame.sender_app, frame.data_id, frame.sequence, frame.kind

@@ -1,0 +1,108 @@
+"""Frames that wait for a neighbour: strict priorities, bounded in number, bytes and age."""
+
+from collections import deque
+from enum import IntEnum
+from typing import Final
+
+import msgspec
+
+from swarmware.frame import Flag, Frame, Kind
+
+FRAMES_MAX: Final = 2048
+BYTES_MAX: Final = 8 * 1024 * 1024
+AGE_MAX_NS: Final = 5_000_000_000
+"""What waited longer has been given up by its sender, or was sent again."""
+
+
+class Priority(IntEnum):
+    """Classes of frames, the first is served first (design, section 9)."""
+
+    CONTROL = 0
+    """Commands and what answers them."""
+    NOTIFY = 1
+    STREAM = 2
+    BULK = 3
+    """Files and backlog."""
+
+
+_BY_KIND: Final = {
+    Kind.STREAM: Priority.STREAM,
+    Kind.NOTIFY: Priority.NOTIFY,
+    Kind.EVENT: Priority.NOTIFY,
+    Kind.BOARD: Priority.STREAM,
+    Kind.FILE: Priority.BULK,
+}
+
+
+def priority(frame: Frame) -> Priority:
+    """The class that a frame belongs to."""
+    if frame.flags & Flag.URGENT:
+        return Priority.CONTROL
+    return _BY_KIND.get(frame.kind, Priority.CONTROL)
+
+
+class Waiting(msgspec.Struct, frozen=True, gc=False):
+    """A frame in the queue."""
+
+    data: bytes
+    frame: Frame
+    since_ns: int
+
+
+class Queue:
+    """What waits for one neighbour."""
+
+    def __init__(self) -> None:
+        self._classes: tuple[deque[Waiting], ...] = tuple(deque() for _ in Priority)
+        self._frames = 0
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[Waiting]:
+        """A frame; what had to go for it, the oldest of the least important class first, or itself."""
+        waiting = Waiting(data, frame, now_ns)
+        rank = priority(frame)
+        self._classes[rank].append(waiting)
+        self._frames += 1
+        self._bytes += len(data)
+        gone: list[Waiting] = []
+        while self._frames > FRAMES_MAX or self._bytes > BYTES_MAX:
+            last = next(q for q in reversed(self._classes) if q)
+            gone.append(self._take(last))
+        return gone
+
+    def peek(self, now_ns: int) -> tuple[Waiting | None, list[Waiting]]:
+        """The next frame, and those that became too old on the way to it."""
+        old: list[Waiting] = []
+        for queue in self._classes:
+            while queue:
+                if now_ns - queue[0].since_ns <= AGE_MAX_NS:
+                    return queue[0], old
+                old.append(self._take(queue))
+        return None, old
+
+    def pop(self) -> Waiting:
+        """Takes the frame that `peek` showed.
+
+        Raises: IndexError when nothing waits.
+        """
+        for queue in self._classes:
+            if queue:
+                return self._take(queue)
+        raise IndexError("nothing waits")
+
+    def clear(self) -> list[Waiting]:
+        """Takes everything, the most important first."""
+        out = [waiting for queue in self._classes for waiting in queue]
+        for queue in self._classes:
+            queue.clear()
+        self._frames = self._bytes = 0
+        return out
+
+    def _take(self, queue: deque[Waiting]) -> Waiting:
+        waiting = queue.popleft()
+        self._frames -= 1
+        self._bytes -= len(waiting.data)
+        return waiting

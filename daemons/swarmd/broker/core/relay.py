@@ -1,0 +1,210 @@
+"""Boards of other nodes: which value is news, and which is passed on to those who do not hear its origin."""
+
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.tick import Relay, relay_bytes
+
+PERIOD_NS: Final = 100_000_000
+"""Period of a relayed value per hop from its origin: 10 Hz divided by the distance."""
+AGAIN_NS: Final = 800_000_000
+"""A value that still holds is passed on again this often: its origin repeats it every second."""
+OLDEST_NS: Final = 5_000_000_000
+"""Not confirmed for so long, it is not passed on any more."""
+RESTART_NS: Final = 3_000_000_000
+HOPS_MAX: Final = 24
+COPIES: Final = 3
+"""Overheard this often from others, it need not be said once more (RFC 6206, redundancy constant)."""
+FINE_US: Final = 200
+COARSE_US: Final = 100_000
+_COARSE_FROM_US: Final = 3_276_800
+"""From this age on, ages on the wire have steps of 0.1 s."""
+FORGET_NS: Final = 60_000_000_000
+ENTRY_LIMIT: Final = 8192
+
+
+class News(msgspec.Struct, frozen=True, gc=False):
+    """A value that this node has not seen before."""
+
+    origin_hw: int
+    data_id: int
+    stamp_us: int
+    age_us: int
+    """At its arrival here."""
+    packed: bool
+    payload: bytes
+    rx_ns: int
+
+
+class _Entry:
+    __slots__ = (
+        "age_us",
+        "copies",
+        "data_id",
+        "have",
+        "hops",
+        "origin_hw",
+        "packed",
+        "payload",
+        "rx_ns",
+        "said_ns",
+        "stamp_us",
+        "told",
+    )
+
+    def __init__(self, origin_hw: int, data_id: int) -> None:
+        self.origin_hw = origin_hw
+        self.data_id = data_id
+        self.stamp_us = -1
+        self.age_us = 0
+        self.payload = b""
+        self.packed = False
+        self.hops = 0
+        self.rx_ns = 0
+        self.said_ns = -FORGET_NS
+        self.told = False
+        self.copies = 0
+        self.have: set[int] = set()
+
+
+class Relays:
+    """Newest values of other nodes' boards."""
+
+    def __init__(self) -> None:
+        self._entries: dict[tuple[int, int], _Entry] = {}
+        self._said_ns = -FORGET_NS
+        self.duplicates = 0
+        self.late = 0
+
+    def on_value(
+        self,
+        sender_hw: int,
+        origin_hw: int,
+        data_id: int,
+        stamp_us: int,
+        age_us: int,
+        hops: int,
+        packed: bool,
+        payload: bytes,
+        rx_ns: int,
+    ) -> News | None:
+        """A value in a tick, the sender's own (`hops` 1) or passed on by it. None: known already."""
+        entry = self._entries.get((origin_hw, data_id))
+        if entry is None:
+            if len(self._entries) >= ENTRY_LIMIT:
+                return None
+            entry = self._entries[origin_hw, data_id] = _Entry(origin_hw, data_id)
+        elif not self._is_news(entry, stamp_us, age_us, payload, rx_ns):
+            self._again(entry, sender_hw, stamp_us - entry.stamp_us, hops, rx_ns)
+            return None
+        entry.stamp_us = stamp_us
+        entry.age_us = age_us
+        entry.payload = payload
+        entry.packed = packed
+        entry.hops = hops
+        entry.rx_ns = rx_ns
+        entry.told = False
+        entry.copies = 0
+        entry.have = {sender_hw, origin_hw}
+        return News(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
+
+    @staticmethod
+    def _is_news(entry: _Entry, stamp_us: int, age_us: int, payload: bytes, rx_ns: int) -> bool:
+        ahead_us = stamp_us - entry.stamp_us
+        rounding_us = FINE_US if max(age_us, entry.age_us) < _COARSE_FROM_US else COARSE_US
+        if ahead_us > rounding_us:
+            return True
+        if ahead_us > 0:
+            return payload != entry.payload  # the same value said again may look a little newer
+        # far behind, and nothing newer for long: the origin's clock started anew
+        return ahead_us < -OLDEST_NS // 1000 and rx_ns - entry.rx_ns > RESTART_NS
+
+    def newest(self, origin_hw: int, data_id: int) -> News | None:
+        """The newest value of a board, if one was heard within the last seconds."""
+        entry = self._entries.get((origin_hw, data_id))
+        if entry is None:
+            return None
+        return News(
+            origin_hw, data_id, entry.stamp_us, entry.age_us, entry.packed, entry.payload, entry.rx_ns
+        )
+
+    def _again(self, entry: _Entry, sender_hw: int, ahead_us: int, hops: int, rx_ns: int) -> None:
+        if ahead_us < -COARSE_US:
+            self.late += 1
+            return
+        self.duplicates += 1
+        entry.have.add(sender_hw)
+        if hops > entry.hops:
+            entry.copies += 1  # somebody as near as we are, or farther, has told it too
+            return
+        # from the origin, or from somebody nearer to it: it still holds
+        entry.hops = hops
+        entry.age_us += (rx_ns - entry.rx_ns) // 1000
+        entry.rx_ns = rx_ns
+        if rx_ns - entry.said_ns >= AGAIN_NS:
+            entry.told = False
+            entry.copies = 0
+
+    def compose(
+        self, now_ns: int, room: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]
+    ) -> list[Relay]:
+        """Values for the next datagram in at most `room` bytes.
+
+        `common`: nodes that all neighbours hear. `needed(origin, have)`: whether some neighbour hears
+        the origin not and has not got the value. Priority is the time since it was passed on last,
+        in periods of its distance.
+        """
+        due: list[tuple[float, _Entry]] = []
+        for entry in self._entries.values():
+            if entry.told or entry.copies >= COPIES or entry.origin_hw in common or entry.hops >= HOPS_MAX:
+                continue
+            if now_ns - entry.rx_ns > OLDEST_NS:
+                continue
+            waited = (now_ns - entry.said_ns) / (PERIOD_NS * entry.hops)
+            if waited >= 1.0:
+                due.append((waited, entry))
+        due.sort(key=_waited, reverse=True)
+        out: list[Relay] = []
+        for _, entry in due:
+            size = relay_bytes(entry.payload)
+            if size > room:
+                continue
+            if not needed(entry.origin_hw, entry.have):
+                continue
+            room -= size
+            entry.told = True
+            entry.said_ns = self._said_ns = now_ns
+            age_us = entry.age_us + (now_ns - entry.rx_ns) // 1000
+            out.append(
+                Relay(
+                    entry.origin_hw,
+                    entry.data_id,
+                    entry.stamp_us,
+                    age_us,
+                    entry.hops + 1,
+                    entry.packed,
+                    entry.payload,
+                )
+            )
+        return out
+
+    def recently(self, now_ns: int) -> bool:
+        """Whether something was passed on within the last second."""
+        return now_ns - self._said_ns < 1_000_000_000
+
+    def forget(self, now_ns: int) -> None:
+        """Drops what has not been heard for a minute."""
+        old = [key for key, entry in self._entries.items() if now_ns - entry.rx_ns > FORGET_NS]
+        for key in old:
+            del self._entries[key]
+
+    def restart(self, origin_hw: int) -> None:
+        """The origin started anew: its clock may be another one, so stamps compare no more."""
+        for key in [key for key in self._entries if key[0] == origin_hw]:
+            del self._entries[key]
+
+
+def _waited(entry: tuple[float, _Entry]) -> float:
+    return entry[0]

@@ -1,0 +1,284 @@
+"""One node's side of the tick: what a datagram means, and what the next one says."""
+
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.bulletin import Bulletin
+from swarmd.broker.core.channel import Channels
+from swarmd.broker.core.directory import RouteChanged
+from swarmd.broker.core.members import Members, wire_name
+from swarmd.broker.core.mesh import LinkChanged, LinkState, Mesh, Timing
+from swarmd.broker.core.neighbour import Neighbour
+from swarmd.broker.core.pace import IDLE_HZ, tick_hz
+from swarmd.broker.core.relay import News, Relays
+from swarmd.broker.core.tick import (
+    BODY_LIMIT,
+    ECHO_BYTES,
+    REQUEST_BYTES,
+    ROW_BYTES,
+    Header,
+    Hello,
+    PlatformKind,
+    Tick,
+    hello_bytes,
+    member_bytes,
+    value_bytes,
+)
+from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
+from swarmware.names import hardware_id
+from swarmware.types.net import TreePlan, Want
+
+HELLO_NS: Final = 1_000_000_000
+OWN_SHARE: Final = 700
+"""Bytes of a datagram's body that echoes, rows and own boards may take together before relays and
+names get their turn; a board that is larger than what is left waits for a datagram of its own."""
+_FORGET_NS: Final = 10_000_000_000
+_FIRST_DATAGRAM_BYTES: Final = 150.0
+
+
+class Identity(msgspec.Struct, frozen=True):
+    """Who this node is."""
+
+    hw: int
+    platform: str
+    unit: str
+    kind: PlatformKind
+    boot_id: int
+    curve_public: bytes
+    """Empty where the roster has it."""
+
+
+class Arrival(msgspec.Struct, frozen=True, gc=False):
+    """What one datagram brought."""
+
+    neighbour: Neighbour
+    timing: Timing | None
+    links: list[LinkChanged]
+    routes: list[RouteChanged]
+    news: list[tuple[Want, News]]
+    """Values that somebody here reads."""
+    stranger: bool
+    """Says its name for the first time, or anew: answer soon, so that it learns ours."""
+
+
+class Departure(msgspec.Struct, frozen=True, gc=False):
+    """The next datagram."""
+
+    sequence: int
+    with_session: bool
+    tick: Tick
+
+
+class Station:
+    """Neighbours, routes, names, own and relayed boards of one node."""
+
+    def __init__(
+        self,
+        identity: Identity,
+        mesh: Mesh,
+        counters: Counters,
+        *,
+        busy_hz: float,
+        relay_bytes_s: float,
+    ) -> None:
+        self.identity = identity
+        self.mesh = mesh
+        self.counters = counters
+        self.channels = Channels()
+        self.members = Members(identity.hw)
+        self.bulletin = Bulletin()
+        self.relays = Relays()
+        self.tcp_port = 0
+        self._busy_hz = busy_hz
+        self._relay_bytes_s = relay_bytes_s
+        self._plan = TreePlan(0)
+        self._limits_version = 0
+        self._wants: dict[tuple[int, int], Want] = {}
+        self._hello_ns = -HELLO_NS
+        self._forget_ns = 0
+        self._relaying = False
+        self._datagram_bytes = _FIRST_DATAGRAM_BYTES
+
+    # what is wanted
+
+    def set_plan(self, plan: TreePlan) -> list[tuple[Want, News]]:
+        """What the tick shall carry from now on; values already heard of boards that are wanted now."""
+        if plan.tree_version != self._plan.tree_version or plan.mission != self._plan.mission:
+            self._hello_ns = -HELLO_NS
+        self._plan = plan
+        self.bulletin.offer(plan.offers, self.channels.max_hz)
+        wants = {(hardware_id(want.platform, want.unit), want.data_id): want for want in plan.wants}
+        heard: list[tuple[Want, News]] = []
+        for key, want in wants.items():
+            if key not in self._wants and (news := self.relays.newest(*key)) is not None:
+                heard.append((want, news))
+        self._wants = wants
+        return heard
+
+    @property
+    def busy(self) -> bool:
+        """Somebody wants something periodic from here, or somebody else's boards pass through."""
+        return bool(self.bulletin.boards) or self._relaying
+
+    def tick_hz(self) -> float:
+        """Ticks per second at present."""
+        wanted_hz = self._busy_hz if self.busy else min(IDLE_HZ, self._busy_hz)
+        heard = self.mesh.neighbours.heard_count()
+        return tick_hz(wanted_hz, heard, self._datagram_bytes + IP_UDP_BYTES)
+
+    # what comes in
+
+    def on_datagram(self, header: Header, tick: Tick, address: tuple[str, int], rx_ns: int) -> Arrival | None:
+        """A datagram that was opened. None: it says what cannot be, or there is no room for its sender."""
+        hw = header.sender_hw
+        known = self.mesh.neighbours.get(hw)
+        restarted = False
+        if header.session is not None and known is not None:
+            restarted = known.session not in (0, header.session)
+        stranger = False
+        if tick.hello is not None:
+            if not self.members.on_hello(hw, tick.hello, rx_ns):
+                self.counters.refused.malformed += 1
+                return None
+            stranger = known is None or known.hello is None or restarted
+        heard = self.mesh.on_tick(header, tick, restarted, address, rx_ns)
+        if heard is None:
+            return None
+        neighbour = heard.neighbour
+        if header.session is not None:
+            neighbour.session = header.session
+        if restarted:
+            self.relays.restart(hw)
+        directory = self.mesh.directory
+        for row in tick.members:
+            if row.hw != self.identity.hw and directory.next_hop(row.hw) == hw:
+                self.members.on_row(row, rx_ns)
+        news = self._read(neighbour, tick, rx_ns) if tick.values or tick.relays else []
+        return Arrival(neighbour, heard.timing, heard.links, heard.routes, news, stranger)
+
+    def _read(self, neighbour: Neighbour, tick: Tick, rx_ns: int) -> list[tuple[Want, News]]:
+        found: list[tuple[Want, News]] = []
+        hw, clock_us = neighbour.hw, neighbour.clock_us
+        on_value, wants = self.relays.on_value, self._wants
+        if clock_us:
+            for value in tick.values:
+                age_us, data_id = value.age_us, value.data_id
+                news = on_value(
+                    hw, hw, data_id, clock_us - age_us, age_us, 1, value.packed, value.payload, rx_ns
+                )
+                want = wants.get((hw, data_id))
+                if want is not None:
+                    self._count(want, value.payload, news is not None)
+                    if news is not None:
+                        found.append((want, news))
+        for relay in tick.relays:
+            origin_hw = relay.origin_hw
+            if origin_hw == self.identity.hw:
+                continue
+            news = on_value(
+                hw,
+                origin_hw,
+                relay.data_id,
+                relay.stamp_us,
+                relay.age_us,
+                relay.hops,
+                relay.packed,
+                relay.payload,
+                rx_ns,
+            )
+            want = wants.get((origin_hw, relay.data_id))
+            if want is not None:
+                self._count(want, relay.payload, news is not None)
+                if news is not None:
+                    found.append((want, news))
+        return found
+
+    def _count(self, want: Want, payload: bytes, news: bool) -> None:
+        channel = self.counters.channel(want.path)
+        channel.received(len(payload))
+        if not news:
+            channel.duplicates += 1
+
+    def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
+        """Deadlines, ages; call at each tick and at `deadline_ns`."""
+        self.channels.on_timer(now_ns)
+        if self.channels.version != self._limits_version:
+            self._limits_version = self.channels.version
+            self.bulletin.offer(self._plan.offers, self.channels.max_hz)
+        if now_ns >= self._forget_ns:
+            self._forget_ns = now_ns + _FORGET_NS
+            self.relays.forget(now_ns)
+            self.members.forget(now_ns)
+        return self.mesh.on_timer(now_ns)
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` has to be called at the latest."""
+        return self.mesh.deadline_ns()
+
+    # what goes out
+
+    def say_hello(self) -> None:
+        """The next datagram carries name and session."""
+        self._hello_ns = -HELLO_NS
+
+    def compose(self, now_ns: int) -> Departure:
+        """The next datagram, the parts in the order of their importance."""
+        hello = self._hello(now_ns)
+        room = BODY_LIMIT - 16 - (hello_bytes(hello) if hello is not None else 0)
+        shape = self.mesh.compose(now_ns, min(room, OWN_SHARE), self.busy)
+        room -= (
+            len(shape.echoes) * ECHO_BYTES + len(shape.rows) * ROW_BYTES + len(shape.requests) * REQUEST_BYTES
+        )
+        hz = self.tick_hz()
+        values = self.bulletin.values(now_ns, room, round(1e9 / hz))
+        room -= sum(value_bytes(value.payload) for value in values)
+        for value in values:
+            channel = self.counters.channel(self.bulletin.boards[value.data_id].path)
+            channel.sent(len(value.payload))
+        neighbours = self.mesh.neighbours
+        common = neighbours.common(now_ns)
+        members = self.members.rows(now_ns, room, common, self.mesh.directory.next_hop)
+        room -= sum(member_bytes(member) for member in members)
+        relays = self.relays.compose(
+            now_ns,
+            min(room, int(self._relay_bytes_s / hz)),
+            common,
+            lambda origin_hw, have: neighbours.needed(origin_hw, have, now_ns),
+        )
+        self._relaying = bool(relays) or (self._relaying and self.relays.recently(now_ns))
+        tick = Tick(
+            hello, shape.echoes, shape.rows, shape.requests, tuple(members), tuple(values), tuple(relays)
+        )
+        return Departure(self.mesh.next_sequence(), hello is not None, tick)
+
+    def _hello(self, now_ns: int) -> Hello | None:
+        # half a tick early rather than a tick late: at 10 Hz every tenth datagram has it
+        if now_ns - self._hello_ns < HELLO_NS - round(0.5e9 / self._busy_hz):
+            return None
+        self._hello_ns = now_ns
+        who = self.identity
+        return Hello(
+            who.boot_id,
+            now_ns // 1000 >> 32,
+            self.tcp_port,
+            self._plan.tree_version & 0xFFFF_FFFF,
+            self._plan.mission & 0xFFFF_FFFF,
+            who.kind,
+            wire_name(who.platform, who.unit),
+            who.curve_public,
+        )
+
+    def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:
+        """The datagram left."""
+        self._datagram_bytes += (datagram_bytes - self._datagram_bytes) / 16
+        self.mesh.sent(sequence, tx_ns)
+
+    def next_hop(self, hw: int) -> int:
+        """Neighbour that leads to a node; 0: none."""
+        return self.mesh.directory.next_hop(hw)
+
+    def is_up(self, hw: int) -> bool:
+        """Whether both directions to a neighbour work."""
+        neighbour = self.mesh.neighbours.get(hw)
+        return neighbour is not None and neighbour.state is LinkState.UP

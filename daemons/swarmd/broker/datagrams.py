@@ -1,0 +1,186 @@
+"""The tick datagrams of this node, out and in: sealed, counted, to the group and to single nodes."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.config import Config
+from swarmd.broker.core import tick as codec
+from swarmd.broker.core.mesh import LinkState
+from swarmd.broker.core.station import Arrival, Departure, Station
+from swarmd.broker.core.traffic import EVERYBODY, Counters
+from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
+from swarmware.clock import Clock
+from swarmware.errors import WireError
+from swarmware.names import hardware_id
+from swarmware.security import Keys, Opener, Refusal, Sealer
+
+DEAF_TICKS: Final = 20
+"""Ticks of ours that the group did not bring back, with nobody heard over it: multicast is missing here."""
+PROBE_TICKS: Final = 20
+"""Then only every so manieth tick still tries the group."""
+SEEDS_S: Final = 30.0
+"""Names of seeds are looked up again this often."""
+_UNKNOWN: Final = "?"
+
+log = logging.getLogger("swarm.broker")
+
+
+class Datagrams:
+    """Seals and sends what the station says, opens and hands on what others say."""
+
+    def __init__(
+        self,
+        config: Config,
+        keys: Keys,
+        session: int,
+        clock: Clock,
+        station: Station,
+        counters: Counters,
+        on_arrival: Callable[[Arrival], None],
+    ) -> None:
+        """Raises: ConfigError when an address or port cannot be used."""
+        self.by_unicast: set[int] = set()
+        """Neighbours whose newest datagram did not come over the group."""
+        self._config = config
+        self._clock = clock
+        self._station = station
+        self._counters = counters
+        self._on_arrival = on_arrival
+        self._hardware = station.identity.hw
+        self._epoch = keys.group.epoch
+        self._session = session
+        self._sealer = Sealer(keys.group, self._hardware, session)
+        self._opener = Opener(keys.group)
+        self._hear = frozenset(hardware_id(name) for name in config.hear_only) or None
+        self._deaf_ticks = 0
+        self._seeds: dict[str, Address] = {}
+        self._loop = asyncio.get_running_loop()
+        self._udp = Udp(config, self._loop, self._on_datagram)
+
+    @property
+    def port(self) -> int:
+        """Our own UDP port."""
+        return self._udp.port
+
+    async def look_up_seeds(self) -> None:
+        """Keeps the addresses of the seeds up to date, for ever."""
+        own = {(host, self._udp.port) for host in (LOOPBACK, self._config.bind_address)}
+        while True:
+            for seed in self._config.seeds:
+                address = await resolve(seed, self._loop)
+                if address is not None and address not in own:
+                    self._seeds[seed] = address
+            await asyncio.sleep(SEEDS_S)
+
+    # out
+
+    def send(self, departure: Departure, composed_ns: int) -> None:
+        """Sends a tick, stamped as late as possible; `composed_ns`: what its ages and echoes count from."""
+        tick, sequence = departure.tick, departure.sequence
+        body = bytearray(codec.encode(tick))
+        tx_ns = self._clock.now_ns()
+        if tick.hello is not None and tx_ns // 1000 >> 32 != tick.hello.clock_high:
+            hello = msgspec.structs.replace(tick.hello, clock_high=tx_ns // 1000 >> 32)
+            body = bytearray(codec.encode(msgspec.structs.replace(tick, hello=hello)))
+        codec.shift_echoes(body, tx_ns // 1000 - composed_ns // 1000)
+        clear = codec.encode_header(
+            codec.Header(
+                self._epoch,
+                self._hardware,
+                sequence,
+                tx_ns // 1000 & 0xFFFF_FFFF,
+                self._session if departure.with_session else None,
+            )
+        )
+        data = clear + self._sealer.seal(sequence, clear, bytes(body))
+        if self._udp.has_group and (self._deaf_ticks < DEAF_TICKS or sequence % PROBE_TICKS == 0):
+            self._to_group(data)
+        for address in self._single_nodes():
+            if self._udp.send(data, address):
+                self._counters.datagram_sent(len(data), f"{address[0]}:{address[1]}")
+        self._station.sent(sequence, tx_ns, len(data))
+
+    def _to_group(self, data: bytes) -> None:
+        if self._udp.send_to_all(data):
+            self._counters.datagram_sent(len(data), EVERYBODY)
+        self._deaf_ticks += 1
+        if self._deaf_ticks == DEAF_TICKS:
+            log.warning("multicast does not work here: only seeds and those who write to us are reached")
+
+    def _single_nodes(self) -> set[Address]:
+        """Seeds and neighbours that the group does not reach."""
+        if not self._seeds and not self.by_unicast:
+            return set()
+        single: set[Address] = set()
+        by_group: set[Address] = set()
+        for neighbour in self._station.mesh.neighbours.all():
+            if neighbour.state is LinkState.DOWN:
+                continue
+            if neighbour.hw in self.by_unicast:
+                single.add(neighbour.address)
+            else:
+                by_group.add(neighbour.address)
+        single.update(address for address in self._seeds.values() if address not in by_group)
+        return single
+
+    # in
+
+    def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
+        sender_hw = codec.sender_of(data)
+        if sender_hw == self._hardware:
+            self._deaf_ticks = 0  # our own: the group brings datagrams back
+            return
+        if self._hear is not None and sender_hw not in self._hear:
+            self._counters.refused.unheard += 1
+            return
+        try:
+            header, start = codec.decode_header(data)
+            body = self._opener.open(
+                header.epoch, sender_hw, header.session, header.sequence, data[:start], data[start:]
+            )
+            if isinstance(body, Refusal):
+                self._refused(sender_hw, body, len(data))
+                return
+            tick = codec.decode(body)
+        except WireError as error:
+            self._counters.datagram_received(len(data), _UNKNOWN)
+            self._counters.refused.malformed += 1
+            log.debug("datagram from %s:%d: %s", *address, error)
+            return
+        arrival = self._station.on_datagram(header, tick, address, self._clock.from_mono_ns(rx_mono_ns))
+        if arrival is None:
+            self._counters.datagram_received(len(data), _UNKNOWN)
+            return
+        self._counters.datagram_received(len(data), self._station.members.platform(sender_hw))
+        if by_multicast:
+            self._deaf_ticks = 0
+            self.by_unicast.discard(sender_hw)
+        else:
+            self.by_unicast.add(sender_hw)
+        self._on_arrival(arrival)
+
+    def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:
+        refused = self._counters.refused
+        known = self._station.mesh.neighbours.get(sender_hw) is not None
+        link = self._counters.datagram_received(
+            size, self._station.members.platform(sender_hw) if known else _UNKNOWN
+        )
+        if refusal is Refusal.REPLAYED:
+            refused.replayed += 1
+            link.duplicates += 1
+        elif refusal is Refusal.FORGED:
+            refused.forged += 1
+        elif refusal is Refusal.UNKNOWN:
+            refused.unknown_session += 1
+        elif refusal is Refusal.OLD_SESSION:
+            refused.old_session += 1
+        else:
+            refused.other_epoch += 1
+
+    def close(self) -> None:
+        """Closes the sockets."""
+        self._udp.close()

@@ -1,0 +1,148 @@
+"""Frames between platforms: from applications here to neighbours, from neighbours here or onward."""
+
+import asyncio
+import logging
+
+from swarmd.broker.config import Config
+from swarmd.broker.core.forward import Decision, Forwarder, Step, answerable
+from swarmd.broker.core.queue import Waiting
+from swarmd.broker.core.station import Station
+from swarmd.broker.core.traffic import Channel, Counters
+from swarmd.broker.links.curve import Links, Peer
+from swarmware.clock import Clock
+from swarmware.delivery import Status
+from swarmware.errors import WireError
+from swarmware.frame import HOPS, Frame, Kind, decode, encode
+from swarmware.names import hardware_id
+from swarmware.post import Post
+from swarmware.security import Keys
+
+log = logging.getLogger("swarm.broker")
+
+
+class Frames:
+    """The gateway of this node's post."""
+
+    def __init__(
+        self, config: Config, keys: Keys, clock: Clock, post: Post, station: Station, counters: Counters
+    ) -> None:
+        """Raises: ConfigError when the port cannot be bound."""
+        self._keys = keys
+        self._clock = clock
+        self._post = post
+        self._station = station
+        self._counters = counters
+        self._forwarder = Forwarder(station.identity.hw, station.mesh.directory)
+        self.links = Links(
+            config,
+            keys,
+            asyncio.get_running_loop(),
+            now_ns=clock.now_ns,
+            on_frame=self._from_link,
+            on_given_up=self._gave_up,
+        )
+
+    def from_here(self, frame: Frame) -> None:
+        """A frame of an application of this node for another platform; called by the post."""
+        decision = self._forwarder.from_here(frame, self._clock.now_ns())
+        self._channel(frame).offered(len(frame.payload))
+        if frame.kind is Kind.REQUEST and decision.first:
+            self._counters.requests += 1
+        self._onward(frame, decision)
+
+    def neighbour_gone(self, hw: int) -> None:
+        """Frames that waited for it go over another neighbour, or back to their senders."""
+        for item in self.links.drop(hw):
+            self._onward(item.frame, self._forwarder.again(item.frame, self._clock.now_ns()))
+
+    def _from_link(self, data: bytes, user: str) -> None:
+        counters = self._counters
+        counters.received_frames += 1
+        try:
+            frame = decode(data)
+        except WireError as error:
+            counters.refused.malformed += 1
+            log.debug("frame from %s: %s", user or "loopback", error)
+            return
+        if not user and frame.hops_left >= HOPS:
+            user_name = self._station.members.platform(frame.sender_hw)  # open: nobody vouches for it
+        else:
+            user_name = user or "?"
+        link = counters.link(user_name, "tcp")
+        link.received_frames += 1
+        link.received_bytes += len(data)
+        decision = self._forwarder.from_neighbour(frame, self._other_end(frame, user), self._clock.now_ns())
+        if decision.step is Step.DELIVER:
+            self._channel(frame).received(len(frame.payload))
+            if frame.kind is Kind.NOTIFY:
+                counters.notifications += 1
+            self._post.deliver(frame)
+            return
+        if decision.step is Step.SEND:
+            counters.forwarded_frames += 1
+        self._onward(frame, decision)
+
+    def _other_end(self, frame: Frame, user: str) -> int | None:
+        """Hardware id of the member at the other end of a connection; None where nobody can tell."""
+        if not user:
+            return None
+        member = self._station.members.get(frame.sender_hw)
+        return frame.sender_hw if member is not None and member.platform == user else hardware_id(user)
+
+    def _onward(self, frame: Frame, decision: Decision) -> None:
+        if decision.step is Step.SEND:
+            peer = self._peer(decision.via)
+            if peer is not None:
+                self._send(peer, frame)
+                return
+        refused = self._counters.refused
+        receiver = self._station.members.platform(frame.receiver_hw)
+        if decision.step is Step.LOOPED:
+            refused.looped += 1
+        elif decision.step is Step.SPOOFED:
+            refused.spoofed += 1
+            log.warning("a frame with sender %08x came from another member", frame.sender_hw)
+        elif decision.step is Step.HOP_LIMIT:
+            refused.hop_limit += 1
+            self._refuse(frame, f"too many hops to {receiver}")
+        else:
+            refused.no_route += 1
+            self._refuse(frame, f"no route to {receiver}")
+
+    def _send(self, peer: Peer, frame: Frame) -> None:
+        data = encode(frame)
+        self._counters.sent_frames += 1
+        self._channel(frame).sent(len(frame.payload))
+        link = self._counters.link(peer.platform, "tcp")
+        link.sent_frames += 1
+        link.sent_bytes += len(data)
+        gone = self.links.send(peer, data, frame)
+        if gone:
+            self._gave_up(peer, gone)
+
+    def _peer(self, hw: int) -> Peer | None:
+        neighbour = self._station.mesh.neighbours.get(hw)
+        if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
+            return None
+        platform = self._station.members.platform(hw)
+        curve = self._keys.curve_of(platform) or neighbour.hello.curve_public
+        if not curve:
+            return None
+        return Peer(hw, platform, neighbour.address[0], neighbour.hello.tcp_port, curve, neighbour.session)
+
+    def _gave_up(self, peer: Peer, waiting: list[Waiting]) -> None:
+        for item in waiting:
+            self._counters.link(peer.platform, "tcp").dropped += 1
+            self._channel(item.frame).dropped += 1
+            self._refuse(item.frame, f"{peer.platform} does not take it")
+
+    def _refuse(self, frame: Frame, detail: str) -> None:
+        if answerable(frame):
+            self._post.refuse(frame, Status.UNREACHABLE, detail)
+
+    def _channel(self, frame: Frame) -> Channel:
+        return self._counters.channel(frame.kind.name.lower())
+
+    def close(self) -> None:
+        """Closes all connections."""
+        self.links.close()

@@ -1,0 +1,276 @@
+"""Frames that must arrive: ZeroMQ over TCP with CURVE, one socket in, one to each neighbour out."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+import zmq
+
+from swarmd.broker.config import Config
+from swarmd.broker.core.queue import Queue, Waiting
+from swarmd.broker.links.port import Monitor, Port, Socket
+from swarmd.broker.links.tcp_count import TcpCount
+from swarmd.broker.links.zap import DOMAIN, Zap
+from swarmware.errors import ConfigError
+from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
+from swarmware.security import Keys
+
+HIGH_WATER: Final = 64
+"""Frames inside libzmq per connection; the rest waits in a queue of ours that knows priorities."""
+RECONNECT_MS: Final = 50
+RECONNECT_MAX_MS: Final = 200
+CONNECT_TIMEOUT_MS: Final = 300
+HANDSHAKE_MS: Final = 3000
+FAILURES: Final = 3
+"""Handshakes in a row that break off without a reason; a wrong key looks like that."""
+DENIED_NS: Final = 2_000_000_000
+"""Pause before a neighbour that denied us is tried again."""
+KEEPALIVE_S: Final = 60
+"""A connection whose other end vanished without a word is taken away after 90 s."""
+_EXTENSION_MAX: Final = 255
+
+OnFrame = Callable[[bytes, str], None]
+"""Takes an encoded frame and the platform at the other end; empty where nobody can tell."""
+
+log = logging.getLogger("swarm.broker")
+
+
+class Peer(msgspec.Struct, frozen=True):
+    """Where a neighbour takes frames."""
+
+    hw: int
+    platform: str
+    host: str
+    port: int
+    curve_public: bytes
+    session: int
+
+
+class _Way:
+    """The connection to one neighbour, with what waits for it."""
+
+    def __init__(self, links: "Links", peer: Peer) -> None:
+        self.peer = peer
+        self.queue = Queue()
+        self.state = "connecting"
+        self.sent_frames = 0
+        self.sent_bytes = 0
+        self.denied_until_ns = 0
+        self._failures = 0
+        self._links = links
+        socket = links.make_socket(zmq.DEALER)
+        socket.setsockopt(zmq.CURVE_SERVERKEY, peer.curve_public)
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, links.keys.curve_public)
+        socket.setsockopt(zmq.CURVE_SECRETKEY, links.keys.curve_secret)
+        socket.setsockopt(zmq.CONNECT_TIMEOUT, CONNECT_TIMEOUT_MS)
+        socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        socket.setsockopt(zmq.RECONNECT_IVL_MAX, RECONNECT_MAX_MS)
+        socket.setsockopt(zmq.IMMEDIATE, 1)
+        self._monitor = Monitor(socket, links.loop, self._on_event)
+        socket.connect(f"tcp://{peer.host}:{peer.port}")
+        self._port = Port(socket, links.loop, self._on_wake, self._wants)
+
+    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[Waiting]:
+        gone = self.queue.put(data, frame, now_ns)
+        self.flush(now_ns)
+        return gone
+
+    def flush(self, now_ns: int) -> None:
+        send = self._port.socket.send
+        sent = False
+        while True:
+            waiting, old = self.queue.peek(now_ns)
+            if old:
+                self._links.gave_up(self.peer, old)
+            if waiting is None:
+                break
+            try:
+                send(waiting.data, zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            self.queue.pop()
+            self.sent_frames += 1
+            self.sent_bytes += len(waiting.data)
+            sent = True
+        if sent:
+            self._port.again()  # a send takes commands from the mailbox and may eat the wake-up
+
+    def _on_wake(self, socket: Socket) -> bool:
+        if len(self.queue):
+            self.flush(self._links.now_ns())
+        return False
+
+    def _wants(self) -> int:
+        return zmq.POLLOUT if len(self.queue) else 0
+
+    def _on_event(self, event: int, value: int) -> None:
+        if event == zmq.EVENT_CONNECTED:
+            self._links.count.add(value)
+        elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+            self.state = "connected"
+            self._failures = 0
+            self.flush(self._links.now_ns())
+        elif event == zmq.EVENT_DISCONNECTED:
+            self.state = "connecting"
+        elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+            self._deny("it denies us")
+        elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
+            self._failures += 1
+            if self._failures >= FAILURES:
+                self._deny("it has another key than the roster says")
+
+    def _deny(self, reason: str) -> None:
+        log.warning("no frames go to %s: %s", self.peer.platform, reason)
+        self.state = "denied"
+        self.denied_until_ns = self._links.now_ns() + DENIED_NS
+        self._links.gave_up(self.peer, self.queue.clear())
+        # libzmq would try again five times a second, for ever
+        self._links.loop.call_soon(self._shut)
+
+    def _shut(self) -> None:
+        self._monitor.close()
+        self._port.close()
+
+    def close(self) -> list[Waiting]:
+        self._links.count.sample_all()
+        self._shut()
+        return self.queue.clear()
+
+
+class Links:
+    """All ZeroMQ connections of the broker."""
+
+    def __init__(
+        self,
+        config: Config,
+        keys: Keys,
+        loop: asyncio.AbstractEventLoop,
+        *,
+        now_ns: Callable[[], int],
+        on_frame: OnFrame,
+        on_given_up: Callable[[Peer, list[Waiting]], None],
+    ) -> None:
+        """Raises: ConfigError when the port cannot be bound."""
+        self.loop = loop
+        self.keys = keys
+        self.now_ns = now_ns
+        self.count = TcpCount()
+        self.received_frames = 0
+        self.received_bytes = 0
+        self.broken_handshakes = 0
+        """Connections to us that never got as far as showing a key."""
+        self.gave_up = on_given_up
+        self._heartbeat_ms = round(config.heartbeat_s * 1000)
+        self._on_frame = on_frame
+        self._ways: dict[int, _Way] = {}
+        self._context: zmq.Context[Socket] = zmq.Context(io_threads=1)
+        # before the first socket with CURVE: without an answering authenticator libzmq would let all in
+        self._zap = Zap(self._context, loop, keys)
+        router = self.make_socket(zmq.ROUTER)
+        router.setsockopt(zmq.CURVE_SERVER, 1)
+        router.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)
+        router.setsockopt_string(zmq.ZAP_DOMAIN, DOMAIN)
+        router.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
+        router.setsockopt(zmq.TCP_KEEPALIVE, 1)
+        router.setsockopt(zmq.TCP_KEEPALIVE_IDLE, KEEPALIVE_S)
+        router.setsockopt(zmq.TCP_KEEPALIVE_INTVL, 10)
+        router.setsockopt(zmq.TCP_KEEPALIVE_CNT, 3)
+        self._monitor = Monitor(router, loop, self._on_router_event)
+        where = f"tcp://{config.bind_address}:{config.tcp_port or '*'}"
+        try:
+            router.bind(where)
+        except zmq.ZMQError as error:
+            self._monitor.close()
+            router.close(linger=0)
+            self._zap.close()
+            self._context.destroy(linger=0)
+            raise ConfigError(
+                f"broker: bind_address {config.bind_address}, tcp_port {config.tcp_port}: {error.strerror}"
+            ) from error
+        self.port = int(router.getsockopt_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
+        self._router = Port(router, loop, self._take)
+
+    @property
+    def denied(self) -> int:
+        """Handshakes of strangers."""
+        return self._zap.denied
+
+    def make_socket(self, kind: int) -> Socket:
+        """A socket that neither waits nor hoards."""
+        socket = self._context.socket(kind)
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.setsockopt(zmq.SNDHWM, HIGH_WATER)
+        socket.setsockopt(zmq.RCVHWM, HIGH_WATER)
+        socket.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
+        socket.setsockopt(zmq.MAXMSGSIZE, PAYLOAD_LIMIT + HEADER_BYTES + _EXTENSION_MAX)
+        if self._heartbeat_ms:
+            socket.setsockopt(zmq.HEARTBEAT_IVL, self._heartbeat_ms)
+            socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 3 * self._heartbeat_ms)
+        return socket
+
+    # out
+
+    def send(self, peer: Peer, data: bytes, frame: Frame) -> list[Waiting]:
+        """Sends a frame to a neighbour, or queues it; what had to be dropped for it."""
+        way = self._ways.get(peer.hw)
+        gone: list[Waiting] = []
+        if way is not None and way.state == "denied":
+            if self.now_ns() < way.denied_until_ns:
+                return [Waiting(data, frame, self.now_ns())]
+            self._ways.pop(peer.hw).close()
+            way = None
+        if way is None or way.peer != peer:
+            waiting = way.close() if way is not None else []
+            way = self._ways[peer.hw] = _Way(self, peer)
+            for item in waiting:
+                gone += way.queue.put(item.data, item.frame, item.since_ns)
+        return gone + way.put(data, frame, self.now_ns())
+
+    def drop(self, hw: int) -> list[Waiting]:
+        """Closes the connection to a neighbour that is gone; what still waited for it.
+
+        A connection that stayed open through an outage would wait for TCP's back-off after it
+        (scale study, section 7, fact 8); a new one is there within milliseconds.
+        """
+        way = self._ways.pop(hw, None)
+        return way.close() if way is not None else []
+
+    def state(self, hw: int) -> str:
+        """How frames go to a neighbour."""
+        way = self._ways.get(hw)
+        return "idle" if way is None else "tcp" if way.state == "connected" else f"tcp {way.state}"
+
+    def sent(self) -> list[tuple[str, int, int]]:
+        """Platform, frames and bytes sent over each open connection."""
+        return [(way.peer.platform, way.sent_frames, way.sent_bytes) for way in self._ways.values()]
+
+    # in
+
+    def _take(self, socket: Socket) -> bool:
+        try:
+            parts = socket.recv_multipart(zmq.NOBLOCK, copy=False)
+        except zmq.Again:
+            return False
+        if len(parts) == 2:
+            data = parts[1].bytes
+            self.received_frames += 1
+            self.received_bytes += len(data)
+            self._on_frame(data, str(parts[1].get("User-Id")))
+        return True
+
+    def _on_router_event(self, event: int, value: int) -> None:
+        if event == zmq.EVENT_ACCEPTED:
+            self.count.add(value)
+        elif event in (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL):
+            self.broken_handshakes += 1
+
+    def close(self) -> None:
+        """Closes everything."""
+        for hw in list(self._ways):
+            self.drop(hw)
+        self._monitor.close()
+        self._router.close()
+        self._zap.close()
+        self._context.destroy(linger=0)

@@ -1,0 +1,105 @@
+"""A ZeroMQ socket on the event loop, and the events of its connections."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+import zmq
+from zmq.utils.monitor import parse_monitor_message
+
+Socket = zmq.Socket[bytes]
+TURN: Final = 64
+"""Messages taken before the event loop gets its turn."""
+
+EVENTS: Final = (
+    zmq.EVENT_CONNECTED
+    | zmq.EVENT_ACCEPTED
+    | zmq.EVENT_DISCONNECTED
+    | zmq.EVENT_HANDSHAKE_SUCCEEDED
+    | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+    | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+    | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+)
+
+
+class Port:
+    """Watches a socket's descriptor, which is edge-triggered: each wake-up drains it in bounded turns."""
+
+    def __init__(
+        self,
+        socket: Socket,
+        loop: asyncio.AbstractEventLoop,
+        on_wake: Callable[[Socket], bool],
+        wants: Callable[[], int] | None = None,
+    ) -> None:
+        """`on_wake` takes or sends and tells whether there may be more; `wants`: zmq.POLLOUT while
+        something waits to be sent, for sockets that send."""
+        self.socket = socket
+        self._loop = loop
+        self._on_wake = on_wake
+        self._wants = wants
+        self._coming = False
+        self._fd = int(socket.getsockopt(zmq.FD))
+        loop.add_reader(self._fd, self._turn)
+        self.again()
+
+    def again(self) -> None:
+        """Look at the socket in the next turn of the loop."""
+        if not self._coming:
+            self._coming = True
+            self._loop.call_soon(self._turn)
+
+    def _turn(self) -> None:
+        self._coming = False
+        socket = self.socket
+        for _ in range(TURN):
+            if self.is_closed():
+                return
+            if not self._on_wake(socket):
+                break
+        else:
+            self.again()
+            return
+        if self.is_closed():
+            return
+        # takes the commands that are left in the socket's mailbox, so the descriptor wakes us anew
+        wants = zmq.POLLIN if self._wants is None else self._wants()
+        if int(socket.getsockopt(zmq.EVENTS)) & wants:
+            self.again()
+
+    def is_closed(self) -> bool:
+        """Whether a handler has closed the socket meanwhile."""
+        return bool(self.socket.closed)
+
+    def close(self) -> None:
+        """Closes the socket."""
+        if not self.is_closed():
+            self._loop.remove_reader(self._fd)
+            self.socket.close(linger=0)
+
+
+class Monitor:
+    """Connection events of one socket: `on_event(event, value)`."""
+
+    def __init__(
+        self, socket: Socket, loop: asyncio.AbstractEventLoop, on_event: Callable[[int, int], None]
+    ) -> None:
+        self._watched = socket
+        self._on_event = on_event
+        monitor = socket.get_monitor_socket(EVENTS)
+        self._port = Port(monitor, loop, self._take)
+
+    def _take(self, monitor: Socket) -> bool:
+        try:
+            parts = monitor.recv_multipart(zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        message = parse_monitor_message(parts)
+        self._on_event(int(message["event"]), int(message["value"]))
+        return True
+
+    def close(self) -> None:
+        """Stops watching; before the watched socket is closed."""
+        if not self._watched.closed:
+            self._watched.disable_monitor()
+        self._port.close()

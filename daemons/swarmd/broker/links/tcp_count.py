@@ -1,0 +1,83 @@
+"""Bytes that libzmq's TCP connections really moved, as the kernel counts them."""
+
+import os
+import socket
+import stat
+import struct
+from typing import Final
+
+_TCP_INFO_BYTES: Final = 256
+_OPTIONS_AT: Final = 5
+_TIMESTAMPS: Final = 1
+_BYTES_RECEIVED: Final = struct.Struct("<128xQII")
+"""bytes_received, segs_out, segs_in of struct tcp_info. Source: linux/tcp.h."""
+_BYTES_SENT: Final = struct.Struct("<200xQ")
+_BYTES_ACKED: Final = struct.Struct("<120xQ")
+_HEADERS: Final = 40
+"""IPv4 and TCP without options."""
+_TIMESTAMP_BYTES: Final = 12
+_SYN_BYTES: Final = 8
+"""Options of the first segment each way, less the timestamps counted on every segment: MSS, SACK, scale."""
+
+
+class TcpCount:
+    """Counters of libzmq's connections: their descriptors are looked at, never kept or closed."""
+
+    def __init__(self) -> None:
+        self._inodes: dict[int, int] = {}
+        self._last: dict[int, tuple[int, int]] = {}
+        self.sent_bytes = 0
+        self.received_bytes = 0
+
+    def add(self, fd: int) -> None:
+        """A connection was made."""
+        inode = _socket_inode(fd)
+        if inode is not None:
+            self._inodes[fd] = inode
+            self._last[fd] = (0, 0)
+            self.sample(fd)
+
+    def sample_all(self) -> None:
+        """Brings the counters up to date; those of connections that are gone stand still."""
+        for fd in list(self._inodes):
+            if not self.sample(fd):
+                del self._inodes[fd], self._last[fd]
+
+    def sample(self, fd: int) -> bool:
+        """Brings one connection's counters up to date; False when it is gone."""
+        if _socket_inode(fd) != self._inodes.get(fd):
+            return False
+        moved = _moved_bytes(fd)
+        if moved is None:
+            return False
+        before = self._last[fd]
+        self.sent_bytes += moved[0] - before[0]
+        self.received_bytes += moved[1] - before[1]
+        self._last[fd] = moved
+        return True
+
+
+def _socket_inode(fd: int) -> int | None:
+    try:
+        found = os.fstat(fd)
+    except OSError:
+        return None
+    return found.st_ino if stat.S_ISSOCK(found.st_mode) else None
+
+
+def _moved_bytes(fd: int) -> tuple[int, int] | None:
+    """Bytes sent and received with IP and TCP headers, acknowledgements and repetitions; None: no TCP."""
+    sock = None
+    try:
+        sock = socket.socket(fileno=fd)
+        info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+    except OSError:
+        return None
+    finally:
+        if sock is not None:
+            sock.detach()  # it belongs to libzmq
+    received, segments_out, segments_in = _BYTES_RECEIVED.unpack_from(info)
+    # Linux before 4.19 does not say what it sent, only what arrived
+    sent = (_BYTES_SENT if len(info) >= _BYTES_SENT.size else _BYTES_ACKED).unpack_from(info)[0]
+    header = _HEADERS + (_TIMESTAMP_BYTES if info[_OPTIONS_AT] & _TIMESTAMPS else 0)
+    return sent + segments_out * header + _SYN_BYTES, received + segments_in * header + _SYN_BYTES

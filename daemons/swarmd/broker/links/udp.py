@@ -1,0 +1,186 @@
+"""Datagrams to a group that all hear and to single nodes, with the kernel's receive stamps."""
+
+import asyncio
+import contextlib
+import logging
+import socket
+import struct
+import time
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.config import Config
+from swarmware.errors import ConfigError
+
+Address = tuple[str, int]
+OnDatagram = Callable[[bytes, Address, int, bool], None]
+"""Takes data, source, CLOCK_MONOTONIC at arrival in ns, and whether it came by multicast."""
+
+TURN: Final = 64
+"""Datagrams taken before the event loop gets its turn: about 3 ms."""
+DATAGRAM_MAX: Final = 2048
+RECEIVE_BYTES: Final = 512 * 1024
+STAMP_LIMIT_NS: Final = 5_000_000_000
+"""A kernel stamp farther away was hit by a step of the wall clock."""
+LOOPBACK: Final = "127.0.0.1"
+
+_SO_TIMESTAMPNS: Final = 35
+_IP_MULTICAST_ALL: Final = 49
+_TIMESPEC: Final = struct.Struct("qq")
+_ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
+_EVERYWHERE: Final = "0.0.0.0"
+
+log = logging.getLogger("swarm.broker")
+
+
+class Udp:
+    """The broker's UDP sockets."""
+
+    def __init__(self, config: Config, loop: asyncio.AbstractEventLoop, on_datagram: OnDatagram) -> None:
+        """Raises: ConfigError when an address, group or port cannot be used."""
+        self._loop = loop
+        self._on_datagram = on_datagram
+        self._group: Address | None = None
+        self.send_errors = 0
+        with contextlib.ExitStack() as stack:
+            self._own = stack.enter_context(_own_socket(config))
+            self._all: socket.socket | None = None
+            if config.multicast_group:
+                self._group = (config.multicast_group, config.udp_port)
+                self._all = stack.enter_context(_group_socket(config))
+                _send_to_group(self._own, config)
+            self._closing = stack.pop_all()
+        self.port: int = self._own.getsockname()[1]
+        """Our own UDP port: source of all our datagrams."""
+        loop.add_reader(self._own.fileno(), self._drain, self._own, False)
+        if self._all is not None:
+            loop.add_reader(self._all.fileno(), self._drain, self._all, True)
+
+    @property
+    def has_group(self) -> bool:
+        """Whether there is a multicast group to send to."""
+        return self._group is not None
+
+    def send_to_all(self, data: bytes) -> bool:
+        """One datagram to the group; False when it could not leave."""
+        return self._group is not None and self.send(data, self._group)
+
+    def send(self, data: bytes, address: Address) -> bool:
+        """One datagram to a single node; False when it could not leave."""
+        try:
+            self._own.sendto(data, address)
+        except OSError as error:
+            # no route, no buffer, no interface any more: the next tick may find it better
+            self.send_errors += 1
+            if self.send_errors == 1:
+                log.warning("datagrams to %s:%d cannot leave: %s", *address, error.strerror)
+            return False
+        return True
+
+    def _drain(self, sock: socket.socket, by_multicast: bool) -> None:
+        # the kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn
+        mono_ns = time.monotonic_ns()
+        apart_ns = time.time_ns() - mono_ns
+        receive, unpack = sock.recvmsg, _TIMESPEC.unpack
+        for _ in range(TURN):
+            try:
+                data, ancillary, _, address = receive(DATAGRAM_MAX, _ANCILLARY)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                log.debug("receiving datagrams: %s", error)
+                return
+            rx_ns = mono_ns
+            if ancillary:
+                seconds, nanoseconds = unpack(ancillary[0][2])
+                stamp_ns = seconds * 1_000_000_000 + nanoseconds - apart_ns
+                if 0 <= mono_ns - stamp_ns < STAMP_LIMIT_NS:
+                    rx_ns = stamp_ns
+                elif stamp_ns > mono_ns:
+                    rx_ns = min(stamp_ns, time.monotonic_ns())  # came while this turn was under way
+            self._on_datagram(data, address, rx_ns, by_multicast)
+
+    def close(self) -> None:
+        """Closes the sockets."""
+        for sock in (self._own, self._all):
+            if sock is not None and sock.fileno() >= 0:
+                self._loop.remove_reader(sock.fileno())
+        self._closing.close()
+
+
+async def resolve(seed: str, loop: asyncio.AbstractEventLoop) -> Address | None:
+    """Address of a seed `host:port`; None when its name is not known now."""
+    host, _, port = seed.rpartition(":")
+    try:
+        found = await loop.getaddrinfo(host, int(port), family=socket.AF_INET, type=socket.SOCK_DGRAM)
+    except OSError as error:
+        log.warning("seed %s: %s", seed, error.strerror)
+        return None
+    address: Address = found[0][4][:2]  # type: ignore[assignment]  # AF_INET addresses are (host, port)
+    return address
+
+
+def loopback_only(config: Config) -> Config:
+    """The same settings, for a node that must not talk to other computers."""
+    return msgspec.structs.replace(
+        config,
+        bind_address=config.bind_address if config.bind_address.startswith("127.") else LOOPBACK,
+        multicast_interface=LOOPBACK,
+    )
+
+
+def _own_socket(config: Config) -> socket.socket:
+    sock = _udp_socket()
+    try:
+        sock.bind((config.bind_address, config.unicast_port))
+    except OSError as error:
+        sock.close()
+        where = f"bind_address {config.bind_address}, unicast_port {config.unicast_port}"
+        raise ConfigError(f"broker: {where}: {error.strerror}") from error
+    return sock
+
+
+def _group_socket(config: Config) -> socket.socket:
+    group, where = config.multicast_group, config.multicast_interface
+    sock = _udp_socket()
+    try:
+        # several nodes of one machine listen on the same group and port, each gets a copy
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        sock.bind((group, config.udp_port))
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(group, where))
+    except OSError as error:
+        sock.close()
+        raise ConfigError(
+            f"broker: multicast_group {group}:{config.udp_port} on interface {where or 'of the kernel'!r}: "
+            f"{error.strerror}; expected an IPv4 group such as 239.83.87.1, and the address or name of an "
+            "interface"
+        ) from error
+    return sock
+
+
+def _send_to_group(sock: socket.socket, config: Config) -> None:
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+    where = config.multicast_interface or (config.bind_address if config.bind_address != _EVERYWHERE else "")
+    if where:
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _membership(config.multicast_group, where))
+
+
+def _membership(group: str, interface: str) -> bytes:
+    """struct ip_mreqn, see ip(7)."""
+    address, index = _EVERYWHERE, 0
+    if interface[:1].isdigit():
+        address = interface
+    elif interface:
+        index = socket.if_nametoindex(interface)
+    return struct.pack("@4s4si", socket.inet_aton(group), socket.inet_aton(address), index)
+
+
+def _udp_socket() -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
+    sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
+    return sock

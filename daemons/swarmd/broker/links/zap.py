@@ -1,0 +1,76 @@
+"""Who may connect: answers libzmq's authentication requests from the roster (ZeroMQ RFC 27, ZAP)."""
+
+import asyncio
+import ipaddress
+import logging
+from typing import Final
+
+import zmq
+
+from swarmd.broker.links.port import Port, Socket
+from swarmware.security import Keys
+
+DOMAIN: Final = "swarm"
+_ENDPOINT: Final = "inproc://zeromq.zap.01"
+_VERSION: Final = b"1.0"
+_PARTS: Final = 7
+"""Of a CURVE request: version, request, domain, address, identity, mechanism, key."""
+
+log = logging.getLogger("swarm.broker")
+
+
+class Zap:
+    """The authenticator of one ZeroMQ context.
+
+    Runs on the event loop: a blocked loop delays handshakes, but lets nobody in.
+    """
+
+    def __init__(self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys) -> None:
+        self._keys = keys
+        self.denied = 0
+        """Handshakes of strangers and of revoked members."""
+        socket = context.socket(zmq.REP)
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.bind(_ENDPOINT)
+        self._port = Port(socket, loop, self._answer)
+
+    def _answer(self, socket: Socket) -> bool:
+        try:
+            parts = socket.recv_multipart(zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        request = parts[1] if len(parts) > 1 else b""
+        user = self._judge(parts)
+        if user is None:
+            self.denied += 1
+            reply = [_VERSION, request, b"400", b"not on the roster", b"", b""]
+        else:
+            reply = [_VERSION, request, b"200", b"OK", user.encode(), b""]
+        socket.send_multipart(reply)
+        return True
+
+    def _judge(self, parts: list[bytes]) -> str | None:
+        """The User-Id of the connection: the member's platform; None: denied."""
+        if len(parts) != _PARTS or parts[0] != _VERSION or parts[5] != b"CURVE":
+            return None
+        address, key = parts[3].decode("ascii", "replace"), parts[6]
+        if parts[2] != DOMAIN.encode():
+            return None
+        if self._keys.is_open:
+            return "" if _is_loopback(address) else None
+        member = self._keys.by_curve(key)
+        if member is None:
+            log.warning("connection from %s denied: its key is not on the roster", address)
+            return None
+        return member.platform
+
+    def close(self) -> None:
+        """Lets nobody in any more."""
+        self._port.close()
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,112 @@
+"""What the broker publishes about itself: boards and answers of the same tables."""
+
+from swarmd.broker.core.mesh import LinkState
+from swarmd.broker.core.neighbour import Neighbour
+from swarmd.broker.core.station import Station
+from swarmd.broker.core.tick import INFINITY, PlatformKind
+from swarmd.broker.core.traffic import Counters
+from swarmd.broker.links.curve import Links
+from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState, Traffic
+
+_FULL = 255
+
+
+class Report:
+    """Makes the tables of links, routes and traffic."""
+
+    def __init__(
+        self, station: Station, counters: Counters, links: Links, by_unicast: set[int], since_ns: int
+    ) -> None:
+        self._station = station
+        self._counters = counters
+        self._links = links
+        self._since_ns = since_ns
+        self._by_unicast = by_unicast
+
+    def neighbours(self, now_ns: int) -> Neighbours:
+        """All nodes heard within the last minutes."""
+        return Neighbours(
+            tuple(self._neighbour(neighbour, now_ns) for neighbour in self._station.mesh.neighbours.all())
+        )
+
+    def _neighbour(self, neighbour: Neighbour, now_ns: int) -> NeighbourState:
+        member = self._station.members.get(neighbour.hw)
+        hello = neighbour.hello
+        up = neighbour.state is LinkState.UP
+        return NeighbourState(
+            platform=member.platform if member is not None else "",
+            unit=member.unit if member is not None else "",
+            hardware=neighbour.hw,
+            kind=(hello.kind if hello is not None else PlatformKind.OTHER).name.lower(),
+            state=neighbour.state.name.lower(),
+            address=f"{neighbour.address[0]}:{neighbour.address[1]}",
+            since_ns=neighbour.since_ns,
+            silent_s=round((now_ns - neighbour.heard_ns) / 1e9, 3),
+            tick_hz=round(1e9 / neighbour.period_ns, 2) if neighbour.period_ns > 0 else 0.0,
+            loss_in_ratio=round(1 - neighbour.quality / _FULL, 3),
+            loss_out_ratio=round(1 - neighbour.reported / _FULL, 3) if up else 1.0,
+            rtt_ms=round(neighbour.rtt_ns / 1e6, 4) if neighbour.rtt_ns else None,
+            cost=neighbour.cost if up else INFINITY,
+            tree_version=hello.tree_version if hello is not None else 0,
+            mission=hello.mission if hello is not None else 0,
+            boot_id=hello.boot_id if hello is not None else 0,
+            transport=self._links.state(neighbour.hw),
+            multicast=neighbour.hw not in self._by_unicast,
+        )
+
+    def routes(self) -> Routes:
+        """All nodes that can be reached."""
+        members = self._station.members
+        out: list[RouteState] = []
+        for route in self._station.mesh.directory.routes():
+            member = members.get(route.hw)
+            out.append(
+                RouteState(
+                    platform=members.platform(route.hw),
+                    hardware=route.hw,
+                    via=members.platform(route.via),
+                    metric=route.metric,
+                    hops=1 if route.via == route.hw else max(2, round(route.metric / 256)),
+                    tree_version=member.tree_version if member is not None else 0,
+                    since_ns=route.changed_ns,
+                )
+            )
+        return Routes(tuple(out))
+
+    def traffic(self, now_ns: int) -> Traffic:
+        """All counters."""
+        counters, station = self._counters, self._station
+        self._links.count.sample_all()
+        counters.tcp_sent_bytes = self._links.count.sent_bytes
+        counters.tcp_received_bytes = self._links.count.received_bytes
+        counters.refused.denied_connections = self._links.denied
+        lost = 0
+        for neighbour in station.mesh.neighbours.all():
+            link = counters.link(station.members.platform(neighbour.hw), "udp")
+            link.lost = neighbour.lost
+            link.late = neighbour.late
+            lost += neighbour.lost
+        for name, channel in counters.channels.items():
+            channel.max_hz = station.channels.max_hz(name)
+        return Traffic(
+            since_ns=self._since_ns,
+            at_ns=now_ns,
+            sent_bytes=counters.udp_sent_bytes + counters.tcp_sent_bytes,
+            received_bytes=counters.udp_received_bytes + counters.tcp_received_bytes,
+            udp_sent_bytes=counters.udp_sent_bytes,
+            udp_received_bytes=counters.udp_received_bytes,
+            tcp_sent_bytes=counters.tcp_sent_bytes,
+            tcp_received_bytes=counters.tcp_received_bytes,
+            sent_datagrams=counters.sent_datagrams,
+            received_datagrams=counters.received_datagrams,
+            lost_datagrams=lost,
+            sent_frames=counters.sent_frames,
+            received_frames=counters.received_frames,
+            forwarded_frames=counters.forwarded_frames,
+            requests=counters.requests,
+            notifications=counters.notifications,
+            tick_hz=round(station.tick_hz(), 2),
+            refused=counters.refused_table(),
+            links=counters.link_table(),
+            channels=counters.channel_table(),
+        )

@@ -1,0 +1,297 @@
+"""The broker: joins its cores, its links and the node."""
+
+import asyncio
+import contextlib
+import logging
+import random
+from typing import ClassVar, Final
+
+from swarmd.broker import config as settings
+from swarmd.broker.boards import Mirrors, OwnBoards
+from swarmd.broker.core.mesh import LinkChanged, LinkEvent, LinkState, Mesh, RouteChanged
+from swarmd.broker.core.relay import News
+from swarmd.broker.core.station import Arrival, Identity, Station
+from swarmd.broker.core.tick import PlatformKind
+from swarmd.broker.core.traffic import Counters
+from swarmd.broker.datagrams import Datagrams
+from swarmd.broker.frames import Frames
+from swarmd.broker.links.udp import loopback_only
+from swarmd.broker.report import Report
+from swarmware.clock import utc_ns
+from swarmware.errors import Denied, OutOfRange
+from swarmware.module import Module
+from swarmware.security import Keys, next_session
+from swarmware.service import Service
+from swarmware.types.net import (
+    ChannelLimits,
+    Neighbours,
+    Routes,
+    SetChannel,
+    TimingBatch,
+    TimingSample,
+    Traffic,
+    TreePlan,
+    Want,
+)
+from swarmware.types.rpc import Empty
+
+PUBLISH_NS: Final = 1_000_000_000
+HURRY_NS: Final = 60_000_000
+"""A newcomer is answered within this time, spread by chance: many hear it at once."""
+JITTER: Final = 0.05
+"""Ticks are spread by this share of their period, or two nodes would collide for ever."""
+TIMING_SLOTS: Final = 64
+TIMING_SLOT_BYTES: Final = 4096
+_SEQUENCE_NS: Final = 100_000_000
+"""Sequence numbers start at the wall clock in ticks of 10 Hz: above those of a former session."""
+_NOTICED_NS: Final = 1_500_000_000
+"""Until then everybody has noticed that a former session ended, with default timeouts."""
+
+log = logging.getLogger("swarm.broker")
+
+
+class Broker(Service):
+    """Links, neighbours, routes, channels and their counters."""
+
+    name = "broker"
+    Config: ClassVar = settings.Config
+    config: settings.Config
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        self._clock = module.clock
+        self._wake = asyncio.Event()
+        self._due_ns = self._publish_ns = self._clock.now_ns()
+        self._shape_changed = False
+        self._plan_at = -1
+        self._timings: list[TimingSample] = []
+        self._counters = Counters()
+
+    async def run(self) -> None:
+        """Ticks until it is cancelled.
+
+        Raises: ConfigError when it cannot listen, Denied when the keys do not fit.
+        """
+        module, node = self.module, self.module.node
+        with contextlib.ExitStack() as stack:
+            keys = self._keys()
+            config = loopback_only(self.config) if keys.is_open else self.config
+            session, quiet_ns = self._session()
+            self._station = self._make_station(keys, session, quiet_ns)
+            self._datagrams = Datagrams(
+                config, keys, session, self._clock, self._station, self._counters, self._arrived
+            )
+            stack.callback(self._datagrams.close)
+            self._frames = Frames(config, keys, self._clock, node.post, self._station, self._counters)
+            stack.callback(self._frames.close)
+            self._own = OwnBoards(node, self._station.bulletin, self._counters)
+            stack.callback(self._own.close)
+            self._mirrors = Mirrors(node)
+            stack.callback(self._mirrors.close)
+            self._station.tcp_port = self._frames.links.port
+            self._report = Report(
+                self._station, self._counters, self._frames.links, self._datagrams.by_unicast, self._due_ns
+            )
+            await self._open_boards()
+            node.post.set_gateway(self._frames.from_here)
+            stack.callback(node.post.set_gateway, None)
+            if config.seeds:
+                module.start(self._datagrams.look_up_seeds(), "seeds")
+            log.info("listening: udp %d, tcp %d", self._datagrams.port, self._frames.links.port)
+            while True:
+                await self._step()
+
+    def _keys(self) -> Keys:
+        config = self.module.node.config
+        folder = self.module.node.config_dir / config.keys_dir  # an absolute one stays what it is
+        if (folder / "node.key").exists():
+            return Keys.load(folder, config.platform)
+        log.warning(
+            "no keys in %s: only this computer is served, and whoever is on it; "
+            "make keys before the node talks to others",
+            folder,
+        )
+        return Keys.open(config.platform)
+
+    def _session(self) -> tuple[int, int]:
+        """Our session, and for how long others may still believe in a former one."""
+        path = self.module.node.config.data_path / "broker.session"
+        former = path.exists()
+        try:
+            session = next_session(path, utc_ns())
+        except OSError as error:
+            raise Denied(f"{path}: cannot be written: {error.strerror}") from error
+        timeout_ns = round(self.config.link_timeout_s * 1e9)
+        return session, max(_NOTICED_NS, timeout_ns + timeout_ns // 2) if former else 0
+
+    def _make_station(self, keys: Keys, session: int, quiet_ns: int) -> Station:
+        node = self.module.node
+        now_ns = self._clock.now_ns()
+        station = Station(
+            Identity(
+                node.hardware,
+                node.platform,
+                node.config.unit,
+                PlatformKind[node.config.kind.upper()],
+                self._clock.boot_id,
+                keys.curve_public if keys.is_open else b"",
+            ),
+            Mesh(
+                node.hardware,
+                session // _SEQUENCE_NS & 0x7FFF_FFFF,
+                round(self.config.link_timeout_s * 1e9),
+                now_ns + quiet_ns,
+            ),
+            self._counters,
+            busy_hz=self.config.tick_hz,
+            relay_bytes_s=self.config.relay_bytes_s,
+        )
+        if keys.roster is not None:
+            for member in keys.roster.members:
+                station.members.know(member.platform, now_ns)
+        return station
+
+    async def _open_boards(self) -> None:
+        module = self.module
+        self._plan = await module.reader("tree/plan", TreePlan)
+        self._neighbours_board = await module.writer(
+            "net/neighbours", Neighbours, rate_hz=1, link="request", description="Nodes heard directly"
+        )
+        self._routes_board = await module.writer(
+            "net/routes", Routes, rate_hz=1, link="request", description="Nodes that can be reached"
+        )
+        self._traffic_board = await module.writer(
+            "net/traffic", Traffic, rate_hz=1, link="request", log="1hz", description="Counters in bytes"
+        )
+        self._timing_stream = await module.stream_writer(
+            "net/timing",
+            TimingBatch,
+            slots=TIMING_SLOTS,
+            slot_bytes=TIMING_SLOT_BYTES,
+            description="Clock differences read off datagrams",
+        )
+        await module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
+        await module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
+        await module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
+        await module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
+
+    # time
+
+    async def _step(self) -> None:
+        now_ns = self._clock.now_ns()
+        self._carry_out(*self._station.on_timer(now_ns))
+        if now_ns >= self._due_ns:
+            self._tick()
+        if now_ns >= self._publish_ns or self._shape_changed:
+            self._publish(now_ns)
+        next_ns = min(self._due_ns, self._publish_ns)
+        deadline_ns = self._station.deadline_ns()
+        if deadline_ns is not None:
+            next_ns = min(next_ns, deadline_ns)
+        self._wake.clear()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(max(next_ns - self._clock.now_ns(), 0) / 1e9):
+                await self._wake.wait()
+
+    def _tick(self) -> None:
+        station = self._station
+        if self._plan.position != self._plan_at:
+            self._take_plan()
+        now_ns = self._clock.now_ns()
+        self._own.poll(now_ns)
+        self._datagrams.send(station.compose(now_ns), now_ns)
+        if self._timings:
+            self._timing_stream.write(TimingBatch(tuple(self._timings)))
+            self._timings.clear()
+        period_ns = round(1e9 / station.tick_hz())
+        # a tick that was late does not make the next ones early
+        self._due_ns = max(self._due_ns, now_ns - period_ns) + round(
+            period_ns * random.uniform(1 - JITTER, 1 + JITTER)
+        )
+
+    def _take_plan(self) -> None:
+        self._plan_at = self._plan.position
+        plan = self._plan.value
+        if plan is not None:
+            self._mirrors.keep_only(plan.wants)
+            for want, news in self._station.set_plan(plan):
+                self._mirror(want, news)
+
+    def _publish(self, now_ns: int) -> None:
+        if now_ns >= self._publish_ns:
+            self._publish_ns = now_ns + PUBLISH_NS
+            self._traffic_board.write(self._report.traffic(now_ns))
+        self._shape_changed = False
+        self._neighbours_board.write(self._report.neighbours(now_ns))
+        self._routes_board.write(self._report.routes())
+
+    # what a datagram changed
+
+    def _arrived(self, arrival: Arrival) -> None:
+        timing = arrival.timing
+        member = self._station.members.get(timing.hw) if timing is not None else None
+        if timing is not None and member is not None:
+            self._timings.append(
+                TimingSample(
+                    member.platform,
+                    member.unit,
+                    timing.hw,
+                    timing.boot_id,
+                    timing.rx_ns,
+                    timing.reverse_ns,
+                    timing.forward_tx_ns,
+                    timing.forward_ns,
+                )
+            )
+        for want, news in arrival.news:
+            self._mirror(want, news)
+        if arrival.stranger:
+            self._station.say_hello()
+        if arrival.links or arrival.routes:
+            self._carry_out(arrival.links, arrival.routes)
+        if arrival.stranger or arrival.links:
+            self._hurry()
+
+    def _mirror(self, want: Want, news: News) -> None:
+        if self._mirrors.write(want, news):
+            self._counters.notifications += 1
+
+    def _hurry(self) -> None:
+        soon_ns = self._clock.now_ns() + round(HURRY_NS * random.uniform(0.1, 1.0))
+        if soon_ns < self._due_ns:
+            self._due_ns = soon_ns
+            self._wake.set()
+
+    def _carry_out(self, links: list[LinkChanged], routes: list[RouteChanged]) -> None:
+        for change in links:
+            name = self._station.members.platform(change.hw)
+            if change.after is LinkState.UP:
+                log.info("neighbour %s: up", name)
+            elif change.before is LinkState.UP:
+                log.info("neighbour %s: %s (%s)", name, change.after.name.lower(), change.event.name.lower())
+                self._frames.neighbour_gone(change.hw)
+        if links or routes:
+            self._shape_changed = True
+            self._wake.set()
+        if any(not change.via for change in routes) or any(c.event is LinkEvent.SILENT for c in links):
+            self._hurry()  # others should know soon
+
+    # requests
+
+    def _serve_links(self, _request: Empty, _meta: object) -> Neighbours:
+        return self._report.neighbours(self._clock.now_ns())
+
+    def _serve_routes(self, _request: Empty, _meta: object) -> Routes:
+        return self._report.routes()
+
+    def _serve_traffic(self, _request: Empty, _meta: object) -> Traffic:
+        return self._report.traffic(self._clock.now_ns())
+
+    def _serve_set(self, request: SetChannel, _meta: object) -> ChannelLimits:
+        if request.max_hz is not None and not 0 <= request.max_hz <= 1000:
+            raise OutOfRange(f"max_hz {request.max_hz}: expected 0..1000, or none to take the limit away")
+        if not 0 <= request.for_s <= 86_400:
+            raise OutOfRange(f"for_s {request.for_s}: expected 0..86400 seconds")
+        now_ns = self._clock.now_ns()
+        self._station.channels.set(request, now_ns)
+        return self._station.channels.limits(now_ns)
