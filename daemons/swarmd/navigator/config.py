@@ -46,7 +46,7 @@ class Dwa(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """γ: as fast as wanted."""
     heading_s: Positive = 0.5
     """Instant on the trajectory at which the heading is judged."""
-    clear_m: Positive = 0.8
+    clear_m: Positive = 0.3
     """A distance from obstacles that is as good as any larger one."""
     radius_m: Positive = 0.35
     """Of the circle that holds the vehicle."""

@@ -40,7 +40,6 @@ class Sim(Service):
     async def run(self) -> None:
         """Samples until the service ends."""
         module, node = self.module, self.module.node
-        module.keep_boards()
         world = load(node.config.share_path / "worlds" / f"{self.config.world}.toml", World)
         kind = node.config.kind
         chance = random.Random(f"{self.config.seed} {module.platform}")

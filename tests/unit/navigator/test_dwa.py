@@ -62,7 +62,8 @@ def test_equation_5_cost(
     weights: tuple[float, float, float], terms: tuple[float, float, float], expected: float
 ) -> None:
     limits = Dwa(heading_weight=weights[0], distance_weight=weights[1], velocity_weight=weights[2])
-    found = cost(limits, *(np.array([term]) for term in terms))
+    heading, distance, velocity = (np.array([term]) for term in terms)
+    found = cost(limits, heading, distance, velocity)
     assert found[0] == pytest.approx(expected)
 
 
@@ -143,6 +144,21 @@ def test_walled_in_it_stands_and_says_so() -> None:
     assert abs(choice.v_m_s) < 0.05
 
 
+def test_too_close_to_something_it_may_still_drive_away() -> None:
+    behind = Surroundings(((-0.45, 0.0),))
+    choice = Planner(LIMITS).plan(moving(0.0), 0.0, AHEAD, 1.0, behind)
+    assert choice.free
+    assert choice.v_m_s > 0.2
+
+
+def test_in_a_hurry_the_speed_outweighs_the_rest() -> None:
+    narrow = tuple((x / 5, side * 0.62) for x in range(4, 20) for side in (-1, 1))
+    patient = Planner(LIMITS).plan(moving(0.0), 0.0, AHEAD, 1.0, Surroundings(narrow))
+    hasty = Planner(LIMITS).plan(moving(0.0), 0.0, AHEAD, 1.0, Surroundings(narrow), hurry=20.0)
+    assert hasty.v_m_s >= patient.v_m_s
+    assert hasty.v_m_s > 0.2
+
+
 @given(
     st.floats(0, 3),
     st.floats(-1.4, 1.4),
@@ -151,6 +167,7 @@ def test_walled_in_it_stands_and_says_so() -> None:
 def test_a_choice_is_always_attainable_and_can_be_braked(
     v: float, w: float, points: list[tuple[float, float]]
 ) -> None:
+    points = [p for p in points if math.hypot(*p) > LIMITS.radius_m]
     choice = Planner(LIMITS).plan(moving(v, w), v, AHEAD, 2.0, Surroundings(tuple(points)))
     if choice.score == -math.inf:
         assert (choice.v_m_s, choice.w_rad_s) == (0.0, 0.0)

@@ -221,6 +221,31 @@ def test_a_follower_has_arrived_when_the_leader_is_at_the_end() -> None:
     assert rig.status.state == "arrived"
 
 
+@pytest.mark.parametrize("too_far_m", [0.8, 1.5, 2.5])
+@pytest.mark.parametrize("course", [COURSE, ()], ids=["course", "rigid"])
+def test_a_ground_vehicle_that_overshot_its_slot_drives_back(
+    too_far_m: float, course: tuple[tuple[float, float], ...]
+) -> None:
+    rig = Rig("ugv", "ugv2")
+    rig.neighbours["ugv1"] = Pose.planar(10.0 - too_far_m, 0.0)
+    goal = Goal(1, "formation", leader="ugv1", offset_m=(-10.0, 0.0, 0.0), course=course)
+    rig.go(0.5).goal(goal).go(15.0)
+    assert rig.status.state == "arrived"
+    assert rig.truth.x_m == pytest.approx(-too_far_m, abs=0.5)
+
+
+@pytest.mark.parametrize("beside_m", [0.8, -1.5, 4.0])
+@pytest.mark.parametrize("behind_m", [0.0, 1.5, 6.0])
+def test_a_ground_vehicle_beside_its_slot_comes_from_behind(beside_m: float, behind_m: float) -> None:
+    rig = Rig("ugv", "ugv2")
+    rig.neighbours["ugv1"] = Pose.planar(20.0 - behind_m, 0.0)
+    goal = Goal(1, "formation", leader="ugv1", offset_m=(-20.0, beside_m, 0.0), course=COURSE)
+    rig.go(0.5).goal(goal).go(40.0)
+    assert rig.status.state == "arrived"
+    assert (rig.truth.x_m, rig.truth.y_m) == pytest.approx((-behind_m, beside_m), abs=0.5)
+    assert abs(rig.truth.yaw_rad) < 0.3
+
+
 def test_a_lost_leader_is_held_for_and_found_again() -> None:
     rig = Rig()
     rig.neighbours["ugv1"] = Pose.planar(10.0, 0.0)

@@ -23,6 +23,8 @@ _OTHER_M: Final = 0.4
 _STRAIGHT: Final = 1e-6
 _STANDS_M_S: Final = 0.05
 """Slower than this is turning on the spot."""
+_LESS_M: Final = 0.02
+"""By so much a gap that is too small already may shrink: measurements tremble."""
 _NEVER_M: Final = 1e6
 """Further than any contact."""
 
@@ -69,12 +71,12 @@ def window(limits: Dwa, v_m_s: float, w_rad_s: float) -> Window:
     )
 
 
-def cost(weights: Dwa, heading: Array, distance: Array, velocity: Array) -> Array:
-    """G of equation 5, with each term from 0 (bad) to 1 (good)."""
+def cost(weights: Dwa, heading: Array, distance: Array, velocity: Array, hurry: float = 1.0) -> Array:
+    """G of equation 5, with each term from 0 (bad) to 1 (good); `hurry` multiplies the weight of the last."""
     return (
         weights.heading_weight * heading
         + weights.distance_weight * distance
-        + weights.velocity_weight * velocity
+        + weights.velocity_weight * hurry * velocity
     )
 
 
@@ -98,6 +100,7 @@ class Planner:
         ahead_m: tuple[float, float],
         v_wanted_m_s: float,
         around: Surroundings,
+        hurry: float = 1.0,
     ) -> Choice:
         """The best pair of speeds on the way to a point, as near to the wanted speed as is safe."""
         limits = self._limits
@@ -118,6 +121,7 @@ class Planner:
             self._heading(pose, v, w, ahead_m),
             np.clip(clear / limits.clear_m, 0.0, 1.0),
             1.0 - np.minimum(np.abs(v - v_wanted_m_s) / limits.v_max_m_s, 1.0),
+            hurry,
         )
         score[~admissible] = -np.inf
         best = int(np.argmax(score))
@@ -147,7 +151,8 @@ class Planner:
             gap2 = (x[:, :, None] - px) ** 2 + (y[:, :, None] - py) ** 2
             gap = np.sqrt(gap2.min(axis=2)) - limits.radius_m
             clear = np.minimum(clear, gap.min(axis=1))
-            contact |= gap < limits.margin_m
+            now = min(math.dist(p, (pose.x_m, pose.y_m)) for p in points) - limits.radius_m
+            contact |= gap < self._keep(now)
         near = [
             n
             for n in around.neighbours
@@ -158,15 +163,21 @@ class Planner:
             table = np.array([(n.x_m, n.y_m, n.vx_m_s, n.vy_m_s) for n in near]).T[:, None, :]
             nx, ny = table[0] + table[2] * times[:, None], table[1] + table[3] * times[:, None]
             gap2 = (x[:, :, None] - nx) ** 2 + (y[:, :, None] - ny) ** 2
-            gap = np.sqrt(gap2.min(axis=2)) - limits.radius_m - _OTHER_M
+            bodies = limits.radius_m + _OTHER_M
+            gap = np.sqrt(gap2.min(axis=2)) - bodies
             clear = np.minimum(clear, gap.min(axis=1))
-            contact |= gap < limits.margin_m
+            now = min(math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m) for n in near) - bodies
+            contact |= gap < self._keep(now)
         first = np.argmax(contact, axis=1)
         hit = contact[np.arange(v.size), first]
         # a contact shows at the end of its step, so it may come a whole step earlier
         begin = np.where(first > 0, times[first - 1], 0.0)
         travel = np.where(hit, np.abs(v) * begin, np.inf)
         return clear, travel
+
+    def _keep(self, now_m: float) -> float:
+        """Free space to keep: the margin, or what is left of it, so that there is a way out again."""
+        return min(self._limits.margin_m, max(0.0, now_m - _LESS_M))
 
 
 def _arcs(pose: Pose, v: Array, w: Array, t: Array | float) -> tuple[Array, Array, Array]:

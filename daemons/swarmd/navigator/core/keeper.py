@@ -14,6 +14,10 @@ from swarmware.types.vehicle import Goal, Pose
 _MOVES_M_S: Final = 0.05
 _END_M: Final = 0.5
 """The formation is at the end of the course when its leader is this close to it."""
+_RUN_UP_M: Final = 3.0
+"""So far behind a slot that stands, a ground vehicle that is beside it begins anew: it cannot go sideways."""
+_BESIDE_M: Final = 0.4
+_RUN_UP_DONE_M: Final = 0.7
 _CREEP_M_S: Final = 0.1
 """Least speed of the leader, so that it comes to the end at all."""
 
@@ -36,7 +40,7 @@ class FormationKeeper:
     Raises: InvalidInput when the goal's course is none.
     """
 
-    __slots__ = ("_config", "_flies", "_formation", "_goal", "_height_m", "_ns", "_speed_m_s")
+    __slots__ = ("_anew", "_config", "_flies", "_formation", "_goal", "_height_m", "_ns", "_speed_m_s")
 
     def __init__(self, config: Config, goal: Goal, flies: bool) -> None:
         self._config = config
@@ -44,6 +48,7 @@ class FormationKeeper:
         self._flies = flies
         self._formation = Formation(goal.course)
         self._height_m: float | None = None
+        self._anew = False
         self._speed_m_s = 0.0
         self._ns = 0
         if goal.advance and self._formation.course is None:
@@ -94,32 +99,48 @@ class FormationKeeper:
 
     def _place(self, pose: Pose, slot: Slot, offset: tuple[float, float, float], remaining_m: float) -> Place:
         still = math.hypot(slot.vx_m_s, slot.vy_m_s) < _MOVES_M_S
-        limit = self._goal.speed_m_s if still else math.inf
-        return Place(
-            Target(
-                slot.x_m,
-                slot.y_m,
-                slot.z_m,
-                slot.yaw_rad,
-                limit,
-                self._ahead(pose, slot, offset),
-                (slot.vx_m_s, slot.vy_m_s, slot.vz_m_s),
-            ),
-            slot.error_m(pose, flat=not self._flies),
-            remaining_m,
-            still,
+        error_m = slot.error_m(pose, flat=not self._flies)
+        target = Target(
+            slot.x_m,
+            slot.y_m,
+            slot.z_m,
+            slot.yaw_rad,
+            self._goal.speed_m_s if still else math.inf,
+            self._ahead(pose, slot, offset),
+            (slot.vx_m_s, slot.vy_m_s, slot.vz_m_s),
         )
+        if still and not self._flies:
+            target = self._run_up(pose, target, error_m)
+        else:
+            self._anew = False
+        return Place(target, error_m, remaining_m, still)
+
+    def _run_up(self, pose: Pose, target: Target, error_m: float) -> Target:
+        """The target, or a place behind it when the vehicle stands beside it."""
+        yaw = target.yaw_rad or 0.0
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
+        ahead, beside = dx * cos + dy * sin, abs(dy * cos - dx * sin)
+        x, y = target.x_m - _RUN_UP_M * cos, target.y_m - _RUN_UP_M * sin
+        if self._anew:
+            self._anew = math.hypot(x - pose.x_m, y - pose.y_m) > _RUN_UP_DONE_M
+        else:
+            self._anew = error_m > self._config.formation_arrive_m and beside > _BESIDE_M and ahead < beside
+        if not self._anew:
+            return target
+        return msgspec.structs.replace(target, x_m=x, y_m=y, yaw_rad=None, ahead_m=(x, y))
 
     def _ahead(self, pose: Pose, slot: Slot, offset: tuple[float, float, float]) -> tuple[float, float]:
         """The point that the slot will pass: aiming there leads onto the slot's curve."""
         config = self._config
         speed = math.hypot(pose.vx_m_s, pose.vy_m_s)
         reach = max(config.look_ahead_min_m, speed * config.look_ahead_s)
+        # counted from the point beside the vehicle: one that is behind does not cut the corner, and one that
+        # overshot aims forward too and drives back to its slot
         if self._formation.course is None:
             cos, sin = math.cos(slot.yaw_rad), math.sin(slot.yaw_rad)
-            return slot.x_m + reach * cos, slot.y_m + reach * sin
-        # from the point of the curve beside the vehicle, so that one that is behind does not cut the corner
+            along = (pose.x_m - slot.x_m) * cos + (pose.y_m - slot.y_m) * sin + reach
+            return slot.x_m + along * cos, slot.y_m + along * sin
         own_s = self._formation.course.project(pose.x_m, pose.y_m, slot.s_m)
-        from_s = min(own_s, slot.s_m) if slot.s_m - own_s < reach else own_s
-        point = self._formation.slot_at(from_s + reach - offset[0], offset)
+        point = self._formation.slot_at(own_s + reach - offset[0], offset)
         return point.x_m, point.y_m

@@ -1,0 +1,72 @@
+"""The main job in virtual time: every size of swarm forms, keeps its slots past obstacles, lands unhurt."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.simulation.formation.flight import COURSE, ROOT, SPEED_M_S, Flight, Result
+
+from swarmware.course import Course
+
+FOLDER = Path(ROOT) / "share/swarm/missions/formation"
+
+
+def check(result: Result, mean_m: float = 0.5, worst_m: float = 2.5) -> None:
+    assert result.collisions == []
+    assert result.completed
+    assert result.mean_error_m < mean_m
+    assert max(result.errors_m) < worst_m
+    assert result.least_separation_m > 1.0
+
+
+def test_what_is_flown_here_is_the_shipped_mission() -> None:
+    params = json.loads((FOLDER / "leader.json").read_text())["params"]
+    assert tuple(map(tuple, params["course"])) == COURSE
+    assert params["speed_m_s"] == SPEED_M_S
+
+
+@pytest.mark.parametrize(
+    ("nodes", "seed"), [(3, 1), (4, 2), (5, 3), (6, 4), (7, 5), (8, 6), (10, 7), (13, 8), (16, 9), (16, 10)]
+)
+def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
+    flight = Flight(nodes, seed)
+    check(flight.fly())
+    assert flight.result.formed_s < 30
+    # the course and two seconds to start and to stop
+    assert flight.result.duration_s < Course(COURSE).length_m / SPEED_M_S + 12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nodes", range(3, 17))
+@pytest.mark.parametrize("seed", [101, 102])
+def test_it_does_so_with_every_number_of_nodes(nodes: int, seed: int) -> None:
+    check(Flight(nodes, seed).fly())
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_with_a_bad_radio_the_formation_is_kept_less_exactly(seed: int) -> None:
+    check(Flight(10, seed, loss_ratio=0.4, delay_ns=200_000_000).fly(), mean_m=0.8, worst_m=3.0)
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+def test_on_computers_that_stall_for_half_a_second_nobody_is_hurt(seed: int) -> None:
+    flight = Flight(10, seed)
+    for vehicle in flight.vehicles:
+        vehicle.stalls_hz = 0.2
+    check(flight.fly(), mean_m=0.8, worst_m=3.0)
+
+
+def test_when_the_leader_falls_silent_all_hold_and_go_on_when_it_is_back() -> None:
+    flight = Flight(7, 41)
+    assert flight.form()
+    assert not flight.advance(limit_s=20.0)
+    flight.radio.silent.add("ugv1")
+    flight.until(lambda: False, 6.0)
+    followers = [v for v in flight.vehicles if v.name != "ugv1"]
+    assert all(v.status.state == "holding" for v in followers)
+    assert all("leader_lost" in v.status.note for v in followers)
+    assert all(abs(v.truth.vx_m_s) < 0.2 for v in followers)
+    flight.radio.silent.clear()
+    assert flight.until(lambda: flight.all_say("arrived"), 90)
+    assert flight.land()
+    assert flight.result.collisions == []

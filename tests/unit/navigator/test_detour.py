@@ -1,0 +1,65 @@
+"""The free direction: straight where nothing is, around on one side and staying there."""
+
+import math
+
+import pytest
+
+from swarmd.navigator.config import Dwa
+from swarmd.navigator.core.detour import Detour
+from swarmd.navigator.core.target import NOTHING_AROUND, Neighbour, Surroundings
+from swarmware.types.vehicle import Pose
+
+HERE = Pose.planar(0.0, 0.0)
+AHEAD = (2.0, 0.0)
+
+
+def turn(detour: Detour, around: Surroundings, pose: Pose = HERE, reach_m: float = 4.0) -> float:
+    """Degrees by which the aim lies to the left of the wanted point."""
+    x, y = detour.aim(pose, AHEAD, reach_m, around)
+    assert math.dist((x, y), (pose.x_m, pose.y_m)) == pytest.approx(math.dist(AHEAD, (pose.x_m, pose.y_m)))
+    wanted = math.atan2(AHEAD[1] - pose.y_m, AHEAD[0] - pose.x_m)
+    return math.degrees(math.atan2(y - pose.y_m, x - pose.x_m) - wanted)
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        NOTHING_AROUND,
+        Surroundings(((-2.0, 0.0),)),
+        Surroundings(((3.0, 1.0),)),
+        Surroundings(((6.0, 0.0),)),
+        Surroundings((), (Neighbour(3.0, 0.0, 0.0, 1.0, 0.0, 0.0),)),
+        Surroundings((), (Neighbour(3.0, 0.0, 8.0, 0.0, 0.0, 0.0),)),
+    ],
+    ids=["nothing", "behind", "beside", "far", "moving", "above"],
+)
+def test_what_is_not_in_the_way_bends_nothing(around: Surroundings) -> None:
+    assert Detour(Dwa()).aim(HERE, AHEAD, 4.0, around) == AHEAD
+
+
+@pytest.mark.parametrize(("y", "left"), [(-0.3, True), (0.3, False)])
+def test_it_goes_around_on_the_shorter_side(y: float, left: bool) -> None:
+    angle = turn(Detour(Dwa()), Surroundings(((3.0, y),)))
+    assert 5 < abs(angle) < 40
+    assert (angle > 0) is left
+
+
+def test_a_platform_that_stands_is_gone_around_with_its_own_width() -> None:
+    point = abs(turn(Detour(Dwa()), Surroundings(((2.0, 0.1),))))
+    platform = abs(turn(Detour(Dwa()), Surroundings((), (Neighbour(2.0, 0.1, 0.0, 0.0, 0.0, 0.0),))))
+    assert platform > point
+
+
+def test_it_does_not_change_its_mind_for_a_hand_s_breadth() -> None:
+    detour = Detour(Dwa())
+    first = turn(detour, Surroundings(((3.0, -0.2),)))
+    second = turn(detour, Surroundings(((3.0, 0.2),)))
+    assert first > 0
+    assert second > 0
+    assert turn(detour, NOTHING_AROUND) == pytest.approx(0.0)
+    assert turn(detour, Surroundings(((3.0, 0.2),))) < 0
+
+
+def test_without_any_free_direction_it_leaves_the_rest_to_the_planner() -> None:
+    ring = tuple((math.cos(a / 10), math.sin(a / 10)) for a in range(63))
+    assert Detour(Dwa()).aim(HERE, AHEAD, 4.0, Surroundings(ring)) == AHEAD
