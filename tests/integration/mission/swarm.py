@@ -29,7 +29,13 @@ T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")
 
 STATE = "mission/state"
-FAST = Config(start_timeout_s=3.0, order_timeout_s=2.0, navigator_timeout_s=2.0, blocked_patience_s=0.2)
+FAST = Config(
+    leader_patience_s=0.2,
+    start_timeout_s=3.0,
+    order_timeout_s=2.0,
+    navigator_timeout_s=0.6,
+    blocked_patience_s=0.2,
+)
 
 
 def on_uvloop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
@@ -53,7 +59,7 @@ class FakeVehicle:
         self.armed = False
         self.goals: list[Goal] = []
         self.answers: dict[str, str] = {}
-        """State by goal kind, where it is not the usual one."""
+        """State by goal kind, where it is not the usual one; a note may follow after a colon."""
         self.refuses_to_arm = False
         self.took_s = 0.05
 
@@ -92,8 +98,9 @@ class FakeVehicle:
             self._status.write(NavStatus(goal.seq, "moving", 5.0, 3.0))
             await asyncio.sleep(self.took_s)
             usual = "holding" if goal.kind == "hold" else "arrived"
-            state = self.answers.get(goal.kind, usual)
-            goal = await self._repeat(NavStatus(goal.seq, state, 0.0, 0.1), goals)
+            state, _, note = self.answers.get(goal.kind, usual).partition(":")
+            seq = goal.seq + 5 if state == "elsewhere" else goal.seq
+            goal = await self._repeat(NavStatus(seq, state, 0.0, 0.1, note), goals)
 
     async def _repeat(self, status: NavStatus, goals: BoardReader[Goal]) -> Goal:
         """Says so ten times a second until there is another goal."""

@@ -118,6 +118,38 @@ async def test_a_navigator_that_is_blocked_ends_in_a_landing_for_all(tmp_path: P
         assert status.others["gcs"].state == "failed"
 
 
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ("blocked:no_way", "error:blocked: no_way"),
+        ("blocked:disarmed", "error:disarmed: disarmed"),
+        ("holding:leader_lost: ugv1", "error:leader_lost: leader_lost: ugv1"),
+        ("elsewhere", "error:blocked: another goal"),
+        ("", "error:no_navigator: no answer to goal"),
+    ],
+)
+@on_uvloop
+async def test_what_the_navigator_says_decides_how_a_motion_ends(
+    tmp_path: Path, answer: str, words: str
+) -> None:
+    text = """{"mission": {
+        "s": {"type": "Start", "next": "go"},
+        "go": {"type": "Goto", "x": 3, "y": 4, "z": 5, "next": "e"},
+        "e": {"type": "End"}
+    }}"""
+    async with swarm(tmp_path, "uav1") as s:
+        vehicle = s["uav1"].vehicle
+        vehicle.answers["goto"] = answer
+        vehicle.took_s = 0.05 if answer else 1.5  # without a word for longer than the daemon waits
+        await s.ask(TASK, MissionTask("go", files=(MissionFile("go.json", text),)), TaskAnswer)
+        await s.until(lambda: s["uav1"].history[-1:] == ["recovering"])
+        vehicle.took_s = 0.05
+        await s.until(lambda: s["uav1"].history[-1:] == ["failed"])
+        status = await s.ask("sys/mission/status", Empty(), MissionStatus)
+        assert words in status.state.text
+        assert vehicle.goals[0].kind == "goto"
+
+
 @on_uvloop
 async def test_a_vehicle_that_does_not_arm_fails_the_mission(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
