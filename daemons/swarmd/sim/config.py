@@ -6,6 +6,7 @@ import msgspec
 
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 Sigma = Annotated[float, msgspec.Meta(ge=0, le=100)]
+Power = Annotated[float, msgspec.Meta(ge=0, le=100_000)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
@@ -21,9 +22,9 @@ class GroundLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     dw_max_rad_s2: Positive = 3.0
     radius_m: Positive = 0.35
     """Of the circle that holds the vehicle."""
-    power_w: Sigma = 15.0
+    power_w: Power = 15.0
     """Standing still."""
-    power_per_m_s_w: Sigma = 40.0
+    power_per_m_s_w: Power = 40.0
     """More for each m/s."""
 
 
@@ -44,9 +45,9 @@ class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """Of the sphere that holds the vehicle."""
     hard_landing_m_s: Positive = 1.5
     """Touching the ground faster than this is a collision."""
-    power_w: Sigma = 180.0
+    power_w: Power = 180.0
     """Hovering."""
-    power_per_m_s_w: Sigma = 12.0
+    power_per_m_s_w: Power = 12.0
 
 
 class Sensors(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

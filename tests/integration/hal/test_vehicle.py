@@ -1,0 +1,164 @@
+"""A vehicle as real processes: simulated devices, drivers, navigator; killed and back again."""
+
+import asyncio
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from swarmd.hal.config import Config as HalConfig
+from swarmd.sim.config import Battery
+from swarmd.sim.config import Config as SimConfig
+from swarmware.errors import Denied
+from swarmware.module import BoardReader, Module
+from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.types.scalar import Blob, Float
+from swarmware.types.system import SystemLoad
+from swarmware.types.vehicle import (
+    ArmRequest,
+    BatteryState,
+    DriverTable,
+    GnssFix,
+    Goal,
+    Imu,
+    NavStatus,
+    Pose,
+    Range,
+    VehicleState,
+)
+
+VEHICLE = ("sim", "hal", "navigator")
+ARM = "sys/vehicle/arm"
+
+
+def node(root: Path, platform: str, sim: SimConfig | None = None, hal: HalConfig | None = None) -> Path:
+    kind = platform.rstrip("0123456789")
+    settings = {"sim": sim or SimConfig(), "hal": hal or HalConfig()}
+    return make_node(root, platform, kind=kind, services=settings)
+
+
+async def until(
+    board: BoardReader[NavStatus], right: Callable[[NavStatus], bool], timeout_s: float = 40.0
+) -> None:
+    async with asyncio.timeout(timeout_s):
+        while board.value is None or not right(board.value):
+            await board.changed()
+
+
+def test_a_multirotor_takes_off_and_lands(tmp_path: Path) -> None:
+    async def fly() -> None:
+        config_dir = node(tmp_path, "uav1")
+        async with spawn(config_dir, *VEHICLE), Module("test", config_dir=config_dir) as m:
+            goals = await m.writer("nav/goal", Goal)
+            status = await m.reader("nav/status", NavStatus)
+            truth = await m.reader("sim/truth", Pose)
+            pose = await m.reader("nav/pose", Pose)
+            await (await m.reader("sensor/gnss", GnssFix)).changed(timeout_s=10.0)
+            await (await m.reader("sensor/imu", Imu)).changed(timeout_s=10.0)
+            await (await m.reader("sensor/range", Range)).changed(timeout_s=10.0)
+            await (await m.reader("sensor/height", Float)).changed(timeout_s=10.0)
+            await (await m.reader("power/battery", BatteryState)).changed(timeout_s=10.0)
+            await (await m.reader("system/load", SystemLoad)).changed(timeout_s=10.0)
+            await (await m.reader("hal/drivers", DriverTable)).changed(timeout_s=10.0)
+            await pose.changed(timeout_s=10.0)
+            with pytest.raises(Denied, match="in the air"):
+                assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+                goals.write(Goal(1, "takeoff", z_m=3.0, speed_m_s=1.5))
+                await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
+                await m.request(ARM, ArmRequest(False), VehicleState)
+            assert truth.value is not None
+            assert pose.value is not None
+            assert truth.value.z_m == pytest.approx(3.0, abs=0.5)
+            assert pose.value.x_m == pytest.approx(truth.value.x_m, abs=0.2)
+            goals.write(Goal(2, "land"))
+            await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
+            assert (await m.request(ARM, ArmRequest(False), VehicleState)).landed
+
+    with no_leaks(tmp_path):
+        asyncio.run(fly())
+
+
+def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path) -> None:
+    async def ask() -> None:
+        config_dir = node(tmp_path, "ugv1", SimConfig(battery=Battery(start_ratio=0.05)))
+        async with spawn(config_dir, "sim"), Module("test", config_dir=config_dir) as m:
+            with pytest.raises(Denied, match="battery at 5%, expected 15% at least"):
+                await m.request(ARM, ArmRequest(True), VehicleState)
+
+    with no_leaks(tmp_path):
+        asyncio.run(ask())
+
+
+def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> None:
+    async def drive() -> None:
+        config_dir = node(tmp_path, "ugv1")
+        async with spawn(config_dir, "hal", "navigator"), Module("test", config_dir=config_dir) as m:
+            goals = await m.writer("nav/goal", Goal)
+            status = await m.reader("nav/status", NavStatus)
+            truth = await m.reader("sim/truth", Pose)
+            async with spawn(config_dir, "sim") as sim:
+                await m.request(ARM, ArmRequest(True), VehicleState)
+                goals.write(Goal(1, "goto", x_m=4.0, y_m=0.0, speed_m_s=2.0))
+                await until(status, lambda s: s.goal_seq == 1 and 0 < s.distance_m < 12.0)
+                await sim.kill()
+            before = truth.value
+            assert before is not None
+            async with spawn(config_dir, "sim"):
+                after = await truth.changed(timeout_s=10.0)
+                assert after.x_m == pytest.approx(before.x_m, abs=0.5)
+                await until(status, lambda s: s.state == "arrived")
+
+    asyncio.run(drive())
+
+
+def test_a_replayed_lidar_sends_753_packets_a_second_in_order(tmp_path: Path) -> None:
+    recording = Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin"
+    data = recording.read_bytes()
+    packets = {data[at : at + 1206]: at // 1206 for at in range(0, len(data), 1206)}
+
+    async def listen() -> None:
+        config_dir = node(tmp_path, "ugv1", hal=HalConfig(drivers=("replay",)))
+        async with spawn(config_dir, "hal"), Module("test", config_dir=config_dir) as m:
+            stream = await m.stream_reader("sensor/lidar", Blob)
+            indexes, stamps = [], []
+            for _ in range(1600):
+                packet = await stream.next(timeout_s=10.0)
+                assert stream.meta is not None
+                indexes.append(packets[packet.value])
+                stamps.append(stream.meta.stamp_ns)
+            assert stream.lost == 0
+            assert all((b - a) % 1000 == 1 for a, b in pairwise(indexes))
+            steps = [b - a for a, b in pairwise(stamps)]
+            assert {round(step / 1e9 * 753, 5) for step in steps} == {1.0}
+
+    with no_leaks(tmp_path):
+        asyncio.run(listen())
+
+
+def test_a_device_that_is_missing_is_waited_for(tmp_path: Path) -> None:
+    recording = tmp_path / "late.bin"
+
+    async def wait() -> None:
+        hal = HalConfig(drivers=("replay", "system"), retry_s=0.2, report_hz=10.0)
+        config_dir = node(tmp_path, "ugv1", hal=hal)
+        text = (config_dir / "services/hal.toml").read_text()
+        (config_dir / "services/hal.toml").write_text(text.replace("vlp16/recording.bin", str(recording)))
+        async with spawn(config_dir, "hal"), Module("test", config_dir=config_dir) as m:
+            drivers = await m.reader("hal/drivers", DriverTable)
+
+            async def state(wanted: str) -> str:
+                async with asyncio.timeout(10.0):
+                    while True:
+                        table = await drivers.changed()
+                        found = {driver.name: driver for driver in table.drivers}
+                        if found["replay"].state == wanted:
+                            return found["replay"].note + found["system"].state
+
+            assert "No such file" in await state("failed")
+            await asyncio.to_thread(recording.write_bytes, bytes(2412))
+            assert await state("running") == "running"
+            stream = await m.stream_reader("sensor/lidar", Blob)
+            assert len((await stream.next(timeout_s=5.0)).value) == 1206
+
+    asyncio.run(wait())
