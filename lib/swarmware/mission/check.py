@@ -6,7 +6,8 @@ from pathlib import Path
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission import soundness
 from swarmware.mission.binding import Binding
-from swarmware.mission.catalogue import Catalogue, built_in
+from swarmware.mission.catalogue import Catalogue, built_in, installed
+from swarmware.mission.ensemble import Role, check_roles
 from swarmware.mission.finding import Finding
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
 from swarmware.mission.loader import Reading, read
@@ -20,8 +21,10 @@ _GRAPH_RULES = frozenset({"edge", "no-such-block", "into-start", "start", "shape
 def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> list[Finding]:
     """Findings of mission files and of mission folders (those with a mission.toml), in this order.
 
+    Without a catalogue: the built-in blocks and those of installed packages.
     Raises: NotFound when a path does not exist.
     """
+    catalogue = catalogue or installed()
     findings: list[Finding] = []
     for path in paths:
         if path.is_dir() or path.name == MANIFEST:
@@ -57,8 +60,6 @@ def check_text(
 
 def check_folder(folder: Folder, catalogue: Catalogue | None = None) -> list[Finding]:
     """A whole ensemble's mission: every role by itself, then all together."""
-    from swarmware.mission.ensemble import Role, check_roles
-
     findings: list[Finding] = []
     roles: list[Role] = []
     used: set[str] = set()
@@ -89,7 +90,7 @@ def _check_folder(path: Path, catalogue: Catalogue | None) -> list[Finding]:
     return check_folder(folder, catalogue)
 
 
-def _lines(text: str, file: str) -> "dict[str, int]":
+def _lines(text: str, file: str) -> dict[str, int]:
     """Line of every block, for remarks of the ensemble check."""
     try:
         source = parse_source(text, file)

@@ -31,6 +31,6 @@ class Finding(msgspec.Struct, frozen=True):
         return f"{place}:{where} {self.message}{steps}"
 
 
-def sound(findings: "list[Finding]") -> bool:
+def sound(findings: list[Finding]) -> bool:
     """Whether nothing but warnings was found."""
     return all(finding.severity == "warning" for finding in findings)

@@ -140,7 +140,7 @@ def read_folder(path: Path) -> Folder:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
 
 
-def from_files(files: "list[MissionFile] | tuple[MissionFile, ...]", where: str) -> Folder:
+def from_files(files: list[MissionFile] | tuple[MissionFile, ...], where: str) -> Folder:
     """The mission made of these files; one BDL file alone is a mission for every vehicle.
 
     Raises: ConfigError when the manifest does not fit or names a file that is not there.

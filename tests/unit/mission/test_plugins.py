@@ -30,9 +30,8 @@ from pathlib import Path
 from swarmd.mission.blocks.plugins import installed
 from swarmd.mission.blocks.context import Context
 from swarmware.mission.check import check_files
-from swarmware.mission.catalogue import installed as catalogue
 plugins = installed()
-for finding in check_files([Path(sys.argv[1])], catalogue()):
+for finding in check_files([Path(sys.argv[1])]):
     print(finding)
 block = plugins.make("TakePhoto")
 said = []
