@@ -8,7 +8,7 @@ from zlib import crc32
 import msgspec
 
 from swarmd.tree.core import structure
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, Forget, Want
+from swarmd.tree.core.action import Action, AskStructure, AskSubscription, Forget
 from swarmd.tree.core.index import Index, Leaf, leaf, pattern
 from swarmd.tree.core.interest import Interests, subscribable
 from swarmd.tree.core.local import LocalTree
@@ -17,6 +17,7 @@ from swarmd.tree.core.structure import Form
 from swarmd.tree.core.timers import Timers
 from swarmware.errors import WireError
 from swarmware.resource import Resource
+from swarmware.types.net import Want
 from swarmware.types.tree import (
     StructureReply,
     StructureRequest,
@@ -79,10 +80,14 @@ class Remotes:
         """What is known of a platform."""
         return self._remotes.get(platform)
 
+    def platforms(self) -> list[str]:
+        """Every other platform that is known."""
+        return list(self._remotes)
+
     def wants(self) -> list[Want]:
         """Boards wanted from tick datagrams."""
         return [
-            Want(platform, resource)
+            Want(platform, resource.path, resource.type, resource.data_id)
             for platform in sorted(self._remotes)
             for resource in self._remotes[platform].wants
         ]

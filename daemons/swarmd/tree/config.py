@@ -1,0 +1,61 @@
+"""Settings of the tree (services/tree.toml)."""
+
+from typing import Annotated
+
+import msgspec
+
+from swarmd.tree.core.held import Intervals
+from swarmd.tree.core.local import Timing
+from swarmd.tree.core.remotes import Patience
+from swarmd.tree.core.tree import Limits
+from swarmware.types.tree import Rule
+
+Seconds = Annotated[float, msgspec.Meta(ge=0, le=86_400)]
+Pause = Annotated[float, msgspec.Meta(gt=0, le=600)]
+
+
+class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How patient and how eager the tree is."""
+
+    lost_s: Seconds = 3.0
+    """From an owner's end to `lost`; a restart by the guard takes less."""
+    expire_s: Seconds = 60.0
+    """From `lost` to the removal of what only that owner had named."""
+    coalesce_s: Annotated[float, msgspec.Meta(ge=0, le=10)] = 0.05
+    """A change of the structure waits so long for others to go with it."""
+    min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.1
+    """Least time between two notifications of one board, where nothing else is said."""
+    lease_s: Annotated[float, msgspec.Meta(ge=1, le=3600)] = 20.0
+    """A subscription that is not renewed ends after this."""
+    retry_s: tuple[Pause, ...] = (0.2, 0.5, 1.0, 2.0, 5.0)
+    """Pauses after failures in a row."""
+    forget_s: Seconds = 600.0
+    """A platform that was away so long is forgotten, with its mirrors."""
+    answer_s: Pause = 2.0
+    """Longest wait for the answer of another tree."""
+    whole_swarm: bool = False
+    """Keep up with the trees of all platforms; else of neighbours, and of those that somebody here reads."""
+    rules: tuple[Rule, ...] = ()
+    """When values of others are worth a notification to us: pattern, deadband, least and longest interval."""
+
+    def limits(self) -> Limits:
+        """The same for the core."""
+        retry_ns = tuple(_ns(pause_s) for pause_s in self.retry_s)
+        return Limits(
+            timing=Timing(lost_ns=_ns(self.lost_s), expire_ns=_ns(self.expire_s)),
+            intervals=Intervals(
+                coalesce_ns=_ns(self.coalesce_s),
+                min_interval_ns=_ns(self.min_interval_s),
+                retry_ns=retry_ns,
+            ),
+            patience=Patience(
+                lease_ns=_ns(self.lease_s),
+                retry_ns=retry_ns,
+                forget_ns=_ns(self.forget_s),
+                whole_swarm=self.whole_swarm,
+            ),
+        )
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
