@@ -35,7 +35,10 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         self._given: dict[str, int] = {}
 
     def _refresh(self) -> None:
-        folder_ns = self._node.shm_dir.stat().st_mtime_ns
+        try:
+            folder_ns = self._node.shm_dir.stat().st_mtime_ns
+        except FileNotFoundError:
+            return
         if folder_ns == self._folder_ns:
             return
         self._folder_ns = folder_ns

@@ -13,8 +13,8 @@ import msgspec
 from swarmware import names
 from swarmware.appfile import AppEntry, AppFile, Served
 from swarmware.delivery import Outcome, Status, with_lifetime
-from swarmware.errors import Conflict, InvalidInput, NotFound, TypeMismatch, from_kind
-from swarmware.frame import Flag, Frame, Kind
+from swarmware.errors import Conflict, InvalidInput, NotFound, OutOfRange, TypeMismatch, from_kind
+from swarmware.frame import PAYLOAD_LIMIT, Flag, Frame, Kind
 from swarmware.module import inbox as inbox_module
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
@@ -388,6 +388,9 @@ class Module:
     def _frame(
         self, kind: Kind, platform: str | None, data_id: int, value: msgspec.Struct, timeout_s: float
     ) -> Frame:
+        payload = registry.encode(value)
+        if len(payload) > PAYLOAD_LIMIT:
+            raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {PAYLOAD_LIMIT}")
         # a random start: a restarted application is not taken for a duplicate of its former self
         sequence = self._sequences.get(data_id)
         sequence = secrets.randbits(32) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
@@ -402,7 +405,7 @@ class Module:
             sequence,
             self.clock.now_ns(),
             extension=with_lifetime(timeout_s),
-            payload=registry.encode(value),
+            payload=payload,
         )
 
     def _other_type(self, path: str, data_id: int) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from swarmware.clock import utc_ns
 from swarmware.errors import Denied
 from swarmware.shm.lock import try_lock
-from swarmware.shm.reap import reap
+from swarmware.shm.reap import reap, remove_all
 
 
 class Boot:
@@ -21,7 +21,6 @@ class Boot:
         self._shm_dir = shm_dir
         try:
             run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
-            shm_dir.mkdir(mode=0o750, parents=True, exist_ok=True)
             self._fd = os.open(run_dir / "boot", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         except PermissionError as error:
             raise Denied(
@@ -30,6 +29,7 @@ class Boot:
         if try_lock(self._fd):
             self._begin()
         fcntl.flock(self._fd, fcntl.LOCK_SH)  # the one who has it alone keeps it for some milliseconds
+        shm_dir.mkdir(mode=0o750, parents=True, exist_ok=True)  # the last one before us takes its folder away
         self.boot_id = int(os.pread(self._fd, 32, 0) or b"0")
         """Larger at each start of the node."""
 
@@ -51,5 +51,6 @@ class Boot:
             return
         if try_lock(self._fd):
             self._sweep()
+            remove_all(self._shm_dir, self._run_dir)
         os.close(self._fd)
         self._fd = -1

@@ -66,6 +66,7 @@ class Post:
         self._timer: asyncio.TimerHandle | None = None
         self._timer_ns = 0
         self._probed_ns = 0
+        self._closed = False
 
     # -- who is here
 
@@ -212,6 +213,8 @@ class Post:
         self._route(frame, identity)
 
     def _route(self, frame: Frame, via: Identity | None) -> None:
+        if self._closed:
+            return
         if frame.receiver_hw not in {self.hardware, ANY}:
             self._route_away(frame, via)
         elif frame.kind in {Kind.ACK, Kind.REPLY}:
@@ -277,6 +280,8 @@ class Post:
     # -- questions that came to an application of this process
 
     def _arrived(self, frame: Frame, via: Identity | None) -> None:
+        if self._closed:
+            return
         served = self._served.get(frame.data_id)
         if served is None:
             self._answer(frame, Status.ABSENT, "the inbox was closed", via)
@@ -354,6 +359,7 @@ class Post:
 
     def close(self) -> None:
         """Close the sockets; whoever still waits is told that this end has gone."""
+        self._closed = True
         if self._timer is not None:
             self._timer.cancel()
         gone = Outcome(Status.UNREACHABLE, self.platform, "this application ends")

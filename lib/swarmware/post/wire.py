@@ -17,6 +17,11 @@ IPC_PATH_LIMIT: Final = 107
 """Longest path of a Unix socket, without its final zero byte. Source: unix(7)."""
 QUEUE_LIMIT: Final = 1024
 """Frames that wait for one peer; what comes on top is dropped and counted, and sent again by `delivery`."""
+LINGER_MS: Final = 500
+"""At the end of the process: the acknowledgement of a message just taken must still leave. Only a living peer
+that does not take it is waited for."""
+FORGET_S: Final = 1.0
+"""After a process has gone, what it had acknowledged may still be on its way up through libzmq."""
 
 Identity = bytes
 """Of a connection at our ROUTER: the way back for answers."""
@@ -62,8 +67,8 @@ class _Peer:
     def waiting(self) -> int:
         return len(self._urgent) + len(self._queue)
 
-    def close(self) -> None:
-        self._port.close()
+    def close(self, linger_ms: int = 0) -> None:
+        self._port.close(linger_ms)
 
 
 class Wire:
@@ -83,6 +88,7 @@ class Wire:
         self._path = socket_path
         self.endpoint = f"ipc://{socket_path}"
         self._peers: dict[str, _Peer] = {}
+        self._leaving: dict[str, asyncio.TimerHandle] = {}
         socket_path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         router = make_socket(self.context, zmq.ROUTER)
         router.bind(self.endpoint)
@@ -118,9 +124,15 @@ class Wire:
         return True
 
     def keep_only(self, endpoints: Collection[str]) -> None:
-        """Close the ways to processes that are gone."""
-        for endpoint in [known for known in self._peers if known not in endpoints]:
-            self._peers.pop(endpoint).close()
+        """Close the ways to processes that are gone, a moment later."""
+        for endpoint in self._peers.keys() - self._leaving.keys() - set(endpoints):
+            self._leaving[endpoint] = self.loop.call_later(FORGET_S, self._forget, endpoint)
+        for endpoint in self._leaving.keys() & set(endpoints):
+            self._leaving.pop(endpoint).cancel()
+
+    def _forget(self, endpoint: str) -> None:
+        del self._leaving[endpoint]
+        self._peers.pop(endpoint).close()
 
     @property
     def waiting(self) -> int:
@@ -129,9 +141,13 @@ class Wire:
 
     def close(self) -> None:
         """Close all sockets and remove ours from the run directory."""
-        self.keep_only(())
-        self._router.close()
-        self.context.destroy(linger=0)
+        for timer in self._leaving.values():
+            timer.cancel()
+        for peer in self._peers.values():
+            peer.close(LINGER_MS)
+        self._peers.clear()
+        self._router.close(LINGER_MS)
+        self.context.term()
         with contextlib.suppress(FileNotFoundError):
             self._path.unlink()
 

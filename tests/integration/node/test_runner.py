@@ -103,7 +103,8 @@ def test_a_service_alone_ends_its_process_when_it_fails(setting: Setting) -> Non
             Module("test", config_dir=config_dir) as m,
             spawn(config_dir, "fragile", env=env) as process,
         ):
-            assert await m.send("test/order", Text("boom"), timeout_s=10)
+            outcome = await m.send("test/order", Text("boom"), timeout_s=10)
+            assert outcome, process.stderr()
             assert await process.wait() == 1
             assert "ValueError: boom" in process.stderr()
 
