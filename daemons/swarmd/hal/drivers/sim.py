@@ -63,7 +63,6 @@ class SimSonar(Driver):
 
     def __init__(self, rate_hz: float, window: int) -> None:
         self.period_s = 1 / rate_hz
-        self._rate_hz = rate_hz
         self._filter = MedianFilter(window)
         self._reader: BoardReader[Range] | None = None
         self._module: Module | None = None
@@ -75,7 +74,8 @@ class SimSonar(Driver):
         self._module = module
         self._filter.reset()
         self._reader = await module.reader("sim/sensors/sonar", Range)
-        self._writer = await module.writer("sensor/height", Float, unit="m", rate_hz=self._rate_hz)
+        # without a rate: above the sonar's reach it is silent, and that is no fault
+        self._writer = await module.writer("sensor/height", Float, unit="m", link="request")
 
     async def read(self, now_ns: int) -> bool:
         """The newest echo through the filter; out of reach of the ground there is nothing to tell."""
