@@ -19,7 +19,7 @@ from swarmctl.lab.load import Usage
 from swarmctl.lab.record import LabRecord
 from swarmctl.lab.recording import ClockTruth
 from swarmctl.lab.running import RunningLab
-from swarmctl.lab.watch import ENDED, MissionWatch, Outcome
+from swarmctl.lab.watch import ENDED, Outcome, SwarmWatch
 from swarmctl.output import Output
 from swarmctl.progress import Progress
 from swarmware import __version__
@@ -140,7 +140,7 @@ async def _conduct(running: RunningLab, duration_s: float, out: Output) -> Cours
 
 
 async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -> Course:
-    watch = await MissionWatch.open(link)
+    watch = await SwarmWatch.open(link)
     task = mission_task(lab.experiment)
     before = load.usage(lab)
     command_mono_ns = time.monotonic_ns()

@@ -20,7 +20,7 @@ class LabLine(msgspec.Struct, frozen=True):
     experiment: str
     nodes: int
     alive: int
-    """Nodes whose main process lives."""
+    """Nodes of which a process lives."""
     state: str
     """starting | running | partly | dead."""
     age_s: float
@@ -43,7 +43,7 @@ _COLUMNS = (
 
 def describe(lab: LabRecord, now_utc_ns: int) -> LabLine:
     """One lab as it is now."""
-    alive = sum(node.pid > 0 and node.identity.alive() for node in lab.nodes)
+    alive = sum(node.alive() for node in lab.nodes)
     state = "running" if alive == len(lab.nodes) else "partly" if alive else "dead"
     if lab.starter.alive() and not lab.ready_s:
         state = "starting"

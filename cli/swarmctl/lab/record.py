@@ -8,7 +8,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.lab.processes import Identity
+from swarmctl.lab.processes import NODE_MARK, Identity, marked
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 
 FILE: Final = "lab.json"
@@ -68,6 +68,10 @@ class NodeRecord(msgspec.Struct, frozen=True, kw_only=True):
         """The node's main process."""
         return Identity(self.pid, self.pid_start)
 
+    def alive(self) -> bool:
+        """Whether its main process lives, or another: a guard that was killed is started again by others."""
+        return self.pid > 0 and (self.identity.alive() or bool(marked(self.folder, NODE_MARK)))
+
 
 class LabRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One lab."""
@@ -107,7 +111,7 @@ class LabRecord(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def running(self) -> bool:
         """Whether any of its nodes lives."""
-        return any(node.pid and node.identity.alive() for node in self.nodes)
+        return any(node.alive() for node in self.nodes)
 
     @property
     def mark(self) -> str:

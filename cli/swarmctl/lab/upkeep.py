@@ -11,7 +11,7 @@ from swarmctl.lab import folders, listing, plan
 from swarmctl.lab.folders import Wish
 from swarmctl.lab.record import LabRecord
 from swarmctl.lab.running import RunningLab
-from swarmctl.lab.watch import MissionWatch
+from swarmctl.lab.watch import SwarmWatch
 from swarmctl.output import Output
 from swarmctl.progress import Progress
 from swarmctl.settings import Settings
@@ -60,7 +60,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     vehicles = [node.platform for node in lab.nodes if node.kind != "gcs"]
     with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
         async with connect(way_in(lab)) as link:
-            watch = await MissionWatch.open(link)
+            watch = await SwarmWatch.open(link)
             known = asyncio.create_task(watch.until_known(vehicles, UP_S, bar.at), name="known")
             fallen = asyncio.create_task(running.until_fallen(), name="fallen")
             try:

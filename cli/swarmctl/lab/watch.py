@@ -2,17 +2,27 @@
 
 import asyncio
 from collections.abc import Callable, Collection, Mapping
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
 from swarmctl.connect import Link
 from swarmware.errors import NoAnswer
 from swarmware.module import BoardReader, BoardSet
+from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
+from swarmware.types.vehicle import BatteryState, NavStatus, Pose, VehicleState
 
 STATE: Final = "mission/state"
 GOOD: Final = "done"
+SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
+    "nav/pose": Pose,
+    "nav/status": NavStatus,
+    "power/battery": BatteryState,
+    "vehicle/state": VehicleState,
+    "health/state": HealthState,
+}
+"""Boards of each vehicle, besides the mission's, that an operator has before his eyes."""
 ENDED: Final = frozenset({GOOD, "failed", "aborted"})
 """States that a mission does not leave."""
 LOOK_S: Final = 1.0
@@ -39,45 +49,60 @@ class Outcome(msgspec.Struct, frozen=True):
         return ("out of time: " if not self.in_time else "") + (", ".join(bad) or "nobody took part")
 
 
-class MissionWatch:
-    """The mission states of all platforms, as the ground station has them."""
+class SwarmWatch:
+    """What an operator's console shows of all platforms, as the ground station has it (S0.77)."""
 
-    def __init__(self, own: BoardReader[MissionState], others: BoardSet[MissionState], station: str) -> None:
-        self._own = own
-        self._others = others
-        self._station = station
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._station = link.here
+        self._own: BoardReader[MissionState]
+        self._states: BoardSet[MissionState]
+        self._boards: dict[str, BoardSet[Any]] = {}
 
     @classmethod
-    async def open(cls, link: Link) -> "MissionWatch":
+    async def open(cls, link: Link) -> "SwarmWatch":
         """Begins to watch."""
-        module = link.module
-        own = await module.reader(STATE, MissionState)
-        others = await module.readers(f"/*/{STATE}", MissionState)
-        return cls(own, others, module.platform)
+        watch = cls(link)
+        watch._own = await link.module.reader(STATE, MissionState)
+        watch._states = await link.module.readers(f"/*/{STATE}", MissionState)
+        for path, kind in SHOWN.items():
+            watch._boards[path] = await link.module.readers(f"/*/{path}", kind)
+        return watch
 
     def states(self) -> dict[str, MissionState]:
-        """Every platform's newest state."""
-        found = {name: value for name, board in self._others.items() if (value := board.value) is not None}
+        """Every platform's newest mission state."""
+        found = {name: value for name, board in self._states.items() if (value := board.value) is not None}
         if (own := self._own.value) is not None:
             found[self._station] = own
         return found
 
-    async def until_known(
-        self, platforms: Collection[str], timeout_s: float, on_change: Callable[[int], None]
-    ) -> None:
-        """Returns when the boards of all these platforms arrive at the ground station.
+    def missing(self, platform: str) -> list[str]:
+        """What is not known of a vehicle yet, or not as it must be before a mission."""
+        names = [] if platform in self.states() else [STATE]
+        for path, boards in self._boards.items():
+            value = boards[platform].value if platform in boards else None
+            if value is None or (isinstance(value, HealthState) and value.level == "error"):
+                names.append(path)
+        return names
 
-        Raises: NoAnswer naming those that are missing.
+    async def until_known(
+        self, vehicles: Collection[str], timeout_s: float, on_change: Callable[[int], None]
+    ) -> None:
+        """Returns when the ground station has all boards of all these vehicles, and none reports an error.
+
+        Raises: NoAnswer naming what is missing.
         """
-        wanted = set(platforms)
         deadline_s = asyncio.get_running_loop().time() + timeout_s
-        while missing := wanted - self.states().keys():
-            on_change(len(wanted) - len(missing))
+        while missing := {name: what for name in vehicles if (what := self.missing(name))}:
+            on_change(len(vehicles) - len(missing))
             if asyncio.get_running_loop().time() > deadline_s:
-                names = ", ".join(sorted(missing))
-                raise NoAnswer(f"{names}: not heard at {self._station}; expected within {timeout_s:g} s")
-            await self._change()
-        on_change(len(wanted))
+                name, what = next(iter(missing.items()))
+                raise NoAnswer(
+                    f"{', '.join(sorted(missing))}: not ready at {self._station} ({name}: no good"
+                    f" {', '.join(what)}); expected within {timeout_s:g} s"
+                )
+            await self._change(self._states, *self._boards.values())
+        on_change(len(vehicles))
 
     async def until_ended(
         self,
@@ -100,14 +125,14 @@ class MissionWatch:
                 return Outcome(states, True)
             if asyncio.get_running_loop().time() > deadline_s:
                 return Outcome(states, False)
-            await self._change()
+            await self._change(self._states)
 
-    async def _change(self) -> None:
-        """Waits for news of any platform, the own one included, at most LOOK_S."""
-        waits = [
-            asyncio.create_task(self._others.changed(LOOK_S), name="others"),
-            asyncio.create_task(self._own.changed(LOOK_S), name="own"),
+    async def _change(self, *boards: BoardSet[Any]) -> None:
+        """Waits for news on any of these boards, or of the own mission, at most LOOK_S."""
+        waits: list[asyncio.Task[Any]] = [
+            asyncio.create_task(board.changed(LOOK_S), name=board.pattern) for board in boards
         ]
+        waits.append(asyncio.create_task(self._own.changed(LOOK_S), name=STATE))
         try:
             await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
         finally:
