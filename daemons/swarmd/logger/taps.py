@@ -58,8 +58,8 @@ class Tap:
             if self._ring is None:
                 # from the first frame that is still there: events may be older than this logger
                 self._ring = RingReader(self._path, after=0)
-            elif self._ring.moved and self._ring.position == self._ring.sequence:
-                self._ring = self._ring.reopen()
+            elif self._ring.moved and self._ring.sequence in (self._ring.position, self._ring.seen):
+                self._ring = self._ring.reopen()  # what the old file held was taken
         except SwarmError:
             return self._ring  # no writer yet, or none any more
         return self._ring

@@ -9,7 +9,7 @@ from swarmware.module import BoardWriter, Module
 from swarmware.record.query import FolderSource, Query
 from swarmware.testing import make_node, spawn
 from swarmware.types.log import LogGap, LogStats, LogStatsRequest
-from swarmware.types.scalar import Float, Int
+from swarmware.types.scalar import Float, Int, Text
 
 COUNT = "test/count"
 
@@ -88,6 +88,19 @@ async def test_a_board_is_decimated_to_the_rate_of_its_descriptor(tmp_path: Path
         stamps = [entry.stamp_ns for entry in FolderSource([log]).entries(Query(pattern="/uav1/test/level"))]
         span_s = (stamps[-1] - stamps[0]) / 1e9
         assert 3.0 < (len(stamps) - 1) / span_s < 7.0
+
+
+async def test_a_board_is_followed_when_its_values_outgrow_its_ring(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"logger": {"period_s": 0.02}})
+    log = tmp_path / "uav1/data/log"
+    texts = ["short", "x" * 5000, "y" * 20_000]
+    async with Module("source", config_dir=config) as module, spawn(config, "logger"):
+        writer = await module.writer("test/text", Text, log="all")
+        for text in texts:
+            writer.write(Text(text))
+            await flushed(module)
+    found = [entry.value() for entry in FolderSource([log]).entries(Query(pattern="/uav1/test/text"))]
+    assert found == [Text(text) for text in texts]
 
 
 async def test_a_database_that_comes_late_and_goes_away_gets_everything_once(tmp_path: Path) -> None:
