@@ -22,6 +22,8 @@ class AppTable:
         self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
         self._served: dict[int, AppEntry] = {}
         self._by_id: dict[int, AppEntry] = {}
+        self.version = 0
+        """Another number after every change: for those who share the table."""
 
     def __iter__(self) -> Iterator[AppEntry]:
         return iter(self._by_id.values())
@@ -42,7 +44,10 @@ class AppTable:
         self._files = dict(self._read())
         self._by_id = {entry.app_id: entry for _, entry in self._files.values()}
         self._served = {item.data_id: entry for entry in self for item in entry.serves}
-        return before != list(self._files.values())
+        if before == list(self._files.values()):
+            return False
+        self.version += 1
+        return True
 
     def _read(self) -> Iterator[tuple[str, tuple[_Stamp, AppEntry]]]:
         try:
