@@ -12,7 +12,7 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Driver `sim`: how often each simulated device is read."""
 
     gnss_hz: Rate = 10.0
-    imu_hz: Rate = 50.0
+    imu_hz: Rate = 25.0
     range_hz: Rate = 10.0
     sonar_hz: Rate = 20.0
     """Only on platforms that fly."""

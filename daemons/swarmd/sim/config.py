@@ -59,7 +59,7 @@ class Sensors(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     gnss_bias_sigma_m: Sigma = 0.03
     """A slow error that wanders with `gnss_bias_tau_s`."""
     gnss_bias_tau_s: Positive = 60.0
-    imu_hz: Rate = 50.0
+    imu_hz: Rate = 25.0
     gyro_sigma_rad_s: Sigma = 0.01
     accel_sigma_m_s2: Sigma = 0.08
     yaw_sigma_rad: Sigma = 0.005

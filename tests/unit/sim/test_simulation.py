@@ -78,7 +78,7 @@ def test_sensors_come_at_their_own_rates() -> None:
         sum(getattr(s, name) is not None for s in run.samples)
         for name in ("gnss", "imu", "scan", "sonar", "battery")
     ]
-    assert counts == [100, 500, 100, pytest.approx(200, abs=60), 10]
+    assert counts == [100, 250, 100, pytest.approx(200, abs=60), 10]
 
 
 def test_a_vehicle_that_drives_has_no_sonar() -> None:
