@@ -5,7 +5,6 @@
 
 import fcntl
 import os
-import re
 import socket
 import sys
 from pathlib import Path
@@ -26,19 +25,30 @@ GROUP: Final = "239.255.42.42"
 PORT: Final = 17420
 
 
-def platform(kind: str, host: str) -> str:
-    """Name of the platform of a container, from its name in the composition: `lab_uav_2.lab_default` → uav2.
+def claim(kind: str, directory: Path, remembered: Path) -> str:
+    """Name of this container's platform: the one it had before, else the lowest that no other has now.
 
-    Raises: ConfigError when there is no number in it.
+    The name is locked for as long as this process, or what it becomes, lives: containers of one
+    service know nothing of each other but the volume that they share.
+    Raises: ConfigError when all are taken.
     """
-    if kind == "gcs":
-        return kind
-    found = re.search(rf"[-_]{kind}[-_](\d+)(\.|$)", host)
-    if not found:
-        raise ConfigError(
-            f"container {host!r}: no number; expected <project>_{kind}_<number>, or SWARM_PLATFORM"
-        )
-    return f"{kind}{int(found[1])}"
+    names = [kind] if kind == "gcs" else [f"{kind}{number}" for number in range(1, MOST + 1)]
+    before = remembered.read_text("utf-8").strip() if remembered.exists() else ""
+    directory.mkdir(parents=True, exist_ok=True)
+    for name in sorted(names, key=lambda name: name != before):
+        lock = os.open(directory / f"{name}.lock", os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+            continue
+        os.set_inheritable(lock, True)
+        remembered.parent.mkdir(parents=True, exist_ok=True)
+        remembered.write_text(name, "utf-8")
+        return name
+    raise ConfigError(
+        f"platforms {names[0]} to {names[-1]}: all taken; expected at most {len(names)} of {kind}"
+    )
 
 
 def settings(name: str, kind: str, address: str, mongodb_uri: str) -> dict[str, dict[str, Any]]:
@@ -84,8 +94,8 @@ def main() -> None:
     kind = os.environ.get("SWARM_KIND", "uav")
     try:
         address = socket.gethostbyname(socket.gethostname())
-        name = os.environ.get("SWARM_PLATFORM") or platform(kind, socket.gethostbyaddr(address)[0])
         share_keys(KEYS)
+        name = claim(kind, KEYS / "claims", Path("/var/lib/swarm/platform"))
     except (OSError, SwarmError) as error:
         sys.stderr.write(f"container: {error}\n")
         sys.exit(getattr(error, "exit_code", 1))

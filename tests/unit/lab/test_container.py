@@ -13,21 +13,21 @@ from swarmware.errors import ConfigError
 from swarmware.security import Keys
 
 
-@pytest.mark.parametrize(
-    ("kind", "host", "name"),
-    [
-        ("uav", "lab_uav_2.lab_default", "uav2"),
-        ("ugv", "my-swarm-ugv-13.my-swarm_default", "ugv13"),
-        ("gcs", "lab_gcs_1.lab_default", "gcs"),
-    ],
-)
-def test_the_platform_follows_from_the_name_of_the_container(kind: str, host: str, name: str) -> None:
-    assert container.platform(kind, host) == name
+def test_each_container_gets_a_name_of_its_own_and_the_same_again(tmp_path: Path) -> None:
+    claims = tmp_path / "claims"
+    names = [container.claim("uav", claims, tmp_path / str(number) / "platform") for number in range(3)]
+    assert names == ["uav1", "uav2", "uav3"]
+    assert container.claim("ugv", claims, tmp_path / "ground") == "ugv1"
+    assert container.claim("gcs", claims, tmp_path / "station") == "gcs"
+    with pytest.raises(ConfigError, match="all taken"):
+        container.claim("gcs", claims, tmp_path / "second")
 
 
-def test_a_container_without_a_number_is_refused_with_a_way_out() -> None:
-    with pytest.raises(ConfigError, match="SWARM_PLATFORM"):
-        container.platform("uav", "0f3a9c")
+def test_a_container_that_comes_back_has_its_old_name_when_it_is_free(tmp_path: Path) -> None:
+    (tmp_path / "platform").write_text("uav7")
+    assert container.claim("uav", tmp_path / "claims", tmp_path / "platform") == "uav7"
+    (tmp_path / "other").write_text("uav7")
+    assert container.claim("uav", tmp_path / "claims", tmp_path / "other") == "uav1"
 
 
 @pytest.mark.parametrize(("name", "kind"), [("gcs", "gcs"), ("ugv1", "ugv"), ("uav2", "uav")])
