@@ -111,6 +111,11 @@ class Watched(msgspec.Struct):
         )
 
 
+def died(how: str) -> str:
+    """Reason of a restart; of another's child nobody but its parent learns how it ended."""
+    return "died" if how == "gone" else f"died: {how}"
+
+
 class GuardCore:
     """Services in the order of their start; stopped in the reverse order."""
 
@@ -220,9 +225,11 @@ class GuardCore:
         settled = watched.state is State.RUNNING and now_ns - watched.since_ns >= self._settled_ns
         watched.to(Event.EXIT, now_ns)
         watched.pid = 0
-        if watched.state is State.STOPPED:
+        if self._stopping is not None:
+            if (watched.state, Event.STOP) in TRANSITIONS:
+                watched.to(Event.STOP, now_ns)  # it died before it was asked
             return self._stop_next(now_ns)
-        watched.reason, watched.blame = watched.blame or f"died: {how}", ""
+        watched.reason, watched.blame = watched.blame or died(how), ""
         watched.in_a_row = 1 if settled else watched.in_a_row + 1
         if self._limit and watched.in_a_row > self._limit:
             watched.to(Event.GIVE_UP, now_ns)
@@ -237,6 +244,8 @@ class GuardCore:
     def on_order(self, name: str, now_ns: int) -> list[Action]:
         """An operator wants the service restarted, also one that was given up."""
         watched = self._services[name]
+        if self._stopping is not None:
+            return []
         watched.in_a_row = 0
         if watched.state in {State.RUNNING, State.STARTING}:
             watched.blame = "restarted on request"
@@ -254,6 +263,9 @@ class GuardCore:
         if self._stopping is not None:
             return []
         self._stopping = list(reversed(self._services))
+        for watched in self._services.values():
+            if watched.state in {State.WAITING, State.BACK_OFF, State.FAILED}:
+                watched.to(Event.STOP, now_ns)
         return self._stop_next(now_ns)
 
     def deadline_ns(self) -> int | None:
@@ -273,7 +285,7 @@ class GuardCore:
         if late_ns > self._hung_ns // 2:
             for watched in self._services.values():
                 if watched.deadline_ns is not None and watched.state is not State.BACK_OFF:
-                    watched.deadline_ns += late_ns
+                    watched.deadline_ns += late_ns + self._hung_ns // 2
         actions: list[Action] = []
         for watched in self._services.values():
             actions += self._due(watched, now_ns)
@@ -324,10 +336,8 @@ class GuardCore:
             watched = self._services[self._stopping[0]]
             if watched.state is State.STOPPING:
                 break
-            runs = watched.state in {State.STARTING, State.RUNNING}
             if watched.state is not State.STOPPED:
                 watched.to(Event.STOP, now_ns)
-            if runs:
                 watched.deadline_ns = now_ns + self._stop_ns
                 actions.append(Ask(watched.name, watched.pid))
                 break

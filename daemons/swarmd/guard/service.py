@@ -8,7 +8,7 @@ from swarmd.guard import config as settings
 from swarmd.guard.core import Action, Ask, GuardCore, Kill, Spawn, State
 from swarmd.guard.supervisor import Processes, Runner, Supervisor, Systemd
 from swarmware.appfile import AppTable
-from swarmware.errors import Conflict, NotFound
+from swarmware.errors import NotFound
 from swarmware.module import BoardReader, BoardWriter, Meta, Module
 from swarmware.node.node import APPS_TABLE
 from swarmware.service import Service
@@ -64,15 +64,9 @@ class Guard(Service):
         return Processes(node.config_dir, node.run_dir, self._on_exit)
 
     async def run(self) -> None:
-        """Starts, watches and restarts until cancelled.
-
-        Raises: Conflict when this node has a guard already.
-        """
+        """Starts, watches and restarts until cancelled; a second guard fails on the first one's boards."""
         module = self.module
         self._table.refresh(probe=True)
-        other = next((e for e in self._table if e.name == self.name and e.id != module.id), None)
-        if other is not None:
-            raise Conflict(f"{self.name}: {other.id} (pid {other.pid}) runs already; expected one on a node")
         before = await module.reader("guard/status", GuardStatus)
         if before.value is not None:
             self._core.remember(before.value)
@@ -94,6 +88,7 @@ class Guard(Service):
         )
         self._node.listen(self._node.shm_dir / APPS_TABLE)
         self._node.watch(self)
+        self._show()  # before anything is started: whoever finds this board knows that there was a guard
         try:
             self._begin()
             await self._watch()

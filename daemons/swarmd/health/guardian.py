@@ -11,6 +11,7 @@ from swarmware.appfile import AppEntry
 from swarmware.errors import NotFound
 from swarmware.node import Node
 from swarmware.service.child import Child, newborn, settled, spawn
+from swarmware.types.health import GuardStatus
 
 NAME: Final = "guard"
 PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -42,6 +43,11 @@ class Guardian:
             self._since_s = self._loop.time()
             settled(NAME, self._node.run_dir)
         self._cancel()
+
+    def on_missing(self, before: GuardStatus) -> None:
+        """There is none, but one has left its board without goodbye: it died before we looked."""
+        self._seen = before.supervisor == "self"
+        self.on_died()
 
     def on_left(self) -> None:
         """It said goodbye: it is not missed."""

@@ -25,6 +25,7 @@ from swarmware.types.health import (
     Fault,
     FaultList,
     FaultQuery,
+    GuardStatus,
     HealthReport,
     HealthState,
     Phase,
@@ -95,6 +96,8 @@ class Health(Service):
         node.listen(node.shm_dir / APPS_TABLE)
         node.watch(self)
         try:
+            self.poll()
+            await self._find_guard()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._look(), name="health: look")
                 group.create_task(self._take_registrations(inbox), name="health: registrations")
@@ -112,6 +115,13 @@ class Health(Service):
             self.module.log.warning("template: %s; sensors are judged when they appear", error)
             return
         self._core.expect(found.resources)
+
+    async def _find_guard(self) -> None:
+        status = await self.module.reader("guard/status", GuardStatus)
+        there_is_one = GUARD in {entry.name for entry in self._entries.values()} or status.alive
+        if not there_is_one and (before := status.value) is not None:
+            self._guardian.on_missing(before)
+        status.close()
 
     # -- applications
 
@@ -261,12 +271,12 @@ class Health(Service):
         if self._board is None or self._events is None:
             return
         changed = self._core.take()
+        if changed:
+            self._save()  # first: what others were told must be known again after a kill
         for fault in changed:
             self._events.write(fault, now_ns)
             level = self.module.log.warning if fault.phase is Phase.CONFIRMED else self.module.log.info
             level("%s: %s %s (%s)", fault.check, fault.state, fault.phase, fault.freeze)
-        if changed:
-            self._save()
         state = self._core.state()
         if state != self._shown:
             self._shown = state

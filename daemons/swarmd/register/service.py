@@ -8,8 +8,9 @@ from swarmware import __version__
 from swarmware.clock import utc_ns
 from swarmware.errors import NoAnswer
 from swarmware.master.master import RESOURCE
-from swarmware.module import BoardSet, Meta, Module
+from swarmware.module import BoardReader, BoardSet, Meta, Module
 from swarmware.service import Service
+from swarmware.types.net import Routes
 from swarmware.types.register import ApplicationTable
 from swarmware.types.register import Register as RegisterReply
 from swarmware.types.rpc import Empty
@@ -29,6 +30,7 @@ class Register(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         node = module.node.config
+        self._routes: BoardReader[Routes] | None = None
         self._core = RegisterCore(node.platform, node.unit, forget_s=config.forget_s)
 
     async def run(self) -> None:
@@ -39,6 +41,7 @@ class Register(Service):
             "sys/register/apps", Empty, self._apps, reply=RegisterReply, description="Who runs where"
         )
         await module.serve("sys/node/info", Empty, self._info, reply=NodeInfo, description="Who this node is")
+        self._routes = await module.reader("net/routes", Routes)
         module.node.master.prefer(module.id)
         try:
             if self.config.partners:
@@ -62,11 +65,13 @@ class Register(Service):
 
     def _apps(self, _: Empty, __: Meta) -> RegisterReply:
         own = self.module.node.master.table(full=True)
-        return RegisterReply(self._core.units(own, {}, self.module.now_ns()))
+        routes = self._routes.value if self._routes is not None else None
+        hops = {route.platform: route.hops for route in routes.routes} if routes is not None else {}
+        return RegisterReply(self._core.units(own, hops, self.module.now_ns()))
 
     def _info(self, _: Empty, __: Meta) -> NodeInfo:
         node = self.module.node
-        names = {entry.name for entry in node.table}
+        names = {app.name for app in node.master.table(full=False).applications}
         return NodeInfo(
             platform=node.platform,
             unit=node.config.unit,

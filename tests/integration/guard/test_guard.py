@@ -1,0 +1,205 @@
+"""A node of real processes under its guard: each killed in turn, hung, stopped; nothing left behind."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmware.appfile import AppEntry, scan
+from swarmware.errors import NotFound, SwarmError
+from swarmware.module import Module
+from swarmware.shm.owner import start_ticks
+from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.types.health import (
+    FaultList,
+    FaultQuery,
+    GuardStatus,
+    HealthState,
+    RestartOrder,
+    WatchedService,
+)
+from swarmware.types.rpc import Empty
+from swarmware.types.system import AppStatus
+
+PATIENCE_S = 30.0
+SERVICES: dict[str, Any] = {"register": {}, "timesync": {}, "health": {}, "guard": {}, "hal": {}, "sim": {}}
+
+
+def pids(run_dir: Path) -> dict[str, int]:
+    return {entry.name: entry.pid for entry in scan(run_dir)}
+
+
+def alive(entry: AppEntry) -> bool:
+    return start_ticks(entry.pid) == entry.pid_start
+
+
+async def until(run_dir: Path, wanted: Any) -> dict[str, int]:
+    """Applications of the node as soon as `wanted(pid by name)` is true."""
+    async with asyncio.timeout(PATIENCE_S):
+        while not wanted(found := pids(run_dir)):  # noqa: ASYNC110 - other processes decide
+            await asyncio.sleep(0.005)
+    return found
+
+
+async def back(run_dir: Path, name: str, old: int) -> float:
+    """Seconds until another process has joined the node as this application."""
+    began_s = time.monotonic()
+    await until(run_dir, lambda found: found.get(name, old) != old)
+    return time.monotonic() - began_s
+
+
+@asynccontextmanager
+async def guarded(root: Path, **services: Any) -> AsyncIterator[Path]:
+    """A per-daemon node, all of its services running; stopped by SIGTERM to its guard, whoever started that.
+
+    Yields: its configuration folder. Raises: AssertionError when something is left.
+    """
+    config = make_node(root, services=services or SERVICES, processes="per-daemon")
+    run_dir = root / "uav1/run"
+    with no_leaks(run_dir, root / "uav1/shm"):
+        async with spawn(config):
+            everybody: list[AppEntry] = []
+            try:
+                await until(run_dir, lambda found: found.keys() >= set(services or SERVICES))
+                yield config
+            finally:
+                everybody = scan(run_dir)
+                guard = next((entry for entry in everybody if entry.name == "guard"), None)
+                if guard is not None:
+                    os.kill(guard.pid, signal.SIGTERM)
+                async with asyncio.timeout(PATIENCE_S):
+                    while any(alive(entry) for entry in everybody):  # noqa: ASYNC110 - other processes
+                        await asyncio.sleep(0.01)
+
+
+async def test_each_service_that_is_killed_is_back_while_its_boards_stay_readable(tmp_path: Path) -> None:
+    run_dir = tmp_path / "uav1/run"
+    async with guarded(tmp_path) as config:
+        took_s: dict[str, float] = {}
+        for name in ("register", "timesync", "hal", "sim", "health", "guard"):
+            async with Module("probe", config_dir=config) as module:
+                board = await module.reader(f"app/{name}/status", AppStatus)
+                restarts = await module.stream_reader("guard/restarts", WatchedService)
+                assert board.value is not None
+                old = pids(run_dir)[name]
+                os.kill(old, signal.SIGKILL)
+                waiting = asyncio.create_task(back(run_dir, name, old))
+                while not waiting.done():
+                    again = await module.reader(f"app/{name}/status", AppStatus)
+                    assert again.value is not None
+                    again.close()
+                    await asyncio.sleep(0.005)
+                took_s[name] = waiting.result()
+                if name != "guard":
+                    told = await restarts.next(timeout_s=PATIENCE_S)
+                    assert (told.name, told.reason) == (name, "died: signal 9")
+        slow = {name: took for name, took in took_s.items() if took >= 1.0}
+        assert len(slow) <= 1, took_s  # one may fall on a busy moment of the machine
+
+
+async def test_a_guard_that_is_killed_twice_adopts_what_runs_and_goes_on_restarting(tmp_path: Path) -> None:
+    run_dir = tmp_path / "uav1/run"
+    async with guarded(tmp_path) as config:
+        for _ in range(2):
+            before = await until(run_dir, lambda found: found.keys() >= set(SERVICES))
+            os.kill(before["guard"], signal.SIGKILL)
+            await back(run_dir, "guard", before["guard"])
+            after = pids(run_dir)
+            assert {name: after[name] for name in SERVICES if name != "guard"} == {
+                name: before[name] for name in SERVICES if name != "guard"
+            }
+        os.kill(after["timesync"], signal.SIGKILL)
+        await back(run_dir, "timesync", after["timesync"])
+        async with Module("probe", config_dir=config) as module:
+            status = await asked(module, "sys/guard/status", Empty(), GuardStatus)
+            timesync = next(one for one in status.services if one.name == "timesync")
+            assert (timesync.restarts, timesync.reason) == (1, "died")
+            assert next(one for one in status.services if one.name == "sim").adopted
+
+
+async def asked(module: Module, path: str, request: Any, reply: Any) -> Any:
+    """The answer, as soon as somebody gives one."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            with contextlib.suppress(SwarmError):
+                return await module.request(path, request, reply)
+            await asyncio.sleep(0.05)
+
+
+async def test_a_service_that_hangs_is_killed_and_back_and_the_fault_is_told(tmp_path: Path) -> None:
+    run_dir = tmp_path / "uav1/run"
+    services = {"health": {"hung_s": 1.6}, "guard": {"hung_s": 3.0}, "timesync": {}}
+    async with (
+        guarded(tmp_path, **services) as config,
+        Module("probe", config_dir=config) as module,
+    ):
+        board = await module.reader("app/timesync/status", AppStatus)
+        async with asyncio.timeout(PATIENCE_S):
+            while board.value is None or board.value.beat < 3:
+                await board.changed()
+        old = pids(run_dir)["timesync"]
+        os.kill(old, signal.SIGSTOP)
+        await back(run_dir, "timesync", old)
+        status = await asked(module, "sys/guard/status", Empty(), GuardStatus)
+        assert next(one for one in status.services if one.name == "timesync").reason.startswith(
+            "hung: no beat"
+        )
+        faults = await asked(module, "sys/health/faults", FaultQuery(True), FaultList)
+        assert "app/timesync" in {fault.check for fault in faults.faults}
+
+
+async def test_a_guard_that_hangs_is_replaced_by_the_monitor(tmp_path: Path) -> None:
+    run_dir = tmp_path / "uav1/run"
+    services = {"health": {"hung_s": 1.6}, "guard": {}, "timesync": {}}
+    async with guarded(tmp_path, **services) as config, Module("probe", config_dir=config) as module:
+        state = await module.reader("health/state", HealthState)
+        async with asyncio.timeout(PATIENCE_S):
+            while state.value is None or state.value.guard != "alive":
+                await state.changed()
+        before = pids(run_dir)
+        os.kill(before["guard"], signal.SIGSTOP)
+        await back(run_dir, "guard", before["guard"])
+        assert pids(run_dir)["timesync"] == before["timesync"]
+
+
+async def test_a_restart_on_request_is_a_new_process_and_an_unknown_service_an_error(tmp_path: Path) -> None:
+    run_dir = tmp_path / "uav1/run"
+    async with (
+        guarded(tmp_path, guard={}, timesync={}) as config,
+        Module("probe", config_dir=config) as module,
+    ):
+        old = pids(run_dir)["timesync"]
+        await asked(module, "sys/guard/restart", RestartOrder("timesync"), GuardStatus)
+        await back(run_dir, "timesync", old)
+        with pytest.raises(NotFound, match="nosuch"):
+            await module.request("sys/guard/restart", RestartOrder("nosuch"), GuardStatus)
+
+
+async def test_a_second_guard_refuses_to_run_beside_the_first(tmp_path: Path) -> None:
+    async with guarded(tmp_path, guard={}, timesync={}) as config:
+        before = pids(tmp_path / "uav1/run")
+        with pytest.raises(SwarmError, match="one writer only"):
+            async with spawn(config, "guard"):
+                pass
+        assert pids(tmp_path / "uav1/run") == before
+
+
+async def test_in_one_process_the_guard_has_the_runner_restart_a_service(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"timesync": {}, "guard": {}, "health": {}})
+    with no_leaks(tmp_path / "uav1/run", tmp_path / "uav1/shm"):
+        async with spawn(config) as node, Module("probe", config_dir=config) as module:
+            status = await asked(module, "sys/guard/status", Empty(), GuardStatus)
+            assert status.supervisor == "runner"
+            await asked(module, "sys/guard/restart", RestartOrder("timesync"), GuardStatus)
+            async with asyncio.timeout(PATIENCE_S):
+                restarted = await module.reader("guard/status", GuardStatus)
+                while restarted.value is None or restarted.value.restarts == 0:
+                    await restarted.changed()
+            assert pids(tmp_path / "uav1/run")["timesync"] == node.pid

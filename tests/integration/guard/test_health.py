@@ -1,0 +1,159 @@
+"""Checks of modules with a real monitor: registered, acted on, reported; complete again after a kill."""
+
+import asyncio
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from swarmware.errors import NoAnswer, SwarmError
+from swarmware.health import Above, HealthMonitor
+from swarmware.module import Module, StreamReader
+from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.types.health import Fault, FaultList, FaultQuery, HealthReport, HealthState, Phase
+from swarmware.types.rpc import Empty
+from swarmware.types.scalar import Float
+
+PATIENCE_S = 20.0
+
+
+class Motor:
+    """What the test watches, and what its actions did."""
+
+    def __init__(self) -> None:
+        self.heat_degc = 20.0
+        self.acted: list[tuple[str, float]] = []
+
+    def read(self) -> float:
+        return self.heat_degc
+
+    async def cool(self, heat_degc: float) -> None:
+        await asyncio.sleep(0)
+        self.acted.append(("cool", heat_degc))
+
+    def stop(self, heat_degc: float) -> None:
+        self.acted.append(("stop", heat_degc))
+
+
+async def fault(faults: StreamReader[Fault], check: str, phase: Phase) -> Fault:
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            found = await faults.next()
+            if (found.check, found.phase) == (check, phase):
+                return found
+
+
+async def known(module: Module, check: str) -> Any:
+    """The monitor's own view of a check, as soon as it has one."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            with contextlib.suppress(SwarmError):
+                report = await module.request("sys/health/state", Empty(), HealthReport)
+                for one in report.checks:
+                    if one.check == check:
+                        return one
+            await asyncio.sleep(0.02)
+
+
+async def watched(module: Module, motor: Motor) -> HealthMonitor:
+    monitor = HealthMonitor(module)
+    await monitor.register(
+        "heat",
+        frequency_hz=50,
+        data=motor.read,
+        criterion=Above(warn=80, error=95, hysteresis=5),
+        actions={"warn": motor.cool, "error": motor.stop},
+        confirm=(2, 3),
+        clear_s=0.2,
+        description="Temperature of the motor",
+    )
+    return monitor
+
+
+async def test_a_check_acts_where_it_was_registered_and_its_fault_lives_in_the_monitor(
+    tmp_path: Path,
+) -> None:
+    config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
+    motor = Motor()
+    with no_leaks(tmp_path / "uav1/run"):
+        async with Module("motor", config_dir=config) as module:
+            faults = await module.stream_reader("health/faults", Fault)
+            monitor = await watched(module, motor)
+            async with spawn(config, "health"):
+                check = await known(module, "motor/heat")
+                assert (check.app, check.state, check.frequency_hz) == ("motor#1", "ok", 50.0)
+                motor.heat_degc = 85.0
+                hot = await fault(faults, "motor/heat", Phase.CONFIRMED)
+                assert (hot.state, hot.level, hot.freeze) == ("warn", "warn", "85.0")
+                assert motor.acted == [("cool", 85.0)]
+                motor.heat_degc = 20.0
+                await fault(faults, "motor/heat", Phase.HEALED)
+                await fault(faults, "motor/heat", Phase.CLEARED)
+                motor.heat_degc = 99.0
+                await fault(faults, "motor/heat", Phase.CONFIRMED)
+                assert motor.acted[-1] == ("stop", 99.0)
+                await monitor.withdraw("heat")
+                await fault(faults, "motor/heat", Phase.CLEARED)
+
+
+async def test_a_killed_monitor_comes_back_with_every_registration_and_every_fault(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
+    motor = Motor()
+    async with Module("motor", config_dir=config) as module:
+        faults = await module.stream_reader("health/faults", Fault)
+        await watched(module, motor)
+        async with spawn(config, "health") as health:
+            await known(module, "motor/heat")
+            motor.heat_degc = 99.0
+            first = await fault(faults, "motor/heat", Phase.CONFIRMED)
+            await health.kill()
+        async with spawn(config, "health"):
+            list_ = await module.request("sys/health/faults", FaultQuery(), FaultList)
+            (again,) = [one for one in list_.faults if one.check == "motor/heat"]
+            assert (again.first_ns, again.count) == (first.first_ns, 1)
+            assert (await known(module, "motor/heat")).frequency_hz == 50.0
+            motor.heat_degc = 20.0
+            await fault(faults, "motor/heat", Phase.HEALED)
+
+
+async def test_an_event_loop_that_stands_still_makes_its_checks_silent(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"health": {"look_hz": 10.0}, "timesync": {}})
+    async with Module("probe", config_dir=config) as probe:
+        faults = await probe.stream_reader("health/faults", Fault)
+        async with spawn(config, "health"):
+            motor = Motor()
+            await watched(probe, motor)
+            await known(probe, "probe/heat")
+            for task in probe._running:
+                task.cancel()  # the module lives, its checks do not
+            silent = await fault(faults, "probe/heat", Phase.CONFIRMED)
+            assert (silent.state, silent.level) == ("silent", "warn")
+
+
+async def test_a_resource_whose_owner_is_gone_without_goodbye_is_lost(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"health": {"look_hz": 10.0, "grace_s": 0.5}, "timesync": {}})
+    async with Module("probe", config_dir=config) as probe, spawn(config, "health"):
+        faults = await probe.stream_reader("health/faults", Fault)
+        state = await probe.reader("health/state", HealthState)
+        heat = await probe.writer("motor/heat", Float, rate_hz=10.0)
+        writing = asyncio.create_task(keep_writing(probe, heat))
+        try:
+            with contextlib.suppress(NoAnswer):
+                unexpected = await faults.next(timeout_s=2.0)
+                raise AssertionError(unexpected)
+        finally:
+            writing.cancel()
+            await asyncio.wait([writing])
+        stale = await fault(faults, "age/motor/heat", Phase.CONFIRMED)
+        assert (stale.state, stale.level) == ("stale", "warn")
+        lost = await fault(faults, "age/motor/heat", Phase.CONFIRMED)
+        assert (lost.state, lost.level) == ("lost", "error")
+        assert state.value is not None
+        async with asyncio.timeout(PATIENCE_S):
+            while state.value.level != "error":
+                await state.changed()
+        assert state.value.faults == ("age/motor/heat=lost",)
+
+
+async def keep_writing(module: Module, board: Any) -> None:
+    async for tick in module.every(0.1):
+        board.write(Float(float(tick)))

@@ -1,0 +1,175 @@
+"""The master role between real processes: killed, taken over, given back; nobody else notices."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import time
+from pathlib import Path
+
+from swarmware.errors import SwarmError
+from swarmware.master import Role
+from swarmware.module import Module
+from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.types.register import ApplicationTable, Register
+from swarmware.types.rpc import Empty
+from swarmware.types.system import NodeInfo
+from swarmware.types.time import TimeFunctions
+
+PATIENCE_S = 20.0
+
+
+async def table_where(module: Module, wanted: object) -> ApplicationTable:
+    """The first published table of which `wanted` is true."""
+    board = await module.reader("register/apps", ApplicationTable)
+    assert callable(wanted)
+    async with asyncio.timeout(PATIENCE_S):
+        while (table := board.value) is None or not wanted(table):
+            with contextlib.suppress(SwarmError):
+                await board.changed(timeout_s=0.5)
+    return table
+
+
+async def another_epoch(module: Module, epoch: int) -> None:
+    """Returns within a millisecond of the take-over: the lock file itself is looked at."""
+    async with asyncio.timeout(PATIENCE_S):
+        while module.node.master.holder.epoch == epoch:  # noqa: ASYNC110 - another process sets it
+            await asyncio.sleep(0.001)
+
+
+def names(table: ApplicationTable) -> set[str]:
+    return {app.name for app in table.applications}
+
+
+async def test_a_killed_master_is_replaced_and_gets_the_role_back_when_it_returns(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"register": {}, "timesync": {}})
+    with no_leaks(tmp_path / "uav1/run"):
+        async with Module("probe", config_dir=config) as module, spawn(config, "timesync"):
+            took_s: list[float] = []
+            failed = 0
+            asked = 0
+
+            async def keep_asking() -> None:
+                nonlocal failed, asked
+                while True:
+                    asked += 1
+                    try:
+                        await module.request("sys/time/functions", Empty(), TimeFunctions)
+                    except SwarmError:
+                        failed += 1
+                    await asyncio.sleep(0.005)
+
+            asking = asyncio.create_task(keep_asking())
+            try:
+                for _ in range(3):
+                    async with spawn(config, "register") as register:
+                        before = await table_where(module, lambda table: table.master == "register#1")
+                        assert names(before) >= {"probe", "timesync", "register"}
+                        killed_s = time.monotonic()
+                        register.signal(signal.SIGKILL)
+                        await another_epoch(module, before.epoch)
+                        took_s.append(time.monotonic() - killed_s)
+                        epoch = before.epoch
+                        after = await table_where(module, lambda table, old=epoch: table.epoch > old)
+                        assert "register" not in names(after)
+            finally:
+                asking.cancel()
+                await asyncio.wait([asking])
+            assert min(took_s) < 0.3, took_s
+            assert asked > 20
+            assert failed == 0
+
+
+async def test_the_files_of_the_dead_are_removed_by_whoever_is_master(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"timesync": {}})
+    async with Module("probe", config_dir=config) as module:
+        assert module.node.master.holding
+        async with spawn(config, "timesync") as process:
+            await table_where(module, lambda table: names(table) == {"probe", "timesync"})
+            process.signal(signal.SIGKILL)
+            await table_where(module, lambda table: names(table) == {"probe"})
+            assert [path.name for path in (tmp_path / "uav1/run/apps").iterdir()] == ["probe#1.toml"]
+
+
+async def test_the_register_answers_who_runs_where_and_who_the_node_is(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"register": {}})
+    async with spawn(config, "register"), Module("probe", config_dir=config) as module:
+        register = await module.request("sys/register/apps", Empty(), Register)
+        (unit,) = register.units
+        assert (unit.table.platform, unit.hops) == ("uav1", 0)
+        assert unit.table.master == "register#1"
+        me = next(app for app in unit.table.applications if app.name == "probe")
+        assert (me.pid, me.endpoint) == (os.getpid(), module.node.post.endpoint)
+        info = await module.request("sys/node/info", Empty(), NodeInfo)
+        assert (info.platform, info.kind, info.boot_id) == ("uav1", "uav", module.clock.boot_id)
+        assert set(info.services) == {"register", "probe"}
+        assert 0 <= info.uptime_s < 3600
+
+
+class Candidate:
+    """A role of its own, in the process of the test: rings all others."""
+
+    def __init__(self, run_dir: Path, label: str, others: "list[Candidate]") -> None:
+        self.epochs: list[int] = []
+        self.lost = 0
+        self._others = others
+        self.role = Role(run_dir, label, ring=self._ring, on_gained=self.epochs.append, on_lost=self._lose)
+        others.append(self)
+        self.role.start()
+
+    def _ring(self) -> None:
+        loop = asyncio.get_running_loop()
+        for other in self._others:
+            if other is not self:
+                loop.call_soon(other.role.poll)
+
+    def _lose(self) -> None:
+        self.lost += 1
+
+
+async def holder(candidates: list[Candidate]) -> Candidate:
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            await asyncio.sleep(0)
+            holding = [one for one in candidates if one.role.holding]
+            assert len(holding) <= 1
+            if holding:
+                return holding[0]
+
+
+async def test_there_is_one_master_at_a_time_and_each_has_a_larger_fencing_number(tmp_path: Path) -> None:
+    everybody: list[Candidate] = []
+    for number in range(5):
+        Candidate(tmp_path, f"candidate {number}", everybody)
+    last = 0
+    while everybody:
+        master = await holder(everybody)
+        assert master.epochs == [last + 1]
+        last += 1
+        assert all(one.role.holder.epoch == last for one in everybody)
+        everybody.remove(master)
+        master.role.close()
+        assert master.lost == 1
+
+
+async def test_the_preferred_process_gets_the_role_and_loses_it_to_nobody(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"register": {}, "timesync": {}})
+    async with Module("probe", config_dir=config) as module:
+        assert module.node.master.holding
+        async with spawn(config, "register"):
+            await table_where(module, lambda table: table.master == "register#1")
+            assert not module.node.master.holding
+            epoch = module.node.master.holder.epoch
+            async with spawn(config, "timesync"):
+                await table_where(module, lambda table: "timesync" in names(table))
+                assert module.node.master.holder.epoch == epoch
+        await table_where(module, lambda table: table.epoch > epoch)
+
+
+async def test_the_fencing_number_goes_on_when_all_have_gone(tmp_path: Path) -> None:
+    everybody: list[Candidate] = []
+    Candidate(tmp_path, "first", everybody).role.close()
+    everybody.clear()
+    again = Candidate(tmp_path, "second", everybody)
+    assert again.epochs == [2]
+    again.role.close()

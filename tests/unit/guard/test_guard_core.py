@@ -1,0 +1,267 @@
+"""Guard core: deaths, beats and orders in, starts and kills out."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmd.guard.core import TRANSITIONS, Action, Ask, Event, GuardCore, Kill, Spawn, State, Tell
+from swarmware.types.health import GuardStatus, WatchedService
+
+SECOND = 1_000_000_000
+
+
+def guard(*services: str, **changes: Any) -> GuardCore:
+    numbers: dict[str, Any] = {
+        "hung_s": 5.0,
+        "start_s": 20.0,
+        "back_off_s": (0.0, 0.5, 2.0),
+        "settled_s": 10.0,
+        "restart_limit": 4,
+        "stop_s": 3.0,
+    }
+    return GuardCore(services or ("tree", "health"), "self", **(numbers | changes))
+
+
+def running(core: GuardCore, now_ns: int = 0) -> None:
+    """Starts everything; the pid of a service is 10, 20, … in the order of the start."""
+    for number, action in enumerate(core.start({}, {}, now_ns), 1):
+        assert isinstance(action, Spawn)
+        core.on_spawned(action.service, 10 * number)
+        core.on_joined(action.service, 10 * number, now_ns)
+
+
+def service(core: GuardCore, name: str) -> WatchedService:
+    return next(one for one in core.status().services if one.name == name)
+
+
+def without_tell(actions: list[Action]) -> list[Action]:
+    return [action for action in actions if not isinstance(action, Tell)]
+
+
+def test_everything_that_does_not_run_is_started_in_order() -> None:
+    assert guard("tree", "health", "sim").start({"health": 7}, {}, 0) == [Spawn("tree"), Spawn("sim")]
+
+
+def test_what_runs_already_is_adopted() -> None:
+    core = guard()
+    core.start({"health": 7}, {}, 0)
+    assert (service(core, "health").state, service(core, "health").pid) == ("running", 7)
+    assert service(core, "health").adopted
+
+
+def test_a_process_that_was_just_started_by_a_former_guard_is_waited_for() -> None:
+    core = guard()
+    assert core.start({}, {"health": 7}, 0) == [Spawn("tree")]
+    assert service(core, "health").state == "starting"
+    core.on_joined("health", 7, SECOND)
+    assert service(core, "health").state == "running"
+
+
+def test_a_dead_service_is_started_again_at_once() -> None:
+    core = guard()
+    running(core)
+    actions = core.on_exit("tree", 10, "signal 9", SECOND)
+    assert without_tell(actions) == [Spawn("tree")]
+    assert isinstance(actions[0], Tell)
+    assert actions[0].service.reason == "died: signal 9"
+    assert service(core, "tree").restarts == 1
+
+
+def test_one_that_dies_again_and_again_waits_longer_and_longer_and_is_given_up() -> None:
+    core = guard()
+    running(core)
+    now_ns, pauses = SECOND, []
+    for attempt in range(1, 6):
+        pid = 10 if attempt == 1 else 100 + attempt - 1
+        actions = without_tell(core.on_exit("tree", pid, "exit 1", now_ns))
+        if not actions:
+            deadline_ns = core.deadline_ns()
+            if service(core, "tree").state == "failed":
+                break
+            assert deadline_ns is not None
+            pauses.append((deadline_ns - now_ns) / SECOND)
+            assert without_tell(core.on_timer(deadline_ns - 1)) == []
+            now_ns = deadline_ns
+            actions = without_tell(core.on_timer(now_ns))
+        assert actions == [Spawn("tree")]
+        core.on_spawned("tree", 100 + attempt)
+        core.on_beat("health", attempt, now_ns)
+    assert pauses == [0.5, 2.0, 2.0]
+    assert service(core, "tree").state == "failed"
+    assert "given up after 4 restarts" in service(core, "tree").reason
+
+
+def test_one_that_ran_for_long_is_started_without_a_pause_again() -> None:
+    core = guard()
+    running(core)
+    core.on_exit("tree", 10, "exit 1", SECOND)
+    core.on_spawned("tree", 11)
+    core.on_joined("tree", 11, 2 * SECOND)
+    assert without_tell(core.on_exit("tree", 11, "exit 1", 13 * SECOND)) == [Spawn("tree")]
+
+
+def test_an_operator_can_revive_one_that_was_given_up() -> None:
+    core = guard(restart_limit=1)
+    running(core)
+    core.on_exit("tree", 10, "exit 1", SECOND)
+    core.on_spawned("tree", 11)
+    core.on_exit("tree", 11, "exit 1", SECOND)
+    assert service(core, "tree").state == "failed"
+    assert core.on_order("tree", 2 * SECOND) == [Spawn("tree")]
+
+
+def test_a_beat_that_stands_still_is_a_hang_and_is_killed() -> None:
+    core = guard("tree")
+    running(core)
+    for second in range(1, 4):
+        core.on_beat("tree", second, second * SECOND)
+    for second in range(4, 8):
+        core.on_beat("tree", 3, second * SECOND)
+        assert core.on_timer(second * SECOND) == []
+    core.on_beat("tree", 3, 8 * SECOND)
+    assert core.on_timer(8 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.0 s")]
+    core.on_exit("tree", 10, "signal 9", 8 * SECOND)
+    assert service(core, "tree").reason == "hung: no beat for 5.0 s"
+
+
+def test_one_that_never_joins_the_node_is_killed() -> None:
+    core = guard("tree")
+    core.start({}, {}, 0)
+    core.on_spawned("tree", 10)
+    assert core.on_timer(20 * SECOND) == [Kill("tree", 10, "hung: not on the node 20 s after its start")]
+
+
+def test_nobody_is_blamed_for_a_time_in_which_the_guard_itself_did_not_run() -> None:
+    core = guard("tree")
+    running(core)
+    assert core.on_timer(30 * SECOND) == []
+    assert core.on_timer(32 * SECOND) == []
+    assert core.on_timer(33 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.5 s")]
+
+
+def test_a_restart_on_request_asks_first_and_kills_later() -> None:
+    core = guard("tree")
+    running(core)
+    assert core.on_order("tree", SECOND) == [Ask("tree", 10)]
+    core.on_beat("tree", 99, 2 * SECOND)
+    assert core.on_timer(4 * SECOND) == [Kill("tree", 10, "restarted on request")]
+    assert without_tell(core.on_exit("tree", 10, "signal 9", 4 * SECOND)) == [Spawn("tree")]
+    assert service(core, "tree").reason == "restarted on request"
+
+
+def test_the_end_of_another_process_of_the_same_name_means_nothing() -> None:
+    core = guard()
+    running(core)
+    assert core.on_exit("tree", 99, "signal 9", SECOND) == []
+    assert service(core, "tree").state == "running"
+
+
+def test_one_that_dies_while_others_are_stopped_is_not_started_again() -> None:
+    core = guard("broker", "tree", "sim")
+    running(core)
+    assert core.stop(0) == [Ask("sim", 30)]
+    assert core.on_exit("tree", 20, "signal 9", 1) == []
+    assert core.on_exit("sim", 30, "exit 0", 2) == [Ask("broker", 10)]
+    assert not core.stopped
+    core.on_exit("broker", 10, "exit 0", 3)
+    assert core.stopped
+
+
+def test_one_that_waits_for_its_next_start_is_not_started_by_a_stop() -> None:
+    core = guard("tree")
+    running(core)
+    core.on_exit("tree", 10, "exit 1", SECOND)
+    core.on_spawned("tree", 11)
+    assert without_tell(core.on_exit("tree", 11, "exit 1", SECOND)) == []
+    core.stop(SECOND)
+    assert core.stopped
+    assert core.on_timer(9 * SECOND) == []
+    assert core.on_order("tree", 9 * SECOND) == []
+
+
+def test_stopping_is_complete_and_nothing_is_started_again() -> None:
+    core = guard("broker", "tree", "sim")
+    running(core)
+    asked: list[str] = []
+    actions = core.stop(0)
+    while actions:
+        assert len(actions) == 1
+        action = actions[0]
+        assert isinstance(action, Ask)
+        asked.append(action.service)
+        actions = core.on_exit(action.service, action.pid, "exit 0", 1)
+    assert asked == ["sim", "tree", "broker"]
+    assert core.stopped
+
+
+def test_one_that_does_not_end_when_asked_is_killed() -> None:
+    core = guard("tree")
+    running(core)
+    core.stop(0)
+    assert core.on_timer(3 * SECOND) == [Kill("tree", 10, "did not end when asked")]
+    core.on_exit("tree", 10, "signal 9", 3 * SECOND)
+    assert core.stopped
+
+
+def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> None:
+    core = guard()
+    before = GuardStatus(
+        "self", (WatchedService("tree", "running", restarts=3, reason="died: signal 11"),), 3
+    )
+    core.remember(before)
+    core.start({"tree": 5, "health": 6}, {}, 0)
+    assert service(core, "tree").restarts == 3
+    assert core.status().restarts == 3
+
+
+def test_a_restart_by_the_runner_of_the_process_is_counted_and_told() -> None:
+    core = guard("tree")
+    core.start({"tree": 1}, {}, 0)
+    told = core.on_restarted("tree", 2, SECOND)
+    assert [type(action) for action in told] == [Tell]
+    assert service(core, "tree").restarts == 2
+    assert core.on_restarted("tree", 2, SECOND) == []
+
+
+@pytest.mark.parametrize("state", State)
+def test_every_state_but_the_last_can_be_stopped(state: State) -> None:
+    if state not in {State.STOPPED, State.STOPPING}:
+        assert TRANSITIONS[state, Event.STOP] in {State.STOPPING, State.STOPPED}
+
+
+@given(st.lists(st.tuples(st.sampled_from(["exit", "beat", "timer", "join", "order"]), st.integers(0, 9))))
+def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) -> None:
+    core = guard("tree")
+    pids = {"tree": 1}
+    next_pid = 2
+    now_ns = 0
+
+    def carry_out(actions: list[Action]) -> None:
+        nonlocal next_pid
+        for action in actions:
+            if isinstance(action, Spawn):
+                pids["tree"] = next_pid
+                core.on_spawned("tree", next_pid)
+                next_pid += 1
+
+    carry_out(core.start({}, {}, 0))
+    for what, value in events:
+        now_ns += value * SECOND
+        match what:
+            case "exit":
+                carry_out(core.on_exit("tree", pids["tree"], "exit 1", now_ns))
+            case "beat":
+                core.on_beat("tree", value, now_ns)
+            case "timer":
+                carry_out(core.on_timer(now_ns))
+            case "join":
+                core.on_joined("tree", core.pid("tree") or 99, now_ns)
+            case _:
+                carry_out(core.on_order("tree", now_ns))
+    core.stop(now_ns)
+    if not core.stopped:
+        core.on_exit("tree", core.pid("tree"), "exit 0", now_ns)
+    assert core.stopped
+    assert core.deadline_ns() is None

@@ -1,0 +1,34 @@
+"""The monitor's journal: what it must know again after a kill."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmd.health.journal import Journal, JournalFile
+from swarmware.types.health import CheckRegistration, Fault, Phase
+
+REGISTRATION = CheckRegistration("planner/path", "planner#1", 2.0)
+FAULT = Fault("battery", "low", "warn", Phase.CONFIRMED, 1, 2, 3, "0.29")
+
+
+def test_what_was_saved_is_loaded_by_the_same_start_of_the_node_only(tmp_path: Path) -> None:
+    journal = JournalFile(tmp_path / "health", 5)
+    assert journal.load() == Journal(5)
+    journal.save((REGISTRATION,), (FAULT,))
+    assert JournalFile(tmp_path / "health", 5).load() == Journal(5, (REGISTRATION,), (FAULT,))
+    assert JournalFile(tmp_path / "health", 6).load() == Journal(6)
+    assert [path.name for path in (tmp_path / "health").iterdir()] == ["journal.json"]
+
+
+def test_a_damaged_journal_is_an_empty_one(tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.mktemp("journal")
+
+    @given(st.binary(max_size=100))
+    def check(data: bytes) -> None:
+        journal = JournalFile(folder, 5)
+        (folder / "journal.json").write_bytes(data)
+        assert journal.load() == Journal(5)
+
+    check()

@@ -1,0 +1,252 @@
+"""Monitor core: looks, values, reports and deaths in; faults and the state of the platform out."""
+
+from typing import Any
+
+import msgspec
+
+from swarmd.health.config import Config
+from swarmd.health.core.monitor import MonitorCore, Present
+from swarmware.resource import Resource
+from swarmware.types.health import CheckRegistration, CheckReport, CheckReports, Fault, Phase, StateRule
+from swarmware.types.system import AppStatus
+
+SECOND = 1_000_000_000
+POSE = Resource(path="nav/pose", type="Pose", rate_hz=20)
+GNSS = Resource(path="sensor/gnss", type="GnssFix", rate_hz=10)
+BATTERY = Resource(path="power/battery", type="BatteryState", rate_hz=1)
+
+
+def monitor(**changes: Any) -> MonitorCore:
+    config = Config()
+    numbers: dict[str, Any] = {"grace_s": 10.0, "clear_s": 5.0, "hung_s": 4.0}
+    return MonitorCore(
+        limits=tuple(limit.limit() for limit in config.limits),
+        sensors=config.sensors,
+        ignore=config.ignore,
+        **(numbers | changes),
+    )
+
+
+def present(core: MonitorCore, *resources: Resource, app: str = "hal", pid: int = 7, at_ns: int = 0) -> None:
+    core.on_present(Present(f"{app}#1", app, pid, at_ns, resources), at_ns)
+
+
+def look(core: MonitorCore, path: str, position: int, now_ns: int) -> None:
+    age = next(age for age in core.ages() if age.path == path)
+    core.on_look(age, position, now_ns)
+
+
+def beat(
+    core: MonitorCore, number: int, now_ns: int, *, app: str = "hal", pid: int = 7, restarts: int = 0
+) -> None:
+    found = core.apps.get(f"{app}#1")
+    assert found is not None
+    core.on_status(found, AppStatus(pid, "running", number, restarts), now_ns)
+
+
+def told(core: MonitorCore) -> list[tuple[str, str, Phase]]:
+    return [(fault.check, fault.state, fault.phase) for fault in core.take()]
+
+
+def test_a_resource_that_moves_is_fresh_and_one_that_stops_is_stale_then_lost() -> None:
+    core = monitor()
+    present(core, POSE)
+    for half in range(30):
+        look(core, "nav/pose", half, half * SECOND // 2)
+    assert told(core) == []
+    assert core.state().sensors == {"nav/pose": True}
+    for half in range(30, 33):
+        look(core, "nav/pose", 29, half * SECOND // 2)
+    assert told(core) == [("age/nav/pose", "stale", Phase.CONFIRMED)]
+    assert core.state().level == "warn"
+    assert core.state().sensors == {"nav/pose": False}
+    for half in range(33, 40):
+        look(core, "nav/pose", 29, half * SECOND // 2)
+    assert told(core) == [("age/nav/pose", "lost", Phase.CONFIRMED)]
+    assert core.state().level == "error"
+    for half in range(40, 43):
+        look(core, "nav/pose", half, half * SECOND // 2)
+    assert told(core) == [("age/nav/pose", "lost", Phase.HEALED)]
+    assert core.state().level == "ok"
+    core.on_timer(30 * SECOND)
+    assert told(core) == [("age/nav/pose", "lost", Phase.CLEARED)]
+
+
+def test_nothing_is_said_during_the_start() -> None:
+    core = monitor()
+    present(core, POSE)
+    for half in range(20):
+        look(core, "nav/pose", -1, half * SECOND // 2)
+    assert told(core) == []
+    for half in range(20, 24):
+        look(core, "nav/pose", -1, half * SECOND // 2)
+    assert [check for check, *_ in told(core)] == ["age/nav/pose"]
+
+
+def test_what_is_ignored_or_has_no_rate_is_not_judged() -> None:
+    core = monitor()
+    present(
+        core,
+        Resource(path="app/hal/status", type="AppStatus", rate_hz=1),
+        Resource(path="nav/goal", type="Goal"),
+    )
+    assert core.ages() == []
+
+
+def test_a_sensor_that_the_template_promises_but_nobody_provides_is_not_valid_and_no_fault() -> None:
+    core = monitor()
+    core.expect((GNSS, BATTERY))
+    assert core.state().sensors == {"sensor/gnss": False}
+    assert core.state().level == "ok"
+
+
+def test_a_low_battery_needs_several_looks_and_a_hysteresis_to_recover() -> None:
+    core = monitor(grace_s=0.0)
+    present(core, BATTERY)
+    rule = next(rule for rule in core.limits() if rule.check == "battery/charge")
+    assert core.state().battery == "unknown"
+    look(core, "power/battery", 1, 0)
+    for second, value in enumerate([0.5, 0.29, 0.29, 0.29]):
+        core.on_value(rule, value, second * SECOND)
+    assert told(core) == [("battery/charge", "warn", Phase.CONFIRMED)]
+    assert (core.state().battery, core.state().battery_ratio) == ("low", 0.3)
+    for second in range(4, 8):
+        core.on_value(rule, 0.1, second * SECOND)
+    assert told(core) == [("battery/charge", "error", Phase.CONFIRMED)]
+    assert core.state().battery == "critical"
+    for second in range(8, 14):
+        core.on_value(rule, 0.9, second * SECOND)
+    assert [phase for *_, phase in told(core)] == [Phase.HEALED]
+    assert core.state().battery == "ok"
+
+
+def test_a_sensor_with_a_value_beyond_its_limits_is_not_valid() -> None:
+    core = monitor(grace_s=0.0)
+    present(core, GNSS)
+    look(core, "sensor/gnss", 1, 0)
+    assert core.state().sensors["sensor/gnss"]
+    rule = next(rule for rule in core.limits() if rule.check == "gnss/satellites")
+    for second in range(3):
+        core.on_value(rule, 3.0, second * SECOND)
+    assert not core.state().sensors["sensor/gnss"]
+
+
+def test_a_death_without_goodbye_is_a_fault_that_heals_when_the_application_is_back() -> None:
+    core = monitor()
+    present(core, BATTERY)
+    beat(core, 1, 0)
+    core.on_died("hal#1", SECOND)
+    assert told(core) == [("app/hal", "died", Phase.CONFIRMED)]
+    assert (core.state().apps_alive, core.state().apps_failed) == (0, 1)
+    assert [age.path for age in core.ages()] == ["power/battery"]
+    present(core, BATTERY, pid=8, at_ns=2 * SECOND)
+    assert told(core) == [("app/hal", "died", Phase.HEALED)]
+    assert (core.state().apps_alive, core.state().apps_failed) == (1, 0)
+
+
+def test_a_goodbye_is_no_fault_and_its_resources_are_not_missed() -> None:
+    core = monitor()
+    present(core, BATTERY)
+    beat(core, 1, 0)
+    core.on_left("hal#1", SECOND)
+    assert told(core) == []
+    assert core.ages() == []
+    assert core.limits() == []
+
+
+def test_the_death_of_a_program_that_never_beat_is_no_fault() -> None:
+    core = monitor()
+    present(core, app="swarmctl")
+    core.on_died("swarmctl#1", SECOND)
+    assert told(core) == []
+
+
+def test_a_beat_that_stands_still_is_a_hang_and_an_excused_one_is_not() -> None:
+    core = monitor()
+    present(core)
+    beat(core, 1, 0)
+    core.apps.excuse(5 * SECOND)
+    beat(core, 1, 5 * SECOND)
+    assert told(core) == []
+    beat(core, 1, 9 * SECOND)
+    assert told(core) == [("app/hal", "hung", Phase.CONFIRMED)]
+    beat(core, 2, 10 * SECOND)
+    assert told(core) == [("app/hal", "hung", Phase.HEALED)]
+
+
+def test_a_service_that_failed_inside_its_process_is_told() -> None:
+    core = monitor()
+    present(core)
+    beat(core, 1, 0)
+    core.on_left("hal#1", SECOND)
+    present(core, at_ns=SECOND)
+    beat(core, 1, SECOND, restarts=1)
+    assert told(core) == [("app/hal", "failed", Phase.CONFIRMED)]
+    beat(core, 2, 2 * SECOND, restarts=1)
+    assert told(core) == [("app/hal", "failed", Phase.HEALED)]
+
+
+REGISTRATION = CheckRegistration(
+    "planner/path", "planner#1", 2.0, (StateRule("late", "warn"), StateRule("none", "error", ("replan",)))
+)
+
+
+def reports(state: str, *, seen: str = "", app: str = "planner#1") -> CheckReports:
+    return CheckReports(app, (CheckReport("planner/path", state, 0, seen, "age 1.2"),))
+
+
+def test_a_modules_own_check_becomes_a_fault_with_its_level_and_freeze_frame() -> None:
+    core = monitor()
+    assert core.register(REGISTRATION, 0)
+    assert not core.register(REGISTRATION, 0)
+    core.on_reports(reports("ok"), 0)
+    core.on_reports(reports("ok", seen="late"), SECOND)
+    assert core.take() == []
+    core.on_reports(reports("late"), 2 * SECOND)
+    (fault,) = core.take()
+    assert fault == Fault(
+        "planner/path", "late", "warn", Phase.CONFIRMED, SECOND, 2 * SECOND, 1, "age 1.2", ""
+    )
+    core.on_reports(reports("ok"), 3 * SECOND)
+    assert told(core) == [("planner/path", "late", Phase.HEALED)]
+
+
+def test_a_check_that_falls_silent_is_itself_a_fault() -> None:
+    core = monitor()
+    core.register(REGISTRATION, 0)
+    core.on_timer(2 * SECOND)
+    assert told(core) == []
+    core.on_timer(3 * SECOND)
+    assert told(core) == [("planner/path", "silent", Phase.CONFIRMED)]
+    core.on_reports(reports("ok"), 4 * SECOND)
+    assert told(core) == [("planner/path", "silent", Phase.HEALED)]
+
+
+def test_reports_of_unknown_checks_or_by_others_are_not_taken() -> None:
+    core = monitor()
+    core.on_reports(reports("none"), 0)
+    core.register(REGISTRATION, 0)
+    core.on_reports(reports("none", app="stranger#1"), 0)
+    assert told(core) == []
+
+
+def test_a_withdrawn_check_and_those_of_an_application_that_left_are_gone() -> None:
+    core = monitor()
+    core.register(REGISTRATION, 0)
+    core.on_reports(reports("none"), 0)
+    core.register(msgspec.structs.replace(REGISTRATION, withdrawn=True), 1)
+    assert [phase for *_, phase in told(core)] == [Phase.CONFIRMED, Phase.CLEARED]
+    assert "planner/path" not in core.reports
+    core.register(REGISTRATION, 2)
+    present(core, app="planner", at_ns=2)
+    core.on_left("planner#1", 3)
+    assert len(core.reports) == 0
+
+
+def test_the_worst_check_comes_first() -> None:
+    core = monitor()
+    core.register(REGISTRATION, 0)
+    present(core, BATTERY)
+    core.on_reports(reports("none"), 0)
+    assert core.checks()[0].check == "planner/path"
+    assert {check.level for check in core.checks()[1:]} == {"ok"}
