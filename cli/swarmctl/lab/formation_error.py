@@ -71,7 +71,9 @@ def errors(track: Track, leader: Track, goals: Goals, times_s: Floats) -> Floats
             continue
         if not (np.isfinite(own[i, 0]) and np.isfinite(lead[i, 0])):
             continue
-        formation = formations.setdefault(goal.course, Formation(goal.course))
+        if goal.course not in formations:
+            formations[goal.course] = Formation(goal.course)
+        formation = formations[goal.course]
         x_m, y_m, z_m = (float(value) for value in lead[i])
         slot = formation.slot(Pose.planar(x_m, y_m, z_m, float(yaw[i])), goal.offset_m)
         out[i] = slot.error_m(Pose(float(own[i, 0]), float(own[i, 1]), float(own[i, 2])))

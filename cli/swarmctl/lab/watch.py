@@ -76,14 +76,12 @@ class SwarmWatch:
             found[self._station] = own
         return found
 
-    def missing(self, platform: str) -> list[str]:
-        """What is not known of a vehicle yet, or not as it must be before a mission."""
-        names = [] if platform in self.states() else [STATE]
+    def lacking(self, vehicles: Collection[str]) -> dict[str, list[str]]:
+        """Board → vehicles of which it is not known yet, or not as it must be before a mission."""
+        found = {STATE: sorted(set(vehicles) - self.states().keys())}
         for path, boards in self._boards.items():
-            value = boards[platform].value if platform in boards else None
-            if value is None or (isinstance(value, HealthState) and value.level == "error"):
-                names.append(path)
-        return names
+            found[path] = sorted(name for name in vehicles if not _good(boards, name))
+        return {path: names for path, names in found.items() if names}
 
     async def until_known(
         self, vehicles: Collection[str], timeout_s: float, on_change: Callable[[int], None]
@@ -93,15 +91,15 @@ class SwarmWatch:
         Raises: NoAnswer naming what is missing.
         """
         deadline_s = asyncio.get_running_loop().time() + timeout_s
-        while missing := {name: what for name in vehicles if (what := self.missing(name))}:
-            on_change(len(vehicles) - len(missing))
+        while lacking := self.lacking(vehicles):
+            on_change(len(vehicles) - len({name for names in lacking.values() for name in names}))
+            path, names = next(iter(lacking.items()))
             if asyncio.get_running_loop().time() > deadline_s:
-                name, what = next(iter(missing.items()))
                 raise NoAnswer(
-                    f"{', '.join(sorted(missing))}: not ready at {self._station} ({name}: no good"
-                    f" {', '.join(what)}); expected within {timeout_s:g} s"
+                    f"{', '.join(names)}: no good {path} at {self._station}; expected within {timeout_s:g} s"
                 )
-            await self._change(self._states, *self._boards.values())
+            # one board after the other: being woken by each pose of each vehicle would keep a core busy
+            await self._change(self._states if path == STATE else self._boards[path])
         on_change(len(vehicles))
 
     async def until_ended(
@@ -127,12 +125,12 @@ class SwarmWatch:
                 return Outcome(states, False)
             await self._change(self._states)
 
-    async def _change(self, *boards: BoardSet[Any]) -> None:
-        """Waits for news on any of these boards, or of the own mission, at most LOOK_S."""
+    async def _change(self, boards: BoardSet[Any]) -> None:
+        """Waits for news on these boards, or of the own mission, at most LOOK_S."""
         waits: list[asyncio.Task[Any]] = [
-            asyncio.create_task(board.changed(LOOK_S), name=board.pattern) for board in boards
+            asyncio.create_task(boards.changed(LOOK_S), name=boards.pattern),
+            asyncio.create_task(self._own.changed(LOOK_S), name=STATE),
         ]
-        waits.append(asyncio.create_task(self._own.changed(LOOK_S), name=STATE))
         try:
             await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -140,3 +138,8 @@ class SwarmWatch:
                 task.cancel()
             # a wait that ran out is no error here: the caller looks at the clock
             await asyncio.gather(*waits, return_exceptions=True)
+
+
+def _good(boards: BoardSet[Any], platform: str) -> bool:
+    value = boards[platform].value if platform in boards else None
+    return value is not None and not (isinstance(value, HealthState) and value.level == "error")
