@@ -1,0 +1,119 @@
+"""Time synchronisation as a real process: differences in from a stream, functions out on a board."""
+
+import asyncio
+import contextlib
+from pathlib import Path
+
+from swarmware.clock import Clock
+from swarmware.errors import NoAnswer
+from swarmware.module import BoardReader, BoardWriter, Module
+from swarmware.names import hardware_id
+from swarmware.testing import make_node, spawn
+from swarmware.types.net import TimingBatch, TimingSample
+from swarmware.types.rpc import Empty
+from swarmware.types.time import Conversion, TimeFunctions
+
+PATIENCE_S = 20.0
+DELAY_NS = 100_000
+
+
+class Remote:
+    """Another unit's clock, and the differences that our broker would read off its datagrams."""
+
+    def __init__(self, module: Module, offset_s: float, drift_ppm: float) -> None:
+        self.clock = Clock(offset_s, drift_ppm)
+        self._module = module
+        self._boot_id = 1
+
+    def restart(self, offset_s: float) -> None:
+        """Another boot: another clock."""
+        self.clock = Clock(offset_s)
+        self._boot_id += 1
+
+    def sample(self) -> TimingSample:
+        """Sent, echoed and received just now, each way in the same time."""
+        received_ns = self._module.now_ns()
+        mono_ns = self._module.clock.to_mono_ns(received_ns)
+        theirs_ns = self.clock.from_mono_ns(mono_ns)
+        offset_ns = theirs_ns - received_ns
+        return TimingSample(
+            "uav2",
+            "main",
+            hardware_id("uav2"),
+            self._boot_id,
+            received_ns,
+            offset_ns - DELAY_NS,
+            received_ns,
+            offset_ns + DELAY_NS,
+        )
+
+    def error_ns(self, function: Conversion) -> int:
+        """True error of a function at this moment."""
+        local_ns = self._module.now_ns()
+        true_ns = self.clock.from_mono_ns(self._module.clock.to_mono_ns(local_ns))
+        return abs(function.to_remote(local_ns) - true_ns)
+
+
+async def function_where(
+    board: BoardReader[TimeFunctions], stream: BoardWriter[TimingBatch], remote: Remote, wanted: object
+) -> Conversion:
+    """Feeds samples until the board holds a function of which `wanted` is true."""
+    assert callable(wanted)
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            stream.write(TimingBatch((remote.sample(),)))
+            with contextlib.suppress(NoAnswer):
+                await board.changed(timeout_s=0.05)
+            function = board.value.of("uav2") if board.value is not None else None
+            if function is not None and wanted(function):
+                return function
+
+
+async def test_functions_follow_a_clock_over_a_step_and_a_restart(tmp_path: Path) -> None:
+    config = make_node(
+        tmp_path, services={"timesync": {"solve_s": 0.1, "publish_s": 0.1}}, clock={"offset_s": -3.0}
+    )
+    async with Module("broker", config_dir=config) as module:
+        stream = await module.stream_writer("net/timing", TimingBatch)
+        board = await module.reader("time/functions", TimeFunctions)
+        remote = Remote(module, 4.0, 30.0)
+        async with spawn(config, "timesync"):
+            first = await function_where(board, stream, remote, lambda function: True)
+            assert remote.error_ns(first) <= first.bound_at_ns(module.now_ns())
+            known = await function_where(board, stream, remote, lambda function: function.samples >= 8)
+            assert remote.error_ns(known) <= known.bound_at_ns(module.now_ns()) < 1_000_000
+            asked = await module.request("sys/time/functions", Empty(), TimeFunctions)
+            assert asked.of("uav2") is not None
+
+            remote.clock = Clock(9.0, 30.0)
+            stepped = await function_where(
+                board, stream, remote, lambda function: function.conv_epoch != known.conv_epoch
+            )
+            assert stepped.conv_epoch == known.conv_epoch + 1
+            assert remote.error_ns(stepped) <= stepped.bound_at_ns(module.now_ns())
+
+            remote.restart(-50.0)
+            again = await function_where(board, stream, remote, lambda function: function.boot_id == 2)
+            assert remote.error_ns(again) <= again.bound_at_ns(module.now_ns())
+            stamp_ns = remote.clock.now_ns()
+            local_ns = module.foreign.to_local(hardware_id("uav2"), stamp_ns)
+            assert local_ns is not None
+            assert abs(local_ns - module.now_ns()) < 100_000_000
+
+
+async def test_a_killed_service_has_functions_again_from_the_next_packets(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"timesync": {}})
+    async with Module("broker", config_dir=config) as module:
+        stream = await module.stream_writer("net/timing", TimingBatch)
+        board = await module.reader("time/functions", TimeFunctions)
+        remote = Remote(module, -2.0, -20.0)
+        async with spawn(config, "timesync") as process:
+            before = await function_where(board, stream, remote, lambda function: True)
+            await process.kill()
+        assert board.value is not None
+        assert board.value.of("uav2") is not None
+        async with spawn(config, "timesync"):
+            after = await function_where(
+                board, stream, remote, lambda function: function.t0_ns > before.t0_ns
+            )
+            assert remote.error_ns(after) <= after.bound_at_ns(module.now_ns())
