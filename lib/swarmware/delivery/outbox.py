@@ -44,11 +44,13 @@ Action = Transmit | Settle
 class _Pending(msgspec.Struct):
     frame: Frame
     expires_ns: int
-    grace_ends_ns: int
     sent_ns: int
     wait_ns: int
     pace: Pace
     times_sent: int = 1
+    absent_since_ns: int | None = None
+    reached: bool = False
+    """It was handed to an application; if that is absent later, it has died."""
     trouble: Outcome | None = None
     """Newest soft refusal: it counts if nothing better comes in time."""
 
@@ -81,9 +83,7 @@ class Outbox:
         round_trip = self._round_trips.get(frame.receiver_hw)
         wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.first_ns
         expires_ns = now_ns + timeout_ns
-        self._pending[key] = _Pending(
-            frame, expires_ns, min(expires_ns, now_ns + self._grace_ns), now_ns, wait_ns, pace
-        )
+        self._pending[key] = _Pending(frame, expires_ns, now_ns, wait_ns, pace)
         self._schedule(key, min(now_ns + wait_ns, expires_ns))
         return [Transmit(frame, again=False)]
 
@@ -96,16 +96,22 @@ class Outbox:
             status = Status(ack.status)
         except ValueError:
             status = Status.REFUSED
-        if status is Status.ABSENT and now_ns >= pending.grace_ends_ns:
-            status = Status.REFUSED
         outcome = Outcome(status, ack.where, ack.detail, ack.received_ns)
-        if status is Status.ABSENT or status is Status.UNREACHABLE:
+        if status is Status.UNREACHABLE:
             pending.trouble = outcome
+            pending.absent_since_ns = None
+            return []
+        if status is Status.ABSENT:
+            pending.trouble = outcome
+            if pending.absent_since_ns is None:
+                pending.absent_since_ns = now_ns
+            elif self._absent_for_good(pending, now_ns):
+                return [self._give_up(key, pending)]
             return []
         if status is Status.DELIVERED and pending.frame.kind is Kind.REQUEST:
             # the receiver works on it: ask again at the slowest pace, in case the reply is lost
             pending.wait_ns = pending.pace.ceiling_ns
-            pending.trouble = None
+            pending.absent_since_ns = pending.trouble = None
             return []
         self._measure(pending, now_ns)
         del self._pending[key]
@@ -119,6 +125,13 @@ class Outbox:
         self._measure(pending, now_ns)
         return True
 
+    def reached(self, key: Key) -> None:
+        """The message was handed to a living application of this platform."""
+        pending = self._pending.get(key)
+        if pending is not None:
+            pending.reached = True
+            pending.absent_since_ns = pending.trouble = None
+
     def drop(self, key: Key) -> None:
         """The sender does not want to know any more."""
         self._pending.pop(key, None)
@@ -131,9 +144,8 @@ class Outbox:
             pending = self._pending.get(key)
             if pending is None:
                 continue
-            if now_ns >= pending.expires_ns or self._refused_for_good(pending, now_ns):
-                del self._pending[key]
-                actions.append(Settle(key, _given_up(pending)))
+            if now_ns >= pending.expires_ns or self._absent_for_good(pending, now_ns):
+                actions.append(self._give_up(key, pending))
             else:
                 pending.sent_ns = now_ns
                 pending.times_sent += 1
@@ -151,13 +163,16 @@ class Outbox:
 
     def _next_ns(self, pending: _Pending, now_ns: int) -> int:
         due_ns = min(now_ns + pending.wait_ns, pending.expires_ns)
-        if pending.trouble is not None and now_ns < pending.grace_ends_ns:
-            due_ns = min(due_ns, pending.grace_ends_ns)
+        if pending.absent_since_ns is not None:
+            due_ns = min(due_ns, max(now_ns + 1, pending.absent_since_ns + self._grace_ns))
         return due_ns
 
-    def _refused_for_good(self, pending: _Pending, now_ns: int) -> bool:
-        trouble = pending.trouble
-        return trouble is not None and trouble.status is Status.ABSENT and now_ns >= pending.grace_ends_ns
+    def _absent_for_good(self, pending: _Pending, now_ns: int) -> bool:
+        return pending.absent_since_ns is not None and now_ns - pending.absent_since_ns >= self._grace_ns
+
+    def _give_up(self, key: Key, pending: _Pending) -> Settle:
+        del self._pending[key]
+        return Settle(key, _given_up(pending))
 
     def _measure(self, pending: _Pending, now_ns: int) -> None:
         if pending.times_sent != 1 or pending.frame.kind is Kind.REQUEST:
@@ -174,5 +189,7 @@ def _given_up(pending: _Pending) -> Outcome:
     if trouble is None:
         return Outcome(Status.EXPIRED, detail=f"no answer after {pending.times_sent} tries")
     if trouble.status is Status.ABSENT:
+        if pending.reached:
+            return Outcome(Status.UNREACHABLE, trouble.where, "the receiver has gone without an answer")
         return Outcome(Status.REFUSED, trouble.where, trouble.detail)
     return trouble

@@ -259,6 +259,8 @@ class Post:
             entry = self._table.application(frame.receiver_app)
         if entry is not None and entry.endpoint != self.endpoint:
             self._write(entry.endpoint, frame)
+            if frame.sender_hw == self.hardware:
+                self._outbox.reached(Outbox.key(frame))
         else:
             self._answer(frame, Status.ABSENT, "no application here takes this path and type", via)
 

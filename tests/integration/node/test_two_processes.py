@@ -100,8 +100,8 @@ def test_the_sender_is_told_when_the_receiver_is_killed_in_the_middle(config_dir
             began_s = time.monotonic()
             await receiver.kill()
             outcome = await waiting
-            assert outcome.status is Status.REFUSED
-            assert outcome.where == "uav1"
+            assert outcome.status is Status.UNREACHABLE
+            assert (outcome.where, outcome.detail) == ("uav1", "the receiver has gone without an answer")
             assert time.monotonic() - began_s < 20, "told long before its time is over"
 
     asyncio.run(run())

@@ -76,7 +76,7 @@ def test_a_receiver_that_never_appears_refuses_after_the_grace_time() -> None:
     outbox.on_ack(Outbox.key(message()), Ack(int(Status.ABSENT), "uav1", "no such inbox"), 1 * MS)
     seen = run(outbox, 10_000 * MS)
     assert seen[-1] == (
-        GRACE_NS // MS,
+        GRACE_NS // MS + 1,
         Settle(Outbox.key(message()), Outcome(Status.REFUSED, "uav1", "no such inbox")),
     )
 
@@ -136,3 +136,16 @@ def test_an_unknown_status_of_a_later_version_is_a_refusal() -> None:
     outbox = Outbox(HERE)
     outbox.submit(message(), 0, 1000 * MS)
     assert outcomes(outbox.on_ack(Outbox.key(message()), Ack(77), 1))[0].status is Status.REFUSED
+
+
+def test_a_receiver_that_died_with_the_message_is_unreachable_not_refusing() -> None:
+    outbox = Outbox(HERE)
+    outbox.submit(message(), 0, 5000 * MS)
+    key = Outbox.key(message())
+    outbox.reached(key)
+    assert run(outbox, 200 * MS)
+    outbox.on_ack(key, Ack(int(Status.ABSENT), "uav1", "no such inbox"), 201 * MS)
+    seen = run(outbox, 10_000 * MS)
+    assert seen[-1][0] == 201 + GRACE_NS // MS, "it had the grace time to come back"
+    (outcome,) = outcomes([action for _, action in seen])
+    assert (outcome.status, outcome.where) == (Status.UNREACHABLE, "uav1")
