@@ -4,8 +4,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
+from swarmware.record.cursor import Cursor
 from swarmware.record.entry import Entry
-from swarmware.record.mongo import Cursor
 from swarmware.record.ring import segments
 from swarmware.record.segment import SegmentReader
 from swarmware.types import registry

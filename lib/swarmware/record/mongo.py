@@ -12,6 +12,7 @@ from pymongo.errors import ConfigurationError, InvalidURI, OperationFailure, PyM
 
 from swarmware import names
 from swarmware.errors import ConfigError, Denied, NoAnswer
+from swarmware.record.cursor import Cursor
 from swarmware.record.entry import Entry
 from swarmware.record.query import Query
 
@@ -21,17 +22,6 @@ QUEUE_SIZE: Final = 1_000_000
 _MS: Final = 1_000_000
 _DENIALS: Final = {13, 18}
 """Unauthorized and AuthenticationFailed."""
-
-
-class Cursor(msgspec.Struct, frozen=True):
-    """How far a platform's ring has been stored: where its logger goes on."""
-
-    segment: int = 0
-    """Number of the segment."""
-    offset: int = 0
-    """Byte behind the last entry stored."""
-    sequences: dict[str, int] = {}
-    """Last sequence stored, by queue."""
 
 
 class MongoStore:

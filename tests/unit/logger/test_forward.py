@@ -8,8 +8,8 @@ import pytest
 
 from swarmd.logger.forward import Forwarder
 from swarmware.errors import NoAnswer
+from swarmware.record.cursor import Cursor
 from swarmware.record.entry import Entry
-from swarmware.record.mongo import Cursor
 from swarmware.record.ring import LogRing, segments
 from swarmware.record.segment import Channel
 from swarmware.types import registry
