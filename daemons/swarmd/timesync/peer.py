@@ -60,6 +60,7 @@ class Peer:
         self._next_pause_s = FIRST_SOLVES_S
         self._solved_ns: int | None = None
         self._dirty = False
+        self._doubted: Conversion | None = None
         self._violations: list[Exchange] = []
         self._settled = False
         self._samples = 0
@@ -133,9 +134,18 @@ class Peer:
             self._corridor.add_upper((exchange.sent_ns - self._origin_ns) / 1e9, most_ns / 1e9)
 
     def _restart(self) -> None:
-        """Forgets all but the skew: an oscillator keeps its rate when its reading is set."""
+        """Another reading of one of the clocks: the function so far means nothing any more."""
+        self._begin_again()
+        self._doubted = None
+        self.conversion = None
+        self._step()
+
+    def _step(self) -> None:
         self.steps += 1
         self.conv_epoch += 1
+
+    def _begin_again(self) -> None:
+        """Forgets all but the skew: an oscillator keeps its rate when its reading is set."""
         self._corridor = Corridor(self._window_s, self._corridor.skew)
         self._settled = False
         self._samples = 0
@@ -143,7 +153,6 @@ class Peer:
         self._next_pause_s = FIRST_SOLVES_S
         self._solved_ns = None
         self._dirty = False
-        self.conversion = None
 
     def due_ns(self) -> int | None:
         """When the function should be solved again; None while nothing new has come."""
@@ -154,21 +163,29 @@ class Peer:
         return self._solved_ns + round(self._next_pause_s * 1e9)
 
     def solve(self, now_ns: int) -> bool:
-        """Brings the function up to date; True when no line fitted, that is when a clock stepped a little."""
+        """Brings the function up to date; True when that showed that a clock has stepped a little."""
         self._dirty = False
         try:
             estimate = self._corridor.solve((now_ns - self._origin_ns) / 1e9)
         except NoLine:
-            self._restart()
-            return True
+            # A small step, or one wrong stamp: the function stays until new packets tell which it was.
+            self._doubted = self.conversion
+            self._begin_again()
+            return False
         if estimate is None:
             return False
         if self._solved_ns is not None:
             self._next_pause_s = min(2 * self._next_pause_s, self._pause_s)
         self._solved_ns = now_ns
         self._settled = estimate.settled
-        self.conversion = self._function(estimate, now_ns)
-        return False
+        found = self._function(estimate, now_ns)
+        stepped = self._doubted is not None and not _agree(found, self._doubted, now_ns)
+        self._doubted = None
+        if stepped:
+            self._step()
+            found = msgspec.structs.replace(found, conv_epoch=self.conv_epoch)
+        self.conversion = found
+        return stepped
 
     def _function(self, estimate: Estimate, now_ns: int) -> Conversion:
         return Conversion(
@@ -186,3 +203,9 @@ class Peer:
             samples=self._samples,
             rtt_ns=self._rtt_ns,
         )
+
+
+def _agree(one: Conversion, other: Conversion, now_ns: int) -> bool:
+    """Whether both can be true."""
+    apart_ns = abs(one.to_remote(now_ns) - other.to_remote(now_ns))
+    return apart_ns <= one.bound_at_ns(now_ns) + other.bound_at_ns(now_ns)

@@ -155,3 +155,29 @@ def test_the_list_is_bounded_and_keeps_the_best_known() -> None:
     for of in range(2, 9):
         run(timer, heard(SECOND, of=of))
     assert len(timer.functions(SECOND).functions) == 3
+
+
+def test_one_wrong_stamp_costs_the_history_but_is_no_step() -> None:
+    timer = core()
+    run(timer, *(heard(SECOND + tick * SECOND // 10, 5_000) for tick in range(20)))
+    wrong = 3 * SECOND + 50_000_000
+    # 150 µs more than possible: inside the margin of a step, outside the corridor
+    actions = run(timer, heard(wrong, 5_000 + 2 * DELAY + 150_000))
+    actions += run(timer, *(heard(wrong + tick * SECOND // 10, 5_000) for tick in range(1, 30)))
+    assert not [action for action in actions if isinstance(action, Stepped)]
+    function = timer.functions(6 * SECOND).of("uav2")
+    assert function is not None
+    assert function.conv_epoch == 40
+    assert abs(function.offset_ns - 5_000) < 20_000
+
+
+def test_a_small_step_that_no_line_can_follow_is_one() -> None:
+    timer = core()
+    run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(200)))
+    jump = 2 * DELAY + 100_000
+    after = [heard(22 * SECOND + tick * SECOND // 10, jump) for tick in range(40)]
+    steps = [action for action in run(timer, *after) if isinstance(action, Stepped)]
+    assert len(steps) == 1
+    function = timer.functions(26 * SECOND).of("uav2")
+    assert function is not None
+    assert abs(function.to_remote(26 * SECOND) - 26 * SECOND - jump) < 50_000
