@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from swarmctl.lab.folders import STATION, TEMPLATES, VEHICLE
+from swarmctl.lab.folders import LIDAR, STATION, TEMPLATES, VEHICLE
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.security import make_swarm
 
@@ -72,7 +72,7 @@ def settings(name: str, kind: str, address: str, mongodb_uri: str) -> dict[str, 
     }
     if mongodb_uri:
         files["services/logger.toml"] = {"mongodb_uri": mongodb_uri, "mongodb_database": "swarm_lab"}
-    if name == "ugv1":
+    if name == LIDAR:
         files["services/hal.toml"] = {"drivers": ["sim", "system", "replay"]}
     return files
 

@@ -30,6 +30,8 @@ STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "
 VEHICLE: Final = (*STATION, "sim", "navigator")
 RADIUS_M: Final = {"ugv": 0.35, "uav": 0.3}
 """Of the sphere that holds a vehicle: told to the simulation, used by the report."""
+LIDAR: Final = "ugv1"
+"""Carries a lidar: it replays the packets of a real one."""
 TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "uav": "multirotor"}
 
 
@@ -183,6 +185,8 @@ def _services(lab: LabRecord, node: NodeRecord) -> dict[str, dict[str, Any]]:
             "ground": {"radius_m": RADIUS_M["ugv"]},
             "multirotor": {"radius_m": RADIUS_M["uav"]},
         }
+    if node.platform == LIDAR:
+        settings["hal"] = {"drivers": ["sim", "system", "replay"]}
     if lab.mongodb_uri:
         settings["logger"] = {"mongodb_uri": lab.mongodb_uri, "mongodb_database": f"swarm_{lab.name}"}
     return settings
