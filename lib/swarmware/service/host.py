@@ -137,6 +137,7 @@ class Host:
             try:
                 await asyncio.sleep(0)
                 reporter.state = "running"
+                reporter.report(0.0)  # whoever waits for it does not wait for the next beat
                 self._started[item.name].set()
                 await reporter.beat_while(task)
                 if not (task.cancelled() and item.name in self._again):

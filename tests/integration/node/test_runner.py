@@ -53,7 +53,10 @@ def test_a_service_runs_with_its_settings_and_stops_in_order(setting: Setting) -
             count = await m.reader("test/count", Int)
             async with spawn(config_dir, "steady", env=env) as process:
                 assert (await count.changed(5)).value > 1000
-                status = await (await m.reader("app/steady/status", AppStatus)).changed(5)
+                beats = await m.reader("app/steady/status", AppStatus)
+                assert beats.value is not None
+                assert beats.value.state == "running", "a node that is ready says so at once"
+                status = await beats.changed(5)
                 assert (status.pid, status.restarts) == (process.pid, 0)
                 (entry,) = [entry for entry in scan(load_node(config_dir).run_path) if entry.name == "steady"]
                 assert entry.config == {"start": 1000}
