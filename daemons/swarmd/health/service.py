@@ -38,6 +38,9 @@ VALUE_S = 1.0
 LATE_S = 1.0
 """A monitor that was kept from running for longer blames nobody for that time."""
 
+ENDING = frozenset({"stopping", "stopped"})
+"""States of a service in the guard's board when the node ends."""
+
 
 class Health(Service):
     """Finds out how the platform is, and says so; it acts on nobody but the guard (S1.28)."""
@@ -65,6 +68,7 @@ class Health(Service):
         self._deaths = Deaths(self._on_death)
         self._guardian = Guardian(node, enabled=config.restart_guard)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
+        self._guard_board: BoardReader[GuardStatus] | None = None
         self._shown: HealthState | None = None
         self._board: BoardWriter[HealthState] | None = None
         self._events: BoardWriter[Fault] | None = None
@@ -117,11 +121,15 @@ class Health(Service):
         self._core.expect(found.resources)
 
     async def _find_guard(self) -> None:
-        status = await self.module.reader("guard/status", GuardStatus)
+        status = self._guard_board = await self.module.reader("guard/status", GuardStatus)
         there_is_one = GUARD in {entry.name for entry in self._entries.values()} or status.alive
         if not there_is_one and (before := status.value) is not None:
             self._guardian.on_missing(before)
-        status.close()
+
+    def _node_stops(self) -> bool:
+        """Services end one after the other: what depends on one that has ended is not to blame."""
+        status = None if self._guard_board is None else self._guard_board.value
+        return status is not None and any(one.state in ENDING for one in status.services)
 
     # -- applications
 
@@ -188,7 +196,7 @@ class Health(Service):
                 self._on_applications()
             await self._open_boards()
             self._look_at_applications(now_ns)
-            for age in self._core.ages():
+            for age in self._core.ages() if not self._node_stops() else ():
                 if (board := self._boards.get(age.path)) is not None:
                     self._core.on_look(age, board.position, now_ns)
             if now_ns >= values_ns:

@@ -21,8 +21,10 @@ QUIET_S = 10.0
 ASK_S = 10.0
 """How often a neighbour is asked for its functions: over 10 s a quartz wanders by less than 0.1 µs."""
 ASK_FIRST_S = 2.0
-"""How soon it is asked again while a platform has no function; also the time to hear it directly."""
+"""How soon it is asked again while a function is missing or young; also the time to hear it directly."""
 
+YOUNG_SAMPLES = 30
+"""A function of fewer exchanges still becomes much better."""
 HEARD_NS = 10_000_000_000
 """A platform silent for longer is better converted over others: its function ages."""
 
@@ -122,8 +124,9 @@ class TimeSync(Service):
             for via in sorted({route.via for route in far} & measured):
                 await self._ask(via)
             functions = self._core.functions(self.module.now_ns())
-            missing = any(functions.of(route.platform) is None for route in far)
-            pause_s = ASK_FIRST_S if missing or not far else ASK_S
+            found = [functions.of(route.platform) for route in far]
+            young = any(one is None or one.samples < YOUNG_SAMPLES for one in found)
+            pause_s = ASK_FIRST_S if young or not far else ASK_S
 
     async def _ask(self, platform: str) -> None:
         try:

@@ -1,0 +1,59 @@
+"""Under systemd the guard asks systemd: a stand-in for `systemctl` writes down what it was asked."""
+
+import asyncio
+from pathlib import Path
+
+from swarmd.guard.supervisor import Systemd
+from swarmware.service.child import Child, newborn, spawn
+from swarmware.testing import make_node, no_leaks
+
+
+def written(log: Path) -> str:
+    return log.read_text() if log.exists() else ""
+
+
+async def said(log: Path) -> str:
+    async with asyncio.timeout(20.0):
+        while not (text := written(log)).endswith("\n"):  # noqa: ASYNC110 - another process writes it
+            await asyncio.sleep(0.01)
+    return text
+
+
+def systemctl(folder: Path) -> tuple[str, Path]:
+    log = folder / "asked"
+    script = folder / "systemctl"
+    script.write_text(f'#!/bin/sh\necho "$@" > {log}\n')
+    script.chmod(0o700)
+    return str(script), log
+
+
+async def test_a_restart_is_asked_of_systemd_and_needs_no_password(tmp_path: Path) -> None:
+    command, log = systemctl(tmp_path)
+    supervisor = Systemd(tmp_path, tmp_path, lambda *_: None, command)
+    supervisor.ask("broker", 0)
+    assert await said(log) == "--no-block --no-ask-password restart swarmd@broker.service\n"
+    supervisor.close()
+
+
+async def test_what_has_no_process_is_restarted_and_nothing_is_started_by_the_guard(tmp_path: Path) -> None:
+    command, log = systemctl(tmp_path)
+    supervisor = Systemd(tmp_path, tmp_path, lambda *_: None, command)
+    assert supervisor.spawn("tree") == 0
+    assert not supervisor.stops
+    supervisor.kill("tree", 0)
+    assert (await said(log)).endswith("restart swarmd@tree.service\n")
+    supervisor.close()
+
+
+async def test_a_child_is_found_again_by_its_note_until_it_has_joined_or_ended(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={})
+    run_dir = tmp_path / "uav1/run"
+    run_dir.mkdir()
+    with no_leaks():
+        pid = spawn("nosuch", config, run_dir)
+        assert newborn("nosuch", run_dir) == pid
+        ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        child = Child(pid, ended.set_result)
+        assert await asyncio.wait_for(ended, 20.0) == "exit 6"
+        child.close()
+        assert newborn("nosuch", run_dir) == 0
