@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -17,8 +18,10 @@ from swarmware.master.role import Role
 from swarmware.names import ANY, application_id, data_id
 from swarmware.resource import Resource
 from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.doorbell import BellPulls, folder_lock
 from swarmware.shm.lock import stands_at, try_lock
+from swarmware.shm.owner import start_ticks
+from swarmware.shm.reap import BELLS_FOLDER
 from swarmware.types import registry
 from swarmware.types.register import Application, ApplicationTable
 
@@ -205,7 +208,18 @@ class Master:
         self._apps.refresh(probe=True)
         if self._tidy():
             log.info("died without goodbye: %s", ", ".join(died))
+        self._remove_traces(pid)
         self._changed()
+
+    def _remove_traces(self, pid: int) -> None:
+        """Its socket and doorbells: a node that restarts services for months must not fill its folders."""
+        if start_ticks(pid):
+            return  # the number has a new owner already
+        (self._home.run_dir / "p" / f"{pid}.sock").unlink(missing_ok=True)
+        bells = self._home.run_dir / BELLS_FOLDER
+        with suppress(Conflict, FileNotFoundError), folder_lock(bells):
+            for path in bells.glob(f"{pid}-*"):
+                path.unlink(missing_ok=True)
 
     def _tidy(self) -> bool:
         """Removes the files of dead applications; True when there were some."""

@@ -37,6 +37,10 @@ async def another_epoch(module: Module, epoch: int) -> None:
             await asyncio.sleep(0.001)
 
 
+def is_master(module: Module) -> bool:
+    return module.node.master.holding
+
+
 def names(table: ApplicationTable) -> set[str]:
     return {app.name for app in table.applications}
 
@@ -89,6 +93,8 @@ async def test_the_files_of_the_dead_are_removed_by_whoever_is_master(tmp_path: 
             process.signal(signal.SIGKILL)
             await table_where(module, lambda table: names(table) == {"probe"})
             assert [path.name for path in (tmp_path / "uav1/run/apps").iterdir()] == ["probe#1.toml"]
+            left = [*(tmp_path / "uav1/run/p").iterdir(), *(tmp_path / "uav1/run/bells").iterdir()]
+            assert not [path for path in left if str(process.pid) in path.name]
 
 
 async def test_the_register_answers_who_runs_where_and_who_the_node_is(tmp_path: Path) -> None:
@@ -155,10 +161,10 @@ async def test_there_is_one_master_at_a_time_and_each_has_a_larger_fencing_numbe
 async def test_the_preferred_process_gets_the_role_and_loses_it_to_nobody(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"register": {}, "timesync": {}})
     async with Module("probe", config_dir=config) as module:
-        assert module.node.master.holding
+        assert is_master(module)
         async with spawn(config, "register"):
             await table_where(module, lambda table: table.master == "register#1")
-            assert not module.node.master.holding
+            assert not is_master(module)
             epoch = module.node.master.holder.epoch
             async with spawn(config, "timesync"):
                 await table_where(module, lambda table: "timesync" in names(table))
