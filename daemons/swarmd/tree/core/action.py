@@ -46,17 +46,3 @@ class Forget(msgspec.Struct, frozen=True, gc=False):
 
 
 Action = AskStructure | AskSubscription | SendNotify | Watch | Unwatch | Forget
-
-
-class Offer(msgspec.Struct, frozen=True, gc=False):
-    """An own board that somebody wants in the tick datagram."""
-
-    resource: Resource
-    min_interval_ms: int
-
-
-class Want(msgspec.Struct, frozen=True, gc=False):
-    """A board of another platform that somebody here wants from its tick datagrams."""
-
-    platform: str
-    resource: Resource

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.core.action import Action, Offer, SendNotify, Unwatch, Watch
+from swarmd.tree.core.action import Action, SendNotify, Unwatch, Watch
 from swarmd.tree.core.condition import rule_for
 from swarmd.tree.core.feed import BOARDLIKE, Feed
 from swarmd.tree.core.index import Leaf, pattern
@@ -13,6 +13,7 @@ from swarmd.tree.core.interest import Wish, subscribable, wish
 from swarmd.tree.core.local import LocalTree
 from swarmd.tree.core.timers import Timers
 from swarmware.resource import Resource
+from swarmware.types.net import Offer
 from swarmware.types.tree import SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 ITEMS_LIMIT: Final = 64
@@ -111,7 +112,7 @@ class Held:
                 interval_ms = round(interval_s * 1000)
                 known = found.get(resource.path)
                 if known is None or interval_ms < known.min_interval_ms:
-                    found[resource.path] = Offer(resource, interval_ms)
+                    found[resource.path] = Offer(resource.path, resource.data_id, resource.type, interval_ms)
         return [found[path] for path in sorted(found)]
 
     # -- from subscribers

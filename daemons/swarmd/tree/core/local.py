@@ -117,6 +117,8 @@ class LocalTree:
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` has something to do."""
+        if not self._gone:
+            return None
         deadlines = [
             since_ns
             + self._timing.lost_ns

@@ -9,9 +9,9 @@ class Remote:
     """One other platform."""
 
     __slots__ = (
-        "asked_hint", "asking", "checked", "confirmed", "demanded", "epoch", "failures", "full", "hint",
-        "index", "near", "notify_epoch", "platform", "retired", "serial", "subscribing", "sure", "told", "up",
-        "wanted_of", "wants", "wish",
+        "asked_hint", "asking", "checked", "confirmed", "demanded", "epoch", "failures",
+        "full", "hint", "index", "near", "notify_epoch", "platform", "retired", "serial", "subscribing",
+        "sure", "told", "up", "wanted_of", "wants", "wish",
     )  # fmt: skip
 
     def __init__(self, platform: str, wish: Wish) -> None:

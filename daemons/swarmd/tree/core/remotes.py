@@ -208,12 +208,14 @@ class Remotes:
         if notify.epoch in remote.retired:
             return []
         if notify.epoch != remote.notify_epoch:
-            if remote.notify_epoch is not None:
-                remote.retired = (*remote.retired, remote.notify_epoch)[-RETIRED:]
             remote.notify_epoch, remote.serial = notify.epoch, 0
         if notify.serial <= remote.serial:
             return []
         remote.serial = notify.serial
+        if notify.epoch != remote.epoch:
+            # it started again, and was faster than the answer that tells us so
+            remote.told = (notify.epoch, None)
+            self._check(remote)
         if notify.base:
             self._on_changes(remote, notify)
         patterns = remote.wish.patterns
@@ -358,6 +360,11 @@ class Remotes:
         return None if known is None else known.copy()
 
     def _learn(self, remote: Remote, epoch: int, index: Index) -> None:
+        for former in (remote.epoch, remote.notify_epoch):
+            if former is not None and former != epoch and former not in remote.retired:
+                remote.retired = (*remote.retired, former)[-RETIRED:]
+        if epoch in remote.retired:
+            remote.retired = tuple(one for one in remote.retired if one != epoch)
         remote.epoch, remote.index = epoch, index
         self._match(remote)
 

@@ -4,12 +4,13 @@ from collections.abc import Iterable
 
 import msgspec
 
-from swarmd.tree.core.action import Action, Offer, Want
+from swarmd.tree.core.action import Action
 from swarmd.tree.core.held import Held, Intervals
 from swarmd.tree.core.interest import Interests
 from swarmd.tree.core.local import LocalTree, Timing
 from swarmd.tree.core.remotes import Patience, Remotes
 from swarmware.resource import Resource
+from swarmware.types.net import Offer, Want
 from swarmware.types.tree import (
     Rule,
     StructureReply,
@@ -59,6 +60,8 @@ class SwarmTree:
 
     def drain(self) -> list[Action]:
         """What is to be done now, in this order."""
+        if not self._actions:
+            return []
         actions = self._actions[:]
         self._actions.clear()
         return actions
@@ -126,8 +129,11 @@ class SwarmTree:
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` must be called; None: not before something happens."""
-        deadlines = (self.local.deadline_ns(), self.remotes.deadline_ns(), self.held.deadline_ns())
-        return min((when for when in deadlines if when is not None), default=None)
+        soonest = self.local.deadline_ns()
+        for when in (self.remotes.deadline_ns(), self.held.deadline_ns()):
+            if when is not None and (soonest is None or when < soonest):
+                soonest = when
+        return soonest
 
     # -- for the broker
 

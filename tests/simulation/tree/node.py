@@ -1,0 +1,205 @@
+"""One platform of the simulated swarm: its real tree core, the values it has, the mirrors it holds."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Protocol
+
+import msgspec
+
+from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify, Unwatch, Watch
+from swarmd.tree.core.held import Intervals
+from swarmd.tree.core.local import Timing
+from swarmd.tree.core.mirror import is_news
+from swarmd.tree.core.remotes import Patience
+from swarmd.tree.core.tree import Limits, SwarmTree
+from swarmware.frame import Kind as FrameKind
+from swarmware.resource import Kind, Resource
+from swarmware.types.tree import (
+    StructureReply,
+    StructureRequest,
+    SubscribeReply,
+    SubscribeRequest,
+    TreeItem,
+    TreeNotify,
+)
+
+S = 1_000_000_000
+LIMITS = Limits(
+    timing=Timing(lost_ns=1 * S, expire_ns=10 * S),
+    intervals=Intervals(coalesce_ns=S // 5, min_interval_ns=S // 10, retry_ns=(S // 2, 1 * S, 2 * S, 4 * S)),
+    patience=Patience(lease_ns=40 * S, retry_ns=(S // 2, 1 * S, 2 * S, 4 * S), forget_ns=300 * S),
+)
+TEMPLATE = (
+    Resource(path="power/battery", type="Float", owner="hal"),
+    Resource(path="health/faults", kind=Kind.EVENT, type="Text", owner="health"),
+    Resource(path="mission/state", type="Text", rate_hz=5.0, owner="mission"),
+    Resource(path="nav/pose", type="Pose", rate_hz=20.0, owner="navigator"),
+    Resource(path="sys/tree/get", kind=Kind.COMMAND, type="TreeGet", owner="tree"),
+)
+OTHER = (*TEMPLATE[:4], Resource(path="sensor/sonar", type="Range", rate_hz=20.0, owner="hal"))
+
+
+class Network(Protocol):
+    """What a node needs of the swarm."""
+
+    now_ns: int
+
+    def new_epoch(self) -> int:
+        """A random number."""
+        ...
+
+    def wake(self, deadline: Callable[[], int | None], on_timer: Callable[[int], None]) -> Callable[[], None]:
+        """See VirtualTime."""
+        ...
+
+    def ask_structure(self, one: "Node", platform: str, request: StructureRequest) -> None:
+        """Carry a request; the answer comes by `on_structure`."""
+        ...
+
+    def ask_subscription(self, one: "Node", platform: str, request: SubscribeRequest) -> None:
+        """Carry a request; the answer comes by `on_subscribed`."""
+        ...
+
+    def notify(self, one: "Node", platform: str, notify: TreeNotify) -> None:
+        """Carry a message; what became of it comes by `on_notified`."""
+        ...
+
+
+class Node:
+    """Starts, stops, reads and writes like a platform."""
+
+    def __init__(self, network: Network, number: int, *, whole_swarm: bool) -> None:
+        self.name = f"n{number}"
+        self.modules: set[int] = set()
+        self.patterns: tuple[str, ...] = ()
+        self.values: dict[str, TreeItem] = {}
+        self.mirrors: dict[tuple[str, str], TreeItem] = {}
+        self.events: dict[tuple[str, int], list[int]] = {}
+        """Platform and start of its tree → sequences of the events that came."""
+        self.tree: SwarmTree | None = None
+        self.life = 0
+        self.seen: tuple[dict[str, None], dict[str, int]] = ({}, {})
+        """Neighbours, and everybody's version, as it was told last."""
+        self._network = network
+        self._template = TEMPLATE if number % 3 else OTHER
+        patience = msgspec.structs.replace(LIMITS.patience, whole_swarm=whole_swarm)
+        self._limits = msgspec.structs.replace(LIMITS, patience=patience)
+        self._watched: set[str] = set()
+        self._arm: Callable[[], None] = lambda: None
+
+    # -- its life
+
+    def start(self) -> None:
+        """The tree service starts, for the first time or again; one half of the templates must be learnt."""
+        self.life += 1
+        tree = self.tree = SwarmTree(
+            self.name,
+            self._template,
+            epoch=self._network.new_epoch(),
+            limits=self._limits,
+            templates=(TEMPLATE,),
+        )
+        self._watched = set()
+        self.seen = ({}, {})
+        life = self.life
+        self._arm = self._network.wake(
+            lambda: tree.deadline_ns() if life == self.life else None,
+            lambda now_ns: self.do(partial(tree.on_timer, now_ns)),
+        )
+        self.update()
+
+    def stop(self) -> None:
+        """The node dies; memory and mirrors go with it."""
+        self.life += 1
+        self.tree = None
+        self.mirrors.clear()
+        self.events.clear()
+
+    def start_again(self) -> None:
+        """The tree service of a living node starts again."""
+        if self.tree is not None:
+            self.start()
+
+    def run_module(self, number: int, runs: bool) -> None:
+        """A functional module comes or goes."""
+        if runs:
+            self.modules.add(number)
+            self.write(f"plan/step{number}", f"first of {number}")
+        else:
+            self.modules.discard(number)
+        self.update()
+
+    def update(self) -> None:
+        """What its applications provide and read has changed."""
+        if self.tree is not None:
+            provided = [
+                Resource(path=f"plan/step{module}", type="Text", owner=f"planner{module}")
+                for module in sorted(self.modules)
+            ]
+            self.do(partial(self.tree.set_applications, provided, self.patterns, self._network.now_ns))
+
+    def write(self, path: str, text: str, kind: FrameKind = FrameKind.BOARD) -> None:
+        """An application writes a value."""
+        before = self.values.get(path)
+        sequence = 1 if before is None else before.sequence + 1
+        item = TreeItem(path, 7, kind, sequence, self._network.now_ns, text.encode())
+        self.values[path] = item
+        if self.tree is not None and path in self._watched:
+            self.do(partial(self.tree.on_value, item, self._network.now_ns))
+
+    def receive(self, notify: TreeNotify) -> None:
+        """A notification came."""
+        tree = self.tree
+        assert tree is not None
+        items: list[TreeItem] = []
+        self.do(lambda: items.extend(tree.on_notify(notify, self._network.now_ns)))
+        for item in items:
+            key = (notify.platform, item.path)
+            last = self.mirrors.get(key)
+            if last is not None and not is_news(item, last.sequence, last.stamp_ns):
+                continue
+            self.mirrors[key] = item
+            if item.kind == FrameKind.EVENT:
+                self.events.setdefault((notify.platform, notify.epoch), []).append(item.sequence)
+
+    # -- the shell
+
+    def do(self, call: Callable[[], object]) -> None:
+        """Feed the core, carry out what it wants."""
+        call()
+        tree = self.tree
+        while tree is not None and (actions := tree.drain()):
+            for action in actions:
+                self._carry_out(tree, action)
+        self._arm()
+
+    def _carry_out(self, tree: SwarmTree, action: Action) -> None:
+        match action:
+            case Watch(resource):
+                self._watched.add(resource.path)
+                value = self.values.get(resource.path)
+                if value is not None and resource.kind is Kind.BOARD:
+                    tree.on_value(value, self._network.now_ns)
+            case Unwatch(path):
+                self._watched.discard(path)
+            case AskStructure(platform, request):
+                self._network.ask_structure(self, platform, request)
+            case AskSubscription(platform, request):
+                self._network.ask_subscription(self, platform, request)
+            case SendNotify(platform, notify):
+                self._network.notify(self, platform, notify)
+
+    def on_structure(self, platform: str, reply: StructureReply | None) -> None:
+        """The answer, or that there is none."""
+        if self.tree is not None:
+            self.do(partial(self.tree.on_structure, platform, reply, self._network.now_ns))
+
+    def on_subscribed(self, platform: str, reply: SubscribeReply | None, asked: int) -> None:
+        """The answer, or that there is none."""
+        if self.tree is not None:
+            self.do(partial(self.tree.on_subscribed, platform, reply, asked, self._network.now_ns))
+
+    def on_notified(self, platform: str, delivered: bool) -> None:
+        """What became of a notification."""
+        if self.tree is not None:
+            self.do(partial(self.tree.on_notified, platform, delivered, self._network.now_ns))
