@@ -78,7 +78,9 @@ class Peer:
     def on_exchange(self, exchange: Exchange) -> bool:
         """Takes one exchange; True when it was the last proof of a clock step."""
         most_ns = exchange.most_ns
-        if most_ns is not None and most_ns + RESOLUTION_NS < exchange.least_ns - RESOLUTION_NS:
+        # the two bounds are of different instants: an echo may be held for seconds
+        drift_ns = round(SKEW_LIMIT * (exchange.received_ns - exchange.sent_ns))
+        if most_ns is not None and most_ns + drift_ns + RESOLUTION_NS < exchange.least_ns - RESOLUTION_NS:
             # Their clock stepped between our packet and their answer: the echo speaks of the old time.
             exchange = msgspec.structs.replace(exchange, most_ns=None)
         direction = self._violates(exchange)

@@ -1,0 +1,31 @@
+"""Echoes are held until there is room for them: seconds, in which the clocks drift apart."""
+
+import pytest
+
+from swarmd.timesync.peer import Exchange, Peer
+from swarmware.clock import Clock
+
+DELAY_NS = 30_000
+
+
+@pytest.mark.parametrize("drift_ppm", [-95.0, -60.0, 60.0, 95.0])
+def test_an_echo_of_two_seconds_ago_still_bounds_a_clock_that_runs_fast(drift_ppm: float) -> None:
+    here, there = Clock(0.0, 0.0), Clock(3.0, drift_ppm)
+    peer = Peer("b", "main", 1, 1, window_s=60.0, pause_s=1.0, conv_epoch=0)
+    for tick in range(400):
+        sent_ns = 10**12 + tick * 100_000_000
+        received_ns = sent_ns + DELAY_NS
+        least_ns = there.from_mono_ns(sent_ns) - here.from_mono_ns(received_ns)
+        echo_ns, most_ns = 0, None
+        if tick % 20 == 19:
+            echo_ns = sent_ns - 2_000_000_000
+            most_ns = there.from_mono_ns(echo_ns + DELAY_NS) - here.from_mono_ns(echo_ns)
+        peer.on_exchange(Exchange(received_ns, least_ns, echo_ns, most_ns))
+        due_ns = peer.due_ns()
+        if due_ns is not None and due_ns <= received_ns:
+            peer.solve(received_ns)
+    assert peer.conversion is not None
+    assert peer.conversion.skew * 1e6 == pytest.approx(drift_ppm, abs=2.0)
+    error_ns = peer.conversion.to_remote(received_ns) - there.from_mono_ns(received_ns)
+    assert abs(error_ns) <= peer.conversion.bound_at_ns(received_ns)
+    assert peer.steps == 0
