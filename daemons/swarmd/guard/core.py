@@ -95,6 +95,8 @@ class Watched(msgspec.Struct):
     beat: int = -1
     deadline_ns: int | None = None
     """Until then: starting, it joins; running, it beats; backing off, it waits; stopping, it ends."""
+    missed: bool = False
+    """It ran under the guard before this one."""
     blame: str = ""
     """Why we killed it: the reason that its exit will have."""
 
@@ -167,6 +169,7 @@ class GuardCore:
             if (watched := self._services.get(old.name)) is not None:
                 watched.restarts = old.restarts
                 watched.reason = old.reason
+                watched.missed = old.state == State.RUNNING
 
     # -- what happens
 
@@ -181,8 +184,12 @@ class GuardCore:
             if watched.name in born:
                 watched.pid = born[watched.name]
                 watched.adopted = True
-            else:
-                actions.append(spawn)
+                continue
+            if watched.missed:
+                watched.restarts += 1
+                watched.reason = "died while no guard ran"
+                actions.append(Tell(watched.public()))
+            actions.append(spawn)
         return actions
 
     def on_spawned(self, name: str, pid: int) -> None:

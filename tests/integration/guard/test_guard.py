@@ -123,7 +123,8 @@ async def test_a_guard_that_is_killed_twice_adopts_what_runs_and_goes_on_restart
         async with Module("probe", config_dir=config) as module:
             status = await asked(module, "sys/guard/status", Empty(), GuardStatus)
             timesync = next(one for one in status.services if one.name == "timesync")
-            assert (timesync.restarts, timesync.reason) == (1, "died")
+            assert timesync.restarts == 1
+            assert timesync.reason in {"died", "died while no guard ran"}
             assert next(one for one in status.services if one.name == "sim").adopted
 
 

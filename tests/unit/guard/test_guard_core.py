@@ -216,6 +216,16 @@ def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> N
     assert core.status().restarts == 3
 
 
+def test_one_that_died_while_there_was_no_guard_is_counted_and_told() -> None:
+    core = guard()
+    core.remember(GuardStatus("self", (WatchedService("tree", "running", pid=5),), 0))
+    tell, *spawns = core.start({}, {}, 0)
+    assert isinstance(tell, Tell)
+    assert (tell.service.name, tell.service.reason) == ("tree", "died while no guard ran")
+    assert spawns == [Spawn("tree"), Spawn("health")]
+    assert service(core, "tree").restarts == 1
+
+
 def test_a_restart_by_the_runner_of_the_process_is_counted_and_told() -> None:
     core = guard("tree")
     core.start({"tree": 1}, {}, 0)
