@@ -3,7 +3,8 @@
 import asyncio
 import signal
 import time
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
 from swarmctl.connect import connect
@@ -39,6 +40,20 @@ def run(main: Coroutine[Any, Any, T]) -> T:
         return asyncio.run(interruptible())
     except asyncio.CancelledError:
         raise KeyboardInterrupt from None
+
+
+@contextmanager
+def ending(lab: LabRecord, out: Output) -> Iterator[None]:
+    """The end of a lab: it takes seconds, and a second Ctrl-C must not leave half of it behind."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        with suppress(OSError):  # the terminal may be gone: that may be why it ends
+            out.say(f"ending lab {lab.name}")
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def way_in(lab: LabRecord) -> Settings:
@@ -86,9 +101,9 @@ def main(wish: Wish, out: Output, *, detach: bool) -> None:
         if left_running:
             running.leave()
         else:
-            out.say(f"ending lab {running.record.name}")
-            folders.down(running.record)
-            running.collect()
+            with ending(running.record, out):
+                folders.down(running.record)
+                running.collect()
 
 
 async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:

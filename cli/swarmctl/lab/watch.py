@@ -11,6 +11,7 @@ from swarmware.errors import NoAnswer
 from swarmware.module import BoardReader, BoardSet
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
+from swarmware.types.net import Traffic
 from swarmware.types.vehicle import BatteryState, NavStatus, Pose, VehicleState
 
 STATE: Final = "mission/state"
@@ -101,6 +102,22 @@ class SwarmWatch:
             # one board after the other: being woken by each pose of each vehicle would keep a core busy
             await self._change(self._states if path == STATE else self._boards[path])
         on_change(len(vehicles))
+
+    async def until_quiet(self, timeout_s: float) -> bool:
+        """Returns when the first exchange of trees and subscriptions is over; False when time is up.
+
+        Quiet: within a report of the broker fewer messages left the ground station than it has neighbours.
+        """
+        reports = await self._link.module.reader("net/traffic", Traffic)
+        deadline_s = asyncio.get_running_loop().time() + timeout_s
+        before = await reports.changed(timeout_s)
+        while asyncio.get_running_loop().time() < deadline_s:
+            after = await reports.changed(timeout_s)
+            seconds = (after.at_ns - before.at_ns) / 1e9
+            if after.sent_frames - before.sent_frames < len(self._states) * seconds:
+                return True
+            before = after
+        return False
 
     async def until_ended(
         self,
