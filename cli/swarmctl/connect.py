@@ -13,8 +13,11 @@ from swarmctl.settings import Settings
 from swarmware import names
 from swarmware.appfile import AppTable
 from swarmware.config import DEFAULT_DIR, load_node
-from swarmware.errors import NoAnswer, NotFound
+from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.module import Module
+from swarmware.types.net import Routes
+from swarmware.types.rpc import Empty
+from swarmware.types.tree import TreeList, TreeListing
 
 R = TypeVar("R", bound=msgspec.Struct)
 T = TypeVar("T")
@@ -33,6 +36,8 @@ class Link:
         """Platform of the node that was joined."""
         self.platform = names.check_platform(settings.node) if settings.node else self.here
         """Platform that `--node` names, else the one that was joined."""
+        self._routes: Routes | None = None
+        self._known: tuple[str, ...] = ()
 
     def path(self, path: str) -> str:
         """A path as it was typed, with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""
@@ -47,7 +52,53 @@ class Link:
         Raises: as `Module.request`.
         """
         wait_s = self.settings.timeout_s if timeout_s is None else timeout_s
-        return await self.module.request(self.path(path), value, reply, timeout_s=wait_s)
+        full = self.path(path)
+        platform = names.split(full)[0] or self.here
+        await self.reach(platform)
+        try:
+            return await self.module.request(full, value, reply, timeout_s=wait_s)
+        except NoAnswer as error:
+            raise NoAnswer(f"{platform}: no answer from {full} within {wait_s:g} s ({error})") from error
+
+    async def routes(self) -> Routes:
+        """How the node that was joined reaches the others; asked once.
+
+        Raises: as `Module.request`.
+        """
+        if self._routes is None:
+            path, wait_s = f"/{self.here}/sys/broker/routes", self.settings.timeout_s
+            self._routes = await self.module.request(path, Empty(), Routes, timeout_s=wait_s)
+        return self._routes
+
+    async def reach(self, platform: str) -> None:
+        """Says at once what waiting for an answer would not: that there is no such platform, or no way to it.
+
+        Raises: NotFound for a platform that nobody knows, NoAnswer for one that is away.
+        """
+        names.check_platform(platform)
+        if platform == self.here:
+            return
+        ways = {route.platform for route in (await self.routes()).routes}
+        if platform in ways:
+            return
+        known = await self.known()
+        if platform in known:
+            raise NoAnswer(
+                f"node {platform!r}: known, but {self.here} has no way to it now; expected it near"
+            )
+        there = ", ".join(sorted({self.here, *ways, *known}, key=names.natural))
+        raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
+
+    async def known(self) -> tuple[str, ...]:
+        """Every platform whose tree was seen here, also those that are away; none without a tree service."""
+        if not self._known:
+            path, nothing = f"/{self.here}/sys/tree/list", TreeList(f"/{self.here}/none", 1)
+            try:
+                found = await self.module.request(path, nothing, TreeListing, timeout_s=1.0)
+            except SwarmError:
+                return ()
+            self._known = tuple(one.platform for one in found.platforms)
+        return self._known
 
 
 def config_dir(settings: Settings) -> Path:
@@ -70,6 +121,26 @@ def config_dir(settings: Settings) -> Path:
         f"node: no running lab, no {DEFAULT_DIR}/node.toml; expected one, or --config DIR"
         " (`swarmctl lab up formation --nodes 4 --detach` starts a lab)"
     )
+
+
+def folder_asked(settings: Settings) -> Path:
+    """Configuration folder of the platform that is asked about: its files must be on this machine.
+
+    Raises: NotFound when they are not.
+    """
+    from swarmctl.lab import record
+
+    joined = config_dir(settings)
+    if not settings.node:
+        return joined
+    if settings.config_dir is None:
+        for lab in record.labs():
+            if lab.station.config_dir == joined:
+                return lab.node(settings.node).config_dir
+    here = load_node(joined).platform
+    if here != settings.node:
+        raise NotFound(f"files of {settings.node!r}: not on this machine; expected {here}, or to be there")
+    return joined
 
 
 @asynccontextmanager

@@ -9,7 +9,7 @@ import click
 from swarmctl.lazy import Lazy, LazyGroup
 from swarmctl.settings import PREFIX, Settings, settings, shared_options
 from swarmware import __version__
-from swarmware.errors import SwarmError
+from swarmware.errors import Denied, NotFound, SwarmError
 
 _NAME: Final = "swarmctl"
 _COMPLETE: Final = "_SWARMCTL_COMPLETE"
@@ -100,9 +100,23 @@ def main(args: list[str] | None = None) -> int:
         return _report(error)
     except ExceptionGroup as group:
         return _report(_first(group))
+    except OSError as error:
+        if error.filename is None:
+            return _report(error)
+        return _report(_of_file(error))
     except Exception as error:  # noqa: BLE001 - the outermost place: a bug is one line and exit code 1
         return _report(error)
     return 0
+
+
+def _of_file(error: OSError) -> SwarmError:
+    """A file that an operator named and that cannot be read or written, with its exit code."""
+    text = f"file {error.filename}: {(error.strerror or str(error)).lower()}"
+    if isinstance(error, FileNotFoundError):
+        return NotFound(f"{text}; expected it, or its folder, to be there")
+    if isinstance(error, PermissionError):
+        return Denied(f"{text}; expected the right to it")
+    return SwarmError(text)
 
 
 def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:

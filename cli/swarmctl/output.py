@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, TextIO
 
 import msgspec
@@ -70,6 +70,10 @@ class Output:
         """A result that is text already."""
         print(text, file=self._out)
 
+    def now(self, text: str) -> None:
+        """One line of a result that goes on; written out at once, because somebody may be following."""
+        print(text, file=self._out, flush=True)
+
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
         """A result for people."""
         cells = [[show(cell) for cell in row] for row in rows]
@@ -91,8 +95,7 @@ class Output:
 
     def document(self, value: Any) -> None:
         """One JSON document: the fields of a Struct (or a dict of parts) after the schema's version."""
-        fields = msgspec.to_builtins(value, str_keys=True)
-        self.exact({"schema_version": SCHEMA_VERSION, **fields})
+        self.exact({"schema_version": SCHEMA_VERSION, **named(value)})
 
     def exact(self, value: Any) -> None:
         """One JSON document with exactly these keys."""
@@ -101,7 +104,19 @@ class Output:
 
     def line(self, value: Any) -> None:
         """One line of JSON Lines; written out at once, because somebody may be following."""
-        print(msgspec.json.encode(value).decode(), file=self._out, flush=True)
+        print(msgspec.json.encode(named(value)).decode(), file=self._out, flush=True)
+
+
+def named(value: Any) -> Any:
+    """A value with every Struct in it as its fields by name, also those that go over the wire as arrays."""
+    if isinstance(value, msgspec.Struct):
+        keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
+        return {key: named(getattr(value, field)) for key, field in keys}
+    if isinstance(value, Mapping):
+        return {str(key): named(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [named(item) for item in value]
+    return value
 
 
 def show(cell: Cell) -> str:

@@ -21,6 +21,20 @@ def span_s(text: str) -> float:
     return float(found[1]) * _SECONDS[found[2]]
 
 
+def spoken(span: float) -> str:
+    """A span of time as people read it: 0.4s, 42s, 3m49s, 2h05m, 3d04h."""
+    if span < 10:
+        return f"{span:.1f}s"
+    seconds = round(span)
+    if seconds < 60:
+        return f"{seconds}s"
+    if seconds < 3600:
+        return f"{seconds // 60}m{seconds % 60:02}s"
+    if seconds < 86400:
+        return f"{seconds // 3600}h{seconds % 3600 // 60:02}m"
+    return f"{seconds // 86400}d{seconds % 86400 // 3600:02}h"
+
+
 def rate_hz(text: str) -> float | None:
     """A rate: 5hz; None for `auto`, no limit.
 

@@ -1,29 +1,23 @@
 """Where the record is, as an operator names it, and how an entry looks to people."""
 
-import asyncio
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from swarmctl.connect import config_dir
 from swarmctl.lab import record as labs
 from swarmctl.output import Output
 from swarmctl.quantities import span_s
 from swarmctl.settings import Settings
+from swarmctl.values import brief
 from swarmware.clock import utc_ns
 from swarmware.config import load_node
 from swarmware.errors import InvalidInput, NotFound
-from swarmware.module import Module
 from swarmware.names import Pattern
 from swarmware.record.entry import Entry
 from swarmware.record.query import FolderSource, Query, Source
-from swarmware.record.ring import segments
-from swarmware.record.segment import SegmentReader
-from swarmware.types.log import LogStats
 
 
 @contextmanager
@@ -67,11 +61,16 @@ def folders(settings: Settings, folder: str | None) -> list[Path]:
     return [node.data_path / "log"]
 
 
-def query(options: Mapping[str, Any]) -> Query:
+def absolute(pattern: str, settings: Settings) -> str:
+    """A pattern as it was typed, with its platform: the one asked about, else every one."""
+    return pattern if pattern.startswith("/") else f"/{settings.node or '*'}/{pattern}"
+
+
+def query(settings: Settings, options: Mapping[str, Any]) -> Query:
     """The query in a command's options."""
     now_ns = utc_ns()
     return Query(
-        pattern=Pattern(options["pattern"]).text,
+        pattern=Pattern(absolute(options["pattern"], settings)).text,
         types=tuple(options["types"]),
         since_ns=instant_ns(options["since"], now_ns) if options["since"] else None,
         until_ns=instant_ns(options["until"], now_ns) if options["until"] else None,
@@ -112,70 +111,10 @@ def show(out: Output, entry: Entry) -> None:
             }
         )
         return
-    value = msgspec.json.encode(entry.plain()).decode()
-    out.text(f"{iso(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {value}")
+    out.now(f"{iso(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}")
 
 
 def iso(instant_utc_ns: int) -> str:
     """ISO 8601 with milliseconds and Z."""
     moment = datetime.fromtimestamp(instant_utc_ns // 1_000_000 / 1000, UTC)
     return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def follow(settings: Settings, pattern: str, folder: str | None) -> Iterator[Entry]:
-    """Entries from now on, as the logger ends its batches."""
-    matcher = Pattern(pattern)
-    if folder is not None or settings.config_dir is not None or not settings.node:
-        place = (
-            folders(settings, folder)[:1] if folder else [load_node(config_dir(settings)).data_path / "log"]
-        )
-        joined = config_dir(settings)
-    else:
-        node = labs.find(settings.lab).node(settings.node)
-        place, joined = [node.data_dir / "log"], node.config_dir
-    with asyncio.Runner() as runner:
-        batches = _Batches(place[0], joined)
-        try:
-            runner.run(batches.open())
-            while True:
-                for entry in runner.run(batches.next()):
-                    if matcher.matches(entry.topic):
-                        yield entry
-        finally:
-            runner.run(batches.close())
-
-
-class _Batches:
-    """Waits on the logger's own report, then reads what is new in the newest segments."""
-
-    def __init__(self, directory: Path, folder: Path) -> None:
-        self._directory = directory
-        self._module = Module("swarmctl", config_dir=folder)
-        self._reader: SegmentReader | None = None
-
-    async def open(self) -> None:
-        await self._module.__aenter__()
-        self._stats = await self._module.reader("log/stats", LogStats)
-        self._new()
-
-    async def next(self) -> list[Entry]:
-        await self._stats.changed()
-        return self._new()
-
-    def _new(self) -> list[Entry]:
-        paths = segments(self._directory)
-        if self._reader is None:
-            if paths:
-                self._reader = SegmentReader(paths[-1])
-                for _ in self._reader.entries():
-                    pass  # what is there already was not asked for
-            return []
-        out = list(self._reader.entries())
-        for path in paths:
-            if int(path.stem) > int(self._reader.path.stem):
-                self._reader = SegmentReader(path)
-                out += self._reader.entries()
-        return out
-
-    async def close(self) -> None:
-        await self._module.__aexit__(None, None, None)

@@ -38,9 +38,13 @@ def settings(ctx: click.Context) -> Settings:
 
 
 def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
-    """Writes an option that was given into the settings; another leaves them as they were."""
+    """Writes an option that was given into the settings; another leaves them as they were.
+
+    The environment counts at the top only: below it would go before an option given before the command.
+    """
     source = ctx.get_parameter_source(param.name or "")
-    if source is not None and source.name in {"COMMANDLINE", "ENVIRONMENT"}:
+    given = {"COMMANDLINE", "ENVIRONMENT"} if ctx.parent is None else {"COMMANDLINE"}
+    if source is not None and source.name in given:
         ctx.obj = settings(ctx)._replace(**{param.name or "": value})
 
 
@@ -60,9 +64,34 @@ def _option(*names: str, name: str, help_text: str, **rest: Any) -> Callable[[],
     return make
 
 
+def _platforms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    from swarmctl import completing
+
+    return completing.platforms(ctx, param, incomplete)
+
+
+def _labs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    from swarmctl import completing
+
+    return completing.labs(ctx, param, incomplete)
+
+
 _SHARED: Final = (
-    _option("--node", "-n", name="node", metavar="PLATFORM", help_text="Platform to ask about."),
-    _option("--lab", name="lab", metavar="NAME", help_text="Running lab to use; default: the newest."),
+    _option(
+        "--node",
+        "-n",
+        name="node",
+        metavar="PLATFORM",
+        help_text="Platform to ask about.",
+        shell_complete=_platforms,
+    ),
+    _option(
+        "--lab",
+        name="lab",
+        metavar="NAME",
+        help_text="Running lab to use; default: the newest.",
+        shell_complete=_labs,
+    ),
     _option("--config", name="config", metavar="DIR", help_text="Configuration folder of the node to use."),
     _option("--json", name="json", is_flag=True, help_text="Result as JSON."),
     _option(

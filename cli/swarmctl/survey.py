@@ -6,21 +6,21 @@ from typing import TypeVar
 import msgspec
 
 from swarmctl.connect import Link
+from swarmctl.reading import newest
 from swarmware import names
 from swarmware.errors import SwarmError
-from swarmware.types.net import Routes
-from swarmware.types.rpc import Empty
+from swarmware.types import registry
 
 R = TypeVar("R", bound=msgspec.Struct)
 
 
 async def platforms(link: Link) -> list[str]:
-    """The node that was joined and every platform it can reach.
+    """The node that was joined, every platform it can reach, and those that are away but known.
 
     Raises: NoAnswer when its broker does not answer.
     """
-    routes = await link.ask(f"/{link.here}/sys/broker/routes", Empty(), Routes)
-    return sorted({link.here, *(route.platform for route in routes.routes)}, key=names.natural)
+    ways = {route.platform for route in (await link.routes()).routes}
+    return sorted({link.here, *ways, *await link.known()}, key=names.natural)
 
 
 async def ask_all(
@@ -34,7 +34,25 @@ async def ask_all(
         except SwarmError as error:
             return error
 
-    found = await asyncio.gather(*(one(platform) for platform in asked))
+    return _sorted_out(asked, await asyncio.gather(*(one(platform) for platform in asked)))
+
+
+async def boards(
+    link: Link, asked: list[str], path: str, cls: type[R]
+) -> tuple[dict[str, R], dict[str, SwarmError]]:
+    """The newest value of one board of each: from a mirror where there is one, else from its owner."""
+
+    async def one(platform: str) -> R | SwarmError:
+        try:
+            await link.reach(platform)
+            return registry.decode(cls, (await newest(link, names.join(platform, path))).data)
+        except SwarmError as error:
+            return error
+
+    return _sorted_out(asked, await asyncio.gather(*(one(platform) for platform in asked)))
+
+
+def _sorted_out(asked: list[str], found: list[R | SwarmError]) -> tuple[dict[str, R], dict[str, SwarmError]]:
     answers: dict[str, R] = {}
     errors: dict[str, SwarmError] = {}
     for platform, answer in zip(asked, found, strict=True):
@@ -46,9 +64,6 @@ async def ask_all(
 
 
 def complain(link: Link, errors: dict[str, SwarmError]) -> None:
-    """Says on stderr who did not answer.
-
-    Raises: the error itself when the only platform asked gave none.
-    """
-    for platform, error in errors.items():
-        link.out.warn(f"{platform}: {error}")
+    """Says on stderr who did not answer."""
+    for error in errors.values():
+        link.out.warn(str(error))

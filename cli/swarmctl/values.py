@@ -19,23 +19,39 @@ def decoded(value: TreeValue) -> Any:
 def decoded_payload(type_name: str, data: bytes) -> Any:
     """MessagePack of a type as plain data with field names; a single value stands for itself."""
     try:
-        found = plain(registry.decode(registry.find(type_name), data))
+        value = registry.decode(registry.find(type_name), data)
     except SwarmError:
         return list_or_none(data)  # a type of somebody else's module
+    return single(value)
+
+
+def single(value: msgspec.Struct) -> Any:
+    """A value as plain data; one that is wrapped alone without its wrapper."""
+    found = plain(value)
     return found["value"] if isinstance(found, dict) and found.keys() == {"value"} else found
 
 
 def field(value: Any, path: str, fields: str) -> Any:
-    """One field of a value, by its dotted name.
+    """One field of a value, by its dotted name; `ranges_m.0` is the first of a list.
 
     Raises: InvalidInput naming the fields there are.
     """
     for name in filter(None, fields.split(".")):
-        if not isinstance(value, dict) or name not in value:
-            known = ", ".join(value) if isinstance(value, dict) else "none"
-            raise InvalidInput(f"{path}: no field {name!r}; expected one of {known}")
-        value = value[name]
+        if isinstance(value, dict) and name in value:
+            value = value[name]
+        elif isinstance(value, list) and name.isdigit() and int(name) < len(value):
+            value = value[int(name)]
+        else:
+            raise InvalidInput(f"{path}: no field {name!r}; expected {_fields(value)}")
     return value
+
+
+def _fields(value: Any) -> str:
+    if isinstance(value, dict):
+        return f"one of {', '.join(value)}"
+    if isinstance(value, list):
+        return f"0 to {len(value) - 1}" if value else "none, the list is empty"
+    return f"none, it is the value {brief(value)}"
 
 
 def typed(text: str) -> bytes:
@@ -52,14 +68,14 @@ def brief(value: Any) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.9g}"
     return msgspec.json.encode(rounded(value)).decode()
 
 
 def rounded(value: Any) -> Any:
     """The value with numbers as short as people read them."""
     if isinstance(value, float):
-        return float(f"{value:.6g}")
+        return float(f"{value:.9g}")
     if isinstance(value, dict):
         return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -24,6 +24,7 @@ def ls(ctx: click.Context, everywhere: bool) -> None:
     """
     from swarmctl.connect import Link, run
     from swarmctl.output import Column
+    from swarmctl.quantities import spoken
     from swarmware.errors import NotFound
     from swarmware.types.register import Register
     from swarmware.types.rpc import Empty
@@ -36,13 +37,12 @@ def ls(ctx: click.Context, everywhere: bool) -> None:
         if link.settings.json:
             link.out.document({"units": units})
             return
-        now_ns = link.module.now_ns()
         rows = [
             (
                 f"{unit.table.platform}.{unit.table.unit}",
                 f"{app.name}#{app.instance}",
                 app.pid,
-                (now_ns - app.started_ns) / 1e9 if unit.hops == 0 else None,
+                spoken((unit.table.stamp_ns - app.started_ns) / 1e9 + unit.age_s),
                 app.provides,
                 len(app.serves),
                 unit.hops,
@@ -55,12 +55,17 @@ def ls(ctx: click.Context, everywhere: bool) -> None:
             Column("UNIT"),
             Column("APPLICATION"),
             Column("PID", right=True),
-            Column("UP s", right=True),
+            Column("UP", right=True),
             Column("RESOURCES", right=True),
             Column("COMMANDS", right=True),
             Column("HOPS", right=True),
             Column("MASTER"),
         ]
         link.out.table(columns, rows)
+        for unit in units:
+            if unit.table.omitted:
+                link.out.warn(
+                    f"{unit.table.platform}: {unit.table.omitted} more that the table has no room for"
+                )
 
     run(settings(ctx), work)

@@ -2,6 +2,7 @@
 
 import click
 
+from swarmctl import completing
 from swarmctl.lazy import Group
 from swarmctl.settings import settings
 
@@ -10,7 +11,7 @@ from swarmctl.settings import settings
 def cmd() -> None:
     """Settings of the nodes: files of an administrator, and live ones that are resources of the tree.
 
-    Example: swarmctl config set navigator/cruise_m_s 2.0 --node uav1
+    Example: swarmctl config get --node uav1
     """
 
 
@@ -19,75 +20,74 @@ def cmd() -> None:
 @click.option("--changed", is_flag=True, help="Only what differs from the defaults.")
 @click.pass_context
 def show(ctx: click.Context, service: str, changed: bool) -> None:
-    """Show the files of the node that was joined: each key, its value, and where it comes from.
+    """Show the files of a node on this machine: each key, its value, and where it comes from.
 
     Example: swarmctl config show broker
     """
     from swarmctl.configuration import effective
-    from swarmctl.connect import config_dir
+    from swarmctl.connect import folder_asked
     from swarmctl.output import Column, Output
 
     out = Output(settings(ctx))
-    rows = effective(config_dir(settings(ctx)), service)
+    rows = effective(folder_asked(settings(ctx)), service)
     if changed:
         rows = [row for row in rows if row.origin != "default"]
     if settings(ctx).json:
         out.document({"settings": rows})
         return
     out.table(
-        [Column("SERVICE"), Column("KEY"), Column("VALUE"), Column("FROM")],
-        [(row.service, row.key, row.value, row.origin) for row in rows],
+        [Column("SERVICE"), Column("KEY"), Column("FROM"), Column("VALUE")],
+        [(row.service, row.key, row.origin, row.value) for row in rows],
     )
 
 
 @cmd.command()
-@click.argument("key", default="**")
+@click.argument("key", default="**", shell_complete=completing.live_settings)
 @click.pass_context
 def get(ctx: click.Context, key: str) -> None:
     """Print live settings of a platform: one, or all that match.
 
-    Example: swarmctl config get navigator/cruise_m_s --node uav1
+    Example: swarmctl config get navigator/altitude_kp --node uav1
     """
     from swarmctl.connect import Link, run
+    from swarmctl.listing import is_pattern, valued
     from swarmctl.output import Column
-    from swarmctl.values import brief, decoded
+    from swarmctl.reading import read_all
+    from swarmctl.values import brief
     from swarmware.errors import NotFound
-    from swarmware.types.tree import TreeGet, TreeList, TreeListing, TreeValue
 
     async def work(link: Link) -> None:
-        pattern = link.path(f"config/{key}")
-        listing = await link.ask(f"/{link.here}/sys/tree/list", TreeList(pattern), TreeListing)
-        found = []
-        for entry in listing.entries:
-            if entry.kind == "setting":
-                value = await link.ask(f"/{link.here}/sys/tree/get", TreeGet(entry.path), TreeValue)
-                found.append((entry, decoded(value), value.version))
-        if not found:
-            raise NotFound(
-                f"{pattern}: no setting matches; `swarmctl config get --node {link.platform}` lists all"
-            )
+        await link.reach(link.platform)
+        try:
+            entries = await valued(link, f"config/{key}")
+        except NotFound as error:
+            if is_pattern(key):
+                raise NotFound(f"{link.platform}: no live setting matches {key!r}") from error
+            raise
+        readings, errors = await read_all(link, [entry.path for entry in entries])
+        if errors:
+            raise errors[0]
+        limits = {entry.path: entry.range for entry in entries}
         if link.settings.json:
-            link.out.document(
+            found = [
                 {
-                    "settings": [
-                        {"path": e.path, "value": value, "unit": e.unit, "range": e.range, "version": version}
-                        for e, value, version in found
-                    ]
+                    "path": r.path,
+                    "value": r.value,
+                    "unit": r.unit,
+                    "range": limits[r.path],
+                    "version": r.version,
                 }
-            )
-        elif len(found) == 1 and "*" not in key:
-            link.out.text(brief(found[0][1]))
-        else:
-            rows = [
-                (
-                    e.path,
-                    brief(value),
-                    e.unit,
-                    f"{e.range[0]:g}..{e.range[1]:g}" if e.range else None,
-                    version,
-                )
-                for e, value, version in found
+                for r in readings
             ]
+            link.out.document({"settings": found})
+        elif not is_pattern(key):
+            link.out.text(brief(readings[0].value))
+        else:
+            rows = []
+            for r in readings:
+                limit = limits[r.path]
+                shown = f"{limit[0]:g}..{limit[1]:g}" if limit else None
+                rows.append((r.path, brief(r.value), r.unit, shown, r.version))
             columns = [Column("PATH"), Column("VALUE"), Column("UNIT"), Column("RANGE"), Column("VERSION")]
             link.out.table(columns, rows)
 
@@ -95,25 +95,24 @@ def get(ctx: click.Context, key: str) -> None:
 
 
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
-@click.argument("key")
+@click.argument("key", shell_complete=completing.live_settings)
 @click.argument("value")
 @click.pass_context
 def set_(ctx: click.Context, key: str, value: str) -> None:
     """Set a live setting of a platform; it is checked, kept over restarts, and takes effect at once.
 
-    Example: swarmctl config set navigator/cruise_m_s 2.0 --node uav1
+    Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """
     from swarmctl.connect import Link, run
-    from swarmctl.values import brief, decoded_payload, typed
-    from swarmware.types.tree import TreeSet, TreeSetDone
+    from swarmctl.reading import write
+    from swarmctl.values import brief
 
     async def work(link: Link) -> None:
-        wish = TreeSet(link.path(f"config/{key}"), typed(value), None, f"operator@{link.here}")
-        done = await link.ask(f"/{link.here}/sys/tree/set", wish, TreeSetDone)
-        now = decoded_payload(done.type, done.data)
+        await link.reach(link.platform)
+        done = await write(link, link.path(f"config/{key}"), value)
         if link.settings.json:
-            link.out.document({"path": done.path, "value": now, "version": done.version})
+            link.out.document(done)
         else:
-            link.out.text(f"{done.path} = {brief(now)} (version {done.version})")
+            link.out.text(f"{done.path} = {brief(done.value)} (version {done.version})")
 
     run(settings(ctx), work)

@@ -18,14 +18,16 @@ def cmd(ctx: click.Context, fix: bool) -> None:
     Example: swarmctl doctor --fix
     """
     from swarmctl.checkup import examine
-    from swarmctl.connect import config_dir
+    from swarmctl.connect import folder_asked
     from swarmctl.output import Column, Output
     from swarmware.errors import NotFound
 
     out = Output(settings(ctx))
     try:
-        folder = config_dir(settings(ctx))
+        folder = folder_asked(settings(ctx))
     except NotFound as error:
+        if settings(ctx).node or settings(ctx).lab:
+            raise  # what was named is not there
         out.say(f"{error}: only the machine is looked at")
         folder = None
     results = examine(folder, fix=fix)

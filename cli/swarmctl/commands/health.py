@@ -1,9 +1,16 @@
 """`swarmctl health`: state and faults of the nodes."""
 
+from typing import TYPE_CHECKING
+
 import click
 
+from swarmctl import completing
 from swarmctl.lazy import Group
 from swarmctl.settings import settings
+
+if TYPE_CHECKING:
+    from swarmctl.output import Cell
+    from swarmware.types.health import HealthState
 
 
 @click.group(cls=Group)
@@ -17,34 +24,103 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """Show the state of one platform and each of its checks.
+    """Show the state of every platform, or of one: level, battery, applications, guard, confirmed faults.
 
-    Example: swarmctl health ls --node uav1
+    Example: swarmctl health ls
     """
     from swarmctl.connect import Link, run
     from swarmctl.output import Column
+    from swarmctl.survey import boards, complain, platforms
+    from swarmware.errors import Partial
+    from swarmware.types.health import HealthState
+
+    async def work(link: Link) -> None:
+        asked = [link.platform] if link.settings.node else await platforms(link)
+        states, errors = await boards(link, asked, "health/state", HealthState)
+        if link.settings.node and errors:
+            raise errors[link.platform]
+        if link.settings.json:
+            rows = [{"platform": platform, "state": states.get(platform)} for platform in asked]
+            link.out.document({"platforms": rows, "silent": sorted(errors)})
+        else:
+            columns = [
+                Column("PLATFORM"),
+                Column("LEVEL"),
+                Column("BATTERY", right=True),
+                Column("APPS", right=True),
+                Column("FAILED", right=True),
+                Column("GUARD"),
+                Column("CHECKS", right=True),
+                Column("FAULTS"),
+            ]
+            link.out.table(columns, [_row(platform, states.get(platform)) for platform in asked])
+        complain(link, errors)
+        if errors:
+            raise Partial(f"health: {len(errors)} of {len(asked)} platforms did not answer")
+
+    run(settings(ctx), work)
+
+
+def _row(platform: str, state: "HealthState | None") -> "tuple[Cell, ...]":
+    if state is None:
+        return (platform, "silent", *[None] * 6)
+    battery = f"{state.battery_ratio * 100:.0f} % {state.battery}" if state.battery_ratio >= 0 else None
+    more = state.fault_count - len(state.faults)
+    faults = ", ".join(state.faults) + (f" and {more} more" if more > 0 else "")
+    return (
+        platform,
+        state.level,
+        battery,
+        state.apps_alive,
+        state.apps_failed,
+        state.guard,
+        state.checks,
+        faults or "none",
+    )
+
+
+@cmd.command()
+@click.argument("platform", required=False, shell_complete=completing.platforms)
+@click.pass_context
+def info(ctx: click.Context, platform: str | None) -> None:
+    """Show each check of a platform and its present result.
+
+    Example: swarmctl health info uav1
+    """
+    from swarmctl.connect import Link, run
+    from swarmctl.output import Column
+    from swarmctl.quantities import spoken
+    from swarmware import names
     from swarmware.types.health import HealthReport
     from swarmware.types.rpc import Empty
 
     async def work(link: Link) -> None:
-        report = await link.ask("sys/health/state", Empty(), HealthReport)
+        target = names.check_platform(platform or link.platform)
+        report = await link.ask(f"/{target}/sys/health/state", Empty(), HealthReport)
         if link.settings.json:
             link.out.document(report)
             return
-        state = report.state
-        link.out.text(
-            f"{report.platform}: {state.level}, battery {state.battery}, "
-            f"{state.apps_alive} applications alive, {state.apps_failed} failed, "
-            f"guard {state.guard}, {state.fault_count} faults"
-        )
         rows = [
-            (check.check, check.app, check.state, check.level, (report.stamp_ns - check.since_ns) / 1e9)
+            (
+                check.check,
+                check.app,
+                check.state,
+                check.level,
+                f"{check.frequency_hz:g}",
+                # a check that never changed has no instant: it is so since the monitor started
+                spoken((report.stamp_ns - check.since_ns) / 1e9) if check.since_ns else "start",
+            )
             for check in report.checks
         ]
-        link.out.table(
-            [Column("CHECK"), Column("BY"), Column("STATE"), Column("LEVEL"), Column("SINCE s", right=True)],
-            rows,
-        )
+        columns = [
+            Column("CHECK"),
+            Column("BY"),
+            Column("STATE"),
+            Column("LEVEL"),
+            Column("HZ", right=True),
+            Column("SINCE", right=True),
+        ]
+        link.out.table(columns, rows, f"{report.platform}: {report.state.level}")
 
     run(settings(ctx), work)
 
@@ -59,12 +135,16 @@ def faults(ctx: click.Context, cleared: bool) -> None:
     """
     from swarmctl.connect import Link, run
     from swarmctl.output import Column
+    from swarmctl.quantities import spoken
     from swarmware.types.health import FaultList, FaultQuery
 
     async def work(link: Link) -> None:
         found = await link.ask("sys/health/faults", FaultQuery(cleared), FaultList)
         if link.settings.json:
             link.out.document(found)
+            return
+        if not found.faults:
+            link.out.say(f"{found.platform}: no faults" + ("" if cleared else "; --cleared shows those over"))
             return
         rows = [
             (
@@ -73,8 +153,8 @@ def faults(ctx: click.Context, cleared: bool) -> None:
                 fault.level,
                 str(fault.phase),
                 fault.count,
-                (found.stamp_ns - fault.first_ns) / 1e9,
-                (found.stamp_ns - fault.last_ns) / 1e9,
+                spoken((found.stamp_ns - fault.first_ns) / 1e9),
+                spoken((found.stamp_ns - fault.last_ns) / 1e9),
                 fault.message or fault.freeze,
             )
             for fault in found.faults
@@ -85,8 +165,8 @@ def faults(ctx: click.Context, cleared: bool) -> None:
             Column("LEVEL"),
             Column("PHASE"),
             Column("COUNT", right=True),
-            Column("FIRST s AGO", right=True),
-            Column("LAST s AGO", right=True),
+            Column("FIRST AGO", right=True),
+            Column("LAST AGO", right=True),
             Column("WHAT"),
         ]
         link.out.table(columns, rows)

@@ -4,7 +4,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmctl import completing
 from swarmctl.lazy import Group
+from swarmctl.remembered import VALUED
 from swarmctl.settings import settings
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ def _source_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
 
 def _query_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
     for option in (
-        click.argument("pattern", default="/**"),
+        click.argument("pattern", default="/**", shell_complete=completing.resources(VALUED)),
         click.option("--type", "types", multiple=True, metavar="TYPE", help="Only values of this type."),
         click.option("--since", metavar="TIME", help="From: 30s, 5m, 2h ago, or an ISO date."),
         click.option("--until", metavar="TIME", help="To, as --since."),
@@ -56,24 +58,30 @@ def query(ctx: click.Context, /, **options: Any) -> None:
 
     out = Output(settings(ctx))
     with records.source(settings(ctx), options) as found:
-        for entry in found.entries(records.query(options)):
+        count = 0
+        for entry in found.entries(records.query(settings(ctx), options)):
             records.show(out, entry)
+            count += 1
+    if not count:
+        out.say("no entry matches")
 
 
 @cmd.command()
-@click.argument("pattern", default="/**")
-@click.option("--dir", "folder", metavar="DIR", help="A folder of segments.")
+@click.argument("pattern", default="/**", shell_complete=completing.resources(VALUED))
+@click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N entries.")
 @click.pass_context
-def tail(ctx: click.Context, pattern: str, folder: str | None) -> None:
-    """Follow the entries as the logger writes them; Ctrl-C ends it.
+def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
+    """Follow the entries as the loggers of this machine's nodes write them; Ctrl-C ends it.
 
     Example: swarmctl log tail '/uav1/mission/**' --json
     """
-    from swarmctl import records
+    from itertools import islice
+
+    from swarmctl import following, records
     from swarmctl.output import Output
 
     out = Output(settings(ctx))
-    for entry in records.follow(settings(ctx), pattern, folder):
+    for entry in islice(following.follow(settings(ctx), pattern), count):
         records.show(out, entry)
 
 
@@ -100,7 +108,7 @@ def export(ctx: click.Context, /, form: str, target: str, **options: Any) -> Non
     from swarmctl.output import Output
 
     with records.source(settings(ctx), options) as found:
-        count = write(found.entries(records.query(options)), form, target)
+        count = write(found.entries(records.query(settings(ctx), options)), form, target)
     Output(settings(ctx)).say(f"{count} entries to {target}")
 
 

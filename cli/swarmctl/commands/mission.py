@@ -1,19 +1,16 @@
 """`swarmctl mission`: check, start, watch and abort missions."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from swarmctl import completing
 from swarmctl.lazy import Group
 from swarmctl.settings import settings
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
-
     from swarmctl.connect import Link
     from swarmware.types.mission import MissionState, MissionStatus
-
-ENDED = frozenset({"done", "failed", "aborted", "idle"})
 
 
 @click.group(cls=Group)
@@ -86,7 +83,14 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
 
 @cmd.command()
 @click.argument("mission")
-@click.option("--member", "members", multiple=True, metavar="PLATFORM", help="Only these take part.")
+@click.option(
+    "--member",
+    "members",
+    multiple=True,
+    metavar="PLATFORM",
+    help="Only these take part.",
+    shell_complete=completing.platforms,
+)
 @click.option("--set", "params", multiple=True, metavar="NAME=VALUE", help="A parameter of the mission.")
 @click.option("--yes", is_flag=True, help="Do not ask; vehicles will move.")
 @click.option("--watch/--no-watch", default=False, help="Follow it until it ends.")
@@ -104,6 +108,7 @@ def start(
     Example: swarmctl mission start formation --set speed_m_s=1.0 --yes --watch
     """
     from swarmctl.connect import Link, run
+    from swarmctl.ensemble import follow
     from swarmctl.missions import task
     from swarmctl.output import Column
     from swarmware.errors import Partial
@@ -141,7 +146,8 @@ def start(
             refused = ", ".join(order.platform for order in answer.orders if not order.accepted)
             raise Partial(f"mission {mission}: refused or not heard by {refused}; nobody started")
         if watch:
-            await _follow(link)
+            took = tuple(order.platform for order in answer.orders)
+            await follow(link, answer.epoch, took)
 
     run(settings(ctx), work)
 
@@ -174,9 +180,13 @@ def watch(ctx: click.Context) -> None:
 
     Example: swarmctl mission watch --json
     """
-    from swarmctl.connect import run
+    from swarmctl.connect import Link, run
+    from swarmctl.ensemble import follow, running
 
-    run(settings(ctx), _follow)
+    async def work(link: Link) -> None:
+        await follow(link, *await running(link))
+
+    run(settings(ctx), work)
 
 
 @cmd.command()
@@ -190,7 +200,7 @@ def abort(ctx: click.Context, reason: str, then: str, yes: bool) -> None:
     Example: swarmctl mission abort --then hold --yes
     """
     from swarmctl.connect import Link, run
-    from swarmware.errors import Partial
+    from swarmware.errors import NotFound, Partial
     from swarmware.types.mission import AbortAnswer, MissionAbort
 
     _confirm(yes, f"abort the mission, then {then}")
@@ -201,6 +211,8 @@ def abort(ctx: click.Context, reason: str, then: str, yes: bool) -> None:
             link.out.document(answer)
         else:
             link.out.text(f"told: {', '.join(answer.told) or 'nobody'}")
+        if not answer.told and not answer.silent:
+            raise NotFound(f"{link.platform}: no mission to abort; expected one that runs")
         if answer.silent:
             raise Partial(f"abort: no acknowledgement from {', '.join(answer.silent)}")
 
@@ -249,52 +261,3 @@ def _show(link: "Link", found: "MissionStatus") -> None:
         Column("SAYS"),
     ]
     link.out.table(columns, rows)
-
-
-async def _follow(link: "Link") -> None:
-    """A line for each change, from the boards as they come in; ends with the mission."""
-    from swarmware.errors import SwarmError
-    from swarmware.types.mission import MissionState, MissionStatus
-    from swarmware.types.rpc import Empty
-
-    own = await link.module.reader("mission/state", MissionState)
-    others = await link.module.readers("/*/mission/state", MissionState)
-    found = await link.ask(f"/{link.here}/sys/mission/status", Empty(), MissionStatus)
-    members = {member.platform for member in found.members} or {link.here}
-    shown: dict[str, MissionState] = {}
-    while True:
-        fresh = {platform: reader.value for platform, reader in others.items()} | {link.here: own.value}
-        for platform, state in fresh.items():
-            if state is not None and platform in members and _told(state) != _told(shown.get(platform)):
-                _tell(link, platform, state)
-                shown[platform] = state
-        if members == set(shown) and all(state.state in ENDED for state in shown.values()):
-            break
-        await _either(own.changed(), others.changed())
-    failed = sorted(platform for platform, state in shown.items() if state.state in {"failed", "aborted"})
-    if failed:
-        raise SwarmError(f"mission {found.state.mission}: ended badly at {', '.join(failed)}")
-
-
-def _told(state: "MissionState | None") -> object:
-    return None if state is None else (state.state, state.active, state.text)
-
-
-def _tell(link: "Link", platform: str, state: "MissionState") -> None:
-    if link.settings.json:
-        link.out.line({"platform": platform, "state": state})
-    else:
-        link.out.text(f"{platform:<8} {state.state:<10} {', '.join(state.active):<24} {state.text}")
-
-
-async def _either(*waits: "Coroutine[Any, Any, object]") -> None:
-    """Returns when the first of them does; the others are given up."""
-    import asyncio
-
-    tasks = [asyncio.ensure_future(wait) for wait in waits]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)

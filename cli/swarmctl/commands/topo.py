@@ -24,6 +24,8 @@ def cmd(ctx: click.Context, dot: bool, png: str | None) -> None:
     from swarmware.types.rpc import Empty
 
     async def work(link: Link) -> None:
+        if dot and png:
+            raise click.UsageError("--dot or --png FILE, not both")
         asked = await platforms(link)
         answers, errors = await ask_all(link, asked, "sys/broker/links", Empty(), Neighbours)
         found = edges(answers)

@@ -27,6 +27,8 @@ def ls(ctx: click.Context) -> None:
 
     Example: swarmctl traffic ls --node uav1
     """
+    import msgspec
+
     from swarmctl.connect import Link, run
     from swarmctl.output import Column
     from swarmware.types.net import Traffic
@@ -84,11 +86,10 @@ def ls(ctx: click.Context) -> None:
         ]
         link.out.table(columns, channels)
         link.out.text("")
-        import msgspec
-
-        refused = {name: count for name, count in msgspec.structs.asdict(found.refused).items() if count}
+        counts = msgspec.structs.asdict(found.refused).items()
+        refused = ", ".join(f"{count} {name}" for name, count in counts if count) or "nothing"
         link.out.text(
-            f"refused: {refused or 'nothing'}; requests {found.requests}, values in {found.notifications}"
+            f"refused: {refused}; requests: {found.requests}; values received: {found.notifications}"
         )
 
     run(settings(ctx), work)
@@ -198,20 +199,27 @@ def _show_rates(link: "Link", before: "Traffic", now: "Traffic") -> None:
 @click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: taken back by itself after that.")
 @click.pass_context
 def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
-    """Limit the rate at which a platform sends the boards whose local path matches.
+    """Limit the rate at which a platform sends the boards that match; shows all its limits then.
 
     Example: swarmctl traffic set 'nav/*' --rate 5hz --for 5m --node uav1
     """
     from swarmctl.connect import Link, run
     from swarmctl.output import Column
     from swarmctl.quantities import rate_hz, span_s
+    from swarmware import names
     from swarmware.names import Pattern
-    from swarmware.types.net import ChannelLimits, SetChannel
+    from swarmware.types.net import ChannelLimits, SetChannel, Traffic
+    from swarmware.types.rpc import Empty
 
-    wish = SetChannel(Pattern(pattern).text, rate_hz(rate), span_s(span) if span else 0.0)
+    platform, local = names.split(pattern)
+    wish = SetChannel(Pattern(local).text, rate_hz(rate), span_s(span) if span else 0.0)
 
     async def work(link: Link) -> None:
-        limits = await link.ask("sys/broker/set_channel", wish, ChannelLimits)
+        target = names.check_platform(platform or link.platform)
+        limits = await link.ask(f"/{target}/sys/broker/set_channel", wish, ChannelLimits)
+        traffic = await link.ask(f"/{target}/sys/broker/traffic", Empty(), Traffic)
+        if not any(Pattern(local).matches(one.channel) for one in traffic.channels):
+            link.out.warn(f"{target} has sent nothing yet that matches {local}; the limit stands for later")
         if link.settings.json:
             link.out.document(limits)
             return

@@ -1,0 +1,84 @@
+"""Resources of the swarm by a pattern, as an operator types it."""
+
+from typing import Final
+
+import msgspec
+
+from swarmctl import remembered
+from swarmctl.connect import Link, config_dir
+from swarmctl.remembered import VALUED, Seen
+from swarmware import names
+from swarmware.errors import NotFound
+from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeValue
+
+PAGE: Final = 2000
+"""Resources in one answer."""
+
+
+def is_pattern(path: str) -> bool:
+    """Whether it may match more than one path."""
+    return any(char in path for char in "*{")
+
+
+async def listing(link: Link, pattern: str) -> TreeListing:
+    """All pages; `/uav1` means everything below it, nothing means the platform asked about, else all.
+
+    Raises: NotFound when nothing matches, or the platform is not known.
+    """
+    if not pattern:
+        full = f"/{link.settings.node}/**" if link.settings.node else "/**"
+    elif is_pattern(pattern):
+        full = pattern if pattern.startswith("/") else link.path(pattern)
+    else:
+        full = f"{link.path(pattern.rstrip('/') or '/')}/**" if pattern != "/" else "/**"
+    found = await _pages(link, full)
+    if not found.entries:
+        platform = names.split(full)[0] or link.platform
+        known = [one.platform for one in found.platforms]
+        if not is_pattern(platform) and platform not in known:
+            await link.reach(platform)
+        there = ", ".join(sorted(known, key=names.natural))
+        raise NotFound(f"{pattern or full}: no resource matches; platforms known to {link.here}: {there}")
+    return found
+
+
+async def valued(link: Link, path: str) -> list[TreeEntry]:
+    """The resources with a value that a path or a pattern names.
+
+    Raises: NotFound when there are none, NoAnswer when the platform is away.
+    """
+    full = link.path(path)
+    found = await _pages(link, full)
+    entries = [entry for entry in found.entries if entry.kind in VALUED]
+    if is_pattern(full):
+        if not entries:
+            raise NotFound(
+                f"{full}: no resource with a value matches; `swarmctl tree ls` shows what there is"
+            )
+        return entries
+    platform = names.split(names.check_path(full))[0] or link.platform
+    await link.reach(platform)
+    if not entries:
+        # its tree says best why not: no such path and what is near, a branch, a command
+        await link.ask(f"/{link.here}/sys/tree/get", TreeGet(full), TreeValue)
+    return entries
+
+
+async def _pages(link: Link, pattern: str) -> TreeListing:
+    path = f"/{link.here}/sys/tree/list"
+    found = await link.ask(path, TreeList(pattern, PAGE), TreeListing)
+    entries = list(found.entries)
+    while found.more and found.entries:
+        found = await link.ask(path, TreeList(pattern, PAGE, found.entries[-1].path), TreeListing)
+        entries += found.entries
+    _remember(link, pattern, entries, [one.platform for one in found.platforms])
+    return msgspec.structs.replace(found, entries=tuple(entries), more=0)
+
+
+def _remember(link: Link, pattern: str, entries: list[TreeEntry], platforms: list[str]) -> None:
+    """For completion: what was listed; everything of a platform replaces what was known of it."""
+    if len(entries) < 2:
+        return
+    seen = [Seen(entry.path, entry.kind, entry.access) for entry in entries]
+    whole = platforms if pattern == "/**" else [p for p in platforms if pattern == f"/{p}/**"]
+    remembered.save(str(config_dir(link.settings)), sorted(platforms, key=names.natural), seen, whole)

@@ -1,0 +1,78 @@
+"""New values of resources as they come, of one or of many at once."""
+
+import asyncio
+from typing import Any, Final, Self
+
+import msgspec
+
+from swarmctl.connect import Link
+from swarmctl.values import single
+from swarmware.module import BoardReader, StreamReader
+from swarmware.types import registry
+from swarmware.types.tree import TreeEntry
+
+QUEUE_LIMIT: Final = 1000
+"""Values waiting to be printed; beyond it readers wait, and count what they lose."""
+
+
+class News(msgspec.Struct, frozen=True):
+    """One new value."""
+
+    path: str
+    type: str
+    stamp_ns: int | None
+    """Hardware clock of the owner."""
+    age_s: float | None
+    value: Any
+    """A single value stands for itself."""
+
+
+class Watch:
+    """`async for news in await Watch.open(link, entries)`."""
+
+    def __init__(self) -> None:
+        self._news: asyncio.Queue[News] = asyncio.Queue(QUEUE_LIMIT)
+        self._streams: list[StreamReader[Any]] = []
+
+    @classmethod
+    async def open(cls, link: Link, entries: list[TreeEntry]) -> Self:
+        """Begins to read; what is not mirrored yet will be.
+
+        Raises: NotFound for a type that is not known here.
+        """
+        watch = cls()
+        for entry in entries:
+            found = registry.find(entry.type)
+            if entry.kind in {"event", "stream"}:
+                stream = await link.module.stream_reader(entry.path, found)
+                watch._streams.append(stream)
+                link.module.start(watch._every(entry, stream, link), f"watch {entry.path}")
+            else:
+                board = await link.module.reader(entry.path, found)
+                link.module.start(watch._newest(entry, board), f"watch {entry.path}")
+        return watch
+
+    async def _newest(self, entry: TreeEntry, board: BoardReader[Any]) -> None:
+        async for value in board:
+            await self._news.put(News(entry.path, entry.type, board.stamp_ns, board.age_s, single(value)))
+
+    async def _every(self, entry: TreeEntry, stream: StreamReader[Any], link: Link) -> None:
+        async for value in stream:
+            meta = stream.meta
+            stamp_ns = None if meta is None else meta.stamp_ns
+            local_ns = stamp_ns
+            if meta is not None and meta.sender_hw != link.module.node.hardware:
+                local_ns = link.module.foreign.to_local(meta.sender_hw, meta.stamp_ns)
+            age_s = None if local_ns is None else (link.module.now_ns() - local_ns) / 1e9
+            await self._news.put(News(entry.path, entry.type, stamp_ns, age_s, single(value)))
+
+    @property
+    def lost(self) -> int:
+        """Items of streams that were overwritten before they were read."""
+        return sum(stream.lost for stream in self._streams)
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> News:
+        return await self._news.get()
