@@ -1,0 +1,68 @@
+"""Two swarms in one place: even on the same group and port each hears only its own nodes."""
+
+import asyncio
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tests.integration.swarm.swarm import NAMES, Swarm, swarm, until, until_trees_agree, up
+
+from swarmctl.lab.record import LabRecord
+from swarmware.module import Module
+from swarmware.types.net import Neighbours, Traffic
+from swarmware.types.rpc import Empty
+from swarmware.types.system import NodeInfo
+
+
+async def boots(made: Swarm) -> set[int]:
+    """What tells the nodes of one swarm from those of the other: they have the same names."""
+    found = set()
+    for platform in NAMES:
+        async with made.at(platform) as module:
+            found.add((await module.request("sys/node/info", Empty(), NodeInfo)).boot_id)
+    return found
+
+
+async def heard(module: Module) -> set[int]:
+    """Boots of the nodes to which there is a link."""
+    board = await module.reader("net/neighbours", Neighbours)
+    now = await until(board, lambda now: up(now) == set(NAMES) - {module.platform}, "with all of its own")
+    return {one.boot_id for one in now.neighbours}
+
+
+async def check(made: Swarm, own: set[int]) -> None:
+    async with made.at("gcs") as ground, made.at("uav1") as vehicle:
+        await until_trees_agree(ground, vehicle)
+        for module in (ground, vehicle):
+            assert await heard(module) < own
+            traffic = await module.reader("net/traffic", Traffic)
+            now = await until(
+                traffic, lambda now: now.refused.forged > 0, "without the other swarm's datagrams"
+            )
+            print(f"{made.record.name} {module.platform}: {now.refused.forged} datagrams of strangers")
+
+
+@pytest.mark.slow
+def test_two_swarms_on_the_same_group_and_port_stay_apart_and_go_one_by_one(
+    labs: Path, nothing_remains: Callable[[LabRecord], None]
+) -> None:
+    async def run() -> None:
+        async with swarm("k2left") as left:
+            async with swarm("k2right", seed=2) as right:
+                for platform in NAMES:  # as if two operators had chosen the same numbers
+                    ours, theirs = (made.record.node(platform).config_dir for made in (left, right))
+                    shutil.copy(ours / "services/broker.toml", theirs / "services/broker.toml")
+                await asyncio.gather(left.start(*NAMES), right.start(*NAMES))
+                own = await boots(left), await boots(right)
+                assert len(own[0] | own[1]) == 2 * len(NAMES)
+                await check(left, own[0])
+                await check(right, own[1])
+                await right.down()
+            nothing_remains(right.record)
+            async with left.at("gcs") as ground, left.at("uav1") as vehicle:
+                await until_trees_agree(ground, vehicle)
+                assert await heard(ground) < own[0]
+        nothing_remains(left.record)
+
+    asyncio.run(run())

@@ -1,0 +1,85 @@
+"""No node depends on another being there first: any order, any gap between the starts."""
+
+import asyncio
+import random
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+import pytest
+from tests.integration.swarm.swarm import NAMES, PATIENCE_S, Swarm, swarm, until, until_trees_agree
+
+from swarmctl.lab.record import LabRecord
+from swarmware.types.health import HealthState
+from swarmware.types.system import AppStatus
+from swarmware.types.vehicle import Pose
+
+BEATS_LATER = 5
+"""A beat comes every second."""
+
+
+async def converged(made: Swarm) -> float:
+    """Seconds until every node knows every tree and has the values that its services read.
+
+    Raises: NoAnswer.
+    """
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    async with AsyncExitStack() as stack:
+        modules = [await stack.enter_async_context(made.at(platform)) for platform in NAMES]
+        await until_trees_agree(*modules)
+        for module in modules:
+            for platform in {"uav1", "ugv1"} - {module.platform}:
+                pose = await module.reader(f"/{platform}/nav/pose", Pose)  # carried by the tick
+                for _ in range(2):
+                    await pose.changed(PATIENCE_S)
+        health = await modules[0].readers("/*/health/state", HealthState)  # carried by notifications
+        async with asyncio.timeout(PATIENCE_S):
+            while {name for name, board in health.items() if board.value is not None} < {"uav1", "ugv1"}:
+                await health.changed()
+    return loop.time() - began_s
+
+
+async def beats_passed(made: Swarm, platform: str, count: int) -> None:
+    """The long gap: this node has lived alone for so many beats."""
+    async with made.at(platform) as module:
+        board = await module.reader("app/broker/status", AppStatus)
+        first = await until(board, lambda now: now.state == "running", "running")
+        await until(board, lambda now: now.beat >= first.beat + count, f"{count} beats on")
+
+
+@pytest.mark.slow
+def test_nodes_that_start_long_after_each_other_find_each_other(
+    labs: Path, nothing_remains: Callable[[LabRecord], None]
+) -> None:
+    order = ["uav1", "ugv1"]
+    random.Random().shuffle(order)
+
+    async def run() -> LabRecord:
+        async with swarm("k2order") as made:
+            await made.start(order[0])
+            await beats_passed(made, order[0], BEATS_LATER)
+            await made.start(order[1])
+            await beats_passed(made, order[1], 1)
+            await made.start("gcs")
+            print(f"{order} and gcs: converged {await converged(made):.2f} s after the last was ready")
+            return made.record
+
+    nothing_remains(asyncio.run(run()))
+
+
+@pytest.mark.slow
+def test_nodes_that_start_in_any_order_at_once_find_each_other(
+    labs: Path, nothing_remains: Callable[[LabRecord], None]
+) -> None:
+    order = list(NAMES)
+    random.Random().shuffle(order)
+
+    async def run() -> LabRecord:
+        # a process for each daemon: these too come in whatever order the machine likes
+        async with swarm("k2order", per_daemon=order[0]) as made:
+            await asyncio.gather(*(made.start(name) for name in order))
+            print(f"{order}: converged {await converged(made):.2f} s after the last was ready")
+            return made.record
+
+    nothing_remains(asyncio.run(run()))
