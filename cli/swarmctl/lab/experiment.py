@@ -31,6 +31,8 @@ from swarmware.types.mission import MissionFile, MissionState, MissionTask, Task
 TASK: Final = "sys/mission/task"
 TASK_S: Final = 30.0
 """Longest wait until all platforms have answered the order."""
+QUIET_S: Final = 15.0
+"""Longest wait until trees and subscriptions are exchanged: the command is not to queue behind them."""
 FACTS: Final = "run.json"
 REPORT: Final = "report.json"
 LOGS: Final = "logs"
@@ -142,6 +144,8 @@ async def _conduct(running: RunningLab, duration_s: float, out: Output) -> Cours
 async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -> Course:
     watch = await SwarmWatch.open(link)
     task = mission_task(lab.experiment)
+    if not await watch.until_quiet(QUIET_S):
+        out.say("the links are still busy; going on")
     before = load.usage(lab)
     command_mono_ns = time.monotonic_ns()
     answer = await link.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
