@@ -1,0 +1,125 @@
+"""Completion of paths and platforms from what was seen; no node is asked, nothing heavy is imported."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from swarmctl import remembered
+from swarmctl.remembered import Seen, steps
+
+SEEN = [
+    Seen("/gcs/tree", "branch", "r"),
+    Seen("/gcs/tree/stats", "board", "r"),
+    Seen("/uav1/nav/goal", "board", "rw"),
+    Seen("/uav1/nav/pose", "board", "r"),
+    Seen("/uav1/config/navigator/gain", "setting", "rw"),
+    Seen("/uav10/nav/pose", "board", "r"),
+    Seen("/uav10/cmd/abort", "command", "rw"),
+]
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    remembered.save("/etc/swarm", ["gcs", "uav1", "uav10"], SEEN)
+    return tmp_path / "swarm" / "seen.json"
+
+
+def complete(words: str, cache: Path) -> list[str]:
+    env = {
+        **os.environ,
+        "_SWARMCTL_COMPLETE": "bash_complete",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split(" ")) - 1),
+        "XDG_CACHE_HOME": str(cache.parents[1]),
+    }
+    for name in ("SWARMCTL_NODE", "SWARMCTL_LAB"):
+        env.pop(name, None)
+    done = subprocess.run(
+        [sys.executable, "-m", "swarmctl"], env=env, capture_output=True, text=True, check=True
+    )
+    return [line.partition(",")[2] for line in done.stdout.split()]
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("swarmctl tree get ", ["/gcs/", "/uav1/", "/uav10/"]),
+        ("swarmctl tree get /uav1/", ["/uav1/nav/", "/uav1/config/"]),
+        ("swarmctl tree get /uav1/n", ["/uav1/nav/goal", "/uav1/nav/pose"]),
+        ("swarmctl tree get /uav10", ["/uav10/nav/pose"]),
+        ("swarmctl tree set /uav1/", ["/uav1/nav/", "/uav1/config/"]),
+        ("swarmctl tree set /uav10/", ["/uav10/cmd/abort"]),
+        ("swarmctl tree get nav/", ["nav/goal", "nav/pose"]),
+        ("swarmctl tree get -n uav10 ", ["nav/pose"]),
+        ("swarmctl tree watch /uav1/nav/p", ["/uav1/nav/pose"]),
+        ("swarmctl config get n", ["navigator/gain"]),
+        ("swarmctl node ls --node uav", ["uav1", "uav10"]),
+        ("swarmctl node info g", ["gcs"]),
+        ("swarmctl tree get /nope", []),
+    ],
+)
+def test_a_shell_is_offered_what_was_seen(words: str, offered: list[str], cache: Path) -> None:
+    assert sorted(complete(words, cache)) == sorted(offered)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{}", b"[]", b'{"way": 1}', b"\xff", b'{"way":"","platforms":1,"resources":[[1]]}', b"[" * 9000],
+)
+def test_a_damaged_cache_offers_nothing_and_says_nothing(content: bytes, cache: Path) -> None:
+    cache.write_bytes(content)
+    assert remembered.load() == ("", [], [])
+    remembered.save("/etc/swarm", ["uav1"], SEEN)
+    assert remembered.load()[1] == ["uav1"]
+
+
+def test_another_way_into_the_swarm_forgets_what_was_seen_by_the_former(cache: Path) -> None:
+    remembered.save("/etc/swarm", ["gcs", "usv1"], [Seen("/usv1/nav/pose", "board", "r")])
+    assert len(remembered.load()[2]) == len(SEEN) + 1
+    remembered.save("/tmp/lab", ["usv1"], [Seen("/usv1/nav/pose", "board", "r")])
+    assert remembered.load() == ("/tmp/lab", ["usv1"], [Seen("/usv1/nav/pose", "board", "r")])
+
+
+def test_a_platform_listed_whole_replaces_what_was_known_of_it(cache: Path) -> None:
+    remembered.save("/etc/swarm", ["uav1"], [Seen("/uav1/nav/home", "board", "r")], ["uav1"])
+    paths = [row.path for row in remembered.load()[2]]
+    assert "/uav1/nav/home" in paths
+    assert "/uav1/nav/goal" not in paths
+    assert "/uav10/nav/pose" in paths
+
+
+def test_a_home_that_cannot_be_written_to_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+    remembered.save("/etc/swarm", ["uav1"], SEEN)
+    assert remembered.load() == ("", [], [])
+
+
+def test_a_step_is_never_a_lone_branch() -> None:
+    assert steps(["/uav1/a/b/c"], "/u") == ["/uav1/a/b/c"]
+    assert steps(["/uav1/a/b", "/uav1/a/c"], "") == ["/uav1/a/b", "/uav1/a/c"]
+    assert steps(["a", "a/b"], "") == ["a", "a/"]
+    assert steps([], "x") == []
+
+
+_PROBE = """
+import json, sys
+sys.path[:0] = []
+from swarmctl.main import cli
+from click.shell_completion import BashComplete
+found = BashComplete(cli, {}, "swarmctl", "_SWARMCTL_COMPLETE").get_completions(["tree", "get"], "/uav1/")
+print(json.dumps([len(found), sorted(sys.modules)]))
+"""
+
+
+def test_completion_imports_nothing_heavy(cache: Path) -> None:
+    env = {**os.environ, "XDG_CACHE_HOME": str(cache.parents[1])}
+    done = subprocess.run([sys.executable, "-c", _PROBE], env=env, capture_output=True, text=True, check=True)
+    count, modules = json.loads(done.stdout)
+    assert count == 2
+    heavy = {"asyncio", "zmq", "msgspec", "cryptography", "mcap", "numpy", "rich", "uvloop", "tomllib"}
+    assert not heavy & set(modules)

@@ -1,0 +1,107 @@
+"""Values between the wire and people."""
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+
+from swarmctl.output import named
+from swarmctl.values import brief, decoded_payload, field, single, typed
+from swarmware.errors import InvalidInput
+from swarmware.types import registry
+from swarmware.types.net import NeighbourState, Routes, RouteState
+from swarmware.types.scalar import Float
+from swarmware.types.vehicle import BatteryState
+
+VALUE: dict[str, Any] = {"x_m": 1.5, "at": {"lat_deg": 48.0}, "ranges_m": [1.0, 2.0], "none": []}
+
+
+@pytest.mark.parametrize(
+    ("fields", "value"),
+    [("", VALUE), ("x_m", 1.5), ("at.lat_deg", 48.0), ("ranges_m.1", 2.0), ("ranges_m", [1.0, 2.0])],
+)
+def test_a_field_is_found_by_its_dotted_name(fields: str, value: Any) -> None:
+    assert field(VALUE, "/uav1/x", fields) == value
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ("y_m", "one of x_m, at, ranges_m"),
+        ("at.lon_deg", "one of lat_deg"),
+        ("ranges_m.2", "0 to 1"),
+        ("ranges_m.-1", "0 to 1"),
+        ("none.0", "the list is empty"),
+        ("x_m.y", "it is the value 1.5"),
+    ],
+)
+def test_a_field_that_is_not_there_names_those_that_are(fields: str, said: str) -> None:
+    with pytest.raises(InvalidInput, match="no field") as caught:
+        field(VALUE, "/uav1/x", fields)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("2.5", 2.5),
+        ("-1", -1),
+        ("true", True),
+        ("land", "land"),
+        ('"2.5"', "2.5"),
+        ('{"x_m": 1}', {"x_m": 1}),
+        ("[1, 2]", [1, 2]),
+        ("", ""),
+    ],
+)
+def test_what_is_typed_is_json_or_a_word(text: str, value: Any) -> None:
+    assert msgspec.msgpack.decode(typed(text)) == value
+
+
+def test_a_value_that_is_wrapped_alone_stands_for_itself() -> None:
+    assert single(Float(2.5)) == 2.5
+    battery = BatteryState(11.1, 2.0, 0.5)
+    assert single(battery) == {"voltage_v": 11.1, "current_a": 2.0, "remaining_ratio": 0.5}
+    assert decoded_payload("BatteryState", registry.encode(battery)) == single(battery)
+
+
+def test_a_type_that_is_not_known_here_is_shown_by_position() -> None:
+    assert decoded_payload("SomebodyElses", msgspec.msgpack.encode([1, "a"])) == [1, "a"]
+    assert decoded_payload("SomebodyElses", b"\xc1") is None
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (48.1234567, "48.1234567"),
+        (0.1 + 0.2, "0.3"),
+        ("land", "land"),
+        (True, "true"),
+        (None, "null"),
+        ({"a": [0.1 + 0.2]}, '{"a":[0.3]}'),
+    ],
+)
+def test_a_value_on_one_line_keeps_the_centimetre_of_a_latitude(value: Any, text: str) -> None:
+    assert brief(value) == text
+
+
+def test_json_has_names_also_for_what_goes_over_the_wire_as_arrays() -> None:
+    route = RouteState("uav1", 1, "uav1", 256, 1, 0, 5)
+    assert "platform" in NeighbourState.__struct_fields__
+    assert json.loads(msgspec.json.encode(named({"routes": Routes((route,)), "n": (1, None)}))) == {
+        "routes": {
+            "routes": [
+                {
+                    "platform": "uav1",
+                    "hardware": 1,
+                    "via": "uav1",
+                    "metric": 256,
+                    "hops": 1,
+                    "tree_version": 0,
+                    "since_ns": 5,
+                }
+            ]
+        },
+        "n": [1, None],
+    }
