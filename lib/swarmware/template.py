@@ -91,12 +91,9 @@ def load(name: str, folder: Path) -> Template:
     return Template(name, top.description, resources)
 
 
-def load_all(folder: Path) -> tuple[Template, ...]:
-    """Every template of the folder, by name.
-
-    Raises: ConfigError as `load`.
-    """
-    return tuple(load(path.stem, folder) for path in sorted(folder.glob("*" + _ENDING)))
+def names_in(folder: Path) -> list[str]:
+    """Names of the templates in a folder."""
+    return sorted(path.stem for path in folder.glob("*" + _ENDING))
 
 
 def _merge(
@@ -114,7 +111,7 @@ def _merge(
         )
     if not source.is_file():
         where = f"{folder / (trail[-1] + _ENDING)}: key extends: " if trail else f"{folder}: "
-        known = ", ".join(sorted(path.stem for path in folder.glob("*" + _ENDING))) or "none there"
+        known = ", ".join(names_in(folder)) or "none there"
         raise ConfigError(f"{where}no template {name!r}; expected one of: {known}")
     file = _read(source)
     parents = (file.extends,) if isinstance(file.extends, str) else file.extends

@@ -1,16 +1,20 @@
 """Answers to operators: values, lists and changes of resources, of this platform and of the others."""
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Callable, Iterator
+from typing import Final
 
 import msgspec
 
+from swarmd.tree.applications import Applications
 from swarmd.tree.core.index import Index, Leaf
+from swarmd.tree.core.quality import Quality, quality
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.settings import Settings
 from swarmd.tree.taps import Peek, plain_payload
 from swarmware import names
-from swarmware.errors import Conflict, NoAnswer, NotFound, SwarmError
+from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.frame import Frame
 from swarmware.module import BoardWriter, Meta, Module
 from swarmware.names import Pattern
@@ -29,8 +33,11 @@ from swarmware.types.tree import (
     TreeValue,
 )
 
-LIMIT = 5000
+LIMIT: Final = 5000
 """Entries of one answer at most: it must fit a frame."""
+DEMAND_S: Final = 1.0
+"""How long a list waits for the structures of platforms that nobody here has looked at before."""
+_VALUELESS: Final = frozenset({Kind.BRANCH, Kind.COMMAND, Kind.FILE})
 
 
 class Answers:
@@ -42,6 +49,7 @@ class Answers:
         tree: SwarmTree,
         settings: Settings,
         peek: Peek,
+        applications: Applications,
         changes: BoardWriter[TreeChange],
         answer_s: float,
     ) -> None:
@@ -49,21 +57,31 @@ class Answers:
         self._tree = tree
         self._settings = settings
         self._peek = peek
+        self._applications = applications
         self._changes = changes
         self._answer_s = answer_s
+        self._act: Callable[[], None] = lambda: None
+        self._learned = asyncio.Event()
 
-    async def serve(self) -> None:
-        """Takes requests from now on."""
+    async def serve(self, act: Callable[[], None]) -> None:
+        """Takes requests from now on; `act` carries out what the core wants."""
+        self._act = act
         serve = self._module.serve
-        await serve("sys/tree/get", TreeGet, self._get, reply=TreeValue, description="Newest value")
-        await serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone, description="Set a value")
-        await serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone, description="Undo a set")
-        await serve("sys/tree/list", TreeList, self._list, reply=TreeListing, description="Resources")
+        await serve("sys/tree/get", TreeGet, self._get, reply=TreeValue)
+        await serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
+        await serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
+        await serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
+
+    def learned(self) -> None:
+        """The structure of another platform may have become known."""
+        self._learned.set()
 
     # -- where things are
 
     def _split(self, path: str) -> tuple[str, str]:
         platform, local = names.split(names.check_path(path))
+        if not local:
+            raise NotFound(f"{path}: a platform; expected a resource of it, such as {path}/nav/pose")
         return platform or self._module.platform, local
 
     def _index(self, platform: str) -> Index | None:
@@ -74,74 +92,83 @@ class Answers:
 
     def _reachable(self, platform: str) -> bool:
         remote = self._tree.remotes.get(platform)
-        return remote is not None and remote.up
-
-    def _leaf(self, platform: str, local: str) -> Leaf | None:
-        """The resource; None when the platform is there but its tree is not known yet.
-
-        Raises: NotFound for an unknown platform or path.
-        """
-        index = self._index(platform)
-        if index is None:
-            if self._reachable(platform):
-                return None
-            known = ", ".join(self._platforms())
-            raise NotFound(f"platform {platform!r}: not known to {self._module.platform}; known: {known}")
-        found = index.get(local)
-        if found is None:
-            near = index.near(local)
-            hint = f"did you mean {', '.join(near)}?" if near else "`swarmctl tree ls` shows what there is"
-            raise NotFound(f"{names.join(platform, local)}: no such resource; {hint}")
-        return found
+        return platform == self._module.platform or (remote is not None and remote.up)
 
     def _platforms(self) -> list[str]:
         return sorted({self._module.platform, *self._tree.remotes.platforms()}, key=names.natural)
+
+    def _own_leaf(self, local: str) -> Leaf:
+        """A resource of this platform. Raises: NotFound with what may have been meant."""
+        index = self._tree.local.index
+        found = index.get(local)
+        if found is None:
+            near = ", ".join(names.join(self._module.platform, path) for path in index.near(local))
+            hint = f"did you mean {near}?" if near else "expected a path that `swarmctl tree ls` shows"
+            raise NotFound(f"{names.join(self._module.platform, local)}: no such resource; {hint}")
+        return found
+
+    def _check_platform(self, platform: str) -> None:
+        """Raises: NotFound for a platform that nobody here has heard of."""
+        if self._tree.remotes.get(platform) is None:
+            known = ", ".join(self._platforms())
+            raise NotFound(
+                f"platform {platform!r}: not known to {self._module.platform}; expected one of {known}"
+            )
 
     # -- get
 
     async def _get(self, request: TreeGet, _: Meta) -> TreeValue:
         platform, local = self._split(request.path)
-        leaf = self._leaf(platform, local)
         if platform == self._module.platform:
-            assert leaf is not None
-            return self._own(local, leaf)
-        if leaf is not None and not request.fresh:
-            mirrored = self._mirrored(platform, local, leaf)
-            if mirrored is not None and mirrored.quality == "live":
-                return mirrored
+            return self._own(local, self._own_leaf(local))
+        self._check_platform(platform)
+        mirrored = None if request.fresh else self._mirrored(platform, local)
+        if mirrored is not None and (mirrored.quality == Quality.LIVE or not self._reachable(platform)):
+            return mirrored
+        # the owner knows best, also which of its paths may have been meant
         found = await self._module.request(
             f"/{platform}/sys/tree/get", TreeGet(local), TreeValue, timeout_s=self._answer_s
         )
-        stamp = self._module.foreign.to_local(names.hardware_id(platform), found.stamp_ns)
-        age_s = found.age_s if stamp is None else (self._module.now_ns() - stamp) / 1e9
+        stamp_ns = self._module.foreign.to_local(names.hardware_id(platform), found.stamp_ns)
+        age_s = found.age_s if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
         return msgspec.structs.replace(found, source="asked", age_s=age_s)
 
     def _own(self, local: str, leaf: Leaf) -> TreeValue:
-        path = names.join(self._module.platform, local)
-        resource = leaf.resource
-        if resource.kind in {Kind.BRANCH, Kind.COMMAND, Kind.FILE}:
+        path, resource = names.join(self._module.platform, local), leaf.resource
+        if resource.kind in _VALUELESS:
             raise NotFound(
                 f"{path}: a {resource.kind} has no value; expected a board, event, stream or setting"
             )
         frame = self._peek.frame(local)
         if frame is None:
-            owner = f"{resource.owner} writes it" if resource.owner else "nobody writes it"
-            raise NotFound(f"{path}: no value yet; {owner}")
+            raise NotFound(
+                f"{path}: no value yet; expected one from {resource.owner or 'whoever provides it'}"
+            )
         age_s = (self._module.now_ns() - frame.stamp_ns) / 1e9
         return self._value(path, leaf, frame, age_s, "own", self._settings.version(local))
 
-    def _mirrored(self, platform: str, local: str, leaf: Leaf) -> TreeValue | None:
+    def _mirrored(self, platform: str, local: str) -> TreeValue | None:
+        """What is mirrored here, if it is kept up to date or is all there is."""
+        remote = self._tree.remotes.get(platform)
+        leaf = None if remote is None or remote.index is None else remote.index.get(local)
+        if remote is None or leaf is None:
+            return None
+        if remote.up and not remote.follows(leaf):
+            return None  # somebody may have read it once
         frame = self._peek.frame(local, platform)
         if frame is None:
             return None
+        return self._value(names.join(platform, local), leaf, frame, self._age_s(frame), "mirror", None)
+
+    def _age_s(self, frame: Frame) -> float | None:
         stamp_ns = self._module.foreign.to_local(frame.sender_hw, frame.stamp_ns)
-        age_s = None if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
-        return self._value(names.join(platform, local), leaf, frame, age_s, "mirror", None)
+        return None if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
 
     def _value(
         self, path: str, leaf: Leaf, frame: Frame, age_s: float | None, source: str, version: int | None
     ) -> TreeValue:
         resource = leaf.resource
+        platform = names.split(path)[0] or self._module.platform
         return TreeValue(
             path,
             resource.type,
@@ -150,7 +177,7 @@ class Answers:
             frame.sequence,
             frame.sequence if version is None else version,
             age_s,
-            _quality(leaf, age_s),
+            quality(leaf, age_s, reachable=self._reachable(platform), known=True),
             resource.unit,
             resource.owner,
             source,
@@ -158,83 +185,96 @@ class Answers:
 
     # -- set
 
-    async def _set(self, request: TreeSet, meta: Meta) -> TreeSetDone:
-        path, _, fields = request.path.partition(".")
+    async def _set(self, request: TreeSet, _: Meta) -> TreeSetDone:
+        path, _dot, field = request.path.partition(".")
         platform, local = self._split(path)
-        leaf = self._leaf(platform, local)
         if platform != self._module.platform:
-            there = msgspec.structs.replace(request, path=f"{local}.{fields}" if fields else local)
+            self._check_platform(platform)
+            there = msgspec.structs.replace(request, path=f"{local}.{field}" if field else local)
             return await self._module.request(
                 f"/{platform}/sys/tree/set", there, TreeSetDone, timeout_s=self._answer_s
             )
-        assert leaf is not None
+        resource = self._own_leaf(local).resource
         shown = names.join(platform, local)
-        before = self._text(local, leaf.resource)
+        before = self._text(local, resource)
         try:
-            done = await self._change(leaf.resource, local, shown, fields, request)
+            done = await self._change(resource, shown, field, request)
         except SwarmError as error:
             self._changes.write(TreeChange(shown, request.by, before, "", str(error)))
             raise
-        self._changes.write(TreeChange(shown, request.by, before, self._text(local, leaf.resource)))
+        self._changes.write(TreeChange(shown, request.by, before, _json(done.data)))
         return done
 
-    async def _change(
-        self, resource: Resource, local: str, shown: str, fields: str, request: TreeSet
-    ) -> TreeSetDone:
+    async def _change(self, resource: Resource, shown: str, field: str, request: TreeSet) -> TreeSetDone:
         check_settable(resource, shown)
         plain = unpacked(request.value, shown)
-        if fields:
-            plain = with_field(self._current(local, resource), fields, plain, shown)
-        value = typed(resource, plain, f"{shown}.{fields}" if fields else shown)
-        version = 0
+        frame = self._peek.frame(resource.path)
+        if field:
+            present = None if frame is None else self._decoded(resource, frame)
+            plain = with_field(present, field, plain, shown)
+        value = typed(resource, plain, f"{shown}.{field}" if field else shown)
         if resource.kind is Kind.SETTING:
-            present = self._settings.version(local)
-            if request.version is not None and request.version != present:
-                raise Conflict(f"{shown}: has version {present} now; expected {request.version}")
-            version = await self._settings.set(resource, value)
-        else:
-            outcome = await self._module.send(local, value, timeout_s=self._answer_s)
-            if not outcome:
-                raise NoAnswer(f"{shown}: {outcome}")
-        return TreeSetDone(shown, version, resource.type, registry.encode(value))
+            version = await self._settings.set(resource, value, shown, request.version)
+            return TreeSetDone(shown, version, resource.type, registry.encode(value))
+        if request.version is not None and (frame is None or frame.sequence != request.version):
+            have = "no value" if frame is None else f"version {frame.sequence}"
+            raise Conflict(f"{shown}: has {have} now; expected version {request.version}")
+        return await self._hand_over(resource, shown, value)
+
+    async def _hand_over(self, resource: Resource, shown: str, value: msgspec.Struct) -> TreeSetDone:
+        """To the application that takes it: as a message, or as a request where it answers one."""
+        taker = self._applications.table.serving_path(resource.path)
+        if taker is None or taker[1].type != resource.type:
+            owner = resource.owner or "no application"
+            raise Denied(f"{shown}: {owner} takes no values for it now; expected one that does")
+        if taker[1].kind == "request":
+            cls = registry.find(resource.reply)
+            answer = await self._module.request(resource.path, value, cls, timeout_s=self._answer_s)
+            return TreeSetDone(shown, 0, resource.reply, registry.encode(answer))
+        outcome = await self._module.send(resource.path, value, timeout_s=self._answer_s)
+        if not outcome:
+            raise NoAnswer(f"{shown}: {outcome}")
+        return TreeSetDone(shown, 0, resource.type, registry.encode(value))
 
     async def _undo(self, request: TreeUndo, _: Meta) -> TreeSetDone:
         platform, local = self._split(request.path)
-        leaf = self._leaf(platform, local)
         if platform != self._module.platform:
+            self._check_platform(platform)
             there = msgspec.structs.replace(request, path=local)
             return await self._module.request(
                 f"/{platform}/sys/tree/undo", there, TreeSetDone, timeout_s=self._answer_s
             )
-        assert leaf is not None
+        resource = self._own_leaf(local).resource
         shown = names.join(platform, local)
-        before = self._text(local, leaf.resource)
-        value, version = await self._settings.undo(leaf.resource, shown)
-        self._changes.write(TreeChange(shown, request.by, before, self._text(local, leaf.resource)))
-        return TreeSetDone(shown, version, leaf.resource.type, registry.encode(value))
+        before = self._text(local, resource)
+        value, version = await self._settings.undo(resource, shown)
+        done = TreeSetDone(shown, version, resource.type, registry.encode(value))
+        self._changes.write(TreeChange(shown, request.by, before, _json(done.data)))
+        return done
 
-    def _current(self, local: str, resource: Resource) -> msgspec.Struct | None:
-        frame = self._peek.frame(local)
-        if frame is None:
-            return None
+    def _decoded(self, resource: Resource, frame: Frame) -> msgspec.Struct:
         return registry.decode(registry.find(resource.type), frame.payload, frame.codec)
 
     def _text(self, local: str, resource: Resource) -> str:
+        frame = None if resource.kind in _VALUELESS else self._peek.frame(local)
+        if frame is None:
+            return ""
         try:
-            value = self._current(local, resource)
+            return _json(plain_payload(frame, resource.type))
         except SwarmError:
             return ""
-        return "" if value is None else msgspec.json.encode(value).decode()
 
     # -- list
 
-    def _list(self, request: TreeList, _: Meta) -> TreeListing:
-        pattern = request.pattern
-        if not pattern.startswith("/"):
-            pattern = f"/{self._module.platform}/{pattern}"
-        first, rest = [*pattern[1:].split("/", 1), ""][:2]
+    async def _list(self, request: TreeList, _: Meta) -> TreeListing:
+        text = request.pattern
+        if not text.startswith("/"):
+            text = f"/{self._module.platform}/{text}"
+        first, rest = [*text[1:].split("/", 1), ""][:2]
         rest = "**" if first == "**" or not rest else rest
+        Pattern(rest)
         wanted = Pattern("*" if first == "**" else first)
+        await self._demand(wanted)
         limit = max(1, min(request.limit, LIMIT))
         entries: list[TreeEntry] = []
         more = 0
@@ -245,46 +285,49 @@ class Answers:
                 more += 1
         return TreeListing(tuple(entries), more, tuple(map(self._platform, self._platforms())))
 
+    async def _demand(self, wanted: Pattern) -> None:
+        """Ask those whose structure nobody here has wanted before, and wait for the answers, not for long."""
+        remotes = self._tree.remotes
+        asked = [
+            platform
+            for platform in remotes.platforms()
+            if wanted.matches(platform) and remotes.demand(platform)
+        ]
+        if not asked:
+            return
+        self._act()
+        try:
+            async with asyncio.timeout(DEMAND_S):
+                while any((one := remotes.get(platform)) is not None and one.asking for platform in asked):
+                    self._learned.clear()
+                    await self._learned.wait()
+        except TimeoutError:
+            return  # what is known is listed; the rest says that nothing is known of it
+
     def _matching(self, wanted: Pattern, rest: str, after: str) -> Iterator[tuple[str, Leaf]]:
-        after_platform, after_local = names.split(after) if after else (None, "")
-        skipping = bool(after_platform)
+        last, last_local = names.split(after) if after else (None, "")
         for platform in self._platforms():
-            if skipping and platform != after_platform:
-                continue
-            start = after_local if platform == after_platform else ""
-            skipping = False
-            if not wanted.matches(platform):
-                continue
             index = self._index(platform)
-            if index is None:
-                self._tree.remotes.demand(platform)
+            if index is None or not wanted.matches(platform):
                 continue
-            for leaf in index.match(rest, after=start):
+            if last is not None and names.natural(platform) < names.natural(last):
+                continue
+            for leaf in index.match(rest, after=last_local if platform == last else ""):
                 yield platform, leaf
 
     def _platform(self, platform: str) -> TreePlatform:
         index = self._index(platform)
-        own = platform == self._module.platform
-        return TreePlatform(
-            platform,
-            own or self._reachable(platform),
-            len(index) if index is not None else 0,
-            index.digest if index is not None else 0,
-        )
+        size, digest = (0, 0) if index is None else (len(index), index.digest)
+        return TreePlatform(platform, self._reachable(platform), size, digest)
 
     def _entry(self, platform: str, leaf: Leaf) -> TreeEntry:
         resource = leaf.resource
         own = platform == self._module.platform
-        valued = resource.kind not in {Kind.BRANCH, Kind.COMMAND, Kind.FILE}
-        frame = self._peek.frame(resource.path, None if own else platform) if valued else None
-        age_s = None
-        quality = "lost" if leaf.lost else "none"
-        if frame is not None:
-            stamp_ns = (
-                frame.stamp_ns if own else self._module.foreign.to_local(frame.sender_hw, frame.stamp_ns)
-            )
-            age_s = None if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
-            quality = _quality(leaf, age_s)
+        frame = None
+        if resource.kind not in _VALUELESS:
+            frame = self._peek.frame(resource.path, None if own else platform)
+        age_s = None if frame is None else self._age_s(frame)
+        reachable = self._reachable(platform)
         return TreeEntry(
             names.join(platform, resource.path),
             str(resource.kind),
@@ -296,7 +339,7 @@ class Answers:
             resource.link,
             resource.owner,
             age_s,
-            quality,
+            quality(leaf, age_s, reachable=reachable, known=frame is not None),
             resource.range,
             resource.choices,
             resource.log,
@@ -305,9 +348,5 @@ class Answers:
         )
 
 
-def _quality(leaf: Leaf, age_s: float | None) -> str:
-    if leaf.lost:
-        return "lost"
-    if age_s is None:
-        return "stale" if leaf.resource.periodic else "live"
-    return "live" if age_s <= leaf.resource.stale_after_s else "stale"
+def _json(data: bytes) -> str:
+    return msgspec.json.encode(msgspec.msgpack.decode(data)).decode()

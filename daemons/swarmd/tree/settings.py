@@ -1,19 +1,24 @@
-"""Settings as resources: one board each, its value from the store or the default."""
+"""Settings as resources: a board each, its value from the store or the default."""
 
 import asyncio
 import logging
 from collections.abc import Iterable
+from typing import Final
 
 import msgspec
 
 from swarmd.tree.core.value import typed
 from swarmd.tree.store import Store
-from swarmware.errors import InvalidInput, NotFound, SwarmError
+from swarmware.errors import Conflict, InvalidInput, NotFound, SwarmError
 from swarmware.module import BoardWriter, Module
+from swarmware.module.module import BOARD_SLOT_BYTES, BOARD_SLOTS
 from swarmware.resource import Kind, Plain, Resource
 from swarmware.types import registry
 
 log = logging.getLogger("swarm.tree")
+
+NEVER_SET: Final = 0
+"""Version of a setting that has its default."""
 
 
 class Settings:
@@ -23,16 +28,33 @@ class Settings:
         self._module = module
         self._store = store
         self._boards: dict[str, BoardWriter[msgspec.Struct]] = {}
+        self._refused: dict[str, Resource] = {}
+        self._writing = asyncio.Lock()
 
-    async def publish(self, resources: Iterable[Resource]) -> None:
-        """Makes the boards of settings that have none yet."""
-        for resource in resources:
-            if resource.kind is Kind.SETTING and resource.path not in self._boards:
-                writer = await self._module.writer(
-                    resource.path, registry.find(resource.type), resource=resource
-                )
-                self._boards[resource.path] = writer
-                writer.write(self._value(resource))
+    def publish(self, resources: Iterable[Resource]) -> None:
+        """Makes a board of each setting of the tree, and takes those away that have left it."""
+        wanted = {resource.path: resource for resource in resources if resource.kind is Kind.SETTING}
+        for path in [path for path, board in self._boards.items() if board.resource != wanted.get(path)]:
+            self._boards.pop(path).close(unlink=path not in wanted)
+        for path, resource in wanted.items():
+            if path not in self._boards and self._refused.get(path) != resource:
+                self._publish(resource)
+
+    def _publish(self, resource: Resource) -> None:
+        node = self._module.node
+        try:
+            value = self._value(resource)
+            publication = node.publication(resource.path, slots=BOARD_SLOTS, slot_bytes=BOARD_SLOT_BYTES)
+        except SwarmError as error:
+            self._refused[resource.path] = resource
+            log.warning("setting %s: cannot be published: %s", resource.path, error)
+            return
+        self._refused.pop(resource.path, None)
+        # not by Module.writer: the tree keeps settings for their owners, it does not provide them
+        board = self._boards[resource.path] = BoardWriter(
+            node, self._module.app_id, resource, type(value), publication
+        )
+        board.write(value)
 
     def _value(self, resource: Resource) -> msgspec.Struct:
         kept = self._store.get(resource.path)
@@ -48,26 +70,37 @@ class Settings:
         if local not in self._boards:
             return None
         kept = self._store.get(local)
-        return kept.version if kept is not None else 0
+        return kept.version if kept is not None else NEVER_SET
 
-    async def set(self, resource: Resource, value: msgspec.Struct) -> int:
-        """Keeps the value and publishes it; its version.
+    async def set(
+        self, resource: Resource, value: msgspec.Struct, shown: str, expected: int | None = None
+    ) -> int:
+        """Keeps the value and publishes it; its version. `expected`: the version it must have before.
 
-        Raises: SwarmError when it cannot be kept; nothing has changed then.
+        Raises: Conflict when it has another version, SwarmError when it cannot be kept; nothing has
+        changed then.
         """
-        plain: Plain = value.value  # type: ignore[attr-defined]  # settings are single values
-        before = _plain(self._value(resource))
-        try:
-            kept = await asyncio.to_thread(self._store.put, resource.path, plain, before)
-        except OSError as error:
-            raise SwarmError(f"{resource.path}: cannot be kept: {error}; the old value holds") from error
-        self._boards[resource.path].write(value)
-        return kept.version
+        async with self._writing:
+            board = self._boards.get(resource.path)
+            if board is None or board.resource != resource:
+                raise NotFound(f"{shown}: is not in force; the log of {self._module.platform} says why")
+            present = self.version(resource.path)
+            if expected is not None and expected != present:
+                raise Conflict(f"{shown}: has version {present} now; expected {expected}")
+            before = registry.encode(self._value(resource))
+            former: Plain = msgspec.msgpack.decode(before)[0]
+            plain: Plain = msgspec.msgpack.decode(registry.encode(value))[0]
+            try:
+                kept = await asyncio.to_thread(self._store.put, resource.path, plain, former)
+            except OSError as error:
+                raise SwarmError(f"{shown}: cannot be kept: {error}; the old value holds") from error
+            board.write(value)
+            return kept.version
 
     async def undo(self, resource: Resource, shown: str) -> tuple[msgspec.Struct, int]:
         """Back to the value before the last change; the value and its version.
 
-        Raises: NotFound when it was never changed, InvalidInput when it is no setting.
+        Raises: NotFound when it was never changed, InvalidInput when it is no setting; as `set`.
         """
         if resource.kind is not Kind.SETTING:
             raise InvalidInput(f"{shown}: a {resource.kind} keeps no former value; expected a setting")
@@ -75,9 +108,10 @@ class Settings:
         if kept is None or kept.before is None:
             raise NotFound(f"{shown}: was not changed; nothing to undo")
         value = typed(resource, kept.before, shown)
-        return value, await self.set(resource, value)
+        return value, await self.set(resource, value, shown, kept.version)
 
-
-def _plain(value: msgspec.Struct) -> Plain:
-    found: Plain = value.value  # type: ignore[attr-defined]  # settings are single values
-    return found
+    def close(self) -> None:
+        """Stops writing; the values stay readable until the node ends."""
+        for board in self._boards.values():
+            board.close(unlink=False)
+        self._boards.clear()

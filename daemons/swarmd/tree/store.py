@@ -1,6 +1,7 @@
-"""Settings of this platform: kept in one file, read by everybody as boards."""
+"""Settings of this platform that differ from their defaults, kept in one file."""
 
 import logging
+import os
 import tomllib
 from pathlib import Path
 
@@ -13,8 +14,8 @@ from swarmware.resource import Plain
 log = logging.getLogger("swarm.tree")
 
 
-class Kept(msgspec.Struct, frozen=True, kw_only=True):
-    """One setting that differs from its default."""
+class Kept(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One setting that was changed."""
 
     value: Plain
     version: int
@@ -37,7 +38,7 @@ class Store:
             self._kept = msgspec.convert(raw, dict[str, Kept])
         except FileNotFoundError:
             return
-        except (OSError, ValueError, msgspec.ValidationError) as error:
+        except (OSError, ValueError, msgspec.ValidationError, RecursionError) as error:
             aside = self._path.with_suffix(f".broken-{utc_ns()}")
             try:
                 self._path.rename(aside)
@@ -49,8 +50,8 @@ class Store:
         """What was set; None: the default holds."""
         return self._kept.get(path)
 
-    def put(self, path: str, value: Plain, before: Plain | None) -> Kept:
-        """Keeps a new value.
+    def put(self, path: str, value: Plain, before: Plain) -> Kept:
+        """Keeps a new value; it is on the disk afterwards.
 
         Raises: OSError when it cannot be written; nothing has changed then.
         """
@@ -63,12 +64,9 @@ class Store:
 
     def _save(self, kept: dict[str, Kept]) -> None:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        raw = {
-            path: {key: value for key, value in msgspec.to_builtins(one).items() if value is not None}
-            for path, one in sorted(kept.items())
-        }
         fresh = self._path.with_suffix(".new")
         with fresh.open("wb") as file:
-            tomli_w.dump(raw, file)
+            tomli_w.dump({path: msgspec.to_builtins(one) for path, one in sorted(kept.items())}, file)
             file.flush()
+            os.fsync(file.fileno())  # or a power cut may leave the new name with no bytes in it
         fresh.replace(self._path)

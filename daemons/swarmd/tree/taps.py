@@ -1,12 +1,13 @@
-"""Rings of this node's resources and mirrors: looked at, watched, written."""
+"""Rings of this node's own resources and of mirrors: looked at once, or watched."""
 
 from collections.abc import Callable
+from pathlib import Path
+from typing import Final
 
 from swarmware import frame as wire
-from swarmware import names
-from swarmware.errors import SwarmError, WireError
-from swarmware.frame import Codec, Frame, Kind
-from swarmware.node import Node, Publication
+from swarmware.errors import NotFound, SwarmError, WireError
+from swarmware.frame import Codec, Frame
+from swarmware.node import Node
 from swarmware.resource import Kind as ResourceKind
 from swarmware.resource import Resource
 from swarmware.shm.layout import readers_file, ring_file
@@ -14,15 +15,14 @@ from swarmware.shm.ring import RingReader
 from swarmware.types import registry
 from swarmware.types.tree import TreeItem
 
-EVENT_SLOTS = 64
-_ORDERED = frozenset({ResourceKind.EVENT, ResourceKind.STREAM})
+_ORDERED: Final = frozenset({ResourceKind.EVENT, ResourceKind.STREAM})
 
 
 class Peek:
     """The newest frame of any resource, for a single look."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, shm_dir: Path) -> None:
+        self._shm_dir = shm_dir
         self._rings: dict[tuple[str | None, str], RingReader] = {}
 
     def frame(self, path: str, platform: str | None = None) -> Frame | None:
@@ -40,14 +40,14 @@ class Peek:
         key = (platform, path)
         ring = self._rings.get(key)
         if ring is not None and ring.moved:
+            del self._rings[key]
             ring.close()
-            ring = self._rings.pop(key, None) and None
+            ring = None
         if ring is None:
             try:
-                ring = RingReader(ring_file(self._node.shm_dir, path, platform), after=0)
+                ring = self._rings[key] = RingReader(ring_file(self._shm_dir, path, platform))
             except SwarmError:
                 return None
-            self._rings[key] = ring
         return ring
 
     def close(self) -> None:
@@ -61,15 +61,16 @@ class Tap:
     """Tells each new value of one own resource, when the doorbell has rung."""
 
     def __init__(self, node: Node, resource: Resource, tell: Callable[[TreeItem], None]) -> None:
+        self.resource = resource
         self._node = node
-        self._resource = resource
         self._tell = tell
         self._path = ring_file(node.shm_dir, resource.path)
         self._ordered = resource.kind in _ORDERED
         self._ring: RingReader | None = None
         node.listen(readers_file(self._path))
         node.watch(self)
-        self._open(after=None if self._ordered else 0)
+        # of events, only those from now on; of a board, what there is
+        self._open(after=None)
         self.poll()
 
     def _open(self, after: int | None) -> None:
@@ -83,30 +84,35 @@ class Tap:
         if self._ring is None:
             if not self._path.exists():
                 return
-            self._open(after=0)
-        ring = self._ring
-        if ring is None:
-            return
+            self._open(after=0)  # all of it was written since we have been waiting
+        while (ring := self._ring) is not None:
+            self._take(ring)
+            if not ring.moved:
+                return
+            try:
+                self._ring = ring.reopen()
+            except NotFound:
+                self._ring = None
+                ring.close()
+            except SwarmError:
+                return
+
+    def _take(self, ring: RingReader) -> None:
         if self._ordered:
             while (data := ring.next()) is not None:
                 self._give(data)
         elif ring.sequence != ring.seen and (data := ring.newest()) is not None:
             self._give(data)
-        if ring.moved:
-            try:
-                self._ring = ring.reopen()
-            except SwarmError:
-                return
 
     def _give(self, data: bytes) -> None:
         try:
             frame = wire.decode(data)
         except WireError:
             return
-        if frame.data_id == self._resource.data_id:
+        if frame.data_id == self.resource.data_id:
             self._tell(
                 TreeItem(
-                    self._resource.path,
+                    self.resource.path,
                     frame.data_id,
                     int(frame.kind),
                     frame.sequence,
@@ -123,51 +129,6 @@ class Tap:
         if self._ring is not None:
             self._ring.close()
             self._ring = None
-
-
-class Mirrors:
-    """Mirrors of other platforms' resources that come by notification."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._open: dict[tuple[str, str], Publication] = {}
-
-    def write(self, platform: str, item: TreeItem) -> None:
-        """Publishes a value here as its owner stamped it.
-
-        Raises: SwarmError when there is no room, or the broker writes this mirror.
-        """
-        frame = Frame(
-            Kind(item.kind),
-            item.data_id,
-            names.hardware_id(platform),
-            names.ANY,
-            sequence=item.sequence,
-            stamp_ns=item.stamp_ns,
-            codec=Codec(item.codec),
-            payload=item.data,
-        )
-        self._publication(platform, item).publish(wire.encode(frame))
-
-    def _publication(self, platform: str, item: TreeItem) -> Publication:
-        key = (platform, item.path)
-        found = self._open.get(key)
-        if found is None:
-            board = item.kind == Kind.BOARD
-            more = {} if board else {"slots": EVENT_SLOTS}
-            found = self._open[key] = self._node.mirror_writer(platform, item.path, **more)
-        return found
-
-    def forget(self, platform: str) -> None:
-        """Takes the mirrors of a platform away."""
-        for key in [key for key in self._open if key[0] == platform]:
-            self._open.pop(key).close()
-
-    def close(self) -> None:
-        """Stops writing; what was written last stays readable."""
-        for publication in self._open.values():
-            publication.close(unlink=False)
-        self._open.clear()
 
 
 def plain_payload(frame: Frame, type_name: str) -> bytes:

@@ -78,6 +78,8 @@ class Held:
         self._matched: dict[int, tuple[Leaf, ...]] = {}
         self._timers: Timers[str] = Timers()
         self._serial = 0
+        self.plan_count = 0
+        """Rises with each change of `offers`."""
         self.notifications = 0
         """Acknowledged by their receivers."""
         self.values = 0
@@ -136,6 +138,7 @@ class Held:
         one.up = True
         one.quiet_ns = one.failures = 0
         if not held:
+            self.plan_count += bool(one.ticks)  # the rules may be others
             one.wish = wish(frozenset(request.patterns), request.rules)
             self._match(one)
         if one.epoch != request.epoch:
@@ -232,13 +235,16 @@ class Held:
 
     def _drop(self, one: _Subscriber) -> None:
         self._set_feeds(one, {})
+        self.plan_count += bool(one.ticks)
         del self._subscribers[one.platform]
 
     def _match(self, one: _Subscriber) -> None:
         matched = self._matched.get(one.wish.digest)
         if matched is None:
             matched = self._matched[one.wish.digest] = tuple(_wanted(self._tree, one.wish.patterns))
-        one.ticks = tuple(item.resource for item in matched if item.resource.link == "tick")
+        ticks = tuple(item.resource for item in matched if item.resource.link == "tick")
+        self.plan_count += ticks != one.ticks
+        one.ticks = ticks
         feeds: dict[str, Feed] = {}
         # boards first: each has one value, a stream may fill a notification alone
         for item in sorted(matched, key=lambda item: item.resource.kind not in BOARDLIKE):

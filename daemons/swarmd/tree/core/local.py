@@ -34,6 +34,8 @@ def merge(base: Resource | None, live: Resource) -> Resource:
     """One descriptor from the template's and the application's: facts from the one, policy from the other."""
     if base is None:
         return live
+    if live.kind is Kind.COMMAND and base.kind is not Kind.COMMAND and live.type == base.type:
+        return msgspec.structs.replace(base, owner=live.owner)  # it takes messages that set its value
     if base.kind is not live.kind or base.type != live.type:
         log.warning(
             "%s: %s runs it as %s %s, the template says %s %s",

@@ -1,7 +1,7 @@
 """One other platform, as far as it is known here."""
 
-from swarmd.tree.core.index import Index
-from swarmd.tree.core.interest import Wish
+from swarmd.tree.core.index import Index, Leaf
+from swarmd.tree.core.interest import Wish, subscribable
 from swarmware.resource import Resource
 
 
@@ -50,3 +50,7 @@ class Remote:
     def digest(self) -> int:
         """Of the structure known here; 0: none."""
         return 0 if self.index is None else self.index.digest
+
+    def follows(self, item: Leaf) -> bool:
+        """Whether the values of one of its resources come here."""
+        return self.up and self.confirmed is not None and subscribable(item, self.wish.patterns)

@@ -71,7 +71,8 @@ class Remotes:
             index = Index(leaf(resource) for resource in template)
             self._templates[index.digest] = index
         self._timers: Timers[tuple[str, str]] = Timers()
-        self.plan_changed = False
+        self.plan_count = 0
+        """Rises with each change of `wants`."""
 
     def __iter__(self) -> Iterator[Remote]:
         return iter(self._remotes.values())
@@ -243,7 +244,7 @@ class Remotes:
                 continue
             if what == "forget":
                 del self._remotes[platform]
-                self.plan_changed = self.plan_changed or bool(remote.wants)
+                self.plan_count += bool(remote.wants)
                 self._emit(Forget(platform))
             elif what == "ask":
                 self._ask(remote)
@@ -402,4 +403,4 @@ class Remotes:
         wants = tuple(wanted[path] for path in sorted(wanted))
         if wants != remote.wants:
             remote.wants = wants
-            self.plan_changed = True
+            self.plan_count += 1

@@ -10,7 +10,6 @@ from swarmd.tree.core.interest import Interests
 from swarmd.tree.core.local import LocalTree, Timing
 from swarmd.tree.core.remotes import Patience, Remotes
 from swarmware.resource import Resource
-from swarmware.types.net import Offer, Want
 from swarmware.types.tree import (
     Rule,
     StructureReply,
@@ -54,9 +53,7 @@ class SwarmTree:
         self.remotes = Remotes(
             self.local, platform, self.interests, (template, *templates), limits.patience, emit
         )
-        self._offers: list[Offer] = []
-        self._version = self.local.version
-        self._planned = False
+        self._planned: tuple[int, int, int] | None = None
 
     def drain(self) -> list[Action]:
         """What is to be done now, in this order."""
@@ -137,17 +134,8 @@ class SwarmTree:
 
     # -- for the broker
 
-    def plan(self) -> tuple[list[Offer], list[Want], int] | None:
-        """Offers, wants and version for the broker; None when they are as they were."""
-        offers = self.held.offers()
-        version = self.local.version
-        if (
-            self._planned
-            and offers == self._offers
-            and version == self._version
-            and not self.remotes.plan_changed
-        ):
-            return None
-        self._planned, self._offers, self._version = True, offers, version
-        self.remotes.plan_changed = False
-        return offers, self.remotes.wants(), version
+    def plan_changed(self) -> bool:
+        """Whether the tick must carry something else than when this was asked last."""
+        now = (self.local.version, self.held.plan_count, self.remotes.plan_count)
+        before, self._planned = self._planned, now
+        return before != now

@@ -8,18 +8,16 @@ from swarmware.errors import Denied, InvalidInput, NotFound, OutOfRange, TypeMis
 from swarmware.resource import Kind, Resource
 from swarmware.types import registry
 
-_SETTABLE = frozenset({Kind.SETTING, Kind.COMMAND})
+_SETTABLE = frozenset({Kind.SETTING, Kind.COMMAND, Kind.BOARD})
 
 
 def check_settable(resource: Resource, path: str) -> None:
-    """Raises: Denied when nobody but the owner may set it."""
+    """Raises: Denied when nobody but the owner may set it, InvalidInput when it has no value to set."""
+    if resource.kind not in _SETTABLE:
+        raise InvalidInput(f"{path}: a {resource.kind} cannot be set; expected a setting, command or board")
     if not resource.writable and resource.kind is not Kind.COMMAND:
         owner = resource.owner or "its owner"
         raise Denied(f"{path}: access {resource.access}; only {owner} sets it")
-    if resource.kind not in _SETTABLE:
-        raise Denied(f"{path}: a {resource.kind} is written by its owner; expected a setting or a command")
-    if resource.kind is Kind.COMMAND and resource.reply:
-        raise Denied(f"{path}: answers requests of type {resource.type}; expected a setting or a message")
 
 
 def typed(resource: Resource, plain: Any, path: str) -> msgspec.Struct:
@@ -32,6 +30,10 @@ def typed(resource: Resource, plain: Any, path: str) -> msgspec.Struct:
     if fields == ["value"] and not isinstance(plain, dict):
         plain = {"value": plain}
     if isinstance(plain, list | tuple):
+        if len(plain) > len(fields):
+            raise TypeMismatch(
+                f"{path}: {len(plain)} items; {resource.type} has the fields {', '.join(fields)}"
+            )
         plain = dict(zip(fields, plain, strict=False))
     if not isinstance(plain, dict):
         raise TypeMismatch(

@@ -1,0 +1,29 @@
+"""How far a value can be trusted: its owner, its age, the way to it."""
+
+from enum import StrEnum
+
+from swarmd.tree.core.index import Leaf
+
+
+class Quality(StrEnum):
+    """Of a resource's value as it is seen here."""
+
+    LIVE = "live"
+    STALE = "stale"
+    """Older than it may be, or of an age that cannot be told."""
+    LOST = "lost"
+    """Its owner has gone, or its platform cannot be reached."""
+    NONE = "none"
+    """No value has been seen here."""
+
+
+def quality(leaf: Leaf, age_s: float | None, *, reachable: bool, known: bool) -> Quality:
+    """Quality of a resource. `known`: there is a value; `age_s`: None when its clock is not known here."""
+    if leaf.lost or not reachable:
+        return Quality.LOST
+    if not known:
+        return Quality.NONE
+    limit_s = leaf.resource.stale_after_s
+    if age_s is None:
+        return Quality.LIVE if limit_s == float("inf") else Quality.STALE
+    return Quality.LIVE if age_s <= limit_s else Quality.STALE

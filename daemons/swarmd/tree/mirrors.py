@@ -1,0 +1,92 @@
+"""Mirrors of other platforms' resources that come by notification: rings that we write here."""
+
+from typing import Final
+
+from swarmd.tree.core.mirror import is_news
+from swarmware import frame as wire
+from swarmware import names
+from swarmware.errors import SwarmError, WireError
+from swarmware.frame import Codec, Frame, Kind
+from swarmware.node import Node, Publication
+from swarmware.shm.layout import ring_file
+from swarmware.shm.ring import RingReader
+from swarmware.types.tree import TreeItem
+
+EVENT_SLOTS: Final = 128
+"""Two full notifications: a reader that is woken by one finds all of it."""
+
+
+class _Mirror:
+    def __init__(self, publication: Publication, sequence: int, stamp_ns: int) -> None:
+        self.publication = publication
+        self.sequence = sequence
+        self.stamp_ns = stamp_ns
+
+
+class Mirrors:
+    """One ring per resource, in the folder of its platform."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._open: dict[tuple[str, str], _Mirror] = {}
+
+    def write(self, platform: str, item: TreeItem) -> bool:
+        """Publishes a value here as its owner stamped it; False: it was here already.
+
+        Raises: SwarmError when there is no room, or somebody else writes this mirror.
+        """
+        try:
+            kind, codec = Kind(item.kind), Codec(item.codec)
+        except ValueError as error:
+            raise WireError(f"notification of /{platform}/{item.path}: {error}") from error
+        mirror = self._mirror(platform, item.path, kind)
+        if not is_news(item, mirror.sequence, mirror.stamp_ns):
+            return False
+        frame = Frame(
+            kind,
+            item.data_id,
+            names.hardware_id(platform),
+            sequence=item.sequence,
+            stamp_ns=item.stamp_ns,
+            codec=codec,
+            payload=item.data,
+        )
+        mirror.publication.publish(wire.encode(frame))
+        mirror.sequence, mirror.stamp_ns = item.sequence, item.stamp_ns
+        return True
+
+    def _mirror(self, platform: str, path: str, kind: Kind) -> _Mirror:
+        key = (platform, names.check_path(path))
+        found = self._open.get(key)
+        if found is None:
+            # before the ring is claimed: a ring of other slots would be replaced by an empty one
+            sequence, stamp_ns = self._newest(platform, path)
+            if kind is Kind.BOARD:
+                publication = self._node.mirror_writer(platform, path)
+            else:
+                publication = self._node.mirror_writer(platform, path, slots=EVENT_SLOTS)
+            found = self._open[key] = _Mirror(publication, sequence, stamp_ns)
+        return found
+
+    def _newest(self, platform: str, path: str) -> tuple[int, int]:
+        """Sequence and stamp of what a former tree service wrote last."""
+        try:
+            with RingReader(ring_file(self._node.shm_dir, path, platform)) as ring:
+                data = ring.newest()
+            if data is not None:
+                frame = wire.decode(data)
+                return frame.sequence, frame.stamp_ns
+        except SwarmError:
+            pass  # there is none, or none that can be read
+        return -1, -(1 << 63)
+
+    def forget(self, platform: str) -> None:
+        """Takes the mirrors of a platform away."""
+        for key in [key for key in self._open if key[0] == platform]:
+            self._open.pop(key).publication.close()
+
+    def close(self) -> None:
+        """Stops writing; what was written last stays readable."""
+        for mirror in self._open.values():
+            mirror.publication.close(unlink=False)
+        self._open.clear()
