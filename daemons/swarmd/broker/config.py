@@ -16,7 +16,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     multicast_group: str = "239.83.87.1"
     """IPv4 group of the tick datagrams; empty: no multicast, seeds only."""
     multicast_interface: str = ""
-    """Address or name of the network interface for the group; empty: the kernel's choice."""
+    """Address or name of the group's network interface; empty: that of bind_address, or the kernel's."""
     udp_port: GroupPort = 7447
     """Port of the group."""
     bind_address: str = "0.0.0.0"

@@ -260,7 +260,8 @@ class Neighbours:
         forward_ns: int | None = None
         forward_tx_ns = 0
         clock_us = neighbour.clock_us
-        if clock_us:
+        known = neighbour.hello is not None
+        if known:
             step = (header.tx_us - clock_us) & _MOD32
             clock_us += step if step < 1 << 31 else step - (1 << 32)
             neighbour.clock_us = clock_us
@@ -289,7 +290,7 @@ class Neighbours:
             neighbour.listed_ns = rx_ns
             neighbour.reported = quality
             self._event(neighbour, LinkEvent.LISTED, rx_ns, changes)
-            if clock_us:
+            if known:
                 forward_ns = (clock_us - hold_us) * 1000 - sent_ns
                 forward_tx_ns = sent_ns
         reverse_us = clock_us - rx_ns // 1000
@@ -297,7 +298,7 @@ class Neighbours:
             neighbour.echo_reverse_us = reverse_us
             neighbour.echo_sequence = header.sequence
             neighbour.echo_rx_ns = rx_ns
-        if not clock_us or neighbour.hello is None:
+        if neighbour.hello is None:
             return None
         reverse_ns = clock_us * 1000 - rx_ns
         if forward_ns is not None:
@@ -387,7 +388,7 @@ class Neighbours:
                 heard = {hw for hw, said_ns in neighbour.hears.items() if said_ns >= oldest_ns}
                 heard.add(neighbour.hw)
                 common = heard if common is None else common & heard
-            self._common = frozenset(common or ())
+            self._common = frozenset(common - {self.own_hw} if common else ())
         return self._common
 
     # how a datagram is counted
@@ -402,7 +403,7 @@ class Neighbours:
             return
         if neighbour.expected == 0 or ahead > 4 * WINDOW:
             # the first one, or the sender jumped (it was asked for a higher sequence number)
-            neighbour.expected += 1
+            neighbour.expected = 1
             neighbour.window = 1
         else:
             neighbour.expected += ahead

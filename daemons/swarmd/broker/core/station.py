@@ -161,7 +161,7 @@ class Station:
         found: list[tuple[Want, News]] = []
         hw, clock_us = neighbour.hw, neighbour.clock_us
         on_value, wants = self.relays.on_value, self._wants
-        if clock_us:
+        if neighbour.hello is not None:
             for value in tick.values:
                 age_us, data_id = value.age_us, value.data_id
                 news = on_value(

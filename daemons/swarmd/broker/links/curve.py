@@ -78,6 +78,8 @@ class _Way:
         return gone
 
     def flush(self, now_ns: int) -> None:
+        if self._port.is_closed():
+            return
         send = self._port.socket.send
         sent = False
         while True:
@@ -106,6 +108,8 @@ class _Way:
         return zmq.POLLOUT if len(self.queue) else 0
 
     def _on_event(self, event: int, value: int) -> None:
+        if self.state == "denied":
+            return  # what comes now is the end of the attempt that failed
         if event == zmq.EVENT_CONNECTED:
             self._links.count.add(value)
         elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:

@@ -80,9 +80,12 @@ class Udp:
         return True
 
     def _drain(self, sock: socket.socket, by_multicast: bool) -> None:
-        # the kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn
+        # The kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn.
+        # In this order: a pause between the two makes stamps late, as a delay would. Early ones would be
+        # impossible, and taken for the step of a clock.
+        wall_ns = time.time_ns()
         mono_ns = time.monotonic_ns()
-        apart_ns = time.time_ns() - mono_ns
+        apart_ns = wall_ns - mono_ns
         receive, unpack = sock.recvmsg, _TIMESPEC.unpack
         for _ in range(TURN):
             try:
@@ -143,7 +146,7 @@ def _own_socket(config: Config) -> socket.socket:
 
 
 def _group_socket(config: Config) -> socket.socket:
-    group, where = config.multicast_group, config.multicast_interface
+    group, where = config.multicast_group, _interface(config)
     sock = _udp_socket()
     try:
         # several nodes of one machine listen on the same group and port, each gets a copy
@@ -164,9 +167,15 @@ def _group_socket(config: Config) -> socket.socket:
 def _send_to_group(sock: socket.socket, config: Config) -> None:
     sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
     sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-    where = config.multicast_interface or (config.bind_address if config.bind_address != _EVERYWHERE else "")
+    where = _interface(config)
     if where:
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _membership(config.multicast_group, where))
+
+
+def _interface(config: Config) -> str:
+    """The group is heard and written to where single nodes are, unless the settings say otherwise."""
+    bound = config.bind_address if config.bind_address != _EVERYWHERE else ""
+    return config.multicast_interface or bound
 
 
 def _membership(group: str, interface: str) -> bytes:

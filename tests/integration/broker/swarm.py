@@ -1,0 +1,192 @@
+"""Real brokers over loopback, several nodes in one process, and what tests wait for."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import msgspec
+import uvloop
+
+from swarmd.broker.config import Config
+from swarmd.broker.service import Broker
+from swarmware.config import load_service
+from swarmware.module import BoardReader, Module
+from swarmware.names import data_id
+from swarmware.node import Node
+from swarmware.security import make_swarm
+from swarmware.testing import make_node, no_leaks
+from swarmware.types.net import Neighbours, Offer, Routes, Traffic, TreePlan, Want
+from swarmware.types.rpc import Empty
+
+T = TypeVar("T", bound=msgspec.Struct)
+P = ParamSpec("P")
+
+PATIENCE_S = 15.0
+"""For an event that a busy machine may delay."""
+
+
+def on_uvloop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """The test on an event loop of its own, as services have it; it must leave nothing behind."""
+
+    @wraps(test)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        with no_leaks(), asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+            runner.run(test(*args, **kwargs))
+
+    return run
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    """A port that nobody has now: every test its own group, so that they do not hear each other."""
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.bind(("127.0.0.1", 0))
+        port: int = sock.getsockname()[1]
+        return port
+
+
+class Station:
+    """One node with its broker, and an application beside it."""
+
+    def __init__(self, config_dir: Path) -> None:
+        self.config_dir = config_dir
+        self._stack = AsyncExitStack()
+        self._broker_stack = AsyncExitStack()
+        self._task: asyncio.Task[None] | None = None
+
+    async def open(self) -> None:
+        self.node = await Node.attach(self.config_dir)
+        self._stack.push_async_callback(self.node.close)
+        self.app = await self._stack.enter_async_context(Module("app", node=self.node))
+        self.neighbours: BoardReader[Neighbours] = await self.app.reader("net/neighbours", Neighbours)
+        self.routes: BoardReader[Routes] = await self.app.reader("net/routes", Routes)
+        self.counters: BoardReader[Traffic] = await self.app.reader("net/traffic", Traffic)
+        self._plan = await self.app.writer("tree/plan", TreePlan)
+        await self.start()
+
+    @property
+    def platform(self) -> str:
+        return self.node.platform
+
+    async def start(self) -> None:
+        """Starts the broker."""
+        config = load_service(self.config_dir, "broker", Config)
+        module = await self._broker_stack.enter_async_context(Module("broker", node=self.node, config=config))
+        self._task = asyncio.create_task(Broker(module, config).run(), name=f"broker {self.platform}")
+
+    async def stop(self) -> None:
+        """Ends the broker without a word to anybody.
+
+        Raises: whatever it had failed with.
+        """
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+        await self._broker_stack.aclose()
+        self._broker_stack = AsyncExitStack()
+
+    async def ended(self) -> None:
+        """Raises: whatever the broker failed with."""
+        task, self._task = self._task, None
+        if task is not None:
+            await task
+
+    async def close(self) -> None:
+        try:
+            await self.stop()
+        finally:
+            await self._stack.aclose()
+
+    def plan(
+        self,
+        offers: Iterable[tuple[str, type[msgspec.Struct]]] = (),
+        wants: Iterable[tuple[str, str, type[msgspec.Struct]]] = (),
+        tree_version: int = 1,
+    ) -> None:
+        """What the tree would ask of the broker: offers (path, type), wants (platform, path, type)."""
+        self._plan.write(
+            TreePlan(
+                tree_version,
+                tuple(Offer(path, data_id(path, cls.__name__), cls.__name__) for path, cls in offers),
+                tuple(
+                    Want(platform, path, cls.__name__, data_id(path, cls.__name__))
+                    for platform, path, cls in wants
+                ),
+            )
+        )
+
+    async def traffic(self) -> Traffic:
+        return await self.app.request("sys/broker/traffic", Empty(), Traffic)
+
+    def states(self) -> dict[str, str]:
+        table = self.neighbours.value
+        return {} if table is None else {n.platform: n.state for n in table.neighbours}
+
+    def ways(self) -> dict[str, str]:
+        table = self.routes.value
+        return {} if table is None else {route.platform: route.via for route in table.routes}
+
+    async def until(self, what: Callable[[], bool], reader: BoardReader[Any]) -> None:
+        """Waits until it is so, looking at each news of the reader."""
+        async with asyncio.timeout(PATIENCE_S):
+            while not what():
+                await reader.changed()
+
+    async def until_up(self, *platforms: str) -> None:
+        await self.until(lambda: all(self.states().get(name) == "up" for name in platforms), self.neighbours)
+
+    async def until_reaches(self, **via: str) -> None:
+        await self.until(lambda: all(self.ways().get(k) == v for k, v in via.items()), self.routes)
+
+    async def until_counted(self, what: Callable[[Traffic], bool]) -> Traffic:
+        """The counters when they are so."""
+        await self.until(lambda: self.counters.value is not None and what(self.counters.value), self.counters)
+        return await self.traffic()
+
+    async def until_lost(self, platform: str) -> None:
+        await self.until(lambda: platform not in self.ways(), self.routes)
+
+
+@asynccontextmanager
+async def swarm(
+    root: Path,
+    *names: str,
+    hear: Mapping[str, tuple[str, ...]] | None = None,
+    keys: bool = True,
+    settings: Mapping[str, Mapping[str, Any]] | None = None,
+    **common: Any,
+) -> AsyncIterator[dict[str, Station]]:
+    """Nodes with brokers; `hear`: who hears whom; `settings`: of the broker, by platform."""
+    port = free_port()
+    if keys:
+        await asyncio.to_thread(make_swarm, root / "keys", names)
+    async with AsyncExitStack() as stack:
+        stations: dict[str, Station] = {}
+        for name in names:
+            given = {
+                "udp_port": port,
+                "bind_address": "127.0.0.1",
+                "hear_only": (hear or {}).get(name, ()),
+                **common,
+                **(settings or {}).get(name, {}),
+            }
+            folder = await asyncio.to_thread(
+                make_node,
+                root,
+                name,
+                services={"broker": msgspec.convert(given, Config)},
+                keys_dir=str(root / "keys" / name),
+            )
+            station = stations[name] = Station(folder)
+            stack.push_async_callback(station.close)
+            await station.open()
+        yield stations
+
+
+LINE = {"uav1": ("uav2",), "uav2": ("uav1", "uav3"), "uav3": ("uav2",)}
+"""uav1 - uav2 - uav3."""

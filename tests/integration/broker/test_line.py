@@ -1,0 +1,244 @@
+"""Three brokers in a line: what goes over the middle, and what happens without it."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
+
+from swarmware.delivery import Status
+from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
+from swarmware.names import join
+from swarmware.types.net import ChannelLimits, SetChannel, TimingBatch, Traffic
+from swarmware.types.scalar import Float, Text
+from swarmware.types.vehicle import Pose
+
+NAMES = ("uav1", "uav2", "uav3")
+
+
+async def serve_echo(station: Station) -> None:
+    await station.app.serve(
+        "cmd/echo", Text, lambda request, _: Text(f"{station.platform}: {request.value}"), reply=Text
+    )
+
+
+@on_uvloop
+async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line:
+        await serve_echo(line["uav3"])
+        await line["uav1"].until_reaches(uav2="uav2", uav3="uav2")
+        await line["uav3"].until_reaches(uav1="uav2")
+        assert line["uav1"].states() == {"uav2": "up"}
+        answer = await line["uav1"].app.request("/uav3/cmd/echo", Text("hello"), Text, timeout_s=10)
+        assert answer == Text("uav3: hello")
+        first, middle = await line["uav1"].traffic(), await line["uav2"].traffic()
+        assert first.requests == 1
+        assert middle.requests == 0
+        assert middle.forwarded_frames == 2
+        assert first.refused.spoofed == 0
+
+
+@on_uvloop
+async def test_a_message_over_two_hops_is_acknowledged_once_it_is_there(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line:
+        box = await line["uav3"].app.inbox("cmd/note", Text)
+        await line["uav1"].until_reaches(uav3="uav2")
+        await line["uav3"].until_reaches(uav1="uav2")
+        for number in range(20):
+            outcome = await line["uav1"].app.send("/uav3/cmd/note", Text(str(number)), timeout_s=10)
+            assert outcome.status is Status.DELIVERED, outcome
+        assert [(await anext(box)).value for _ in range(20)] == [str(number) for number in range(20)]
+
+
+@on_uvloop
+async def test_without_the_middle_the_sender_is_told_where_it_stopped(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line:
+        await line["uav1"].until_reaches(uav3="uav2")
+        await line["uav2"].stop()
+        await line["uav1"].until_lost("uav3")
+        await line["uav1"].until(lambda: line["uav1"].states() == {"uav2": "down"}, line["uav1"].neighbours)
+        outcome = await line["uav1"].app.send("/uav3/cmd/note", Text("?"), timeout_s=0.5)
+        assert (outcome.status, outcome.where) == (Status.UNREACHABLE, "uav1")
+        assert "no route to uav3" in outcome.detail
+        with pytest.raises(NoAnswer, match="no route to uav3"):
+            await line["uav1"].app.request("/uav3/cmd/echo", Text(""), Text, timeout_s=0.5)
+
+
+@on_uvloop
+async def test_when_the_far_end_goes_the_middle_says_so(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line:
+        await line["uav1"].until_reaches(uav3="uav2")
+        await line["uav3"].stop()
+        await line["uav2"].until_lost("uav3")
+        # whether uav1 has heard of it or not, the message stops at a hop that is named
+        outcome = await line["uav1"].app.send("/uav3/cmd/note", Text("?"), timeout_s=1.0)
+        assert outcome.status is Status.UNREACHABLE
+        assert outcome.where in {"uav1", "uav2"}
+
+
+@on_uvloop
+async def test_a_middle_that_comes_back_is_used_again(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line:
+        await serve_echo(line["uav3"])
+        await line["uav1"].until_reaches(uav3="uav2")
+        await line["uav2"].stop()
+        await line["uav1"].until_lost("uav3")
+        await line["uav2"].start()
+        await line["uav1"].until_reaches(uav3="uav2")
+        await line["uav3"].until_reaches(uav1="uav2")
+        answer = await line["uav1"].app.request("/uav3/cmd/echo", Text("again"), Text, timeout_s=10)
+        assert answer == Text("uav3: again")
+
+
+@on_uvloop
+async def test_a_broker_that_restarts_at_once_is_a_neighbour_again(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        await serve_echo(pair["uav2"])
+        await pair["uav1"].until_up("uav2")
+        await pair["uav1"].app.request("/uav2/cmd/echo", Text("1"), Text, timeout_s=10)
+        await pair["uav2"].stop()
+        await pair["uav2"].start()
+        await pair["uav2"].until_up("uav1")
+        await pair["uav1"].until_up("uav2")
+        answer = await pair["uav1"].app.request("/uav2/cmd/echo", Text("2"), Text, timeout_s=10)
+        assert answer == Text("uav2: 2")
+        assert (await pair["uav1"].traffic()).refused.old_session == 0
+
+
+@on_uvloop
+async def test_boards_travel_over_the_middle_to_those_who_want_them(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line:
+        pose = await line["uav1"].app.writer("nav/pose", Pose)
+        mirror = await line["uav3"].app.reader("/uav1/nav/pose", Pose)
+        line["uav1"].plan(offers=[("nav/pose", Pose)])
+        line["uav3"].plan(wants=[("uav1", "nav/pose", Pose)])
+        pose.write(Pose.planar(1.0, 2.0, yaw_rad=0.5))
+        first = await mirror.changed(10)
+        assert (first.x_m, first.y_m) == (1.0, 2.0)
+        assert first.yaw_rad == pytest.approx(0.5, abs=1e-3)
+        for step in range(10):
+            pose.write(Pose.planar(10.0 + step, 0.0))
+        async with asyncio.timeout(10):
+            while (await mirror.changed()).x_m != 19.0:
+                pass
+        assert mirror.stamp_ns is not None
+        assert 0 <= line["uav1"].node.clock.now_ns() - mirror.stamp_ns < 10e9
+        middle, end = await line["uav2"].traffic(), await line["uav3"].traffic()
+        assert end.notifications >= 2
+        assert middle.notifications == 0, "it passes on what it does not read itself"
+
+
+@on_uvloop
+async def test_nobody_relays_where_all_hear_each_other(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES) as cell:
+        pose = await cell["uav1"].app.writer("nav/pose", Pose)
+        mirror = await cell["uav3"].app.reader("/uav1/nav/pose", Pose)
+        for one, station in cell.items():
+            await station.until_up(*(other for other in NAMES if other != one))
+        cell["uav1"].plan(offers=[("nav/pose", Pose)])
+        cell["uav3"].plan(wants=[("uav1", "nav/pose", Pose)])
+        for step in range(20):
+            pose.write(Pose.planar(float(step), 0.0))
+            await mirror.changed(10)
+        middle = next(link for link in (await cell["uav2"].traffic()).links if link.platform == "*")
+        assert middle.sent_bytes / middle.sent_frames < 150
+
+
+@on_uvloop
+async def test_a_value_that_stood_before_anybody_wanted_it_comes_too(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        level = await pair["uav1"].app.writer("power/level", Float)
+        level.write(Float(12.5))
+        pair["uav1"].plan(offers=[("power/level", Float)])
+        await pair["uav2"].until_up("uav1")
+        reader = await pair["uav2"].app.reader("/uav1/power/level", Float)
+        pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
+        assert (await reader.changed(10)).value == 12.5
+
+
+@on_uvloop
+async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        level = await pair["uav1"].app.writer("power/level", Float)
+        pair["uav1"].plan(offers=[("power/level", Float)])
+        limits = await pair["uav1"].app.request(
+            "sys/broker/set_channel", SetChannel("power/*", 0.0), ChannelLimits
+        )
+        assert [limit.pattern for limit in limits.limits] == ["power/*"]
+        level.write(Float(1.0))
+
+        def held(traffic: Traffic) -> bool:
+            return any(
+                c.channel == "power/level" and c.offered_frames == 1 and c.max_hz == 0.0
+                for c in traffic.channels
+            )
+
+        traffic = await pair["uav1"].until_counted(held)
+        assert [c.sent_frames for c in traffic.channels if c.channel == "power/level"] == [0]
+        reader = await pair["uav2"].app.reader("/uav1/power/level", Float)
+        pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
+        await pair["uav1"].app.request("sys/broker/set_channel", SetChannel("power/*"), ChannelLimits)
+        assert (await reader.changed(10)).value == 1.0
+
+
+@on_uvloop
+async def test_a_limit_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1") as one:
+        request = one["uav1"].app.request
+        with pytest.raises(OutOfRange, match=r"max_hz -1\.0"):
+            await request("sys/broker/set_channel", SetChannel("**", -1.0), ChannelLimits)
+        with pytest.raises(OutOfRange, match="for_s"):
+            await request("sys/broker/set_channel", SetChannel("**", 1.0, -5.0), ChannelLimits)
+        with pytest.raises(InvalidInput):
+            await request("sys/broker/set_channel", SetChannel("Not a path", 1.0), ChannelLimits)
+
+
+@on_uvloop
+async def test_names_and_trees_are_known_over_two_hops(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE, keys=False) as line:
+        line["uav1"].plan(tree_version=0xBEEF)
+        await line["uav3"].until_reaches(uav1="uav2")
+
+        def knows() -> bool:
+            table = line["uav3"].routes.value
+            return table is not None and any(r.tree_version == 0xBEEF for r in table.routes)
+
+        await line["uav3"].until(knows, line["uav3"].routes)
+
+
+@on_uvloop
+async def test_clock_differences_are_told_for_each_datagram(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        timing = await pair["uav1"].app.stream_reader("net/timing", TimingBatch)
+        async with asyncio.timeout(10):
+            async for batch in timing:
+                sample = batch.samples[0]
+                if sample.most_ns is not None:
+                    break
+        # both clocks are this machine's: the true difference is 0 and must lie between the bounds
+        assert (sample.platform, sample.unit) == ("uav2", "main")
+        assert sample.least_ns <= 1000
+        assert sample.most_ns is not None
+        assert sample.most_ns >= -1000
+        assert sample.boot_id == pair["uav2"].node.clock.boot_id
+        assert sample.sent_ns < sample.received_ns
+
+
+@on_uvloop
+async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        await pair["uav1"].until_up("uav2")
+        table = pair["uav1"].neighbours.value
+        assert table is not None
+        [other] = table.neighbours
+        assert (other.platform, other.unit, other.kind, other.multicast) == ("uav2", "main", "uav", True)
+        assert other.transport == "idle"
+        assert other.cost == 256
+        await pair["uav2"].app.inbox("cmd/note", Text)
+        await pair["uav1"].app.send(join("uav2", "cmd/note"), Text(""), timeout_s=10)
+
+        def connected() -> bool:
+            table = pair["uav1"].neighbours.value
+            return table is not None and [n.transport for n in table.neighbours] == ["tcp"]
+
+        await pair["uav1"].until(connected, pair["uav1"].neighbours)

@@ -1,0 +1,169 @@
+"""Who is not let in: other swarms, other keys, nodes without any."""
+
+import asyncio
+import shutil
+import socket
+from pathlib import Path
+
+import msgspec
+import pytest
+import zmq
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from tests.integration.broker.swarm import Station, free_port, on_uvloop, swarm
+
+from swarmd.broker.config import Config
+from swarmware.delivery import Status
+from swarmware.errors import Denied
+from swarmware.frame import Frame, Kind, encode
+from swarmware.names import data_id, hardware_id
+from swarmware.security import Keys, Member, Roster, make_swarm, sign_roster
+from swarmware.testing import make_node
+from swarmware.types.scalar import Text
+
+
+@on_uvloop
+async def test_a_stranger_with_another_group_key_is_dropped_and_counted(tmp_path: Path) -> None:
+    port = free_port()
+    async with (
+        swarm(tmp_path / "ours", "uav1", "uav2", udp_port=port) as ours,
+        swarm(tmp_path / "theirs", "uav3", udp_port=port) as theirs,
+    ):
+        await ours["uav1"].until_up("uav2")
+        traffic = await ours["uav1"].until_counted(lambda traffic: traffic.refused.forged > 0)
+        assert set(ours["uav1"].states()) == {"uav2"}
+        assert theirs["uav3"].states() == {}
+        assert {link.platform for link in traffic.links} == {"*", "uav2", "?"}
+
+
+def replace_key(folder: Path, root: Ed25519PrivateKey, names: tuple[str, str]) -> None:
+    """Makes keys with which `names[1]` is another one than the rest believes, in its own roster only."""
+    platform = names[1]
+    roster = msgspec.json.decode((folder / "roster.json").read_bytes().split(b"\n")[0], type=Roster)
+    fresh = Keys(platform, bytes(range(32)), None, Keys.open(platform).group)
+    members = tuple(
+        Member(m.platform, m.sign_public, fresh.curve_public, m.role, m.serial)
+        if m.platform == platform
+        else m
+        for m in roster.members
+    )
+    (folder / "node.key").write_bytes(bytes(range(32)))
+    (folder / "roster.json").write_bytes(sign_roster(Roster(1, members), root))
+    (folder / "root.pub").write_bytes(root.public_key().public_bytes_raw())
+
+
+@on_uvloop
+async def test_a_member_with_a_key_that_is_not_on_the_roster_is_denied_and_it_shows(tmp_path: Path) -> None:
+    names = ("uav1", "uav2")
+    make_swarm(tmp_path / "keys", names)
+    replace_key(tmp_path / "keys" / "uav2", Ed25519PrivateKey.generate(), names)
+    async with swarm(tmp_path, *names, keys=False) as pair:
+        # the group key is right, so they hear each other
+        await pair["uav1"].until_up("uav2")
+        await pair["uav2"].until_up("uav1")
+        box = await pair["uav1"].app.inbox("cmd/note", Text)
+        outcome = await pair["uav2"].app.send("/uav1/cmd/note", Text("let me in"), timeout_s=2.0)
+        assert outcome.status is Status.UNREACHABLE
+        assert len(box) == 0
+        traffic = await pair["uav1"].traffic()
+        assert traffic.refused.denied_connections >= 1
+        assert traffic.received_frames == 0
+        states = pair["uav2"].neighbours.value
+        assert states is not None
+        assert [n.transport for n in states.neighbours] == ["tcp denied"]
+
+
+@on_uvloop
+async def test_a_client_without_curve_gets_nothing_in(tmp_path: Path) -> None:
+    tcp_port = free_port(socket.SOCK_STREAM)
+    async with swarm(tmp_path, "uav1", tcp_port=tcp_port) as one:
+        with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+            dealer.setsockopt(zmq.LINGER, 0)
+            dealer.setsockopt(zmq.IMMEDIATE, 1)
+            monitor = dealer.get_monitor_socket(zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED)
+            dealer.connect(f"tcp://127.0.0.1:{tcp_port}")
+            events = await asyncio.to_thread(monitor.recv_multipart)
+            assert int.from_bytes(events[0][:2], "little") == zmq.EVENT_DISCONNECTED
+            dealer.disable_monitor()
+            monitor.close(linger=0)
+        assert (await one["uav1"].traffic()).received_frames == 0
+
+
+@on_uvloop
+async def test_a_member_cannot_start_frames_in_the_name_of_another(tmp_path: Path) -> None:
+    names = ("uav1", "uav2", "uav3")
+    tcp_port = free_port(socket.SOCK_STREAM)
+    async with swarm(tmp_path, *names, settings={"uav1": {"tcp_port": tcp_port}}) as cell:
+        await cell["uav1"].until_up("uav2", "uav3")
+        box = await cell["uav1"].app.inbox("cmd/note", Text)
+        forged = Frame(
+            Kind.MESSAGE,
+            data_id("cmd/note", "Text"),
+            hardware_id("uav3"),
+            1,
+            hardware_id("uav1"),
+            payload=b"\x91\xa4fake",
+        )
+        keys = Keys.load(tmp_path / "keys" / "uav2", "uav2")
+        server = keys.curve_of("uav1")
+        assert server is not None
+        with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+            dealer.setsockopt(zmq.LINGER, 0)
+            dealer.setsockopt(zmq.CURVE_SERVERKEY, server)
+            dealer.setsockopt(zmq.CURVE_PUBLICKEY, keys.curve_public)
+            dealer.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)
+            dealer.connect(f"tcp://127.0.0.1:{tcp_port}")
+            dealer.send(encode(forged))
+            traffic = await cell["uav1"].until_counted(lambda traffic: traffic.refused.spoofed == 1)
+        assert len(box) == 0
+        assert traffic.received_frames == 1
+
+
+@on_uvloop
+async def test_without_keys_nobody_outside_this_computer_is_served(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2", keys=False, bind_address="0.0.0.0") as pair:
+        await pair["uav1"].until_up("uav2")
+        table = pair["uav1"].neighbours.value
+        assert table is not None
+        assert table.neighbours[0].address.startswith("127.0.0.1:")
+
+
+@on_uvloop
+async def test_keys_that_do_not_fit_end_the_broker_with_the_reason(tmp_path: Path) -> None:
+    make_swarm(tmp_path / "keys", ["uav1", "uav2"])
+    shutil.copytree(tmp_path / "keys" / "uav2", tmp_path / "other")
+    folder = make_node(
+        tmp_path, "uav1", services={"broker": Config(udp_port=free_port())}, keys_dir=str(tmp_path / "other")
+    )
+    station = Station(folder)
+    try:
+        await station.open()
+        with pytest.raises(Denied, match="not the key that the roster has for uav1"):
+            await asyncio.wait_for(station.ended(), 10)
+    finally:
+        await station.close()
+
+
+@on_uvloop
+async def test_seeds_join_where_there_is_no_multicast(tmp_path: Path) -> None:
+    port = free_port()
+    async with swarm(
+        tmp_path,
+        "uav1",
+        "uav2",
+        "uav3",
+        multicast_group="",
+        settings={
+            "uav1": {"unicast_port": port},
+            "uav2": {"seeds": (f"127.0.0.1:{port}",)},
+            "uav3": {"seeds": (f"localhost:{port}",)},
+        },
+    ) as star:
+        await star["uav1"].until_up("uav2", "uav3")
+        await star["uav2"].until_reaches(uav3="uav1")
+        table = star["uav2"].neighbours.value
+        assert table is not None
+        assert [(n.platform, n.multicast) for n in table.neighbours] == [("uav1", False)]
+        box = await star["uav3"].app.inbox("cmd/note", Text)
+        outcome = await star["uav2"].app.send("/uav3/cmd/note", Text("over the seed"), timeout_s=10)
+        assert outcome.delivered
+        assert (await anext(box)).value == "over the seed"

@@ -1,0 +1,292 @@
+"""The directory's decisions in tables; whole swarms fly in tests/simulation/directory."""
+
+from typing import Final
+
+import pytest
+
+from swarmd.broker.core.directory import (
+    DESTINATION_LIMIT,
+    HOLD_NS,
+    HYSTERESIS,
+    REFRESH_NS,
+    REQUEST_HOPS,
+    SOURCE_GC_NS,
+    Directory,
+    Route,
+    RouteChanged,
+    newer,
+)
+from swarmd.broker.core.mesh import Mesh
+from swarmd.broker.core.tick import INFINITY, LOST, Header, Row, SequenceRequest, Tick
+
+ME, A, B, FAR = 1, 2, 3, 9
+SECOND: Final = 1_000_000_000
+TICK: Final = SECOND // 10
+NOBODY: Final[frozenset[int]] = frozenset()
+
+
+@pytest.fixture
+def directory() -> Directory:
+    directory = Directory(ME)
+    directory.set_link(A, 256)
+    directory.set_link(B, 256)
+    return directory
+
+
+def rows(directory: Directory, now_ns: int = 0, common: frozenset[int] = NOBODY) -> dict[int, Row]:
+    return {row.hw: row for row in directory.rows(now_ns, 60, common, 2 * SECOND)}
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "is_newer"),
+    [(1, 0, True), (0, 1, False), (5, 5, False), (0, 0xFFFF, True), (0x7FFF, 0, True), (0x8000, 0, False)],
+)
+def test_sequence_numbers_compare_modulo_2_to_the_16(one: int, other: int, is_newer: bool) -> None:
+    assert newer(one, other) is is_newer
+
+
+def test_a_row_of_a_neighbour_is_a_route_over_it(directory: Directory) -> None:
+    assert directory.on_rows(A, [(FAR, 7, 512)], 5) == [RouteChanged(FAR, A)]
+    assert directory.next_hop(FAR) == A
+    assert directory.routes() == [Route(FAR, A, 768, 7, 5)]
+
+
+def test_rows_of_who_is_no_neighbour_count_nothing(directory: Directory) -> None:
+    assert directory.on_rows(77, [(FAR, 7, 512)], 0) == []
+    assert directory.next_hop(FAR) == 0
+
+
+def test_the_better_of_two_neighbours_is_taken(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 1000)], 0)
+    assert directory.on_rows(B, [(FAR, 7, 512)], 0) == [RouteChanged(FAR, B)]
+
+
+def test_a_little_better_is_not_enough_to_change(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 512)], 0)
+    assert directory.on_rows(B, [(FAR, 7, 512 - HYSTERESIS)], 0) == []
+    assert directory.on_rows(B, [(FAR, 8, 511 - HYSTERESIS)], 0) == [RouteChanged(FAR, B)]
+
+
+def test_what_was_advertised_bounds_what_is_taken_later(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 512)], 0)
+    assert rows(directory)[FAR] == Row(FAR, 7, 768)
+    directory.drop_link(A, 1)
+    # as long as the way it was, or longer: it may lead through us
+    assert directory.on_rows(B, [(FAR, 7, 768)], 1) == []
+    assert directory.on_rows(B, [(FAR, 6, 1)], 1) == []
+    # a shorter one cannot, and neither can one that is newer
+    assert directory.on_rows(B, [(FAR, 7, 767)], 1) == [RouteChanged(FAR, B)]
+
+
+def test_a_newer_sequence_is_taken_at_any_distance(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 0xFFFF, 1)], 0)
+    rows(directory)
+    directory.drop_link(A, 1)
+    assert directory.on_rows(B, [(FAR, 0, 5000)], 1) == [RouteChanged(FAR, B)]
+
+
+def test_a_longer_way_of_the_next_hop_is_taken_with_its_next_number(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    rows(directory)
+    directory.on_rows(A, [(FAR, 7, 900)], 1)
+    assert directory.routes()[0].metric == 512, "not feasible: what we have stays loop-free"
+    directory.on_rows(A, [(FAR, 8, 900)], 2)
+    assert directory.routes()[0].metric == 1156
+
+
+def test_a_way_that_gets_much_longer_is_left_for_another(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    directory.on_rows(B, [(FAR, 7, 300)], 0)
+    assert directory.on_rows(A, [(FAR, 8, 2000)], 1) == [RouteChanged(FAR, B)]
+
+
+def test_a_retraction_takes_the_other_way_or_none(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    directory.on_rows(B, [(FAR, 7, 300)], 0)
+    assert directory.on_rows(A, [(FAR, 7, INFINITY)], 1) == [RouteChanged(FAR, B)]
+    assert directory.on_rows(B, [(FAR, 7, INFINITY)], 2) == [RouteChanged(FAR, 0)]
+
+
+def test_a_lost_route_is_said_twice_and_asked_for(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    rows(directory)
+    directory.drop_link(A, 1)
+    for tick in range(2):
+        assert rows(directory, tick * TICK + 1)[FAR].metric == INFINITY
+    assert FAR not in rows(directory, 3 * TICK)
+    assert directory.requests(2) == (SequenceRequest(FAR, 8, REQUEST_HOPS | LOST),)
+    assert directory.requests(3) == (), "not in every tick"
+    assert directory.requests(SECOND) != ()
+    assert directory.requests(10 * SECOND) == (), "not for ever"
+
+
+def test_who_asks_because_it_is_lost_itself_leads_nowhere(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    directory.on_rows(B, [(FAR, 7, 300)], 0)
+    assert directory.on_requests(A, [SequenceRequest(FAR, 8, 20)], 1) == [], "it only passes it on"
+    changes = directory.on_requests(A, [SequenceRequest(FAR, 8, 20 | LOST)], 1)
+    assert changes == [RouteChanged(FAR, B)], "its retractions were lost"
+
+
+def test_a_request_is_passed_on_once_with_one_hop_less(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    directory.on_requests(B, [SequenceRequest(FAR, 8, 20 | LOST)], 1)
+    directory.on_requests(B, [SequenceRequest(FAR, 8, 20 | LOST)], 2)
+    assert directory.requests(3) == (SequenceRequest(FAR, 8, 19),)
+
+
+def test_a_request_at_its_last_hop_ends(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    directory.on_requests(B, [SequenceRequest(FAR, 8, 1)], 1)
+    assert directory.requests(2) == ()
+
+
+def test_who_knows_better_answers_in_the_next_ticks_and_passes_nothing_on(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 9, 256)], 0)
+    rows(directory)
+    assert rows(directory, TICK) == {}
+    directory.on_requests(B, [SequenceRequest(FAR, 8, 20)], TICK)
+    assert directory.requests(TICK) == ()
+    assert FAR in rows(directory, 2 * TICK)
+    assert FAR in rows(directory, 2 * TICK + 1)
+    assert FAR not in rows(directory, 2 * TICK + 2)
+
+
+def test_the_awaited_row_is_told_as_soon_as_it_comes(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    rows(directory)
+    directory.on_requests(B, [SequenceRequest(FAR, 8, 20)], 1)
+    assert rows(directory, 2) == {}
+    directory.on_rows(A, [(FAR, 8, 256)], 3)
+    assert rows(directory, 4)[FAR].sequence == 8
+
+
+def test_a_request_for_ourselves_raises_our_own_number(directory: Directory) -> None:
+    directory.on_requests(A, [SequenceRequest(ME, 5, 20)], 0)
+    assert directory.wanted_sequence == 5
+
+
+def test_rows_are_refreshed_the_slower_the_farther_they_lead(directory: Directory) -> None:
+    directory.on_rows(A, [(A, 1, 0), (FAR, 1, 800)], 0)
+    rows(directory, 0)
+    assert set(rows(directory, REFRESH_NS)) == {A}
+    assert set(rows(directory, 4 * REFRESH_NS)) == {A, FAR}
+
+
+def test_rows_that_nobody_needs_are_refreshed_slowly(directory: Directory) -> None:
+    directory.on_rows(A, [(A, 1, 0)], 0)
+    everybody = frozenset((A,))
+    rows(directory, 0, everybody)
+    assert rows(directory, 19 * TICK, everybody) == {}
+    assert set(rows(directory, 20 * TICK, everybody)) == {A}
+
+
+def test_lost_routes_come_before_all_others_when_there_is_little_room(directory: Directory) -> None:
+    directory.on_rows(A, [(hw, 1, 256) for hw in range(100, 140)], 0)
+    rows(directory)
+    directory.on_rows(A, [(120, 1, INFINITY)], 1)
+    assert directory.rows(10 * SECOND, 3, NOBODY, SECOND)[0] == Row(120, 1, INFINITY)
+
+
+def test_a_route_whose_number_stands_still_is_lost(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    for now_ns in range(0, HOLD_NS + 1, SECOND):
+        assert directory.on_rows(A, [(FAR, 7, 256)], now_ns) == []
+        assert directory.on_timer(now_ns) == []
+    assert directory.on_timer(HOLD_NS + 2 * SECOND) == [RouteChanged(FAR, 0)]
+
+
+def test_a_vanished_node_is_forgotten_with_its_bound(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    rows(directory)
+    directory.drop_link(A, 1)
+    directory.set_link(A, 256)
+    directory.on_timer(2)
+    directory.on_timer(SOURCE_GC_NS + 3 * SECOND)
+    assert directory.on_rows(A, [(FAR, 3, 5000)], SOURCE_GC_NS + 4 * SECOND) == [RouteChanged(FAR, A)]
+
+
+def test_traffic_for_a_lost_node_asks_for_it_again(directory: Directory) -> None:
+    directory.on_rows(A, [(FAR, 7, 256)], 0)
+    rows(directory)
+    directory.drop_link(A, 1)
+    directory.requests(20 * SECOND)
+    directory.want(FAR, 20 * SECOND)
+    assert directory.requests(20 * SECOND) == (SequenceRequest(FAR, 8, REQUEST_HOPS | LOST),)
+
+
+def test_a_metric_never_reaches_infinity_by_adding_up(directory: Directory) -> None:
+    assert directory.on_rows(A, [(FAR, 7, INFINITY - 256)], 0) == []
+    assert directory.on_rows(A, [(FAR, 7, INFINITY - 257)], 0) == [RouteChanged(FAR, A)]
+
+
+def test_destinations_beyond_the_limit_are_not_taken(directory: Directory) -> None:
+    directory.on_rows(A, [(1000 + index, 1, 1) for index in range(DESTINATION_LIMIT + 5)], 0)
+    assert len(directory.routes()) == DESTINATION_LIMIT
+
+
+def header(hw: int, sequence: int) -> Header:
+    return Header(0, hw, sequence, 0)
+
+
+def bring_up(mesh: Mesh, hw: int, sequence: int, now_ns: int) -> None:
+    """Hears a node that has heard our newest datagram."""
+    ours = mesh.next_sequence()
+    mesh.sent(ours, now_ns)
+    mesh.on_tick(header(hw, sequence), Tick(), False, ("h", 1), now_ns)
+    echo = Tick(echoes=((mesh.own_hw, ours & 0xFF, 0, 255),))  # type: ignore[arg-type]  # a plain tuple will do
+    mesh.on_tick(header(hw, sequence + 1), echo, False, ("h", 1), now_ns)
+
+
+def test_a_neighbour_is_a_route_to_itself_as_soon_as_it_is_up() -> None:
+    mesh = Mesh(ME, 100, SECOND, 0)
+    bring_up(mesh, A, 5, 0)
+    assert mesh.directory.next_hop(A) == A
+
+
+def test_routes_over_a_neighbour_end_with_its_silence() -> None:
+    mesh = Mesh(ME, 100, SECOND, 0)
+    bring_up(mesh, A, 5, 0)
+    mesh.on_tick(header(A, 7), Tick(rows=(Row(FAR, 1, 256),)), False, ("h", 1), TICK)
+    deadline_ns = mesh.deadline_ns()
+    assert deadline_ns is not None
+    links, routes = mesh.on_timer(deadline_ns)
+    assert [link.hw for link in links] == [A]
+    assert {route.hw for route in routes} == {A, FAR}
+
+
+def test_after_a_start_only_neighbours_are_reached_until_all_have_noticed() -> None:
+    mesh = Mesh(ME, 100, SECOND, quiet_until_ns=SECOND)
+    bring_up(mesh, A, 5, 0)
+    tick = Tick(rows=(Row(FAR, 1, 256),))
+    mesh.on_tick(header(A, 7), tick, False, ("h", 1), SECOND - 1)
+    assert (mesh.directory.next_hop(A), mesh.directory.next_hop(FAR)) == (A, 0)
+    mesh.on_tick(header(A, 8), tick, False, ("h", 1), SECOND)
+    assert mesh.directory.next_hop(FAR) == A
+
+
+def test_rows_of_an_overtaken_datagram_are_not_used() -> None:
+    mesh = Mesh(ME, 100, SECOND, 0)
+    bring_up(mesh, A, 5, 0)
+    mesh.on_tick(header(A, 8), Tick(rows=(Row(FAR, 2, INFINITY),)), False, ("h", 1), TICK)
+    mesh.on_tick(header(A, 7), Tick(rows=(Row(FAR, 1, 256),)), False, ("h", 1), TICK)
+    assert mesh.directory.next_hop(FAR) == 0
+
+
+def test_a_restarted_neighbours_routes_are_dropped_before_its_rows_are_used() -> None:
+    mesh = Mesh(ME, 100, SECOND, 0)
+    bring_up(mesh, A, 5, 0)
+    mesh.on_tick(header(A, 7), Tick(rows=(Row(FAR, 1, 256),)), False, ("h", 1), TICK)
+    heard = mesh.on_tick(header(A, 900), Tick(rows=(Row(FAR, 2, 256),)), True, ("h", 1), 2 * TICK)
+    assert heard is not None
+    assert RouteChanged(FAR, 0) in heard.routes
+    assert mesh.directory.next_hop(FAR) == 0, "it has not said yet that it hears us"
+
+
+def test_own_numbers_go_on_from_what_others_still_hold_of_us() -> None:
+    mesh = Mesh(ME, 100, SECOND, 0)
+    assert mesh.next_sequence() == 101
+    mesh.directory.wanted_sequence = 5000
+    assert mesh.next_sequence() == 5001
+    mesh.directory.wanted_sequence = 4000
+    assert mesh.next_sequence() == 5002, "older than ours: of no interest"

@@ -1,0 +1,244 @@
+"""Where frames go, who waits in which queue, and who is who."""
+
+from typing import Final
+
+import pytest
+
+from swarmd.broker.core.directory import Directory
+from swarmd.broker.core.forward import LOOP_NS, Decision, Forwarder, Step, answerable
+from swarmd.broker.core.members import AGAIN_NS, FORGET_NS, Members
+from swarmd.broker.core.pace import airtime_s, tick_hz
+from swarmd.broker.core.queue import AGE_MAX_NS, BYTES_MAX, FRAMES_MAX, Priority, Queue, priority
+from swarmd.broker.core.tick import Hello, MemberRow, PlatformKind
+from swarmd.broker.core.traffic import CHANNEL_LIMIT, Counters
+from swarmware.frame import HOPS, Flag, Frame, Kind
+from swarmware.names import hardware_id
+
+ME, A, B, FAR = 1, 2, 3, 9
+MS: Final = 1_000_000
+NOBODY: Final[frozenset[int]] = frozenset()
+
+
+@pytest.fixture
+def forwarder() -> Forwarder:
+    directory = Directory(ME)
+    directory.set_link(A, 256)
+    directory.on_rows(A, [(A, 1, 0), (FAR, 1, 256)], 0)
+    return Forwarder(ME, directory)
+
+
+def frame(
+    kind: Kind = Kind.MESSAGE, *, sender: int = ME, receiver: int = FAR, hops: int = HOPS, sequence: int = 1
+) -> Frame:
+    return Frame(kind, 5, sender, 6, receiver, 7, sequence, hops_left=hops)
+
+
+def test_a_frame_from_here_goes_to_the_next_hop_with_all_its_hops(forwarder: Forwarder) -> None:
+    one = frame(hops=3)
+    assert forwarder.from_here(one, 0) == Decision(Step.SEND, A)
+    assert one.hops_left == HOPS
+
+
+def test_a_refusal_for_somebody_else_does_not_start_as_ours(forwarder: Forwarder) -> None:
+    one = frame(Kind.ACK, sender=B)
+    forwarder.from_here(one, 0)
+    assert one.hops_left == HOPS - 1
+
+
+def test_without_a_route_the_frame_stays_and_a_route_is_asked_for(forwarder: Forwarder) -> None:
+    assert forwarder.from_here(frame(receiver=77), 0).step is Step.NO_ROUTE
+
+
+def test_a_frame_for_us_is_delivered(forwarder: Forwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=A, receiver=ME), A, 0).step is Step.DELIVER
+
+
+def test_a_frame_for_others_goes_on_with_one_hop_less(forwarder: Forwarder) -> None:
+    one = frame(sender=B)
+    assert forwarder.from_neighbour(one, B, 0) == Decision(Step.SEND, A)
+    assert one.hops_left == HOPS - 1
+
+
+def test_a_frame_that_starts_at_a_neighbour_must_be_its_own(forwarder: Forwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), A, 0).step is Step.SPOOFED
+    relayed = frame(sender=FAR, receiver=ME, hops=HOPS - 1)
+    assert forwarder.from_neighbour(relayed, A, 0).step is Step.DELIVER
+
+
+def test_where_nobody_can_tell_the_neighbour_its_frames_are_taken(forwarder: Forwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), None, 0).step is Step.DELIVER
+
+
+def test_the_last_hop_is_the_last(forwarder: Forwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=B, hops=1), B, 0).step is Step.HOP_LIMIT
+
+
+def test_a_frame_that_comes_round_is_stopped(forwarder: Forwarder) -> None:
+    forwarder.from_neighbour(frame(sender=B, hops=10), B, 0)
+    assert forwarder.from_neighbour(frame(sender=B, hops=7), A, 5 * MS).step is Step.LOOPED
+    own = frame(hops=20)
+    assert forwarder.from_neighbour(own, A, 0).step is Step.LOOPED
+
+
+def test_a_repetition_by_the_sender_goes_through_but_is_no_first(forwarder: Forwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=B, hops=10), B, 0).first
+    again = forwarder.from_neighbour(frame(sender=B, hops=10), B, 5 * MS)
+    assert (again.step, again.first) == (Step.SEND, False)
+    over_another_way = forwarder.from_neighbour(frame(sender=B, hops=9), A, 5 * MS + LOOP_NS)
+    assert over_another_way.step is Step.SEND
+
+
+def test_only_messages_and_requests_wait_for_an_answer() -> None:
+    assert [kind for kind in Kind if answerable(frame(kind))] == [Kind.MESSAGE, Kind.REQUEST]
+
+
+def test_commands_come_before_streams_and_streams_before_files() -> None:
+    queue = Queue()
+    for kind in (Kind.FILE, Kind.STREAM, Kind.NOTIFY, Kind.ACK):
+        queue.put(kind.name.encode(), frame(kind), 0)
+    assert [queue.pop().data for _ in range(4)] == [b"ACK", b"NOTIFY", b"STREAM", b"FILE"]
+    assert len(queue) == 0
+
+
+def test_an_urgent_frame_is_control_whatever_it_is() -> None:
+    urgent = frame(Kind.FILE)
+    urgent.flags = Flag.URGENT
+    assert priority(urgent) is Priority.CONTROL
+
+
+def test_control_survives_ten_times_overload() -> None:
+    queue = Queue()
+    put = 0
+    for index in range(10 * FRAMES_MAX):
+        queue.put(b"bulk", frame(Kind.FILE), index)
+        if index % 100 == 0:
+            queue.put(b"command", frame(Kind.MESSAGE), index)
+            put += 1
+    commands = 0
+    while len(queue):
+        commands += queue.pop().data == b"command"
+    assert commands == put
+
+
+def test_the_oldest_of_the_least_important_goes_when_the_queue_is_full() -> None:
+    queue = Queue()
+    for index in range(FRAMES_MAX):
+        assert queue.put(b"%d" % index, frame(Kind.STREAM), index) == []
+    [gone] = queue.put(b"new", frame(Kind.STREAM), 0)
+    assert gone.data == b"0"
+    [gone] = queue.put(b"file", frame(Kind.FILE), 0)
+    assert gone.data == b"file"
+
+
+def test_the_queue_is_bounded_in_bytes() -> None:
+    queue = Queue()
+    gone = [item for _ in range(9) for item in queue.put(bytes(BYTES_MAX // 8), frame(Kind.FILE), 0)]
+    assert len(gone) == 1
+
+
+def test_what_waited_too_long_is_given_up_on_the_way_to_the_next() -> None:
+    queue = Queue()
+    queue.put(b"old", frame(), 0)
+    queue.put(b"new", frame(), AGE_MAX_NS)
+    waiting, old = queue.peek(AGE_MAX_NS + 1)
+    assert [item.data for item in old] == [b"old"]
+    assert waiting is not None
+    assert waiting.data == b"new"
+
+
+def test_all_that_waits_comes_back_when_the_way_is_closed() -> None:
+    queue = Queue()
+    for kind in (Kind.FILE, Kind.ACK):
+        queue.put(kind.name.encode(), frame(kind), 0)
+    assert [item.data for item in queue.clear()] == [b"ACK", b"FILE"]
+    assert queue.peek(0) == (None, [])
+
+
+def hello(name: str, tree_version: int = 1) -> Hello:
+    return Hello(1, 0, 1, tree_version, 0, PlatformKind.UAV, name)
+
+
+UAV2 = hardware_id("uav2")
+FC1 = hardware_id("uav2", "fc1")
+
+
+def test_a_node_is_who_its_hardware_id_says() -> None:
+    members = Members(ME)
+    assert members.on_hello(UAV2, hello("uav2"), 0)
+    assert members.on_hello(FC1, hello("uav2.fc1"), 0)
+    assert not members.on_hello(UAV2, hello("uav3"), 0)
+    assert not members.on_hello(hardware_id("Uav 3"), hello("Uav 3"), 0)
+    assert members.platform(FC1) == "uav2"
+    assert members.platform(0xABC) == "00000abc"
+
+
+def test_a_far_member_is_told_twice_when_it_changes_and_then_seldom() -> None:
+    members = Members(ME)
+    members.on_row(MemberRow(UAV2, 1, PlatformKind.UAV, "uav2"), 1)
+
+    def said(now_ns: int) -> list[MemberRow]:
+        return members.rows(now_ns, 500, NOBODY, lambda _: A)
+
+    assert [len(said(tick)) for tick in range(2, 6)] == [1, 1, 0, 0]
+    assert len(said(AGAIN_NS + 5)) == 1
+    members.on_row(MemberRow(UAV2, 2, PlatformKind.UAV, "uav2"), AGAIN_NS + 6)
+    assert [row.tree_version for row in said(AGAIN_NS + 7)] == [2]
+
+
+def test_members_that_all_hear_or_nobody_reaches_are_not_told() -> None:
+    members = Members(ME)
+    members.on_hello(UAV2, hello("uav2"), 1)
+    assert members.rows(2, 500, frozenset((UAV2,)), lambda _: A) == []
+    assert members.rows(2, 500, NOBODY, lambda _: 0) == []
+    assert members.rows(2, 5, NOBODY, lambda _: A) == []
+
+
+def test_the_roster_gives_names_but_no_news() -> None:
+    members = Members(ME)
+    members.know("uav2", 0)
+    assert members.platform(UAV2) == "uav2"
+    assert members.rows(1, 500, NOBODY, lambda _: A) == []
+
+
+def test_whom_nobody_mentions_is_forgotten() -> None:
+    members = Members(ME)
+    members.on_hello(UAV2, hello("uav2"), 1)
+    members.forget(FORGET_NS + 2)
+    assert members.get(UAV2) is None
+
+
+@pytest.mark.parametrize(
+    ("wanted_hz", "heard", "size", "expected_hz"),
+    [(10.0, 15, 150, 10.0), (10.0, 99, 300, 4.4), (10.0, 400, 600, 1.0), (2.0, 15, 150, 2.0)],
+)
+def test_ticks_leave_three_quarters_of_the_air(
+    wanted_hz: float, heard: int, size: int, expected_hz: float
+) -> None:
+    assert tick_hz(wanted_hz, heard, size) == pytest.approx(expected_hz, rel=0.05)
+
+
+def test_airtime_is_that_of_the_scale_study() -> None:
+    assert [round(airtime_s(size) * 1e6) for size in (180, 300, 600)] == pytest.approx(
+        [413, 573, 973], rel=0.01
+    )
+
+
+def test_channels_beyond_the_limit_share_their_counters() -> None:
+    counters = Counters()
+    for index in range(CHANNEL_LIMIT + 10):
+        counters.channel(f"a/{index}").sent(1)
+    assert len(counters.channels) == CHANNEL_LIMIT + 1
+    assert counters.channel("other").sent_frames == 10
+
+
+def test_counters_are_told_with_their_names() -> None:
+    counters = Counters()
+    counters.datagram_sent(100, "*")
+    counters.datagram_received(50, "uav2")
+    counters.channel("nav/pose").received(24)
+    counters.refused.forged += 1
+    sent, received = counters.link_table()
+    assert (sent.platform, sent.transport, sent.sent_frames, sent.sent_bytes) == ("*", "udp", 1, 128)
+    assert (received.platform, received.received_frames, received.received_bytes) == ("uav2", 1, 78)
+    assert counters.channel_table()[0].received_bytes == 24
+    assert counters.refused_table().forged == 1

@@ -1,0 +1,331 @@
+"""Neighbours: up and down by deadline, in both directions, with what is measured on the way."""
+
+from typing import Final
+
+import pytest
+
+from swarmd.broker.core.neighbour import (
+    FORGET_NS,
+    LISTING_NS,
+    NEIGHBOUR_LIMIT,
+    TRANSITIONS,
+    UNLISTED_NS,
+    LinkChanged,
+    LinkEvent,
+    LinkState,
+    Neighbour,
+    Neighbours,
+    Timing,
+)
+from swarmd.broker.core.tick import NO_ECHO, Echo, Header, Hello, PlatformKind
+
+ME, UAV2, UAV3 = 10, 20, 30
+MS: Final = 1_000_000
+SECOND: Final = 1000 * MS
+TIMEOUT: Final = SECOND
+AT: Final = ("10.0.0.2", 7447)
+BOOT: Final = 77
+
+
+class Peer:
+    """The other end: makes headers as a broker with its own clock would."""
+
+    def __init__(self, table: Neighbours, hw: int = UAV2, offset_us: int = 0) -> None:
+        self.table = table
+        self.hw = hw
+        self.offset_us = offset_us
+        self.sequence = 0
+        self.changes: list[LinkChanged] = []
+
+    def datagram(
+        self,
+        now_ns: int,
+        *echoes: Echo,
+        restarted: bool = False,
+        hello: bool = False,
+        way_ns: int = 0,
+        skip: int = 0,
+    ) -> Timing | None:
+        self.sequence += 1 + skip
+        tx_us = (now_ns - way_ns) // 1000 + self.offset_us
+        header = Header(0, self.hw, self.sequence, tx_us & 0xFFFF_FFFF)
+        neighbour = self.table.on_header(header, restarted, AT, now_ns, self.changes)
+        assert neighbour is not None
+        if hello:
+            said = Hello(BOOT, tx_us >> 32, 1, 0, 0, PlatformKind.UAV, "uav2")
+            self.table.on_hello(neighbour, header, said)
+        return self.table.on_echoes(neighbour, header, echoes, now_ns, self.changes)
+
+    def is_(self, state: LinkState) -> bool:
+        return self.neighbour.state is state
+
+    @property
+    def neighbour(self) -> Neighbour:
+        found = self.table.get(self.hw)
+        assert found is not None
+        return found
+
+
+@pytest.fixture
+def table() -> Neighbours:
+    return Neighbours(ME, TIMEOUT)
+
+
+@pytest.fixture
+def peer(table: Neighbours) -> Peer:
+    return Peer(table)
+
+
+def listed(table: Neighbours, now_ns: int, *, hold_ns: int = 50 * MS, quality: int = 255) -> Echo:
+    """An echo to a datagram of ours that left before."""
+    table.sent(now_ns // MS, now_ns - hold_ns - 2 * MS)
+    return Echo(ME, now_ns // MS & 0xFF, hold_ns // 1000, quality)
+
+
+def bring_up(table: Neighbours, peer: Peer, now_ns: int) -> None:
+    peer.datagram(now_ns, hello=True)
+    peer.datagram(now_ns + 100 * MS, listed(table, now_ns + 100 * MS))
+    assert peer.is_(LinkState.UP)
+
+
+def test_every_transition_leaves_the_state_it_starts_from() -> None:
+    assert all(before is not after for (before, _), after in TRANSITIONS.items())
+
+
+def test_a_neighbour_is_heard_first_and_up_when_it_lists_us(table: Neighbours, peer: Peer) -> None:
+    peer.datagram(0)
+    assert peer.is_(LinkState.HEARD)
+    peer.datagram(100 * MS, listed(table, 100 * MS))
+    assert peer.is_(LinkState.UP)
+    assert [(c.before, c.after) for c in peer.changes] == [
+        (LinkState.DOWN, LinkState.HEARD),
+        (LinkState.HEARD, LinkState.UP),
+    ]
+
+
+def test_listing_others_does_not_bring_it_up(peer: Peer) -> None:
+    peer.datagram(0)
+    peer.datagram(100 * MS, Echo(UAV3, 1, 5, 255))
+    assert peer.is_(LinkState.HEARD)
+
+
+def test_a_listing_without_an_echo_does_not_bring_it_up_but_keeps_it_up(
+    table: Neighbours, peer: Peer
+) -> None:
+    peer.datagram(0)
+    peer.datagram(100 * MS, Echo(ME, 0, NO_ECHO, 255))
+    assert peer.is_(LinkState.HEARD), "it may mean our former session"
+    peer.datagram(200 * MS, listed(table, 200 * MS))
+    now_ns = 200 * MS
+    while now_ns < 3 * UNLISTED_NS:
+        now_ns += 500 * MS
+        peer.datagram(now_ns, Echo(ME, 0, NO_ECHO, 255))
+        assert not table.on_timer(now_ns)
+    assert peer.is_(LinkState.UP)
+
+
+@pytest.mark.parametrize("hold_ms", [200, 5_000])
+def test_an_echo_to_what_we_never_sent_does_not_count(table: Neighbours, peer: Peer, hold_ms: int) -> None:
+    peer.datagram(0)
+    table.sent(1, 400 * MS)  # held for longer than it is old: of our former session
+    peer.datagram(500 * MS, Echo(ME, 1, hold_ms * 1000, 255))
+    peer.datagram(600 * MS, Echo(ME, 2, 0, 255))
+    assert peer.is_(LinkState.HEARD)
+
+
+def test_silence_for_the_timeout_takes_it_down(table: Neighbours, peer: Peer) -> None:
+    for tick in range(20):
+        peer.datagram(tick * 100 * MS, listed(table, tick * 100 * MS))
+    last_ns = 1900 * MS
+    assert table.deadline_ns() == last_ns + TIMEOUT
+    assert table.on_timer(last_ns + TIMEOUT - 1) == []
+    [change] = table.on_timer(last_ns + TIMEOUT)
+    assert (change.before, change.after, change.event) == (LinkState.UP, LinkState.DOWN, LinkEvent.SILENT)
+    assert table.deadline_ns() is None
+
+
+def test_a_slow_sender_may_miss_one_datagram(table: Neighbours, peer: Peer) -> None:
+    for tick in range(20):
+        peer.datagram(tick * 500 * MS, listed(table, tick * 500 * MS))
+    last_ns = 19 * 500 * MS
+    assert table.on_timer(last_ns + 1200 * MS) == []
+    assert table.on_timer(last_ns + 1251 * MS) != []
+
+
+def test_the_lost_neighbour_is_told_twice_that_we_do_not_hear_it(table: Neighbours, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    table.on_timer(10 * SECOND)
+    for _ in range(2):
+        assert Echo(UAV2, 0, NO_ECHO, 0) in table.echoes(10 * SECOND, 10, LISTING_NS)
+    assert table.echoes(10 * SECOND, 10, LISTING_NS) == ()
+
+
+def test_who_says_that_it_does_not_hear_us_is_half_open(table: Neighbours, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    peer.datagram(200 * MS, Echo(ME, 0, NO_ECHO, 0))
+    assert peer.is_(LinkState.HALF_OPEN)
+    peer.datagram(300 * MS, listed(table, 300 * MS))
+    assert peer.is_(LinkState.UP)
+
+
+def test_who_lists_us_no_more_is_half_open(table: Neighbours, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    now_ns = 100 * MS
+    while peer.is_(LinkState.UP):
+        now_ns += 500 * MS
+        peer.datagram(now_ns, Echo(UAV3, 1, 5, 255))
+        table.on_timer(now_ns)
+        assert now_ns < 2 * UNLISTED_NS
+    assert peer.is_(LinkState.HALF_OPEN)
+    assert now_ns > UNLISTED_NS
+
+
+def test_a_restart_takes_the_link_back_to_heard_and_forgets_what_was_measured(
+    table: Neighbours, peer: Peer
+) -> None:
+    bring_up(table, peer, 0)
+    peer.sequence = 5000
+    peer.changes.clear()
+    peer.datagram(300 * MS, restarted=True)
+    assert peer.is_(LinkState.HEARD)
+    assert [c.event for c in peer.changes] == [LinkEvent.RESTARTED]
+    assert peer.neighbour.hello is None
+    assert peer.neighbour.lost == 0
+
+
+@pytest.mark.parametrize(
+    ("skips", "quality", "lost"), [((0,) * 16, 255, 0), ((1,) * 16, 128, 16), ((3,) * 16, 64, 48)]
+)
+def test_loss_is_judged_over_the_last_16_datagrams(
+    peer: Peer, skips: tuple[int, ...], quality: int, lost: int
+) -> None:
+    peer.datagram(0)
+    for tick, skip in enumerate(skips, start=1):
+        peer.datagram(tick * 100 * MS, skip=skip)
+    assert abs(peer.neighbour.quality - quality) <= 16
+    assert peer.neighbour.lost == lost
+
+
+def test_a_late_datagram_is_late_and_not_lost(peer: Peer) -> None:
+    peer.datagram(0)
+    peer.datagram(100 * MS, skip=1)
+    assert (peer.neighbour.lost, peer.neighbour.late) == (1, 0)
+    peer.sequence = 1
+    peer.datagram(110 * MS)
+    assert (peer.neighbour.lost, peer.neighbour.late) == (0, 1)
+
+
+def test_a_jump_of_the_sequence_is_no_loss(peer: Peer) -> None:
+    peer.datagram(0)
+    peer.datagram(100 * MS, skip=30_000)
+    assert peer.neighbour.lost == 0
+    assert peer.neighbour.quality == 255
+
+
+def test_cost_counts_the_loss_of_both_directions(table: Neighbours, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    assert peer.neighbour.cost == 256
+    peer.datagram(200 * MS, listed(table, 200 * MS, quality=128))
+    assert peer.neighbour.cost == 510
+
+
+def test_the_offset_is_bounded_from_both_sides(table: Neighbours) -> None:
+    offset_us = 5_000_000
+    peer = Peer(table, offset_us=offset_us)
+    peer.datagram(0, hello=True, way_ns=2 * MS)
+    table.sent(9, 50 * MS)
+    # ours left at 50 ms and took 3 ms; it was held for 45 ms; theirs took 2 ms
+    timing = peer.datagram(100 * MS, Echo(ME, 9, 45_000, 255), way_ns=2 * MS)
+    assert timing is not None
+    assert timing.boot_id == BOOT
+    assert timing.reverse_ns == offset_us * 1000 - 2 * MS
+    assert timing.forward_ns == offset_us * 1000 + 3 * MS
+    assert timing.forward_tx_ns == 50 * MS
+    assert peer.neighbour.rtt_ns == 5 * MS
+
+
+def test_clocks_are_whole_across_the_wrap_of_32_bits(table: Neighbours) -> None:
+    offset_us = (3 << 32) - 150_000
+    peer = Peer(table, offset_us=offset_us)
+    for tick in range(5):
+        timing = peer.datagram(tick * 100 * MS, hello=tick == 0)
+        assert timing is not None
+        assert timing.reverse_ns == offset_us * 1000
+
+
+def test_a_clock_below_zero_is_whole_too(table: Neighbours) -> None:
+    peer = Peer(table, offset_us=-5_000_000)
+    timing = peer.datagram(100 * MS, hello=True)
+    assert timing is not None
+    assert timing.reverse_ns == -5 * SECOND
+
+
+def test_new_neighbours_are_listed_at_once_and_all_within_the_cycle(table: Neighbours) -> None:
+    peers = [Peer(table, hw) for hw in (UAV2, UAV3, 40)]
+    for peer in peers:
+        peer.datagram(0)
+    assert {echo.hw for echo in table.echoes(0, 10, LISTING_NS)} == {UAV2, UAV3, 40}
+    said: list[int] = []
+    for tick in range(1, 21):
+        for peer in peers:
+            peer.datagram(tick * 100 * MS)
+        said += [echo.hw for echo in table.echoes(tick * 100 * MS, 10, LISTING_NS)]
+    assert {UAV2, UAV3, 40} <= set(said)
+    assert len(said) <= 11, "an echo every 0.2 s is enough for three"
+
+
+def test_an_echo_answers_the_datagram_that_came_fastest(table: Neighbours, peer: Peer) -> None:
+    peer.datagram(0, hello=True)
+    table.echoes(0, 10, LISTING_NS)
+    for tick, way_ms in enumerate((9, 1, 7), start=1):
+        peer.datagram(tick * 100 * MS, way_ns=way_ms * MS)
+    [echo] = table.echoes(350 * MS, 10, LISTING_NS)
+    assert echo == Echo(UAV2, 3, 150_000, 255)
+
+
+def test_an_echo_is_said_once(table: Neighbours, peer: Peer) -> None:
+    peer.datagram(0)
+    [first] = table.echoes(0, 10, LISTING_NS)
+    [second] = table.echoes(3 * SECOND, 10, LISTING_NS)
+    assert first.hold_us != NO_ECHO
+    assert second.hold_us == NO_ECHO
+
+
+def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: Neighbours) -> None:
+    for index in range(20):
+        Peer(table, 100 + index).datagram(0)
+    first = {echo.hw for echo in table.echoes(0, 8, LISTING_NS)}
+    second = {echo.hw for echo in table.echoes(100 * MS, 8, LISTING_NS)}
+    assert len(first) == len(second) == 8
+    assert not first & second
+
+
+def test_common_are_those_that_every_neighbour_hears(table: Neighbours) -> None:
+    one, other = Peer(table, UAV2), Peer(table, UAV3)
+    for peer, hears in ((one, (UAV3, 50, 60)), (other, (UAV2, 50))):
+        bring_up(table, peer, 0)
+        peer.datagram(200 * MS, *(Echo(hw, 1, 5, 255) for hw in hears))
+    assert table.common(200 * MS) == {UAV2, UAV3, 50}
+
+
+def test_what_a_neighbour_heard_long_ago_counts_no_more(table: Neighbours, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    peer.datagram(200 * MS, Echo(50, 1, 5, 255))
+    peer.datagram(8 * SECOND, listed(table, 8 * SECOND))
+    assert table.common(8 * SECOND) == {UAV2}
+    assert table.needed(50, set(), 8 * SECOND)
+    assert not table.needed(50, {UAV2}, 8 * SECOND)
+
+
+def test_a_neighbour_that_stays_away_is_forgotten(table: Neighbours, peer: Peer) -> None:
+    peer.datagram(0)
+    table.on_timer(2 * SECOND)
+    table.on_timer(FORGET_NS + 2 * SECOND)
+    assert table.get(UAV2) is None
+
+
+def test_strangers_beyond_the_limit_are_turned_away(table: Neighbours) -> None:
+    for index in range(NEIGHBOUR_LIMIT):
+        Peer(table, 1000 + index).datagram(0)
+    header = Header(0, 1, 1, 1)
+    assert table.on_header(header, False, AT, 0, []) is None

@@ -1,0 +1,202 @@
+"""The tick datagram, byte by byte, and what happens to bytes that are none."""
+
+import contextlib
+import struct
+from collections.abc import Sequence
+from typing import TypeVar
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmd.broker.core import tick as codec
+from swarmd.broker.core.tick import (
+    INFINITY,
+    NO_ECHO,
+    Echo,
+    Header,
+    Hello,
+    MemberRow,
+    PlatformKind,
+    Relay,
+    Row,
+    SequenceRequest,
+    Tick,
+    Value,
+)
+from swarmware.errors import WireError
+
+T = TypeVar("T")
+
+U8, U16, U32 = st.integers(0, 255), st.integers(0, 0xFFFF), st.integers(0, 2**32 - 1)
+U64 = st.integers(0, 2**64 - 1)
+NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,30}(\.[a-z]{1,8})?", fullmatch=True)
+FINE_AGES = st.integers(0, 0x7FFF).map(lambda age: age * codec.AGE_UNIT_US)
+PAYLOADS = st.binary(max_size=200)
+
+
+def some(elements: st.SearchStrategy[T]) -> st.SearchStrategy[tuple[T, ...]]:
+    return st.lists(elements, max_size=5).map(tuple)
+
+
+HELLOS = st.builds(
+    Hello,
+    boot_id=U64,
+    clock_high=st.integers(-(2**31), 2**31 - 1),
+    tcp_port=U16,
+    tree_version=U32,
+    mission=U32,
+    kind=st.sampled_from(PlatformKind),
+    name=NAMES,
+    curve_public=st.sampled_from([b"", bytes(range(32))]),
+)
+TICKS = st.builds(
+    Tick,
+    hello=st.none() | HELLOS,
+    echoes=some(st.builds(Echo, U32, U8, st.integers(0, NO_ECHO), U8)),
+    rows=some(st.builds(Row, U32, U16, U16)),
+    requests=some(st.builds(SequenceRequest, U32, U16, U8)),
+    members=some(st.builds(MemberRow, U32, U32, st.sampled_from(PlatformKind), NAMES)),
+    values=some(st.builds(Value, U32, FINE_AGES, st.booleans(), PAYLOADS)),
+    relays=some(
+        st.builds(Relay, U32, U32, st.integers(-(2**47), 2**47 - 1), FINE_AGES, U8, st.booleans(), PAYLOADS)
+    ),
+)
+HEADERS = st.builds(
+    Header, epoch=st.integers(0, 15), sender_hw=U32, sequence=U32, tx_us=U32, session=st.none() | U64
+)
+
+
+@given(TICKS)
+def test_what_was_encoded_is_decoded_again(tick: Tick) -> None:
+    assert codec.decode(codec.encode(tick)) == tick
+
+
+@given(HEADERS)
+def test_the_clear_header_comes_back_with_its_length(header: Header) -> None:
+    data = codec.encode_header(header)
+    assert codec.decode_header(data + b"sealed") == (header, len(data))
+    assert codec.sender_of(data) == header.sender_hw
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_a_tick_or_a_wire_error(data: bytes) -> None:
+    with contextlib.suppress(WireError):
+        codec.decode(data)
+
+
+@given(TICKS, st.data())
+def test_a_damaged_tick_is_a_tick_or_a_wire_error(tick: Tick, data: st.DataObject) -> None:
+    body = bytearray(codec.encode(tick))
+    for _ in range(data.draw(st.integers(1, 4))):
+        body[data.draw(st.integers(0, len(body) - 1))] = data.draw(U8)
+    with contextlib.suppress(WireError):
+        codec.decode(bytes(body))
+
+
+@given(TICKS)
+def test_a_tick_cut_short_anywhere_is_a_wire_error(tick: Tick) -> None:
+    body = codec.encode(tick)
+    for length in range(len(body)):
+        with pytest.raises(WireError):
+            codec.decode(body[:length])
+
+
+@given(st.binary(max_size=40))
+def test_any_bytes_are_a_header_or_a_wire_error(data: bytes) -> None:
+    with contextlib.suppress(WireError):
+        codec.decode_header(data)
+
+
+def test_the_header_is_the_one_of_the_protocol_page() -> None:
+    short = codec.encode_header(Header(5, 0x11223344, 0x55667788, 0x99AABBCC))
+    assert short == bytes.fromhex("54 25 44332211 88776655 ccbbaa99")
+    long = codec.encode_header(Header(5, 0x11223344, 0x55667788, 0x99AABBCC, 0x0102030405060708))
+    assert long == bytes.fromhex("54 35 44332211 88776655 ccbbaa99 0807060504030201")
+
+
+def test_the_body_is_the_one_of_the_protocol_page() -> None:
+    hello = Hello(0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, PlatformKind.UGV, "ugv1")
+    tick = Tick(
+        hello,
+        (Echo(0x0A0B0C0D, 0x7F, 0x030201, 255),),
+        (Row(0x0A0B0C0D, 0x1234, 256),),
+        (SequenceRequest(0x0A0B0C0D, 0x1235, 24),),
+        (MemberRow(0x0A0B0C0D, 9, PlatformKind.UAV, "uav2"),),
+        (Value(0x01020304, 12_300, True, b"pose"),),
+        (Relay(0x0A0B0C0D, 0x01020304, 0x060504030201, 4_000_000, 2, False, b"x"),),
+    )
+    assert codec.encode(tick) == b"".join(
+        (
+            b"\x7f",
+            b"\x1c" + struct.pack("<QiHIIBB", 0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, 2, 0),
+            b"ugv1",
+            b"\x01" + bytes.fromhex("0d0c0b0a 7f 010203 ff"),
+            b"\x01" + bytes.fromhex("0d0c0b0a 3412 0001"),
+            b"\x01" + bytes.fromhex("0d0c0b0a 3512 18"),
+            b"\x01" + bytes.fromhex("0d0c0b0a 09000000 01 04") + b"uav2",
+            b"\x01" + bytes.fromhex("04030201 7b00 84") + b"pose",
+            b"\x01" + bytes.fromhex("0d0c0b0a 04030201 010203040506 2880 02 01") + b"x",
+        )
+    )
+
+
+def test_a_long_value_has_its_length_in_two_bytes() -> None:
+    for length in (126, 127, 128, 1100):
+        tick = Tick(values=(Value(1, 0, True, bytes(length)),))
+        assert len(codec.encode(tick)) == 2 + codec.value_bytes(bytes(length))
+        assert codec.decode(codec.encode(tick)) == tick
+
+
+def test_parts_of_a_later_version_are_skipped() -> None:
+    body = bytearray(codec.encode(Tick(rows=(Row(1, 2, 3),))))
+    body[0] |= codec.Section.EXTRA
+    body += struct.pack("<BH", 77, 5) + b"12345" + struct.pack("<BH", 78, 0)
+    assert codec.decode(bytes(body)) == Tick(rows=(Row(1, 2, 3),))
+
+
+def test_bytes_behind_the_last_part_are_refused() -> None:
+    with pytest.raises(WireError, match="1 bytes after its last section"):
+        codec.decode(codec.encode(Tick()) + b"x")
+
+
+def test_an_unknown_kind_of_platform_is_another_one() -> None:
+    body = bytearray(codec.encode(Tick(members=(MemberRow(1, 2, PlatformKind.UAV, "a"),))))
+    body[2 + 8] = 200
+    assert codec.decode(bytes(body)).members[0].kind is PlatformKind.OTHER
+
+
+@pytest.mark.parametrize("version", [3, 7])
+def test_a_version_two_steps_ahead_is_refused(version: int) -> None:
+    data = bytearray(codec.encode_header(Header(0, 1, 2, 3)))
+    data[1] = version << 5
+    with pytest.raises(WireError, match="expected a tick of version 1"):
+        codec.decode_header(bytes(data))
+
+
+@pytest.mark.parametrize(
+    ("age_us", "read_us"),
+    [(-5, 0), (99, 0), (100, 100), (3_276_700, 3_276_700), (3_276_800, 3_200_000), (10**10, 3_276_700_000)],
+)
+def test_ages_are_fine_when_young_and_coarse_when_old(age_us: int, read_us: int) -> None:
+    assert codec.decode_age(codec.encode_age(age_us)) == read_us
+
+
+@given(TICKS, st.integers(0, 5000))
+def test_echoes_are_shifted_in_place_when_a_tick_leaves_late(tick: Tick, late_us: int) -> None:
+    body = bytearray(codec.encode(tick))
+    codec.shift_echoes(body, late_us)
+    after = codec.decode(bytes(body))
+    assert after.echoes == tuple(
+        echo if echo.hold_us == NO_ECHO else echo._replace(hold_us=min(echo.hold_us + late_us, NO_ECHO))
+        for echo in tick.echoes
+    )
+    assert _rest(after) == _rest(tick)
+
+
+def _rest(tick: Tick) -> Sequence[object]:
+    return tick.hello, tick.rows, tick.requests, tick.members, tick.values, tick.relays
+
+
+def test_a_lost_row_is_the_largest_metric() -> None:
+    assert codec.decode(codec.encode(Tick(rows=(Row(1, 2, INFINITY),)))).rows[0].metric == 0xFFFF
