@@ -318,7 +318,8 @@ class Held:
                 size += sum(len(item.data) for item in taken)
         base = digest = 0
         structure = b""
-        if one.structure_ns is not None and one.structure_ns <= now_ns:
+        if one.structure_ns is not None and one.structure != self._tree.digest:
+            # due or not: a value must not come before the resource is known, and the way is paid for
             one.structure_ns = None
             base, digest = one.structure or 1, self._tree.digest
             structure = self._tree.changes_since(one.structure) or b""

@@ -1,0 +1,144 @@
+"""Real nodes over loopback, a process each, and what tests wait for."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import msgspec
+import uvloop
+
+from swarmware.errors import SwarmError
+from swarmware.module import BoardReader, Module
+from swarmware.security import make_swarm
+from swarmware.testing import make_node, no_leaks
+from swarmware.testing.process import Process, spawn
+from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeSet, TreeSetDone, TreeValue
+
+T = TypeVar("T", bound=msgspec.Struct)
+P = ParamSpec("P")
+
+PATIENCE_S = 30.0
+"""For an event that a busy machine may delay."""
+SERVICES = ("broker", "tree", "register")
+
+
+def on_uvloop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """The test on an event loop of its own, as services have it; it must leave nothing behind."""
+
+    @wraps(test)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        with no_leaks(), asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+            runner.run(test(*args, **kwargs))
+
+    return run
+
+
+class Platform:
+    """One node: its processes, and an application of the test on it."""
+
+    def __init__(self, name: str, config_dir: Path) -> None:
+        self.name = name
+        self.config_dir = config_dir
+        self.probe = Module("probe", config_dir=config_dir)
+        self._stack = AsyncExitStack()
+        self._started: dict[tuple[str, ...], Process] = {}
+
+    async def start(self, *services: str) -> Process:
+        """A process with these services, ready."""
+        process = await self._stack.enter_async_context(spawn(self.config_dir, *services))
+        self._started[services] = process
+        return process
+
+    async def end(self, *services: str) -> None:
+        """Ends the process of these services in good order."""
+        assert await self._started.pop(services).terminate() == 0
+
+    async def open(self) -> None:
+        await self._stack.enter_async_context(self.probe)
+
+    async def close(self) -> None:
+        for services, process in list(self._started.items()):
+            if process.returncode is None:
+                await self.end(*services)
+        await self._stack.aclose()
+
+    # -- what operators do
+
+    async def get(self, path: str, *, fresh: bool = False) -> TreeValue:
+        return await self.probe.request("sys/tree/get", TreeGet(path, fresh), TreeValue, timeout_s=5)
+
+    async def set(self, path: str, value: object, version: int | None = None) -> TreeSetDone:
+        wish = TreeSet(path, msgspec.msgpack.encode(value), version, "test")
+        return await self.probe.request("sys/tree/set", wish, TreeSetDone, timeout_s=5)
+
+    async def list(self, pattern: str) -> dict[str, TreeEntry]:
+        found = await self.probe.request("sys/tree/list", TreeList(pattern), TreeListing, timeout_s=5)
+        return {entry.path: entry for entry in found.entries}
+
+    async def until_listed(self, path: str, what: Callable[[TreeEntry | None], bool]) -> None:
+        """Waits until the tree of this node says so of a resource: asks at each of its beats."""
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                try:
+                    if what((await self.list(path)).get(path)):
+                        return
+                except SwarmError:
+                    pass  # it starts, or starts again
+                await asyncio.sleep(0.05)
+
+
+async def until(reader: BoardReader[T], what: Callable[[T], bool]) -> T:
+    """The first value that is so."""
+    async with asyncio.timeout(PATIENCE_S):
+        value = reader.value
+        while value is None or not what(value):
+            value = await reader.changed()
+        return value
+
+
+@asynccontextmanager
+async def platforms(
+    root: Path,
+    *names: str,
+    hear: Mapping[str, tuple[str, ...]] | None = None,
+    tree: Mapping[str, Any] | None = None,
+    templates: Mapping[str, str] | None = None,
+    services: tuple[tuple[str, ...], ...] = (SERVICES,),
+    start: bool = True,
+) -> AsyncIterator[list[Platform]]:
+    """Nodes that run; `hear`: who hears whom, `tree`: settings of the tree, `services`: of each process."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        port = sock.getsockname()[1]
+    await asyncio.to_thread(make_swarm, root / "keys", names)
+    async with AsyncExitStack() as stack:
+        found = []
+        for name in names:
+            given: dict[str, Any] = {
+                "broker": {
+                    "udp_port": port,
+                    "bind_address": "127.0.0.1",
+                    "hear_only": list((hear or {}).get(name, ())),
+                },
+                "tree": dict(tree or {}),
+            }
+            folder = await asyncio.to_thread(
+                make_node,
+                root,
+                name,
+                services=given,
+                keys_dir=str(root / "keys" / name),
+                template=(templates or {}).get(name, "gcs"),
+            )
+            platform = Platform(name, folder)
+            stack.push_async_callback(platform.close)
+            await platform.open()
+            found.append(platform)
+        if start:
+            jobs = [platform.start(*group) for platform in found for group in services]
+            await asyncio.gather(*jobs)
+        yield found

@@ -1,0 +1,218 @@
+"""Two real nodes: the tree of the other appears, values go both ways, either side may start again."""
+
+import asyncio
+import signal
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.integration.tree.pair import PATIENCE_S, on_uvloop, platforms, until
+
+from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
+from swarmware.resource import Kind, Resource
+from swarmware.types.scalar import Float, Int, Text
+from swarmware.types.tree import TreeChange, TreeSetDone, TreeUndo
+from swarmware.types.vehicle import Goal, Pose
+
+SPEED = Resource(
+    path="config/planner/speed_m_s",
+    kind=Kind.SETTING,
+    type="Float",
+    unit="m/s",
+    range=(0.0, 12.0),
+    access="rw",
+    default=2.5,
+)
+APART = (("broker", "register"), ("tree",))
+
+
+@on_uvloop
+async def test_the_tree_of_a_neighbour_appears_with_what_its_modules_add(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        await gcs.until_listed("/uav1/net/routes", lambda entry: entry is not None)
+        board = await uav.probe.writer("plan/step", Text, description="what it is about to do")
+        await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None and entry.owner == "probe")
+        entry = (await gcs.list("/uav1/plan/*"))["/uav1/plan/step"]
+        assert (entry.kind, entry.type, entry.description) == ("board", "Text", "what it is about to do")
+        assert (await gcs.list("/*/plan/**")).keys() == {"/uav1/plan/step"}
+        uav.probe.close_writer(board)
+
+
+@on_uvloop
+async def test_a_subscription_may_come_before_its_resource(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        fuel = await gcs.probe.reader("/uav1/power/fuel", Float)
+        faults = await gcs.probe.stream_reader("/uav1/power/faults", Text)
+        await gcs.until_listed("/uav1/net/routes", lambda entry: entry is not None)
+        assert fuel.value is None
+        board = await uav.probe.writer("power/fuel", Float)
+        board.write(Float(0.75))
+        assert (await until(fuel, lambda value: True)).value == 0.75
+        board.write(Float(0.5))
+        await until(fuel, lambda value: value.value == 0.5)
+        entry = (await gcs.list("/uav1/power/fuel"))["/uav1/power/fuel"]
+        assert entry.quality == "live"
+        # events: each of them, in order, once
+        event = await uav.probe.stream_writer("power/faults", Text, kind="event")
+        await gcs.until_listed("/uav1/power/faults", lambda entry: entry is not None)
+        event.write(Text("first"))
+        heard = [(await faults.next(PATIENCE_S)).value]
+        for number in range(100):
+            event.write(Text(f"{number}"))
+        while len(heard) < 101:
+            heard.append((await faults.next(PATIENCE_S)).value)
+        assert heard == ["first", *(f"{number}" for number in range(100))]
+
+
+@on_uvloop
+async def test_a_periodic_board_rides_in_the_tick_and_is_mirrored(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        poses = await gcs.probe.readers("/*/nav/pose", Pose)
+        pose = await uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
+        async with asyncio.timeout(PATIENCE_S):
+            count = 0
+            while not (poses.keys() and poses["uav1"].value is not None):
+                count += 1
+                pose.write(Pose(float(count), 0.0))
+                await asyncio.sleep(0.1)
+        assert (await gcs.get("/uav1/nav/pose")).type == "Pose"
+
+
+@on_uvloop
+async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owner(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        board = await uav.probe.writer("plan/step", Text, unit="")
+        board.write(Text("turn left"))
+        await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None)
+        asked = await gcs.get("/uav1/plan/step")
+        assert (asked.source, asked.path, asked.type) == ("asked", "/uav1/plan/step", "Text")
+        assert msgspec.msgpack.decode(asked.data, type=Text) == Text("turn left")
+        mirror = await gcs.probe.reader("/uav1/plan/step", Text)
+        await until(mirror, lambda value: value.value == "turn left")
+        assert (await gcs.get("/uav1/plan/step")).source == "mirror"
+        assert (await gcs.get("/uav1/plan/step", fresh=True)).source == "asked"
+        assert (await uav.get("plan/step")).source == "own"
+        with pytest.raises(NotFound, match="did you mean /uav1/plan/step"):
+            await gcs.get("/uav1/plan/stop")
+        with pytest.raises(NotFound, match=r"'uav7': not known to gcs; expected one of gcs, uav1"):
+            await gcs.get("/uav7/plan/step")
+        with pytest.raises(NotFound, match="a branch has no value"):
+            await gcs.get("/uav1/net")
+        with pytest.raises(NotFound, match="no value yet"):
+            await gcs.get("/uav1/mission/state")
+
+
+@on_uvloop
+async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        uav.probe.provide(SPEED)
+        own = await uav.probe.reader(SPEED.path, Float)
+        changes = await uav.probe.stream_reader("tree/changes", TreeChange)
+        assert (await until(own, lambda value: True)).value == 2.5
+        path = f"/uav1/{SPEED.path}"
+        await gcs.until_listed(path, lambda entry: entry is not None)
+        seen = await gcs.probe.reader(path, Float)
+        done = await gcs.set(path, 4)
+        assert (done.path, done.version) == (path, 1)
+        await until(own, lambda value: value.value == 4.0)
+        await until(seen, lambda value: value.value == 4.0)
+        change = await changes.next(PATIENCE_S)
+        assert (change.path, change.by, change.before, change.after) == (path, "test", "[2.5]", "[4.0]")
+        assert (await gcs.get(path, fresh=True)).version == 1
+        with pytest.raises(Conflict, match="has version 1 now; expected 0"):
+            await gcs.set(path, 5, version=0)
+        with pytest.raises(OutOfRange, match=r"13 m/s; expected 0 to 12 m/s"):
+            await gcs.set(path, 13)
+        with pytest.raises(TypeMismatch, match="expected `float`, got `str`"):
+            await gcs.set(path, "fast")
+        with pytest.raises(Denied, match="access r"):
+            await gcs.set("/uav1/net/routes", 1)
+        with pytest.raises(InvalidInput, match=r"an? event cannot be set"):
+            await gcs.set("/uav1/tree/changes", 1)
+        with pytest.raises(NotFound, match="no such resource"):
+            await gcs.set("/uav1/config/planner/spede", 1)
+        assert own.value == Float(4.0)
+        # kept over a restart
+        await uav.end("broker", "tree", "register")
+        await uav.start("broker", "tree", "register")
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                try:
+                    value = await gcs.get(path, fresh=True)
+                    break
+                except SwarmError:
+                    await asyncio.sleep(0.05)
+        assert (value.version, msgspec.msgpack.decode(value.data)) == (1, [4.0])
+        back = await gcs.probe.request("sys/tree/undo", TreeUndo(path, "test"), TreeSetDone, timeout_s=5)
+        assert (back.version, msgspec.msgpack.decode(back.data)) == (2, [2.5])
+        await until(seen, lambda value: value.value == 2.5)
+
+
+@on_uvloop
+async def test_a_command_is_handed_to_its_application_and_so_is_a_board_that_takes_values(
+    tmp_path: Path,
+) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        inbox = await uav.probe.inbox("cmd/goto", Goal)
+        await uav.probe.serve("sys/double", Int, lambda request, _: Int(request.value * 2), reply=Int)
+        await gcs.until_listed("/uav1/sys/double", lambda entry: entry is not None)
+        await gcs.set("/uav1/cmd/goto", {"seq": 3, "kind": "goto", "x_m": 5})
+        assert (await inbox.next(PATIENCE_S)) == Goal(3, "goto", 5.0)
+        with pytest.raises(TypeMismatch, match="no field 'colour' in Goal"):
+            await gcs.set("/uav1/cmd/goto", {"seq": 3, "kind": "goto", "colour": 5})
+        with pytest.raises(TypeMismatch, match="field 'kind' of Goal is missing"):
+            await gcs.set("/uav1/cmd/goto", {"seq": 3})
+        done = await gcs.set("/uav1/sys/double", 21)
+        assert (done.type, msgspec.msgpack.decode(done.data)) == ("Int", [42])
+
+
+@pytest.mark.parametrize("side", [0, 1], ids=["owner", "subscriber"])
+@on_uvloop
+async def test_a_tree_service_that_was_killed_heals_from_either_side(tmp_path: Path, side: int) -> None:
+    async with platforms(tmp_path, "uav1", "gcs", services=(APART[0],)) as both:
+        uav, gcs = both
+        trees = [await platform.start("tree") for platform in both]
+        fuel = await gcs.probe.reader("/uav1/power/fuel", Float)
+        faults = await gcs.probe.stream_reader("/uav1/power/faults", Text)
+        board = await uav.probe.writer("power/fuel", Float)
+        event = await uav.probe.stream_writer("power/faults", Text, kind="event")
+        board.write(Float(0.9))
+        await until(fuel, lambda value: value.value == 0.9)
+        event.write(Text("before"))
+        assert (await faults.next(PATIENCE_S)).value == "before"
+        trees[side].signal(signal.SIGKILL)
+        await trees[side].wait()
+        board.write(Float(0.8))
+        await both[side].start("tree")
+        await until(fuel, lambda value: value.value == 0.8)
+        event.write(Text("after"))
+        # an event that nobody watched is lost with the service that should have; none comes twice
+        assert (await faults.next(PATIENCE_S)).value == "after"
+        assert faults.take() is None
+
+
+@on_uvloop
+async def test_an_application_that_is_killed_is_lost_at_every_neighbour(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs", tree={"lost_s": 0.3, "expire_s": 0.5}) as (uav, gcs):
+        timesync = await uav.start("timesync")
+        there = "/uav1/app/timesync/status"
+        await gcs.until_listed(there, lambda entry: entry is not None and entry.quality != "lost")
+        timesync.signal(signal.SIGKILL)
+        await timesync.wait()
+        await gcs.until_listed(there, lambda entry: entry is not None and entry.quality == "lost")
+        await gcs.until_listed(there, lambda entry: entry is None or entry.owner != "timesync")
+
+
+@on_uvloop
+async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path) -> None:
+    line = {"uav1": ("uav2",), "uav2": ("uav1", "gcs"), "gcs": ("uav2",)}
+    async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=line) as (uav, _, gcs):
+        board = await uav.probe.writer("plan/step", Text)
+        board.write(Text("turn left"))
+        uav.probe.provide(SPEED)
+        # nobody on gcs reads anything of it: its structure is asked for when somebody looks
+        await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None)
+        mirror = await gcs.probe.reader("/uav1/plan/step", Text)
+        await until(mirror, lambda value: value.value == "turn left")
+        assert (await gcs.set(f"/uav1/{SPEED.path}", 3.5)).version == 1
+        assert (await gcs.get(f"/uav1/{SPEED.path}")).source == "asked"
