@@ -120,7 +120,7 @@ def _remove_ipc() -> Result:
 
 
 def _leftovers(fix: bool) -> Iterator[Result]:
-    known = {node.shm_dir for lab in record.labs() if lab.running for node in lab.nodes}
+    known = {node.shm_dir for lab in record.around() for node in lab.nodes}
     prefix = f"swarm-{os.getuid()}-"
     stale = [path for path in Path("/dev/shm").glob(f"{prefix}*") if str(path) not in known]
     if not stale:

@@ -1,5 +1,6 @@
 """The folders of a lab: made before the first process starts, removed after the last has ended."""
 
+import hashlib
 import os
 import random
 import shutil
@@ -137,11 +138,19 @@ def _node(folder: Path, member: Member, separate: bool) -> NodeRecord:
         platform=member.platform,
         kind=member.kind,
         folder=str(folder / "n" / member.platform),
-        shm_dir=str(SHM / f"swarm-{os.getuid()}-{folder.name}-{member.platform}"),
+        shm_dir=str(SHM / f"swarm-{os.getuid()}-{_alias(folder)}-{member.platform}"),
         processes="per-daemon" if separate else "one",
         offset_s=member.offset_s,
         drift_ppm=member.drift_ppm,
     )
+
+
+def _alias(folder: Path) -> str:
+    """The lab's name; outside the usual folder of labs that alone may be another lab's, too."""
+    if folder.parent == record.usual_folder():
+        return folder.name
+    where = hashlib.blake2b(os.fsencode(folder.parent.resolve()), digest_size=4)
+    return f"{folder.name}-{where.hexdigest()}"
 
 
 def _write(lab: LabRecord, node: NodeRecord, keys: Path) -> None:

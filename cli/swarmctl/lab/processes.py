@@ -4,7 +4,7 @@ import os
 import select
 import signal
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -57,8 +57,17 @@ def identity(pid: int) -> Identity:
 
 def marked(mark: str, variable: str = MARK) -> list[Identity]:
     """All processes of a lab, or of one node: what was started, and what those started."""
-    wanted = f"{variable}={mark}".encode()
-    found = []
+    return [who for who, found in _marks(variable) if found == mark]
+
+
+def marks() -> set[str]:
+    """Marks of all labs of this user of which a process runs."""
+    return {mark for _, mark in _marks(MARK)}
+
+
+def _marks(variable: str) -> Iterator[tuple[Identity, str]]:
+    """Every other living process that carries the variable, and what it says."""
+    head = f"{variable}=".encode()
     for entry in Path("/proc").iterdir():
         if not entry.name.isdecimal() or int(entry.name) == os.getpid():
             continue
@@ -66,11 +75,9 @@ def marked(mark: str, variable: str = MARK) -> list[Identity]:
             environment = (entry / "environ").read_bytes()
         except OSError:
             continue  # gone meanwhile, or another user's
-        if wanted in environment.split(b"\0"):
-            who = identity(int(entry.name))
-            if who.alive():
-                found.append(who)
-    return found
+        for word in environment.split(b"\0"):
+            if word.startswith(head) and (who := identity(int(entry.name))).alive():
+                yield who, os.fsdecode(word[len(head) :])
 
 
 def wait_gone(processes: Iterable[Identity], timeout_s: float) -> list[Identity]:

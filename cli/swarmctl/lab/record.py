@@ -8,7 +8,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.lab.processes import NODE_MARK, Identity, marked
+from swarmctl.lab.processes import NODE_MARK, Identity, marked, marks
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 
 FILE: Final = "lab.json"
@@ -129,12 +129,17 @@ def check_name(name: str) -> str:
     return name
 
 
+def usual_folder() -> Path:
+    """Where this user's labs are unless SWARMCTL_LABS says otherwise."""
+    return Path(f"/tmp/swarm-{os.getuid()}")
+
+
 def labs_folder() -> Path:
     """Folder of this user's labs; short, because sockets live below it.
 
     Raises: Denied when somebody else could have prepared it.
     """
-    folder = Path(os.environ.get("SWARMCTL_LABS") or f"/tmp/swarm-{os.getuid()}")
+    folder = Path(os.environ.get("SWARMCTL_LABS") or usual_folder())
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = folder.lstat()
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
@@ -172,6 +177,17 @@ def labs() -> list[LabRecord]:
         except (NotFound, ConfigError):
             continue
     return sorted(found, key=lambda lab: lab.created_utc_ns)
+
+
+def around() -> list[LabRecord]:
+    """All labs of this user of which a process runs, in whatever folder of labs."""
+    found = []
+    for mark in sorted(marks()):
+        try:
+            found.append(load(Path(mark)))
+        except (NotFound, ConfigError):
+            continue
+    return found
 
 
 def find(name: str = "") -> LabRecord:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from tests.integration.swarm.swarm import NAMES, Swarm, swarm, until, until_trees_agree, up
 
+from swarmctl.lab import record
 from swarmctl.lab.record import LabRecord
 from swarmware.module import Module
 from swarmware.types.net import Neighbours, Traffic
@@ -40,16 +41,17 @@ async def check(made: Swarm, own: set[int]) -> None:
             now = await until(
                 traffic, lambda now: now.refused.forged > 0, "without the other swarm's datagrams"
             )
-            print(f"{made.record.name} {module.platform}: {now.refused.forged} datagrams of strangers")
+            print(f"{made.record.folder} {module.platform}: {now.refused.forged} datagrams of strangers")
 
 
 @pytest.mark.slow
-def test_two_swarms_on_the_same_group_and_port_stay_apart_and_go_one_by_one(
-    labs: Path, nothing_remains: Callable[[LabRecord], None]
+def test_two_swarms_of_the_same_name_group_and_port_stay_apart_and_go_one_by_one(
+    labs: Path, monkeypatch: pytest.MonkeyPatch, nothing_remains: Callable[[LabRecord], None]
 ) -> None:
     async def run() -> None:
-        async with swarm("k2left") as left:
-            async with swarm("k2right", seed=2) as right:
+        async with swarm("k2twin") as left:
+            monkeypatch.setenv("SWARMCTL_LABS", str(labs / "other"))
+            async with swarm("k2twin", seed=2) as right:
                 for platform in NAMES:  # as if two operators had chosen the same numbers
                     ours, theirs = (made.record.node(platform).config_dir for made in (left, right))
                     shutil.copy(ours / "services/broker.toml", theirs / "services/broker.toml")
@@ -58,6 +60,10 @@ def test_two_swarms_on_the_same_group_and_port_stay_apart_and_go_one_by_one(
                 assert len(own[0] | own[1]) == 2 * len(NAMES)
                 await check(left, own[0])
                 await check(right, own[1])
+                # what the doctor takes for leftovers is what belongs to none of these
+                assert {made.record.folder for made in (left, right)} <= {
+                    lab.folder for lab in record.around()
+                }
                 await right.down()
             nothing_remains(right.record)
             async with left.at("gcs") as ground, left.at("uav1") as vehicle:
