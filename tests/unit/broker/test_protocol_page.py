@@ -1,0 +1,115 @@
+"""share/doc/protocol.md says what the code does: its examples and its tables."""
+
+import re
+from pathlib import Path
+
+from swarmd.broker.core import tick as codec
+from swarmd.broker.core.directory import (
+    HOLD_NS,
+    HYSTERESIS,
+    REFRESH_MAX_NS,
+    REFRESH_NS,
+    REQUEST_AGAIN_NS,
+    REQUEST_FOR_NS,
+    SOURCE_GC_NS,
+)
+from swarmd.broker.core.neighbour import PERIODS, UNLISTED_NS, WINDOW
+from swarmd.broker.core.tick import Echo, Header, Hello, PlatformKind, Row, Tick, Value
+from swarmware import frame as wire
+from swarmware.delivery import with_lifetime
+from swarmware.frame import HOPS, Flag, Frame, Kind
+from swarmware.names import ANY, application_id, data_id, hardware_id
+from swarmware.security import REPLAY_WINDOW, GroupKey, Opener, Sealer
+from swarmware.types.registry import encode
+from swarmware.types.scalar import Text
+from swarmware.types.vehicle import Pose
+
+PAGE = (Path(__file__).parents[3] / "share" / "doc" / "protocol.md").read_text("utf-8")
+GROUP = GroupKey(3, bytes(range(32)))
+SESSION = 0x0102030405060708
+SECOND = 1_000_000_000
+
+
+def example(name: str) -> bytes:
+    """A block of hex on the page."""
+    found = re.search(rf"```{name}\n([0-9a-f]+)\n```", PAGE)
+    assert found is not None, name
+    return bytes.fromhex(found[1])
+
+
+def tick() -> Tick:
+    return Tick(
+        hello=Hello(0x1122334455667788, 1, 7447, 42, 0, PlatformKind.UAV, "uav3"),
+        echoes=(Echo(hardware_id("gcs"), 0x2A, 50_000, 255),),
+        rows=(Row(hardware_id("uav7"), 0x1234, 512),),
+        values=(Value(data_id("nav/pose", "Pose"), 12_300, True, Pose.planar(1.0, 2.0, 3.0).pack()),),
+    )
+
+
+def test_the_tick_of_the_page_is_the_one_we_send() -> None:
+    body = codec.encode(tick())
+    assert body == example("tick-body")
+    hw = hardware_id("uav3")
+    clear = codec.encode_header(Header(3, hw, 1000, 123_456_789, SESSION))
+    assert clear + Sealer(GROUP, hw, SESSION).seal(1000, clear, body) == example("tick-datagram")
+
+
+def test_the_tick_of_the_page_is_one_we_take() -> None:
+    data = example("tick-datagram")
+    header, start = codec.decode_header(data)
+    body = Opener(GROUP).open(
+        header.epoch, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
+    )
+    assert isinstance(body, bytes)
+    assert codec.decode(body) == tick()
+
+
+def test_the_frame_of_the_page_is_ours() -> None:
+    frame = Frame(
+        Kind.MESSAGE,
+        data_id("cmd/note", "Text"),
+        hardware_id("gcs"),
+        application_id("swarmctl", 1),
+        hardware_id("uav3"),
+        ANY,
+        7,
+        SECOND,
+        flags=Flag.WANTS_ACK,
+        extension=with_lifetime(2.0),
+        payload=encode(Text("hello")),
+    )
+    assert wire.encode(frame) == example("frame")
+    assert wire.decode(example("frame")) == frame
+
+
+def test_the_ids_of_the_page_are_ours() -> None:
+    for name, number in re.findall(r"`(\w+)\.main` (?:is )?0x([0-9a-f]{8})", PAGE):
+        assert hardware_id(name) == int(number, 16)
+    assert f"`nav/pose:Pose` 0x{data_id('nav/pose', 'Pose'):08x}" in PAGE
+    assert f"`cmd/note:Text` (0x{data_id('cmd/note', 'Text'):08x})" in PAGE
+    assert f"`swarmctl#1` (0x{application_id('swarmctl', 1):08x})" in PAGE
+
+
+def test_the_kinds_of_the_page_are_ours() -> None:
+    section = PAGE[PAGE.index("## 2.") : PAGE.index("## 3.")]
+    rows = re.findall(r"^\| (\d+) \| ([a-z]+) \| [^|]+ \|$", section, re.M)
+    told = {int(number): name for number, name in rows}
+    assert told == {int(kind): kind.name.lower() for kind in Kind}
+
+
+def test_the_figures_of_the_page_are_ours() -> None:
+    for words in (
+        f"{HOPS} at the sender",
+        f"{REPLAY_WINDOW} numbers back",
+        f"over the last {WINDOW}",
+        f"none comes for {UNLISTED_NS // SECOND} s",
+        f"{PERIODS} periods of the sender",
+        f"better by more than {HYSTERESIS}",
+        f"every {REQUEST_AGAIN_NS / SECOND} s, for {REQUEST_FOR_NS // SECOND} s",
+        f"every {REFRESH_NS / SECOND} s per hop of distance",
+        f"(metric / 256), at most {REFRESH_MAX_NS // SECOND} s",
+        f"stands still for {HOLD_NS // SECOND} s is lost",
+        f"forgotten {SOURCE_GC_NS // SECOND} s after",
+        f"At most {22 + codec.BODY_LIMIT + 16:,} bytes".replace(",", " "),
+    ):
+        assert words in PAGE, words
