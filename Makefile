@@ -12,15 +12,16 @@ REPORT ?= report
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
-test: $(VENV)/.test ## all tests
-	$(RUN) pytest -q tests
+test: $(VENV)/.test ## all tests; what computes shares the cores, what has real processes has them alone
+	$(RUN) pytest -q -n auto tests/unit tests/architecture tests/simulation
+	$(RUN) pytest -q tests/integration
 
 check: $(VENV)/.test ## the fast part: style, types, layering, unit and architecture tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy lib daemons cli tests share/swarm/examples
+	$(BIN)/mypy lib daemons cli tests share/swarm/examples share/doc/generate.py
 	$(BIN)/lint-imports --no-cache
-	$(RUN) pytest -q tests/unit tests/architecture
+	$(RUN) pytest -q -n auto tests/unit tests/architecture
 
 bench: $(VENV)/.bench ## measures; ratios in one run
 	for file in tests/bench/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
