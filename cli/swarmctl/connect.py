@@ -45,20 +45,27 @@ class Link:
         return names.join(platform or self.platform, local)
 
     async def ask(
-        self, path: str, value: msgspec.Struct, reply: type[R], *, timeout_s: float | None = None
+        self,
+        path: str,
+        value: msgspec.Struct,
+        reply: type[R],
+        *,
+        about: str = "",
+        timeout_s: float | None = None,
     ) -> R:
         """Asks the platform that is meant, or the one that the path names.
 
+        `about`: resource of another platform that the one asked will turn to.
         Raises: as `Module.request`.
         """
         wait_s = self.settings.timeout_s if timeout_s is None else timeout_s
         full = self.path(path)
-        platform = names.split(full)[0] or self.here
+        platform = names.split(about or full)[0] or self.here
         await self.reach(platform)
         try:
             return await self.module.request(full, value, reply, timeout_s=wait_s)
         except NoAnswer as error:
-            raise NoAnswer(f"{platform}: no answer from {full} within {wait_s:g} s ({error})") from error
+            raise NoAnswer(f"{about or full}: {platform} does not answer ({error})") from error
 
     async def routes(self) -> Routes:
         """How the node that was joined reaches the others; asked once.
@@ -83,9 +90,7 @@ class Link:
             return
         known = await self.known()
         if platform in known:
-            raise NoAnswer(
-                f"node {platform!r}: known, but {self.here} has no way to it now; expected it near"
-            )
+            raise NoAnswer(f"node {platform!r}: known, but {self.here} has no way to it now")
         there = ", ".join(sorted({self.here, *ways, *known}, key=names.natural))
         raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
 

@@ -60,7 +60,7 @@ async def valued(link: Link, path: str) -> list[TreeEntry]:
     await link.reach(platform)
     if not entries:
         # its tree says best why not: no such path and what is near, a branch, a command
-        await link.ask(f"/{link.here}/sys/tree/get", TreeGet(full), TreeValue)
+        await link.ask(f"/{link.here}/sys/tree/get", TreeGet(full), TreeValue, about=full)
     return entries
 
 

@@ -52,11 +52,11 @@ async def newest(link: Link, path: str, *, fresh: bool = False) -> TreeValue:
     Raises: NotFound, NoAnswer.
     """
     ask = f"/{link.here}/sys/tree/get"
-    found = await link.ask(ask, TreeGet(path, fresh), TreeValue)
+    found = await link.ask(ask, TreeGet(path, fresh), TreeValue, about=path)
     if found.source != "mirror" or (found.age_s is not None and found.age_s < YOUNG_S):
         return found
     try:
-        return await link.ask(ask, TreeGet(path, True), TreeValue)
+        return await link.ask(ask, TreeGet(path, True), TreeValue, about=path)
     except NoAnswer:
         return found
 
@@ -106,5 +106,5 @@ async def write(link: Link, path: str, text: str, version: int | None = None) ->
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
     """
     wish = TreeSet(path, typed(text), version, f"operator@{link.here}")
-    done = await link.ask(f"/{link.here}/sys/tree/set", wish, TreeSetDone)
+    done = await link.ask(f"/{link.here}/sys/tree/set", wish, TreeSetDone, about=path)
     return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)

@@ -44,7 +44,6 @@ async def boards(
 
     async def one(platform: str) -> R | SwarmError:
         try:
-            await link.reach(platform)
             return registry.decode(cls, (await newest(link, names.join(platform, path))).data)
         except SwarmError as error:
             return error

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import msgspec
 
@@ -63,6 +64,11 @@ def to_dot(nodes: list[str], found: list[Edge]) -> str:
 
 def to_png(nodes: list[str], found: list[Edge], target: str) -> None:
     """A picture with the nodes on a circle; the worse the link, the paler the line."""
+    with Path(target).open("wb") as file:  # first: a wrong name is told before the slow import
+        _draw(nodes, found, file)
+
+
+def _draw(nodes: list[str], found: list[Edge], file: BinaryIO) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -90,4 +96,4 @@ def to_png(nodes: list[str], found: list[Edge], target: str) -> None:
         axes.annotate(node, (x, y), ha="center", va="center", color="white", fontsize=8, zorder=3)
     axes.set_axis_off()
     axes.set_title(f"{len(nodes)} nodes, {len(found)} links")
-    canvas.print_png(target)
+    canvas.print_png(file)

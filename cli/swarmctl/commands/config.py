@@ -108,7 +108,6 @@ def set_(ctx: click.Context, key: str, value: str) -> None:
     from swarmctl.values import brief
 
     async def work(link: Link) -> None:
-        await link.reach(link.platform)
         done = await write(link, link.path(f"config/{key}"), value)
         if link.settings.json:
             link.out.document(done)

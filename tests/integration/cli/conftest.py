@@ -1,0 +1,115 @@
+"""One lab for all commands, started and ended by the public door, and `swarmctl` as an operator types it."""
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from swarmctl import main as swarmctl
+
+NODES = ("gcs", "uav1", "uav2", "ugv1")
+
+
+class Done(NamedTuple):
+    """What a command left."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The one JSON document on stdout."""
+        found = json.loads(self.out)
+        assert isinstance(found, dict)
+        return found
+
+    @property
+    def lines(self) -> list[dict[str, Any]]:
+        """JSON Lines on stdout."""
+        return [json.loads(line) for line in self.out.splitlines()]
+
+
+Ctl = Callable[..., Done]
+
+
+class Lab(NamedTuple):
+    """The lab and the environment in which commands find it."""
+
+    name: str
+    folder: Path
+    env: dict[str, str]
+
+    def ctl(self, command: str, timeout_s: float = 30) -> Done:
+        """`swarmctl …` to its end; words as a shell would split them."""
+        done = subprocess.run(
+            self.words(command),
+            capture_output=True,
+            text=True,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            env=self.env,
+            timeout=timeout_s,
+        )
+        assert "Traceback" not in done.stderr, done.stderr
+        return Done(done.returncode, done.stdout, done.stderr)
+
+    def started(self, command: str) -> "subprocess.Popen[str]":
+        """`swarmctl …`, still running."""
+        return subprocess.Popen(
+            self.words(command), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.env
+        )
+
+    def words(self, command: str) -> list[str]:
+        return [sys.executable, "-m", "swarmctl", *shlex.split(command)]
+
+    def pid(self, platform: str) -> int:
+        """Process of a node."""
+        record = json.loads((self.folder / self.name / "lab.json").read_text())
+        return next(int(node["pid"]) for node in record["nodes"] if node["platform"] == platform)
+
+
+@pytest.fixture(scope="session")
+def lab() -> Iterator[Lab]:
+    """Four nodes, in a folder of labs of their own; nothing of them is left."""
+    folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
+    name = f"cli{os.getpid()}"
+    env = {**kept, "SWARMCTL_LABS": str(folder), "XDG_CACHE_HOME": str(folder / "cache"), "NO_COLOR": "1"}
+    found = Lab(name, folder, env)
+    up = found.ctl(f"lab up formation --nodes {len(NODES)} --name {name} --detach", timeout_s=60)
+    try:
+        assert up.code == 0, up.err
+        yield found
+    finally:
+        down = found.ctl(f"lab down {name}", timeout_s=60)
+        left = list(Path("/dev/shm").glob(f"*-{name}-*"))
+        shutil.rmtree(folder)
+        assert down.code == 0, down.err
+        assert left == []
+
+
+@pytest.fixture
+def ctl(lab: Lab, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ctl:
+    """`swarmctl …` in this process: ten times faster, and what it leaves open is a failure."""
+    for name in [key for key in os.environ if key.startswith("SWARMCTL_")]:
+        monkeypatch.delenv(name)
+    for name in ("SWARMCTL_LABS", "XDG_CACHE_HOME", "NO_COLOR"):
+        monkeypatch.setenv(name, lab.env[name])
+
+    def run(command: str) -> Done:
+        capsys.readouterr()
+        with Path(os.devnull).open() as nobody, monkeypatch.context() as patch:
+            patch.setattr(sys, "stdin", nobody)
+            code = swarmctl.main(shlex.split(command))
+        return Done(code, *capsys.readouterr())
+
+    return run

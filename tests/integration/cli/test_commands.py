@@ -1,0 +1,194 @@
+"""Every command against a running swarm: what it prints, in JSON and for people."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from tests.integration.cli.conftest import NODES, Ctl
+
+Check = Callable[[dict[str, Any]], object]
+
+POSE_KEYS = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s", "wz_rad_s"}
+
+
+def platforms(found: list[dict[str, Any]]) -> set[str]:
+    return {one["platform"] for one in found}
+
+
+@pytest.mark.parametrize(
+    ("command", "check"),
+    [
+        (
+            "node ls",
+            lambda d: (
+                platforms(d["nodes"]) == set(NODES)
+                and all(n["answers"] and n["health"]["level"] in {"ok", "warn", "error"} for n in d["nodes"])
+                and [n["route"]["hops"] for n in d["nodes"] if n["route"]] == [1, 1, 1]
+            ),
+        ),
+        ("node ls -n uav1", lambda d: platforms(d["nodes"]) == {"uav1"}),
+        ("node info", lambda d: d["platform"] == "gcs" and d["kind"] == "gcs"),
+        ("node info uav1", lambda d: d["kind"] == "uav" and "navigator" in d["services"]),
+        ("app ls", lambda d: platforms(u["table"] for u in d["units"]) == {"gcs"}),
+        (
+            "app ls --node uav1",
+            lambda d: (
+                {"broker", "tree", "sim"} <= {a["name"] for a in d["units"][0]["table"]["applications"]}
+            ),
+        ),
+        ("app ls --all", lambda d: "gcs" in platforms(u["table"] for u in d["units"])),
+        ("tree ls /uav1", lambda d: len(d["entries"]) > 50 and d["more"] == 0),
+        (
+            "tree ls '/*/nav/pose'",
+            lambda d: [e["path"] for e in d["entries"]] == [f"/{n}/nav/pose" for n in NODES if n != "gcs"],
+        ),
+        ("tree ls nav -n ugv1", lambda d: all(e["path"].startswith("/ugv1/nav") for e in d["entries"])),
+        ("tree show /uav1/power", lambda d: d["entries"][-1]["type"] == "BatteryState"),
+        ("tree get /uav1/nav/pose", lambda d: set(d["value"]) == POSE_KEYS and d["quality"] == "live"),
+        ("tree get nav/pose -n uav1", lambda d: d["path"] == "/uav1/nav/pose" and d["source"] == "asked"),
+        ("tree get /uav1/nav/pose.x_m", lambda d: isinstance(d["value"], float)),
+        ("tree get /uav1/sensor/range.ranges_m.0", lambda d: isinstance(d["value"], float | int)),
+        ("tree get /gcs/mission/state", lambda d: d["source"] == "own" and d["value"]["kind"] == "gcs"),
+        (
+            "tree get '/*/power/battery.remaining_ratio'",
+            lambda d: len(d["values"]) == 3 and all(0 < v["value"] <= 1 for v in d["values"]),
+        ),
+        (
+            "topo",
+            lambda d: (
+                d["nodes"] == list(NODES)
+                and len(d["links"]) == 6
+                and d["silent"] == []
+                and all(link["both"] for link in d["links"])
+            ),
+        ),
+        ("link ls", lambda d: platforms(d["neighbours"]) == {"uav1", "uav2", "ugv1"}),
+        (
+            "link ls -n uav1",
+            lambda d: (
+                platforms(d["neighbours"]) == {"gcs", "uav2", "ugv1"}
+                and all(n["state"] == "up" and 0 <= n["loss_in_ratio"] <= 1 for n in d["neighbours"])
+            ),
+        ),
+        (
+            "traffic ls -n uav1",
+            lambda d: (
+                d["sent_bytes"] > 0
+                and "nav/pose" in {c["channel"] for c in d["channels"]}
+                and {link["transport"] for link in d["links"]} == {"udp", "tcp"}
+            ),
+        ),
+        (
+            "mission ls",
+            lambda d: [(m["name"], m["sound"]) for m in d["missions"]] == [("formation", True)],
+        ),
+        ("mission check formation", lambda d: d["missions"][0]["sound"] and not d["missions"][0]["findings"]),
+        ("mission status -n uav1", lambda d: d["platform"] == "uav1" and "progress_ratio" in d["state"]),
+        ("time ls", lambda d: platforms(d["functions"]) == {"uav1", "uav2", "ugv1"}),
+        ("time ls -n uav1", lambda d: all(abs(f["offset_ns"]) < 11e9 for f in d["functions"])),
+        ("health ls", lambda d: platforms(d["platforms"]) == set(NODES) and d["silent"] == []),
+        ("health ls -n uav1", lambda d: d["platforms"][0]["state"]["guard"] == "alive"),
+        ("health info uav1", lambda d: {"app/sim", "age/nav/pose"} <= {c["check"] for c in d["checks"]}),
+        ("health faults --cleared -n uav1", lambda d: d["platform"] == "uav1" and d["faults"] == []),
+        ("log stats -n uav1", lambda d: all(q["missing"] == 0 for q in d["queues"]) and d["queues"]),
+        (
+            "config get -n uav1",
+            lambda d: (
+                {"/uav1/config/navigator/altitude_kp"} <= {s["path"] for s in d["settings"]}
+                and all(s["range"] is None or s["range"][0] <= s["value"] for s in d["settings"])
+            ),
+        ),
+        ("config get navigator/altitude_kp -n uav1", lambda d: len(d["settings"]) == 1),
+        (
+            "config show broker",
+            lambda d: (
+                {s["service"] for s in d["settings"]} == {"broker"}
+                and "tick_hz" in {s["key"] for s in d["settings"]}
+            ),
+        ),
+        ("config show node -n uav1", lambda d: '"uav1"' in {s["value"] for s in d["settings"]}),
+        ("doctor", lambda d: {"services", "keys"} <= {r["check"] for r in d["results"]}),
+        ("lab ls", lambda d: "labs" in d),
+    ],
+)
+def test_a_command_gives_a_document_and_something_for_people(command: str, check: Check, ctl: Ctl) -> None:
+    found = ctl(f"{command} --json")
+    # doctor judges the machine, which is none of this test's business
+    assert found.code == 0 or command == "doctor", found.err
+    assert found.document["schema_version"] == 1
+    assert check(found.document), found.out[:2000]
+    people = ctl(command)
+    assert people.code == found.code, people.err
+    assert people.out.strip() or people.err.strip()
+    assert not people.out.startswith("{") or command.startswith("tree get")
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "said"),
+    [
+        ("tree get /uav1/nav/bogus", 6, "no such resource; did you mean"),
+        ("tree get /uav1/nav", 6, "a branch has no value"),
+        ("tree get /uav1", 6, "`swarmctl tree ls /uav1` shows its resources"),
+        (
+            "tree get /uav9/nav/pose",
+            6,
+            "node 'uav9': not known to gcs; expected one of gcs, uav1, uav2, ugv1",
+        ),
+        ("tree get /uav1/NAV", 7, "expected [a-z0-9_]+"),
+        ("tree get /uav1/nav/pose.q", 7, "no field 'q'; expected one of x_m"),
+        ("tree get '/*/bogus'", 6, "no resource with a value"),
+        ("tree get '/uav1/{nav'", 7, "is not closed"),
+        ("tree ls /uav9", 6, "node 'uav9': not known"),
+        ("tree ls /uav1/bogus", 6, "no resource matches"),
+        ("tree watch /uav1/bogus --count 1", 6, "no such resource"),
+        ("tree watch /uav9/nav/pose --count 1", 6, "node 'uav9'"),
+        ("tree set /uav1/config/navigator/altitude_kp abc", 7, "expected `float`, got `str`"),
+        ("tree set /uav1/config/navigator/altitude_kp -1", 7, "-1 1/s; expected 0 to 100 1/s"),
+        ("tree set /uav1/config/navigator/altitude_kp -- -1", 7, "expected 0 to 100"),
+        ("tree set /uav1/config/navigator/altitude_kp 1 --if-version 99", 1, "expected 99"),
+        ("tree set /uav1/config/navigator/bogus 1", 6, "no such resource"),
+        ("tree set /uav1/nav/pose 1", 5, "access r"),
+        ("tree set /uav9/nav/pose 1", 6, "node 'uav9'"),
+        ("tree set /uav1/nav/pose", 2, "Missing argument 'VALUE'"),
+        ("node info uav9", 6, "node 'uav9'"),
+        ("node info Uav1", 7, "platform name 'Uav1'"),
+        ("node ls -n uav9", 6, "node 'uav9'"),
+        ("app ls -n uav9", 6, "node 'uav9'"),
+        ("link ls -n uav9", 6, "node 'uav9'"),
+        ("traffic ls -n uav9", 6, "node 'uav9'"),
+        ("time ls -n uav9", 6, "node 'uav9'"),
+        ("health ls -n uav9", 6, "node 'uav9'"),
+        ("log stats -n uav9", 6, "node 'uav9'"),
+        ("config get bogus -n uav1", 6, "no such resource; did you mean"),
+        ("config get 'bogus/*' -n uav1", 6, "no live setting matches"),
+        ("config get -n uav9", 6, "node 'uav9'"),
+        ("config set navigator/altitude_kp -1 -n uav1", 7, "expected 0 to 100"),
+        ("config show bogus", 6, "service 'bogus': not installed"),
+        ("traffic set 'nav/*' --rate fast", 7, "rate 'fast': expected 5hz"),
+        ("traffic set 'nav/*' --rate 2hz --for ever", 7, "time 'ever'"),
+        ("traffic set 'nav/[' --rate 2hz", 7, "unexpected '['"),
+        ("traffic set 'nav/*'", 2, "Missing option '--rate'"),
+        ("mission check bogus", 6, "neither a file or folder nor a shipped mission"),
+        ("mission check /etc/hostname", 7, "must not be flown"),
+        ("mission start formation", 2, "expected --yes"),
+        ("mission start bogus --yes", 6, "mission 'bogus'"),
+        ("mission start formation --yes --set speed", 7, "expected NAME=VALUE"),
+        ("mission start formation --yes --set bogus=1", 7, "parameter 'bogus': unknown"),
+        ("mission start formation --yes --member uav9", 6, "platform 'uav9'"),
+        ("mission abort", 2, "expected --yes"),
+        ("mission watch", 6, "no mission"),
+        ("log query --since ever", 7, "time 'ever'"),
+        ("log export --out /nowhere/x.csv", 6, "file /nowhere/x.csv: no such file"),
+        ("log query --dir /nowhere", 6, "no segments"),
+        ("topo --png /nowhere/x.png", 6, "file /nowhere/x.png"),
+        ("topo --dot --png x.png", 2, "not both"),
+        ("--lab bogus node ls", 6, "lab 'bogus'"),
+        ("node ls --config /nowhere", 7, "/nowhere/node.toml: no such file"),
+        ("tree gett", 2, "No such command"),
+    ],
+)
+def test_a_mistake_has_its_own_words_and_code(command: str, code: int, said: str, ctl: Ctl) -> None:
+    done = ctl(command)
+    assert (done.code, done.out if code not in {7} else "") == (code, ""), done.err
+    assert said in done.err
+    assert len(done.err.splitlines()) == 1 or code == 2, "one line says it"

@@ -1,0 +1,171 @@
+"""Commands that change something, go on, or write files: what they did is looked at."""
+
+import csv
+import json
+import os
+import select
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from tests.integration.cli.conftest import Ctl, Lab
+
+GAIN = "/uav2/config/navigator/altitude_kp"
+
+
+def test_a_setting_is_changed_versioned_and_read_back(ctl: Ctl) -> None:
+    before = ctl(f"tree get {GAIN} --json").document
+    done = ctl(f"tree set {GAIN} 1.5 --if-version {before['version']} --json").document
+    assert (done["path"], done["value"], done["version"]) == (GAIN, 1.5, before["version"] + 1)
+    assert ctl(f"tree get {GAIN}").out == "1.5 1/s\n"
+    assert ctl(f"tree set {GAIN} 2 --if-version {before['version']}").code == 1
+    assert ctl("config set navigator/altitude_kp 1.25 -n uav2").code == 0
+    assert ctl("config get navigator/altitude_kp -n uav2").out == "1.25\n"
+    assert ctl(f"tree watch {GAIN} --count 1").out == "1.25\n"
+
+
+def test_what_is_not_mirrored_yet_is_watched(ctl: Ctl) -> None:
+    lines = ctl("tree watch /uav2/sensor/gnss --count 3 --json").lines
+    assert len(lines) == 3
+    assert {line["path"] for line in lines} == {"/uav2/sensor/gnss"}
+    assert len({line["stamp_ns"] for line in lines}) == 3
+    assert set(lines[0]["value"]) >= {"lat_deg", "lon_deg"}
+
+
+def test_a_pattern_watches_the_whole_swarm(ctl: Ctl) -> None:
+    out = ctl("tree watch '/*/nav/pose.x_m' --count 12").out
+    assert {line.split()[0] for line in out.splitlines()} >= {"/uav1/nav/pose", "/ugv1/nav/pose"}
+
+
+def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None:
+    with lab.started("tree watch /gcs/tree/changes --count 1 --json") as watch:
+        assert watch.stdout is not None
+        while not select.select([watch.stdout], [], [], 0.05)[0]:
+            assert watch.poll() is None
+            ctl("tree set /gcs/mission/state 1")  # refused, which is an event as well
+        out, _ = watch.communicate(timeout=10)
+    assert json.loads(out)["value"]["path"] == "/gcs/mission/state"
+
+
+def rates(line: dict[str, Any], channel: str) -> float:
+    return float(next((c["sent_hz"] for c in line["channels"] if c["channel"] == channel), 0.0))
+
+
+def test_a_rate_limit_holds_within_a_second_and_ends_by_itself(lab: Lab, ctl: Ctl) -> None:
+    # somebody must want the poses, or none are sent
+    with lab.started("tree watch /uav1/nav/pose --json") as reader:
+        try:
+            assert reader.stdout is not None
+            json.loads(reader.stdout.readline())
+            free = rates(ctl("traffic top -n uav1 --count 1 --json").lines[0], "nav/pose")
+            limits = ctl("traffic set '/uav1/nav/*' --rate 2hz --for 3s --json").document["limits"]
+            assert [(one["pattern"], one["max_hz"]) for one in limits] == [("nav/*", 2.0)]
+            lines = ctl("traffic top -n uav1 --count 5 --json").lines
+        finally:
+            reader.send_signal(signal.SIGINT)
+            reader.communicate(timeout=10)
+    assert reader.returncode == 130
+    assert free > 4
+    limited = [rates(line, "nav/pose") for line in lines]
+    # the first second after the command began before it, the next two are under the limit
+    assert max(limited[1:2]) <= 3
+    assert limited[-1] > 4
+    assert ctl("traffic set 'nav/*' --rate auto -n uav1 --json").document["limits"] == []
+
+
+def test_the_graph_is_drawn_in_every_form(ctl: Ctl, tmp_path: Path) -> None:
+    dot = ctl("topo --dot").out
+    assert dot.startswith("graph swarm {")
+    assert '"gcs" -- "uav1"' in dot
+    assert ctl(f"topo --png {tmp_path}/graph.png").code == 0
+    assert (tmp_path / "graph.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -> None:
+    found = ctl("log query nav/pose -n uav1 --limit 5 --json").lines
+    assert [line["path"] for line in found] == ["/uav1/nav/pose"] * 5
+    newest = ctl("log query '/*/nav/pose' --limit 4 --newest --since 1h --json").lines
+    assert newest == sorted(newest, key=lambda line: line["utc_ns"])
+    tailed = ctl("log tail '/*/{nav,mission}/**' --count 8 --json").lines
+    assert len(tailed) == 8
+    assert all(line["utc_ns"] > newest[0]["utc_ns"] for line in tailed)
+
+    for form in ("jsonl", "csv", "mcap"):
+        assert (
+            ctl(f"log export nav/pose -n uav1 --limit 5 --format {form} --out {tmp_path}/x.{form}").code == 0
+        )
+    lines = [json.loads(line) for line in (tmp_path / "x.jsonl").read_text().splitlines()]
+    with (tmp_path / "x.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    with (tmp_path / "x.mcap").open("rb") as file:
+        messages = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages()]
+    xs = [line["value"]["x_m"] for line in found]
+    assert [line["value"]["x_m"] for line in lines] == xs
+    assert [float(row["x_m"]) for row in rows] == xs
+    assert [message["x_m"] for message in messages] == xs
+    assert ctl("log query /uav1/bogus").err == "no entry matches\n"
+
+
+def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) -> None:
+    os.kill(lab.pid("uav2"), signal.SIGSTOP)
+    try:
+        # until its link has timed out a question waits; afterwards it is known at once
+        first = ctl("link ls -n uav2 --timeout 1.5")
+        assert first.code == 4, first.err
+        assert "uav2" in first.err
+        while "away" not in ctl("node ls").out:
+            pass
+        for command in ("tree get /uav2/nav/pose", "tree watch /uav2/nav/pose", f"tree set {GAIN} 1"):
+            done = ctl(command)
+            assert (done.code, done.out) == (4, ""), done.err
+            assert "node 'uav2': known, but gcs has no way to it now" in done.err
+        partial = ctl("topo --json")
+        assert partial.code == 3
+        assert partial.document["silent"] == ["uav2"]
+        assert ctl("tree get '/*/nav/pose.x_m'").code == 3
+        assert ctl("health ls").code == 3
+    finally:
+        os.kill(lab.pid("uav2"), signal.SIGCONT)
+    while ctl("link ls -n uav2 --timeout 1").code:
+        pass
+
+
+def test_a_mission_is_started_watched_and_aborted(lab: Lab, ctl: Ctl) -> None:
+    ctl("node ls")
+    with lab.started("mission start formation --yes --watch --json") as started:
+        try:
+            assert started.stdout is not None
+            states: list[dict[str, Any]] = []
+            for line in started.stdout:
+                states.append(json.loads(line))
+                if states[-1]["state"]["active"] == ["takeoff"]:
+                    break
+            assert ctl("mission status --json").document["state"]["mission"] == "formation"
+            assert ctl("mission start formation --yes").code == 3, "one at a time"
+            told = ctl("mission abort --then land --yes --json").document["told"]
+            assert sorted(told) == ["gcs", "uav1", "uav2", "ugv1"]
+            rest, err = started.communicate(timeout=60)
+        finally:
+            started.kill()
+    states += [json.loads(line) for line in rest.splitlines()]
+    assert started.returncode == 1
+    assert "ended badly at" in err
+    last = {one["platform"]: one["state"]["state"] for one in states}
+    assert last == dict.fromkeys(["gcs", "uav1", "uav2", "ugv1"], "aborted")
+    assert {one["state"]["epoch"] for one in states} == {states[0]["state"]["epoch"]}
+
+
+def test_paths_of_the_swarm_are_completed_after_they_were_listed(lab: Lab) -> None:
+    assert lab.ctl("tree ls").code == 0
+    words = "swarmctl tree get /uav1/nav/po"
+    asked = {"_SWARMCTL_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": "3"}
+    found = lab._replace(env={**lab.env, **asked}).ctl("")
+    assert found.out == "plain,/uav1/nav/pose\n"
+
+
+@pytest.mark.parametrize("command", ["node ls", "tree ls"])
+def test_quiet_is_quiet_and_results_alone_are_on_stdout(command: str, ctl: Ctl) -> None:
+    done = ctl(f"{command} -q")
+    assert (done.code, done.err) == (0, "")
