@@ -1,0 +1,73 @@
+"""What is wanted of whom, and which values that means."""
+
+import pytest
+
+from swarmd.tree.core.index import leaf
+from swarmd.tree.core.interest import Interests, subscribable, wish
+from swarmware.resource import Kind, Resource
+from swarmware.types.tree import Rule
+
+RULE = Rule("power/**", 0.1)
+
+
+def interests(*patterns: str) -> Interests:
+    found = Interests("gcs", [RULE])
+    found.set_patterns(patterns)
+    return found
+
+
+def test_patterns_are_sorted_by_the_platforms_they_name() -> None:
+    found = interests("/*/nav/pose", "/uav1/power/battery", "/ugv*/plan/**", "nav/goal", "/gcs/nav/pose")
+    assert found.of("uav1").patterns == ("nav/pose", "power/battery")
+    assert found.of("ugv2").patterns == ("nav/pose", "plan/**")
+    assert found.of("usv1").patterns == ("nav/pose",)
+
+
+@pytest.mark.parametrize("pattern", ["/**", "/*/**", "/uav1"])
+def test_a_whole_platform_may_be_wanted(pattern: str) -> None:
+    assert interests(pattern).of("uav1").patterns == ("**",)
+
+
+def test_rules_go_along_only_where_something_is_wanted() -> None:
+    found = interests("/uav1/nav/pose")
+    assert found.of("uav1").rules == (RULE,)
+    assert found.of("uav2").rules == ()
+
+
+def test_equal_wishes_are_one_object_and_differ_by_digest_from_others() -> None:
+    found = interests("/*/nav/pose")
+    assert found.of("uav1") is found.of("uav2")
+    assert wish(frozenset({"a"}), ()).digest != wish(frozenset({"b"}), ()).digest
+    assert wish(frozenset({"a"}), ()).digest != wish(frozenset({"a"}), (RULE,)).digest
+
+
+def test_it_says_whether_anything_changed() -> None:
+    found = Interests("gcs", [])
+    assert found.set_patterns(["/uav1/nav/pose"])
+    assert not found.set_patterns(["/uav1/nav/pose", "nav/goal"])
+    assert found.set_patterns([])
+
+
+def test_what_is_no_pattern_is_named_and_the_rest_counts() -> None:
+    found = interests("/uav1/nav/{pose", "/uav1/power/battery")
+    assert list(found.refused) == ["/uav1/nav/{pose"]
+    assert found.of("uav1").patterns == ("power/battery",)
+
+
+@pytest.mark.parametrize(
+    ("resource", "patterns", "expected"),
+    [
+        (Resource(path="a/b", type="Float"), ("a/*",), True),
+        (Resource(path="a/b", type="Float"), ("c/*",), False),
+        (Resource(path="a/b", type="Float", rate_hz=5.0), ("a/*",), True),
+        (Resource(path="a/b", type="Float", link="request"), ("a/*",), False),
+        (Resource(path="a/b", type="Float", link="request"), ("a/*", "a/b"), True),
+        (Resource(path="a/b", kind=Kind.STREAM, type="Blob"), ("**",), False),
+        (Resource(path="a/b", kind=Kind.STREAM, type="Blob"), ("a/b",), True),
+        (Resource(path="a/b", kind=Kind.COMMAND, type="Goal"), ("a/b",), False),
+        (Resource(path="a/b", kind=Kind.FILE, type="Blob"), ("a/b",), False),
+        (Resource(path="a", kind=Kind.BRANCH), ("a",), False),
+    ],
+)
+def test_values_move_by_interest(resource: Resource, patterns: tuple[str, ...], expected: bool) -> None:
+    assert subscribable(leaf(resource), patterns) is expected

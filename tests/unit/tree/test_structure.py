@@ -1,0 +1,92 @@
+"""Structures on the wire, and the history of one's own."""
+
+import contextlib
+import zlib
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmd.tree.core import structure
+from swarmd.tree.core.index import Index, leaf
+from swarmd.tree.core.structure import HISTORY, Changes, History
+from swarmware.errors import WireError
+from swarmware.resource import Resource
+
+A = leaf(Resource(path="a", type="Float"))
+B = leaf(Resource(path="b", type="Int", unit="m"))
+B_LOST = leaf(Resource(path="b", type="Int", unit="m"), lost=True)
+C = leaf(Resource(path="c", type="Text"))
+
+
+def test_changes_applied_on_the_other_side_give_the_same_digest() -> None:
+    index = Index([A, B])
+    patch = structure.decode(structure.encode([B_LOST, C], ["a"]))
+    patch.apply(index)
+    assert index.digest == Index([B_LOST, C]).digest
+
+
+def test_a_template_travels_with_the_changes() -> None:
+    patch = structure.decode(structure.encode([C], [], [A, B]))
+    assert Index(patch.template).digest == Index([A, B]).digest
+
+
+def test_the_version_changes_with_the_start_and_with_the_content() -> None:
+    versions = {structure.version(epoch, digest) for epoch in (1, 2) for digest in (0, 1, 1 << 63)}
+    assert len(versions) == 6
+    assert all(0 <= version < 1 << 32 for version in versions)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_changes_or_a_wire_error(data: bytes) -> None:
+    with contextlib.suppress(WireError):
+        structure.decode(data)
+
+
+@given(
+    st.recursive(st.one_of(st.integers(-9, 9), st.text(max_size=5), st.booleans()), st.lists, max_leaves=12)
+)
+def test_any_packed_data_are_changes_or_a_wire_error(plain: object) -> None:
+    with contextlib.suppress(WireError):
+        structure.decode(zlib.compress(msgspec.msgpack.encode(plain)))
+
+
+def test_a_descriptor_that_contradicts_itself_is_a_wire_error() -> None:
+    data = zlib.compress(msgspec.msgpack.encode([[{"path": "/uav1/a", "type": "Float"}], [], [], []]))
+    with pytest.raises(WireError, match="local path"):
+        structure.decode(data)
+
+
+def test_more_than_a_frame_may_hold_is_not_inflated() -> None:
+    bomb = zlib.compress(msgspec.msgpack.encode(Changes(removed=("x" * 20_000_000,))), 9)
+    assert len(bomb) < 100_000
+    with pytest.raises(WireError, match="cut short"):
+        structure.decode(bomb)
+
+
+def test_the_history_tells_every_path_changed_since() -> None:
+    history = History()
+    history.add(1, frozenset({"a"}))
+    history.add(2, frozenset({"b"}))
+    history.add(3, frozenset({"a", "c"}))
+    assert history.since(1) == {"a", "b", "c"}
+    assert history.since(3) == {"a", "c"}
+    assert history.since(9) is None
+
+
+def test_a_structure_that_came_back_to_a_former_state_is_told_from_its_last_visit() -> None:
+    history = History()
+    history.add(1, frozenset({"a"}))
+    history.add(2, frozenset({"a"}))
+    history.add(1, frozenset({"b"}))
+    assert history.since(1) == {"b"}
+    assert history.since(2) == {"a", "b"}
+
+
+def test_old_states_are_forgotten() -> None:
+    history = History()
+    for digest in range(HISTORY + 1):
+        history.add(digest, frozenset({f"p{digest}"}))
+    assert history.since(0) is None
+    assert history.since(1) is not None
