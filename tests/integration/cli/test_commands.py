@@ -1,6 +1,6 @@
 """Every command against a running swarm: what it prints, in JSON and for people."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
@@ -11,7 +11,7 @@ Check = Callable[[dict[str, Any]], object]
 POSE_KEYS = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "vx_m_s", "vy_m_s", "vz_m_s", "wz_rad_s"}
 
 
-def platforms(found: list[dict[str, Any]]) -> set[str]:
+def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
     return {one["platform"] for one in found}
 
 
