@@ -1,0 +1,233 @@
+"""Two trees that meet: the four steps, second visits, changes, restarts, templates nobody knew."""
+
+import msgspec
+import pytest
+from tests.unit.tree.pair import LIMITS, POSE, STEP, TEMPLATE, Pair, S, core, pair
+
+from swarmd.tree.core import structure
+from swarmd.tree.core.action import AskStructure, AskSubscription, Forget, SendNotify
+from swarmd.tree.core.structure import Form
+from swarmware.resource import Resource
+from swarmware.types.tree import StructureReply
+
+
+def knows(both: Pair, one: str, other: str) -> bool:
+    remote = both.trees[one].remotes.get(other)
+    tree = both.trees[other].local
+    return remote is not None and (remote.epoch, remote.digest) == (tree.epoch, tree.digest)
+
+
+def test_neighbours_know_each_other_after_one_exchange_each() -> None:
+    both = pair()
+    assert knows(both, "gcs", "uav1")
+    assert knows(both, "uav1", "gcs")
+    assert both.said(AskStructure) == 2
+    assert both.said(AskSubscription) == 2
+
+
+def test_a_second_visit_costs_a_digest_and_no_structure() -> None:
+    both = pair()
+    both.log.clear()
+    for _ in range(2):
+        both.trees["gcs"].on_gone("uav1", both.now_ns)
+        both.trees["uav1"].on_gone("gcs", both.now_ns)
+        both.now_ns += 5 * S
+        both.meet()
+        both.carry()
+    assert both.said(AskStructure) == 0
+    assert both.said(AskSubscription) == 4
+    renewal = both.last("gcs", AskSubscription)
+    assert isinstance(renewal, AskSubscription)
+    assert renewal.request.renew
+    assert len(msgspec.msgpack.encode(renewal.request)) < 60
+
+
+def test_what_changed_while_they_were_apart_is_asked_for_as_changes() -> None:
+    both = pair()
+    both.trees["gcs"].on_gone("uav1", 0)
+    both.trees["uav1"].on_gone("gcs", 0)
+    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.carry()
+    both.meet()
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+    assert both.said(SendNotify) == 0
+
+
+def test_a_new_resource_is_pushed_to_whoever_subscribed() -> None:
+    both = pair()
+    both.log.clear()
+    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.carry()
+    assert not knows(both, "gcs", "uav1"), "it waits a moment for others to go with it"
+    both.wait(0.3)
+    assert knows(both, "gcs", "uav1")
+    assert (both.said(SendNotify), both.said(AskStructure)) == (1, 0)
+
+
+def test_many_changes_of_a_moment_are_one_notification() -> None:
+    both = pair()
+    both.log.clear()
+    for number in range(5):
+        step = Resource(path=f"plan/step{number}", type="Text", owner="planner")
+        both.trees["uav1"].set_applications([step], [], both.now_ns)
+        both.wait(0.01)
+    both.wait(0.3)
+    assert both.said(SendNotify) == 1
+    assert knows(both, "gcs", "uav1")
+
+
+def test_changes_that_do_not_fit_what_is_held_are_asked_for_again() -> None:
+    both = pair()
+    remote = both.trees["gcs"].remotes.get("uav1")
+    assert remote is not None
+    assert remote.index is not None
+    remote.index = remote.index.copy()
+    remote.index.remove("nav/pose")  # a fault in memory, if you like
+    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.wait(0.3)
+    assert knows(both, "gcs", "uav1")
+
+
+def test_a_version_in_the_hello_that_does_not_fit_is_reason_to_ask() -> None:
+    both = pair()
+    both.log.clear()
+    uav, gcs = both.trees["uav1"], both.trees["gcs"]
+    gcs.on_up("uav1", uav.local.version, True, 0)
+    assert both.carry() == 0
+    gcs.on_up("uav1", uav.local.version ^ 1, True, 0)
+    both.carry()
+    assert both.said(AskStructure) == 1
+    gcs.on_up("uav1", uav.local.version ^ 1, True, 0)
+    assert both.carry() == 0, "a rumour that was checked already"
+
+
+def test_a_tree_that_started_again_is_noticed_by_its_first_question() -> None:
+    both = pair("/uav1/power/battery")
+    both.log.clear()
+    both.replace(core("uav1", epoch=2))
+    both.trees["uav1"].on_up("gcs", both.trees["gcs"].local.version, True, 0)
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+    assert both.trees["uav1"].held.subscribers() == ["gcs"]
+
+
+def test_a_template_that_was_not_known_is_learnt_once() -> None:
+    strange = (POSE, Resource(path="sensor/sonar", type="Range", owner="hal"))
+    gcs = core("gcs")
+    for name in ("usv1", "usv2"):
+        both = Pair(gcs, core(name, strange))
+        both.meet()
+        both.carry()
+        assert knows(both, "gcs", name)
+        asked = [action for who, action in both.log if who == "gcs" and isinstance(action, AskStructure)]
+        assert [action.request.full for action in asked] == ([False, True] if name == "usv1" else [False])
+
+
+def test_a_request_without_an_answer_is_repeated_with_pauses() -> None:
+    both = Pair(core("gcs"), core("uav1"))
+    both.trees["gcs"].on_up("uav1", None, True, 0)
+    both.carry(lose=True)
+    assert both.trees["gcs"].deadline_ns() == 1 * S
+    both.now_ns = 1 * S
+    both.trees["gcs"].on_timer(both.now_ns)
+    both.carry(lose=True)
+    assert both.trees["gcs"].deadline_ns() == 3 * S
+    both.wait(2.0)
+    assert knows(both, "gcs", "uav1")
+
+
+def test_nobody_is_asked_who_cannot_be_reached() -> None:
+    both = Pair(core("gcs"), core("uav1"))
+    gcs = both.trees["gcs"]
+    gcs.on_up("uav1", None, True, 0)
+    gcs.drain()
+    gcs.on_gone("uav1", 0)
+    gcs.on_structure("uav1", None, 0)
+    assert gcs.drain() == []
+    assert gcs.deadline_ns() == 600 * S
+
+
+def test_a_platform_that_stays_away_is_forgotten() -> None:
+    both = pair("/uav1/nav/pose")
+    gcs = both.trees["gcs"]
+    gcs.on_gone("uav1", 0)
+    gcs.on_timer(600 * S)
+    assert gcs.drain() == [Forget("uav1")]
+    assert gcs.remotes.get("uav1") is None
+    assert gcs.remotes.wants() == []
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        StructureReply(1, 99, Form.UNCHANGED),
+        StructureReply(1, 99, Form.CHANGES, 0, structure.encode([], ["nav/pose"])),
+        StructureReply(1, 99, Form.TEMPLATE, 5, structure.encode([], [])),
+        StructureReply(1, 99, Form.FULL, 5, structure.encode([], [])),
+        StructureReply(1, 99, 77, 5, structure.encode([], [])),
+        StructureReply(1, 99, Form.CHANGES, 0, b"nonsense"),
+    ],
+)
+def test_an_answer_that_does_not_fit_itself_is_not_believed(reply: StructureReply) -> None:
+    gcs = core("gcs")
+    gcs.on_up("uav1", None, True, 0)
+    gcs.drain()
+    gcs.on_structure("uav1", reply, 0)
+    (again,) = gcs.drain()
+    assert isinstance(again, AskStructure)
+    assert again.request.full
+    gcs.on_structure("uav1", reply, 0)
+    assert gcs.drain() == [], "it has been asked for everything: a pause first"
+    assert gcs.deadline_ns() == 1 * S
+    remote = gcs.remotes.get("uav1")
+    assert remote is not None
+    assert remote.index is None
+
+
+def test_far_platforms_of_which_nobody_wants_anything_are_left_alone() -> None:
+    both = pair(near=False)
+    assert both.said(AskStructure) == 0
+    both.trees["gcs"].set_applications([], ["/uav1/power/battery"], 0)
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+    assert not knows(both, "uav1", "gcs")
+
+
+def test_a_look_at_a_far_platform_asks_once_and_subscribes_to_nothing() -> None:
+    both = pair(near=False)
+    assert both.trees["gcs"].remotes.demand("uav1")
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+    assert both.said(AskSubscription) == 0
+    assert not both.trees["gcs"].remotes.demand("uav9")
+
+
+def test_whole_swarm_follows_everybody() -> None:
+    patience = msgspec.structs.replace(LIMITS.patience, whole_swarm=True)
+    both = Pair(core("gcs", limits=msgspec.structs.replace(LIMITS, patience=patience)), core("uav1"))
+    both.meet(near=False)
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+    assert both.trees["uav1"].held.subscribers() == ["gcs"]
+
+
+def test_who_comes_near_again_is_renewed_although_it_never_went_out_of_reach() -> None:
+    both = pair()
+    both.trees["gcs"].on_up("uav1", None, False, 0)
+    both.trees["uav1"].on_gone("gcs", 0)
+    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.carry()
+    both.trees["gcs"].on_up("uav1", None, True, 0)
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+
+
+def test_a_structure_of_one_kind_is_a_hash_on_the_wire() -> None:
+    both = Pair(core("gcs"), core("uav1"))
+    both.meet()
+    asked = both.trees["gcs"].drain()
+    assert isinstance(asked[0], AskStructure)
+    reply = both.trees["uav1"].on_structure_asked(asked[0].request)
+    assert len(TEMPLATE) == 3
+    assert len(msgspec.msgpack.encode(asked[0].request)) + len(msgspec.msgpack.encode(reply)) < 100

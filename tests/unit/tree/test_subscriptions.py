@@ -1,0 +1,269 @@
+"""Subscriptions between two trees: values, leases, losses, restarts; what goes into the tick."""
+
+import msgspec
+import pytest
+from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, Pair, core, pair, value
+
+from swarmd.tree.core.action import AskSubscription, SendNotify, Unwatch, Watch
+from swarmd.tree.core.held import BYTES_LIMIT, ITEMS_LIMIT
+from swarmware.errors import InvalidInput
+from swarmware.frame import Kind as FrameKind
+from swarmware.resource import Kind, Resource
+from swarmware.types.net import Offer, Want
+from swarmware.types.tree import Rule, SubscribeRequest, TreeItem, TreeNotify
+
+
+def battery(both: Pair, number: float, sequence: int = 1) -> None:
+    both.trees["uav1"].on_value(value("power/battery", number, sequence), both.now_ns)
+
+
+def got(both: Pair) -> list[float]:
+    return [msgspec.msgpack.decode(item.data)[0] for item in both.received["gcs"]]
+
+
+def test_the_owner_watches_what_somebody_wants_and_tells_it() -> None:
+    both = pair("/uav1/power/battery")
+    assert ("uav1", Watch(BATTERY)) in both.log
+    battery(both, 0.9)
+    both.carry()
+    assert got(both) == [0.9]
+
+
+def test_nothing_is_watched_any_more_when_nobody_wants_it() -> None:
+    both = pair("/uav1/power/battery")
+    both.trees["gcs"].set_applications([], [], 0)
+    both.carry()
+    assert both.log[-1] == ("uav1", Unwatch("power/battery"))
+
+
+def test_a_far_platform_is_told_when_nothing_of_it_is_wanted_any_more() -> None:
+    both = pair("/uav1/power/battery", near=False)
+    both.trees["gcs"].set_applications([], [], 0)
+    both.carry()
+    assert both.trees["uav1"].held.feeds == 0
+
+
+def test_a_pattern_may_match_nothing_yet() -> None:
+    both = pair("/*/plan/*")
+    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.trees["uav1"].on_value(value("plan/step", 1.0), 0)
+    both.carry()
+    assert [item.path for item in both.received["gcs"]] == ["plan/step"]
+    remote = both.trees["gcs"].remotes.get("uav1")
+    assert remote is not None
+    assert remote.index is not None
+    assert "plan/step" in remote.index, "the structure came with the value"
+
+
+def test_who_subscribes_later_gets_the_value_there_is() -> None:
+    both = pair("/uav1/power/battery")
+    battery(both, 0.9)
+    both.carry()
+    late = core("uav2")
+    late.set_applications([], ["/uav1/power/battery"], 0)
+    three = Pair(late, both.trees["uav1"])
+    three.meet()
+    three.carry()
+    assert [item.path for item in three.received["uav2"]] == ["power/battery"]
+
+
+def test_one_notification_at_a_time_and_the_newest_value_in_the_next() -> None:
+    both = pair("/uav1/power/battery")
+    uav = both.trees["uav1"]
+    battery(both, 0.9)
+    first = uav.drain()
+    assert len(first) == 1
+    battery(both, 0.8, 2)
+    battery(both, 0.7, 3)
+    assert uav.drain() == []
+    uav.on_notified("gcs", True, 1)
+    (second,) = uav.drain()
+    assert isinstance(second, SendNotify)
+    assert [item.sequence for item in second.notify.items] == [3]
+
+
+def test_what_was_not_acknowledged_is_sent_again_after_a_pause() -> None:
+    both = pair("/uav1/power/battery")
+    battery(both, 0.9)
+    both.carry(lose=True)
+    assert got(both) == []
+    both.wait(0.9)
+    assert got(both) == []
+    both.wait(0.2)
+    assert got(both) == [0.9]
+    assert both.trees["uav1"].held.failures == 1
+
+
+def test_a_late_notification_does_not_undo_a_newer_one() -> None:
+    both = pair("/uav1/power/battery")
+    battery(both, 0.9)
+    (old,) = both.trees["uav1"].drain()
+    both.trees["uav1"].on_notified("gcs", False, 0)
+    battery(both, 0.8, 2)
+    both.wait(2.0)
+    assert isinstance(old, SendNotify)
+    both.hear("gcs", old.notify)
+    assert got(both) == [0.8]
+
+
+def test_a_notification_of_a_former_start_is_refused_also_when_none_of_it_was_heard_before() -> None:
+    both = pair("/uav1/power/battery")
+    battery(both, 0.9)
+    (old,) = both.trees["uav1"].drain()
+    assert isinstance(old, SendNotify)
+    both.replace(core("uav1", epoch=2))
+    both.meet()
+    both.carry()
+    battery(both, 0.5)
+    both.carry()
+    both.hear("gcs", old.notify)
+    battery(both, 0.4, 2)
+    both.carry()
+    assert got(both) == [0.5, 0.4]
+
+
+def test_a_notification_of_a_start_not_heard_of_yet_counts_and_is_looked_into() -> None:
+    both = pair("/uav1/power/battery")
+    both.replace(core("uav1", epoch=2))
+    both.hear("gcs", TreeNotify("uav1", 2, 1, (value("power/battery", 0.3),)))
+    assert got(both) == [0.3]
+    both.carry()
+    remote = both.trees["gcs"].remotes.get("uav1")
+    assert remote is not None
+    assert remote.epoch == 2
+
+
+def test_values_that_nobody_asked_for_are_not_taken() -> None:
+    both = pair("/uav1/power/battery")
+    both.hear("gcs", TreeNotify("uav1", 1, 99, (value("nav/goal", 1.0),)))
+    both.hear("gcs", TreeNotify("uav7", 1, 1, (value("power/battery", 1.0),)))
+    assert got(both) == []
+
+
+def test_a_subscriber_that_started_again_is_told_everything_again() -> None:
+    both = pair("/uav1/power/battery")
+    battery(both, 0.9)
+    both.carry()
+    fresh = core("gcs", epoch=5)
+    fresh.set_applications([], ["/uav1/power/battery"], 0)
+    both.replace(fresh)
+    both.meet()
+    both.carry()
+    assert got(both) == [0.9, 0.9]
+
+
+def test_a_lease_is_renewed_without_its_content_and_holds_through_silence() -> None:
+    both = pair("/uav1/power/battery")
+    both.log.clear()
+    both.wait(300)
+    renewals = [action for who, action in both.log if who == "gcs" and isinstance(action, AskSubscription)]
+    assert 8 <= len(renewals) <= 13
+    assert all(action.request.renew and not action.request.patterns for action in renewals)
+    battery(both, 0.9)
+    both.carry()
+    assert got(both) == [0.9]
+
+
+def test_a_lease_that_ran_out_ends_and_a_renewal_of_it_is_answered_by_a_request_for_the_whole() -> None:
+    both = pair("/uav1/power/battery")
+    uav, gcs = both.trees["uav1"], both.trees["gcs"]
+    gcs.on_gone("uav1", 0)
+    uav.on_gone("gcs", 0)
+    both.wait(70)
+    assert uav.held.subscribers() == []
+    both.meet()
+    both.carry()
+    battery(both, 0.9)
+    both.carry()
+    assert got(both) == [0.9]
+
+
+def test_what_happens_while_the_subscriber_is_away_is_told_when_it_is_back() -> None:
+    both = pair("/uav1/power/battery", "/uav1/health/faults")
+    uav = both.trees["uav1"]
+    uav.on_gone("gcs", 0)
+    for sequence in range(1, 4):
+        battery(both, sequence / 10, sequence)
+        uav.on_value(value("health/faults", sequence, sequence, FrameKind.EVENT), 0)
+    assert both.carry() == 0
+    both.meet()
+    both.carry()
+    assert sorted(got(both)) == [0.3, 1, 2, 3]
+
+
+def test_rules_of_the_subscriber_hold_at_the_owner() -> None:
+    both = Pair(core("gcs", rules=(Rule("power/*", 0.5, 2.0),)), core("uav1"))
+    both.trees["gcs"].set_applications([], ["/uav1/power/battery"], 0)
+    both.meet()
+    both.carry()
+    for sequence, number in enumerate((1.0, 1.2, 2.0, 2.1), 1):
+        battery(both, number, sequence)
+        both.carry()
+    assert got(both) == [1.0]
+    both.wait(2.0)
+    assert got(both) == [1.0, 2.1]
+
+
+def test_periodic_boards_are_for_the_tick() -> None:
+    both = pair("/*/nav/pose")
+    gcs, uav = both.trees["gcs"], both.trees["uav1"]
+    assert gcs.plan_changed()
+    assert uav.plan_changed()
+    assert not uav.plan_changed()
+    assert uav.held.offers() == [Offer("nav/pose", POSE.data_id, "Pose", 50)]
+    assert gcs.remotes.wants() == [Want("uav1", "nav/pose", "Pose", POSE.data_id)]
+    assert uav.held.feeds == 0
+    gcs.set_applications([], [], 0)
+    both.carry()
+    assert gcs.plan_changed()
+    assert uav.plan_changed()
+    assert (uav.held.offers(), gcs.remotes.wants()) == ([], [])
+
+
+def test_of_several_subscribers_the_most_eager_sets_the_pace_of_the_tick() -> None:
+    uav = core("uav1")
+    for name, interval_s in (("gcs", 1.0), ("uav2", 0.2)):
+        other = core(name, rules=(Rule("nav/*", 0.0, interval_s),))
+        other.set_applications([], ["/uav1/nav/pose"], 0)
+        both = Pair(other, uav)
+        both.meet()
+        both.carry()
+    assert [offer.min_interval_ms for offer in uav.held.offers()] == [200]
+
+
+def test_a_notification_has_a_limit_and_the_rest_follows() -> None:
+    both = pair("/uav1/health/faults", "/uav1/power/battery")
+    both.log.clear()
+    uav = both.trees["uav1"]
+    for sequence in range(1, 201):
+        uav.on_value(
+            TreeItem("health/faults", 7, FrameKind.EVENT, sequence, sequence, b"x" * 1000), both.now_ns
+        )
+    battery(both, 0.9)
+    both.carry()
+    sent = [action.notify for who, action in both.log if who == "uav1" and isinstance(action, SendNotify)]
+    assert all(len(note.items) <= ITEMS_LIMIT for note in sent)
+    assert all(sum(len(item.data) for item in note.items) <= BYTES_LIMIT + 32_000 for note in sent)
+    events = [item.sequence for item in both.received["gcs"] if item.path == "health/faults"]
+    assert events == list(range(1, 201))
+    assert "power/battery" in {item.path for note in sent[:3] for item in note.items}, "boards do not starve"
+
+
+def test_a_resource_that_changes_its_type_is_watched_anew() -> None:
+    both = pair("/uav1/plan/step")
+    uav = both.trees["uav1"]
+    uav.set_applications([STEP], [], 0)
+    both.carry()
+    uav.on_value(value("plan/step", 1.0), 0)
+    both.carry()
+    other = Resource(path="plan/step", kind=Kind.EVENT, type="Int", owner="planner")
+    uav.set_applications([other], [], 0)
+    both.carry()
+    assert both.log[-1] == ("uav1", Watch(other))
+
+
+def test_a_pattern_that_is_none_is_refused() -> None:
+    request = SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("nav/{pose",))
+    with pytest.raises(InvalidInput):
+        core("uav1").on_subscribe_asked(request, 0)
+    assert FAULTS.link == "notify"
