@@ -23,7 +23,7 @@ def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) ->
         if route.hardware == hardware_id(route.platform):
             found[route.platform] = Reach(route.tree_version or None, route.via == route.platform)
     for one in neighbours.neighbours if neighbours is not None else ():
-        if one.state == "up" and one.hardware == hardware_id(one.platform):
+        if one.platform and one.state == "up" and one.hardware == hardware_id(one.platform):
             found[one.platform] = Reach(one.tree_version or None, True)
     found.pop(own, None)
     return found

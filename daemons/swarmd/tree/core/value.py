@@ -27,7 +27,7 @@ def typed(resource: Resource, plain: Any, path: str) -> msgspec.Struct:
     """
     cls = registry.find(resource.type)
     fields = [field.name for field in msgspec.structs.fields(cls)]
-    if fields == ["value"] and not isinstance(plain, dict):
+    if fields == ["value"] and not isinstance(plain, dict | list):
         plain = {"value": plain}
     if isinstance(plain, list | tuple):
         if len(plain) > len(fields):

@@ -1,0 +1,125 @@
+"""Reach, quality, repetitions, timers, and the settings of the service."""
+
+import pytest
+
+from swarmd.tree.config import Config
+from swarmd.tree.core.index import leaf
+from swarmd.tree.core.mirror import is_news
+from swarmd.tree.core.quality import quality
+from swarmd.tree.core.reach import Reach, reachable
+from swarmd.tree.core.timers import Timers
+from swarmware.config import parse
+from swarmware.errors import ConfigError
+from swarmware.frame import Kind as FrameKind
+from swarmware.names import hardware_id
+from swarmware.resource import Resource
+from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState
+from swarmware.types.tree import Rule, TreeItem
+
+
+def route(platform: str, via: str, version: int = 5, hardware: int | None = None) -> RouteState:
+    hw = hardware_id(platform) if hardware is None else hardware
+    return RouteState(platform, hw, via, 256, 1, version, 0)
+
+
+def neighbour(platform: str, state: str, version: int = 5, unit: str = "main") -> NeighbourState:
+    return NeighbourState(
+        platform, unit, hardware_id(platform, unit), "uav", state, "127.0.0.1:1", 0, 0.0, 10.0, 0.0, 0.0,
+        None, 256, version, 0, 1, "tcp", True,
+    )  # fmt: skip
+
+
+def test_whoever_has_a_route_can_be_reached_and_neighbours_are_near() -> None:
+    routes = Routes((route("uav1", "uav1"), route("uav2", "uav1", 7), route("gcs", "gcs")))
+    neighbours = Neighbours((neighbour("uav1", "up", 6), neighbour("uav3", "half_open")))
+    assert reachable("gcs", neighbours, routes) == {"uav1": Reach(6, True), "uav2": Reach(7, False)}
+    assert reachable("gcs", None, None) == {}
+
+
+def test_who_has_not_said_its_name_and_other_units_are_left_out() -> None:
+    routes = Routes((route("a1b2c3d4", "a1b2c3d4", hardware=0xA1B2C3D4),))
+    neighbours = Neighbours((neighbour("uav1", "up", unit="fc1"), neighbour("", "up")))
+    assert reachable("gcs", neighbours, routes) == {}
+
+
+def test_a_version_that_nobody_has_heard_yet_is_none() -> None:
+    assert reachable("gcs", None, Routes((route("uav1", "uav1", 0),))) == {"uav1": Reach(None, True)}
+
+
+POSE = Resource(path="nav/pose", type="Pose", rate_hz=10.0)
+STATE = Resource(path="vehicle/state", type="VehicleState")
+
+
+@pytest.mark.parametrize(
+    ("resource", "lost", "age_s", "reachable_now", "known", "expected"),
+    [
+        (POSE, False, 0.1, True, True, "live"),
+        (POSE, False, 0.4, True, True, "stale"),
+        (POSE, False, None, True, True, "stale"),
+        (POSE, False, None, True, False, "none"),
+        (POSE, True, 0.1, True, True, "lost"),
+        (POSE, False, 0.1, False, True, "lost"),
+        (STATE, False, 5000.0, True, True, "live"),
+        (STATE, False, None, True, True, "live"),
+    ],
+)
+def test_quality_is_of_owner_age_and_way(
+    resource: Resource, lost: bool, age_s: float | None, reachable_now: bool, known: bool, expected: str
+) -> None:
+    assert quality(leaf(resource, lost=lost), age_s, reachable=reachable_now, known=known) == expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "sequence", "stamp_ns", "expected"),
+    [
+        (FrameKind.EVENT, 6, 100, True),
+        (FrameKind.EVENT, 5, 100, False),
+        (FrameKind.EVENT, 4, 90, False),
+        (FrameKind.EVENT, 1, 200, True),
+        (FrameKind.STREAM, 5, 100, False),
+        (FrameKind.BOARD, 1, 50, True),
+    ],
+)
+def test_an_event_that_is_here_does_not_come_again(
+    kind: FrameKind, sequence: int, stamp_ns: int, expected: bool
+) -> None:
+    assert is_news(TreeItem("a", 7, kind, sequence, stamp_ns, b""), 5, 100) is expected
+
+
+def test_timers_come_up_once_in_order_and_can_be_moved_and_dropped() -> None:
+    timers: Timers[str] = Timers()
+    assert timers.next_ns() is None
+    timers.set("a", 30)
+    timers.set("b", 10)
+    timers.set("c", 20)
+    timers.set("a", 5)
+    timers.drop("c")
+    assert timers.next_ns() == 5
+    assert timers.pop(4) is None
+    assert [timers.pop(50) for _ in range(3)] == ["a", "b", None]
+    timers.set("a", 7)
+    timers.set("a", 9)
+    timers.set("a", 7)
+    assert (timers.pop(8), timers.pop(50)) == ("a", None)
+
+
+def test_rules_of_the_configuration_are_rules_on_the_wire() -> None:
+    config = parse(
+        'rules = [{ pattern = "power/**", deadband = 0.01, min_interval_s = 1.0 }]', Config, "tree.toml"
+    )
+    assert [rule.rule() for rule in config.rules] == [Rule("power/**", 0.01, 1.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('rules = [{ pattern = "power/{" }]', "'{' is not closed"),
+        ("rules = [{ deadband = 0.01 }]", "pattern"),
+        ("lease_s = 0.1", "lease_s"),
+        ("retry_s = []", "retry_s"),
+        ("patience = 3", "patience"),
+    ],
+)
+def test_a_mistake_in_the_configuration_is_named(text: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        parse(text, Config, "tree.toml")

@@ -1,0 +1,75 @@
+"""Settings on disk: replaced whole, kept aside when broken, unchanged when they cannot be written."""
+
+import logging
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from swarmd.tree.store import Store
+
+
+def test_what_was_kept_is_there_after_a_start(tmp_path: Path) -> None:
+    path = tmp_path / "data" / "settings.toml"
+    store = Store(path)
+    assert store.get("config/a") is None
+    store.put("config/a", 2.5, 1.0)
+    store.put("config/a", 3.5, 2.5)
+    store.put("config/b", "text", "")
+    again = Store(path)
+    kept = again.get("config/a")
+    assert kept is not None
+    assert (kept.value, kept.version, kept.before) == (3.5, 2, 2.5)
+    assert [file.name for file in path.parent.iterdir()] == ["settings.toml"]
+
+
+@pytest.mark.parametrize("value", [1, 1.5, True, "text", "", -0.0, 1e300])
+def test_every_plain_value_keeps_its_type(tmp_path: Path, value: bool | int | float | str) -> None:
+    path = tmp_path / "settings.toml"
+    Store(path).put("config/a", value, value)
+    kept = Store(path).get("config/a")
+    assert kept is not None
+    assert kept.value == value
+    assert type(kept.value) is type(value)
+
+
+@pytest.mark.parametrize(
+    "content", [b"nonsense [", b"\xff\xfe", b'["config/a"]\nvalue = [1]\nversion = 1\n', b"a = 1"]
+)
+def test_a_broken_file_is_kept_aside_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes
+) -> None:
+    path = tmp_path / "settings.toml"
+    path.write_bytes(content)
+    with caplog.at_level(logging.ERROR):
+        store = Store(path)
+    assert store.get("config/a") is None
+    (aside,) = tmp_path.iterdir()
+    assert aside.read_bytes() == content
+    assert aside.name in caplog.text
+    store.put("config/a", 1.0, 0.0)
+    assert Store(path).get("config/a") is not None
+
+
+def test_what_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "settings.toml"
+    store = Store(path)
+    store.put("config/a", 1.0, 0.0)
+    (tmp_path / "settings.new").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        store.put("config/a", 2.0, 1.0)
+    for one in (store, Store(path)):
+        kept = one.get("config/a")
+        assert kept is not None
+        assert kept.value == 1.0
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.one_of(st.binary(max_size=60), st.text(max_size=60).map(str.encode)))
+def test_any_content_is_settings_or_kept_aside(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "settings.toml"
+    path.write_bytes(content)
+    Store(path)
+    for file in tmp_path.iterdir():
+        file.unlink()
