@@ -49,10 +49,12 @@ class Swarm:
 
     async def kill(self, platform: str) -> None:
         """All processes of the node at once, and no code of theirs runs any more."""
-        gone = processes.marked(self.record.node(platform).folder, NODE_MARK)
-        for process in gone:
-            process.send(signal.SIGKILL)
-        assert await asyncio.to_thread(processes.wait_gone, gone, PATIENCE_S) == []
+        folder = self.record.node(platform).folder
+        # again: between the first and the last of them one may still have started another
+        while gone := processes.marked(folder, NODE_MARK):
+            for process in gone:
+                process.send(signal.SIGKILL)
+            assert await asyncio.to_thread(processes.wait_gone, gone, PATIENCE_S) == []
 
     async def terminate(self, platform: str) -> tuple[int, float]:
         """SIGTERM to the node's main process; its exit code, and the seconds until all of the node ended."""

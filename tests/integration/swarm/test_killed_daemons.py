@@ -9,7 +9,15 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.swarm.swarm import PATIENCE_S, Swarm, swarm, until, up
+from tests.integration.swarm.swarm import (
+    PATIENCE_S,
+    Swarm,
+    swarm,
+    until,
+    until_link,
+    until_trees_agree,
+    up,
+)
 
 from swarmctl.lab.record import LabRecord
 from swarmware.appfile import AppTable
@@ -176,3 +184,34 @@ def test_the_swarm_has_a_node_again_whichever_of_its_daemons_was_killed(
     nothing_remains(lab)
     # what a quiet machine needs is printed; on a busy one a single daemon may have had bad luck
     assert statistics.median(took.running_s for took in found.values()) < 3.0
+
+
+@pytest.mark.slow
+def test_a_node_of_which_only_the_monitor_is_left_is_whole_again_and_in_the_swarm(
+    labs: Path, nothing_remains: Callable[[LabRecord], None]
+) -> None:
+    async def run() -> LabRecord:
+        async with swarm("k2daemons", per_daemon="uav1") as made:
+            await made.start("uav1", "gcs", "ugv1")
+            async with made.at("uav1") as inside, made.at("gcs") as outside:
+                beats = {name: await inside.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
+                for name, board in beats.items():
+                    await until(board, lambda now: now.state == "running", f"{name} running")
+                await until_link(outside, "uav1", is_up=True)
+                loop = asyncio.get_running_loop()
+                with Joined(inside) as joined:
+                    dead = {name: joined.pid(name) for name in SERVICES if name != "health"}
+                    began_s = loop.time()
+                    for pid in dead.values():
+                        os.kill(pid, signal.SIGKILL)
+                    for name, pid in dead.items():
+                        await until(beats[name], runs_as(await joined.another(name, pid)), f"{name} again")
+                whole_s = loop.time() - began_s
+                mirror = await outside.reader(POSE, Pose)
+                for _ in range(2):
+                    await mirror.changed(PATIENCE_S)
+                await until_trees_agree(inside, outside)
+                print(f"ten daemons at once: whole {whole_s:.2f} s, swarm {loop.time() - began_s:.2f} s")
+            return made.record
+
+    nothing_remains(asyncio.run(run()))
