@@ -36,15 +36,12 @@ def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes(
     assert list(labs.iterdir()) == []
 
 
-def test_two_labs_side_by_side_do_not_see_each_other(ctl: Ctl, nothing_remains: Gone) -> None:
+def test_a_second_lab_gets_a_name_and_a_group_of_its_own(ctl: Ctl, nothing_remains: Gone) -> None:
     for seed in ("1", "2"):
         ctl("lab", "up", "formation", "--nodes", "3", "--seed", seed, "--detach")
     first, second = record.labs()
     assert (first.name, second.name) == ("formation", "formation2")
     assert (first.multicast_group, first.udp_port) != (second.multicast_group, second.udp_port)
-    for lab in (first, second):
-        nodes = json.loads(ctl("node", "ls", "--lab", lab.name, "--json").stdout)["nodes"]
-        assert sorted(node["platform"] for node in nodes) == ["gcs", "uav1", "ugv1"]
     ctl("lab", "down", first.name)
     nothing_remains(first)
     assert second.running, "the other lab goes on"

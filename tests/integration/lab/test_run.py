@@ -1,0 +1,54 @@
+"""The experiment from one command: the smallest swarm there is, real processes, a whole mission, a report."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from swarmctl.lab import record
+
+Done = subprocess.CompletedProcess[str]
+
+
+def leaves(value: object, path: str = "") -> dict[str, object]:
+    """Every value of a document by its path."""
+    if not isinstance(value, dict):
+        return {path: value}
+    found: dict[str, object] = {}
+    for key, inner in value.items():
+        found |= leaves(inner, f"{path}.{key}".lstrip("."))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_three_nodes_fly_the_formation_and_the_report_has_everything(
+    ctl: Callable[..., Done], labs: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "report"
+    done = ctl("lab", "run", "formation", "--nodes", "3", "--out", str(out), "--json")
+    found = json.loads(done.stdout)
+    assert found == json.loads((out / "report.json").read_text())
+    figures = leaves(found)
+    assert all(value is not None for value in figures.values()), figures
+    assert (found["nodes"], found["completed"], found["collisions"]) == (3, True, 0)
+    assert found["formation_error_m"]["mean"] < 1
+    assert found["bytes_per_notification"] < 200
+    assert found["traffic"]["global_kbps"] == pytest.approx(3 * found["traffic"]["egress_kbps"], rel=1e-3)
+    assert found["notifications"] > 1000
+    assert found["log_gaps"] == 0
+    assert 0 < found["clock_error_us"]["p95"] < 5000, "offsets of seconds are found"
+    for picture in ("paths", "formation-error", "topology", "traffic"):
+        assert (out / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
+    assert (out / "report.html").read_text().count("data:image/png;base64,") == 4
+    logs = sorted(out.glob("logs/*/*.mcap"))
+    assert {path.parent.name for path in logs} == {"gcs", "ugv1", "uav1"}
+    for path in logs:
+        with path.open("rb") as file:
+            assert list(make_reader(file).iter_messages()), f"{path}: readable by the mcap library"
+    assert "mission completed" in done.stderr
+    assert record.labs() == []
+    assert list(labs.iterdir()) == []
