@@ -3,7 +3,7 @@
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LOCKS = {"boot", "master.lock"}
@@ -40,7 +40,8 @@ def _children() -> set[str]:
     pid = os.getpid()
     found: set[str] = set()
     for task in Path(f"/proc/{pid}/task").iterdir():
-        found |= set((task / "children").read_text().split())
+        with suppress(FileNotFoundError):  # a thread that ended a moment ago
+            found |= set((task / "children").read_text().split())
     return found
 
 
