@@ -62,18 +62,40 @@ STYLE: Final[dict[Any, Any]] = {
 def paths(scene: Scene) -> bytes:
     """Paths over the world with its obstacles, and heights over time below."""
 
+    left, right, bottom, top = _extent(scene)
+    world_in = max(3.0, min(8.0, 8.6 * (top - bottom) / (right - left)))
+
     def draw(figure: Figure) -> None:
-        world, heights = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3.2, 1]})
+        world, heights = figure.subplots(2, 1, gridspec_kw={"height_ratios": [world_in, 1.8]})
+        world.set_xlim(left, right)
+        world.set_ylim(bottom, top)
         _world(world, scene)
         heights.set_title("Height")
         for name in sorted(scene.tracks, key=natural):
             track = scene.tracks[name]
             heights.plot(track.t_s, track.xyz_m[:, 2], color=_colour(scene, name), linewidth=1, alpha=0.8)
+        heights.set_ylim(0, max(1.0, 1.2 * heights.get_ylim()[1]))
         _spans(heights, scene)
         heights.set_xlabel("s since the command")
         heights.set_ylabel("m")
 
-    return _png(draw, 9.5, 9.5)
+    return _png(draw, 9.5, world_in + 3.4)
+
+
+def _extent(scene: Scene) -> tuple[float, float, float, float]:
+    """West, east, south and north end of all that moves, with a margin."""
+    moved = [track.xyz_m for track in scene.tracks.values() if len(track.t_s)]
+    if not moved:
+        return -20.0, 20.0, -10.0, 10.0
+    every = np.concatenate(moved)
+    low, high = every.min(axis=0), every.max(axis=0)
+    margin = 0.06 * max(high[0] - low[0], high[1] - low[1], 20.0)
+    return (
+        float(low[0] - margin),
+        float(high[0] + 2 * margin),  # room for the names at the ends
+        float(low[1] - margin),
+        float(high[1] + margin),
+    )
 
 
 def _world(ax: Axes, scene: Scene) -> None:
@@ -102,7 +124,7 @@ def _world(ax: Axes, scene: Scene) -> None:
         ax.annotate(
             name, (x[-1], y[-1]), xytext=(4, 4), textcoords="offset points", fontsize=7.5, color=colour
         )
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_aspect("equal", adjustable="box")
     ax.set_xlabel("east, m")
     ax.set_ylabel("north, m")
     kinds = sorted({scene.kinds[name] for name in scene.tracks})
@@ -179,9 +201,9 @@ def topology(scene: Scene) -> bytes:
         names = [node.platform for node in scene.nodes]
         angles = np.linspace(math.pi / 2, math.pi / 2 - 2 * math.pi, len(names), endpoint=False)
         place = {name: (math.cos(a), math.sin(a)) for name, a in zip(names, angles, strict=True)}
-        pairs = _pairs(scene.neighbours)
-        lines = [(place[a], place[b]) for a, b in pairs if a in place and b in place]
-        strengths = [quality for (a, b), quality in pairs.items() if a in place and b in place]
+        pairs = _pairs(tuple(n for n in scene.neighbours if n.node in place and n.hears in place))
+        lines = [(place[a], place[b]) for a, b in pairs]
+        strengths = list(pairs.values())
         colours = [(*mpl.colors.to_rgb("#3e4c59"), 0.08 + 0.47 * quality) for quality in strengths]
         ax.add_collection(LineCollection(lines, colors=colours, linewidths=1))
         for name, angle in zip(names, angles, strict=True):
