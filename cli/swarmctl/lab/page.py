@@ -23,7 +23,8 @@ th, td { text-align: left; padding: .28rem .7rem; border-bottom: 1px solid #e4e7
 th { color: #616e7c; font-weight: 600; }
 td.n, th.n { text-align: right; white-space: nowrap; }
 td.ours { font-weight: 600; } td.note { color: #616e7c; }
-img { width: 100%; height: auto; } .wide { overflow-x: auto; font-size: .82rem; } .wide td, .wide th { padding: .22rem .45rem; }
+img { width: 100%; height: auto; } .wide { overflow-x: auto; font-size: .82rem; }
+.wide td, .wide th { padding: .22rem .45rem; }
 footer { margin: 3rem 0 1rem; color: #616e7c; font-size: .85rem; }
 """
 
