@@ -5,6 +5,7 @@ from typing import Final
 
 from swarmd.broker.core.bulletin import Board, Bulletin
 from swarmd.broker.core.relay import News
+from swarmd.broker.core.tick import NEVER_NS
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import Conflict, NotFound, SwarmError, WireError
 from swarmware.frame import Codec, Frame, Kind, decode, encode
@@ -30,7 +31,7 @@ class OwnBoards:
         self._counters = counters
         self._rings: dict[int, RingReader] = {}
         self._at: dict[int, int] = {}
-        self._look_ns = 0
+        self._look_ns = NEVER_NS
 
     def poll(self, now_ns: int) -> None:
         """Puts values that changed since the last tick into the bulletin."""

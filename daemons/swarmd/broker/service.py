@@ -63,6 +63,7 @@ class Broker(Service):
         self._wake = asyncio.Event()
         self._due_ns = self._publish_ns = self._clock.now_ns()
         self._shape_changed = False
+        self._urgent = False
         self._plan_at = -1
         self._timings: list[TimingSample] = []
         self._counters = Counters()
@@ -199,7 +200,9 @@ class Broker(Service):
             self._take_plan()
         now_ns = self._clock.now_ns()
         self._own.poll(now_ns)
-        self._datagrams.send(station.compose(now_ns), now_ns)
+        if self._urgent or not station.is_idle(now_ns):
+            self._urgent = False
+            self._datagrams.send(station.compose(now_ns), now_ns)
         if self._timings:
             self._timing_stream.write(TimingBatch(tuple(self._timings)))
             self._timings.clear()
@@ -258,6 +261,7 @@ class Broker(Service):
 
     def _hurry(self) -> None:
         soon_ns = self._clock.now_ns() + round(HURRY_NS * random.uniform(0.1, 1.0))
+        self._urgent = True
         if soon_ns < self._due_ns:
             self._due_ns = soon_ns
             self._wake.set()

@@ -200,8 +200,8 @@ def test_values_from_far_are_passed_on_less_often() -> None:
     for tick in range(40):
         heard(relays, 1000 + tick * 100, sender=UAV3, hops=4)
         counts += len(told(relays, 1000 + tick * 100))
-    assert PERIOD_NS * 4 == 400 * MS
-    assert counts == 10
+    assert PERIOD_NS * 4 == 800 * MS
+    assert counts == 5
 
 
 def test_what_all_neighbours_hear_themselves_is_not_passed_on() -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from swarmd.broker.core.tick import Value, value_bytes
+from swarmd.broker.core.tick import NEVER_NS, Value, value_bytes
 from swarmware.types.net import Offer
 
 REFRESH_NS: Final = 1_000_000_000
@@ -41,7 +41,7 @@ class Board:
         self.version = 0
         """Counts the values put; 0: none yet."""
         self.sent_version = 0
-        self.sent_ns = -REFRESH_NS
+        self.sent_ns = NEVER_NS
 
     def put(self, payload: bytes, packed: bool, stamp_ns: int) -> None:
         """The newest value."""
@@ -82,15 +82,7 @@ class Bulletin:
         `tick_ns`: time between two ticks; a period that ends within half of it is over, or a value
         of 10 Hz would miss every second tick.
         """
-        due: list[tuple[float, Board]] = []
-        for board in self.boards.values():
-            if not board.version or not board.period_ns:
-                continue
-            waited_ns = now_ns - board.sent_ns + tick_ns // 2
-            changed = board.version != board.sent_version
-            period_ns = board.period_ns if changed else max(REFRESH_NS, board.period_ns)
-            if waited_ns >= period_ns:
-                due.append((waited_ns / max(period_ns, tick_ns), board))
+        due = self._due(now_ns, tick_ns)
         due.sort(key=_waited, reverse=True)
         values: list[Value] = []
         for _, board in due:
@@ -104,6 +96,22 @@ class Bulletin:
             age_us = (now_ns - board.stamp_ns) // 1000
             values.append(Value(board.data_id, age_us, board.packed, board.payload))
         return values
+
+    def has_news(self, now_ns: int, tick_ns: int) -> bool:
+        """Whether the next datagram would have a value."""
+        return bool(self._due(now_ns, tick_ns))
+
+    def _due(self, now_ns: int, tick_ns: int) -> list[tuple[float, Board]]:
+        due: list[tuple[float, Board]] = []
+        for board in self.boards.values():
+            if not board.version or not board.period_ns:
+                continue
+            waited_ns = now_ns - board.sent_ns + tick_ns // 2
+            changed = board.version != board.sent_version
+            period_ns = board.period_ns if changed else max(REFRESH_NS, board.period_ns)
+            if waited_ns >= period_ns:
+                due.append((waited_ns / max(period_ns, tick_ns), board))
+        return due
 
 
 def _waited(entry: tuple[float, Board]) -> float:

@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import INFINITY, LOST, Row, SequenceRequest
+from swarmd.broker.core.tick import INFINITY, LOST, NEVER_NS, Row, SequenceRequest
 
 HYSTERESIS: Final = 96
 """A new next hop must be this much better; scale study, section 2.3."""
@@ -94,12 +94,12 @@ class _Destination:
         self.due_ns = now_ns
         self.said_metric = INFINITY
         self.retractions = 0
-        self.hot_until_ns = 0
+        self.hot_until_ns = NEVER_NS
         self.hot_sequence = 0
         self.hot_rows = 0
-        self.forwarded_ns = -FORWARD_AGAIN_NS
-        self.request_until_ns = 0
-        self.request_due_ns = 0
+        self.forwarded_ns = NEVER_NS
+        self.request_until_ns = NEVER_NS
+        self.request_due_ns = NEVER_NS
 
     def feasible(self, sequence: int, metric: int) -> bool:
         if self.limit_sequence < 0:
@@ -129,7 +129,7 @@ class Directory:
         self._costs: dict[int, int] = {}
         self._forward: list[SequenceRequest] = []
         self._asking: dict[int, _Destination] = {}
-        self._sweep_ns = 0
+        self._sweep_ns = NEVER_NS
 
     # what comes in
 
@@ -367,7 +367,7 @@ class Directory:
         destination.metric = total
         destination.changed_ns = now_ns
         destination.retractions = 0
-        destination.request_until_ns = 0
+        destination.request_until_ns = NEVER_NS
         if abs(total - destination.said_metric) >= _TOLD_AT_ONCE:
             destination.due_ns = now_ns
         changes.append(RouteChanged(destination.hw, via))

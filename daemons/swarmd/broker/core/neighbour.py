@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import ANSWERED_SEQUENCES, INFINITY, NO_ECHO, Echo, Header, Hello
+from swarmd.broker.core.tick import ANSWERED_SEQUENCES, INFINITY, NEVER_NS, NO_ECHO, Echo, Header, Hello
 
 WINDOW: Final = 16
 """Datagrams over which loss is judged; scale study, section 2.3."""
@@ -37,7 +37,6 @@ FORGET_NS: Final = 600_000_000_000
 NEIGHBOUR_LIMIT: Final = 1024
 _FULL: Final = 255
 _MOD32: Final = 0xFFFF_FFFF
-_NEVER: Final = -(1 << 62)
 
 
 class LinkState(IntEnum):
@@ -164,10 +163,10 @@ class Neighbour:
         self.heard_ns = now_ns
         self.deadline_ns = now_ns
         self.period_ns = FIRST_PERIOD_NS
-        self.listed_ns = _NEVER
+        self.listed_ns = NEVER_NS
         self.reported = _FULL
         self.rtt_ns = 0
-        self.echoed_ns = _NEVER
+        self.echoed_ns = NEVER_NS
         self.echo_reverse_us = 0
         self.echo_sequence = -1
         self.echo_rx_ns = 0
@@ -193,9 +192,9 @@ class Neighbours:
         self._timeout_ns = link_timeout_ns
         self._all: dict[int, Neighbour] = {}
         self._sent: list[tuple[int, int]] = [(-1, 0)] * ANSWERED_SEQUENCES
-        self._echoed_ns = _NEVER
+        self._echoed_ns = NEVER_NS
         self._common: frozenset[int] = frozenset()
-        self._common_ns = _NEVER
+        self._common_ns = NEVER_NS
 
     def get(self, hw: int) -> Neighbour | None:
         """A neighbour, whatever its state."""
@@ -229,7 +228,7 @@ class Neighbours:
             if len(self._all) >= NEIGHBOUR_LIMIT:
                 return None
             neighbour = self._all[header.sender_hw] = Neighbour(header.sender_hw, rx_ns)
-            self._common_ns = _NEVER
+            self._common_ns = NEVER_NS
         elif restarted:
             self._event(neighbour, LinkEvent.RESTARTED, rx_ns, changes)
             neighbour.restart(rx_ns)
@@ -274,7 +273,7 @@ class Neighbours:
             if hw != self.own_hw:
                 continue
             if not quality:
-                neighbour.listed_ns = _NEVER
+                neighbour.listed_ns = NEVER_NS
                 self._event(neighbour, LinkEvent.UNLISTED, rx_ns, changes)
                 continue
             if hold_us == NO_ECHO:
@@ -312,7 +311,7 @@ class Neighbours:
         return any(
             neighbour.state is LinkState.UP
             and neighbour.hw not in have
-            and neighbour.hears.get(origin_hw, _NEVER) < oldest_ns
+            and neighbour.hears.get(origin_hw, NEVER_NS) < oldest_ns
             for neighbour in self._all.values()
         )
 
@@ -420,7 +419,7 @@ class Neighbours:
             return
         changes.append(LinkChanged(neighbour.hw, neighbour.state, after, event))
         if LinkState.UP in (after, neighbour.state):
-            self._common_ns = _NEVER
+            self._common_ns = NEVER_NS
         neighbour.state = after
         neighbour.since_ns = now_ns
 

@@ -5,17 +5,18 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import Relay, relay_bytes
+from swarmd.broker.core.tick import NEVER_NS, Relay, relay_bytes
 
-PERIOD_NS: Final = 100_000_000
-"""Period of a relayed value per hop from its origin: 10 Hz divided by the distance."""
+PERIOD_NS: Final = 200_000_000
+"""Period of a relayed value per hop from its origin. Simulated, 16 moving nodes, poses: 2.3 kB/s per
+node, age p95 0.3 s at two hops and 1 s at five; 0.1 s per hop: 2.8 kB/s, 0.25 s and 0.75 s."""
 AGAIN_NS: Final = 800_000_000
 """A value that still holds is passed on again this often: its origin repeats it every second."""
 OLDEST_NS: Final = 5_000_000_000
 """Not confirmed for so long, it is not passed on any more."""
 RESTART_NS: Final = 3_000_000_000
 HOPS_MAX: Final = 24
-COPIES: Final = 3
+COPIES: Final = 2
 """Overheard this often from others, it need not be said once more (RFC 6206, redundancy constant)."""
 FINE_US: Final = 200
 COARSE_US: Final = 100_000
@@ -63,7 +64,7 @@ class _Entry:
         self.packed = False
         self.hops = 0
         self.rx_ns = 0
-        self.said_ns = -FORGET_NS
+        self.said_ns = NEVER_NS
         self.told = False
         self.copies = 0
         self.have: set[int] = set()
@@ -74,7 +75,7 @@ class Relays:
 
     def __init__(self) -> None:
         self._entries: dict[tuple[int, int], _Entry] = {}
-        self._said_ns = -FORGET_NS
+        self._said_ns = NEVER_NS
         self.duplicates = 0
         self.late = 0
 

@@ -15,6 +15,7 @@ from swarmd.broker.core.relay import News, Relays
 from swarmd.broker.core.tick import (
     BODY_LIMIT,
     ECHO_BYTES,
+    NEVER_NS,
     REQUEST_BYTES,
     ROW_BYTES,
     Header,
@@ -30,6 +31,9 @@ from swarmware.names import hardware_id
 from swarmware.types.net import TreePlan, Want
 
 HELLO_NS: Final = 1_000_000_000
+SILENCE_NS: Final = 350_000_000
+"""A node whose boards stand still ticks at least this often: with a slot's delay 2.2 times a second, so
+that its neighbours, who expect more of it, may miss one datagram."""
 OWN_SHARE: Final = 700
 """Bytes of a datagram's body that echoes, rows and own boards may take together before relays and
 names get their turn; a board that is larger than what is left waits for a datagram of its own."""
@@ -95,8 +99,9 @@ class Station:
         self._plan = TreePlan(0)
         self._limits_version = 0
         self._wants: dict[tuple[int, int], Want] = {}
-        self._hello_ns = -HELLO_NS
-        self._forget_ns = 0
+        self._hello_ns = NEVER_NS
+        self._forget_ns = NEVER_NS
+        self._sent_ns = NEVER_NS
         self._relaying = False
         self._datagram_bytes = _FIRST_DATAGRAM_BYTES
 
@@ -105,7 +110,7 @@ class Station:
     def set_plan(self, plan: TreePlan) -> list[tuple[Want, News]]:
         """What the tick shall carry from now on; values already heard of boards that are wanted now."""
         if plan.tree_version != self._plan.tree_version or plan.mission != self._plan.mission:
-            self._hello_ns = -HELLO_NS
+            self._hello_ns = NEVER_NS
         self._plan = plan
         self.bulletin.offer(plan.offers, self.channels.max_hz)
         wants = {(hardware_id(want.platform, want.unit), want.data_id): want for want in plan.wants}
@@ -152,7 +157,10 @@ class Station:
             self.relays.restart(hw)
         directory = self.mesh.directory
         for row in tick.members:
-            if row.hw != self.identity.hw and directory.next_hop(row.hw) == hw:
+            # a name proves itself; the newest tree is known by the next hop to it
+            if row.hw != self.identity.hw and (
+                directory.next_hop(row.hw) == hw or self.members.get(row.hw) is None
+            ):
                 self.members.on_row(row, rx_ns)
         news = self._read(neighbour, tick, rx_ns) if tick.values or tick.relays else []
         return Arrival(neighbour, heard.timing, heard.links, heard.routes, news, stranger)
@@ -220,7 +228,13 @@ class Station:
 
     def say_hello(self) -> None:
         """The next datagram carries name and session."""
-        self._hello_ns = -HELLO_NS
+        self._hello_ns = NEVER_NS
+
+    def is_idle(self, now_ns: int) -> bool:
+        """Whether this tick would say nothing that cannot wait: boards that stand still need none."""
+        if not self.busy or self._relaying or now_ns - self._sent_ns >= SILENCE_NS:
+            return False
+        return not self.bulletin.has_news(now_ns, round(1e9 / self.tick_hz()))
 
     def compose(self, now_ns: int) -> Departure:
         """The next datagram, the parts in the order of their importance."""
@@ -271,6 +285,7 @@ class Station:
 
     def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:
         """The datagram left."""
+        self._sent_ns = tx_ns
         self._datagram_bytes += (datagram_bytes - self._datagram_bytes) / 16
         self.mesh.sent(sequence, tx_ns)
 

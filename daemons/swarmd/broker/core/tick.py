@@ -11,6 +11,8 @@ import msgspec
 
 from swarmware.errors import WireError
 
+NEVER_NS: Final = -(1 << 62)
+"""Before every instant: a clock may well be below zero, simulated ones have offsets."""
 MAGIC: Final = 0x54
 VERSION: Final = 1
 BODY_LIMIT: Final = 1200
