@@ -5,9 +5,9 @@ from typing import Final
 
 from swarmd.broker.core.bulletin import Board, Bulletin
 from swarmd.broker.core.relay import News
-from swarmd.broker.core.tick import NEVER_NS
+from swarmd.broker.core.tick import BODY_LIMIT, NEVER_NS, value_bytes
 from swarmd.broker.core.traffic import Counters
-from swarmware.errors import Conflict, NotFound, SwarmError, WireError
+from swarmware.errors import NotFound, SwarmError, WireError
 from swarmware.frame import Codec, Frame, Kind, decode, encode
 from swarmware.node import Node, Publication
 from swarmware.shm.layout import ring_file
@@ -15,6 +15,8 @@ from swarmware.shm.ring import RingReader
 from swarmware.types import registry
 from swarmware.types.net import Want
 
+VALUE_LIMIT: Final = BODY_LIMIT - 200
+"""Largest value: it must fit beside a hello and some rows."""
 LOOK_AGAIN_NS: Final = 500_000_000
 """A board whose ring is not there yet is looked for this often."""
 _MASK32: Final = 0xFFFF_FFFF
@@ -32,6 +34,7 @@ class OwnBoards:
         self._rings: dict[int, RingReader] = {}
         self._at: dict[int, int] = {}
         self._look_ns = NEVER_NS
+        self._too_large: set[str] = set()
 
     def poll(self, now_ns: int) -> None:
         """Puts values that changed since the last tick into the bulletin."""
@@ -80,6 +83,12 @@ class OwnBoards:
         news = max(1, ring.seen - before) if before else 1
         channel.offered_frames += news
         channel.offered_bytes += news * len(payload)
+        if value_bytes(payload) > VALUE_LIMIT:
+            channel.dropped += news
+            if board.path not in self._too_large:
+                self._too_large.add(board.path)
+                log.warning("board %s: %d bytes do not fit into a tick", board.path, len(payload))
+            return
         board.put(payload, packed, frame.stamp_ns)
 
     def close(self) -> None:
@@ -112,34 +121,45 @@ class Mirrors:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._rings: dict[tuple[str, str], Publication] = {}
+        self._complained: set[tuple[str, str]] = set()
 
     def write(self, want: Want, news: News) -> bool:
-        """One value; False when another process writes that mirror."""
+        """One value; False when it could not be written."""
         key = (want.platform, want.path)
         ring = self._rings.get(key)
         if ring is None:
             try:
                 ring = self._rings[key] = self._node.mirror_writer(want.platform, want.path)
-            except Conflict as error:
-                log.warning("%s", error)
-                return False
-        ring.publish(
-            encode(
-                Frame(
-                    Kind.BOARD,
-                    want.data_id,
-                    news.origin_hw,
-                    sequence=ring.sequence + 1,
-                    stamp_ns=news.stamp_us * 1000,
-                    # our clock when the value was made, as far as ages on the way tell: good enough to
-                    # judge its age where the origin's clock is not known yet
-                    echo_rx_us=(news.rx_ns // 1000 - news.age_us) & _MASK32,
-                    codec=Codec.PACKED if news.packed else Codec.NONE,
-                    payload=news.payload,
-                )
+            except SwarmError as error:
+                return self._failed(key, error)
+        try:
+            ring.publish(self._frame(want, news, ring.sequence + 1))
+        except SwarmError as error:
+            return self._failed(key, error)
+        return True
+
+    def _failed(self, key: tuple[str, str], error: SwarmError) -> bool:
+        if key not in self._complained:
+            self._complained.add(key)
+            log.warning("mirror of /%s/%s: %s", *key, error)
+        return False
+
+    @staticmethod
+    def _frame(want: Want, news: News, sequence: int) -> bytes:
+        return encode(
+            Frame(
+                Kind.BOARD,
+                want.data_id,
+                news.origin_hw,
+                sequence=sequence,
+                stamp_ns=news.stamp_us * 1000,
+                # our clock when the value was made, as far as ages on the way tell: good enough to
+                # judge its age where the origin's clock is not known yet
+                echo_rx_us=(news.rx_ns // 1000 - news.age_us) & _MASK32,
+                codec=Codec.PACKED if news.packed else Codec.NONE,
+                payload=news.payload,
             )
         )
-        return True
 
     def keep_only(self, wants: tuple[Want, ...]) -> None:
         """Takes away mirrors that nobody reads any more."""

@@ -125,9 +125,9 @@ class Frames:
         if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
             return None
         platform = self._station.members.platform(hw)
-        curve = self._keys.curve_of(platform) or neighbour.hello.curve_public
+        curve = neighbour.hello.curve_public if self._keys.is_open else self._keys.curve_of(platform)
         if not curve:
-            return None
+            return None  # it shares the group key, but is not on our roster
         return Peer(hw, platform, neighbour.address[0], neighbour.hello.tcp_port, curve, neighbour.session)
 
     def _gave_up(self, peer: Peer, waiting: list[Waiting]) -> None:

@@ -242,3 +242,34 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
             return table is not None and [n.transport for n in table.neighbours] == ["tcp"]
 
         await pair["uav1"].until(connected, pair["uav1"].neighbours)
+
+
+@on_uvloop
+async def test_a_board_too_large_for_a_tick_is_counted_and_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with swarm(tmp_path, "uav1") as one:
+        text = await one["uav1"].app.writer("plan/text", Text)
+        one["uav1"].plan(offers=[("plan/text", Text)])
+        text.write(Text("x" * 5000))
+        traffic = await one["uav1"].until_counted(
+            lambda traffic: any(c.channel == "plan/text" and c.dropped == 1 for c in traffic.channels)
+        )
+        assert [c.sent_frames for c in traffic.channels if c.channel == "plan/text"] == [0]
+    assert "board plan/text: 5004 bytes do not fit into a tick" in caplog.text
+
+
+@on_uvloop
+async def test_a_mirror_that_nobody_reads_any_more_is_taken_away(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        level = await pair["uav1"].app.writer("power/level", Float)
+        level.write(Float(1.0))
+        pair["uav1"].plan(offers=[("power/level", Float)])
+        pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
+        reader = await pair["uav2"].app.reader("/uav1/power/level", Float)
+        await reader.changed(10)
+        assert reader.alive
+        pair["uav2"].plan(wants=[])
+        before = pair["uav2"].counters.sequence
+        await pair["uav2"].until(lambda: pair["uav2"].counters.sequence > before + 1, pair["uav2"].counters)
+        assert not reader.alive

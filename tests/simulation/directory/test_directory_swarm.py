@@ -22,6 +22,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+import pytest
 
 from swarmd.broker.core.mesh import Mesh, RouteChanged
 from swarmd.broker.core.tick import Header, Tick
@@ -266,6 +267,8 @@ def live(seed: int) -> Life:
         return Life(seed, -1, str(error))
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)  # a minute on two idle cores
 def test_200_moving_swarms_of_100_nodes_never_loop_and_get_their_routes_back() -> None:
     half = SEEDS // 2
     halves = [(0, half), (half, SEEDS)]

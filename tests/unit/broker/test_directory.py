@@ -181,6 +181,14 @@ def test_rows_that_nobody_needs_are_refreshed_slowly(directory: Directory) -> No
     assert set(rows(directory, 20 * TICK, everybody)) == {A}
 
 
+def test_a_row_that_somebody_needs_now_is_told_at_once(directory: Directory) -> None:
+    directory.on_rows(A, [(A, 1, 0)], 0)
+    rows(directory, 0, frozenset((A,)))
+    assert rows(directory, 1, frozenset((A,))) == {}
+    assert set(rows(directory, 2)) == {A}
+    assert rows(directory, 3) == {}
+
+
 def test_lost_routes_come_before_all_others_when_there_is_little_room(directory: Directory) -> None:
     directory.on_rows(A, [(hw, 1, 256) for hw in range(100, 140)], 0)
     rows(directory)

@@ -60,6 +60,7 @@ class Route(msgspec.Struct, frozen=True, gc=False):
 class _Destination:
     __slots__ = (
         "changed_ns",
+        "common",
         "due_ns",
         "forwarded_ns",
         "heard",
@@ -92,6 +93,8 @@ class _Destination:
         self.known_ns = now_ns
         self.changed_ns = now_ns
         self.due_ns = now_ns
+        self.common = False
+        """All our neighbours heard it themselves when its row was said last."""
         self.said_metric = INFINITY
         self.retractions = 0
         self.hot_until_ns = NEVER_NS
@@ -258,7 +261,7 @@ class Directory:
         """
         due: list[_Destination] = []
         for destination in self._destinations.values():
-            if destination.due_ns <= now_ns:
+            if destination.due_ns <= now_ns or (destination.common and destination.hw not in common):
                 if destination.via or destination.retractions:
                     due.append(destination)
             elif destination.hot_rows and destination.via:
@@ -281,7 +284,8 @@ class Directory:
             destination.said_metric = metric
             if destination.feasible(sequence, metric):
                 destination.limit_sequence, destination.limit_metric = sequence, metric
-            if destination.hw in common:
+            destination.common = destination.hw in common
+            if destination.common:
                 period_ns = common_ns
             else:
                 period_ns = min(REFRESH_NS * max(1, metric >> 8), REFRESH_MAX_NS) * scale

@@ -78,6 +78,8 @@ class Relays:
         self._said_ns = NEVER_NS
         self.duplicates = 0
         self.late = 0
+        self.was_late = False
+        """The value given last was older than the one that is here."""
 
     def on_value(
         self,
@@ -132,7 +134,8 @@ class Relays:
         )
 
     def _again(self, entry: _Entry, sender_hw: int, ahead_us: int, hops: int, rx_ns: int) -> None:
-        if ahead_us < -COARSE_US:
+        self.was_late = ahead_us < -COARSE_US
+        if self.was_late:
             self.late += 1
             return
         self.duplicates += 1

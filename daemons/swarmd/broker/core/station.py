@@ -157,9 +157,9 @@ class Station:
             self.relays.restart(hw)
         directory = self.mesh.directory
         for row in tick.members:
-            # a name proves itself; the newest tree is known by the next hop to it
+            # the newest tree is known by the next hop to it; a name proves itself, whoever says it
             if row.hw != self.identity.hw and (
-                directory.next_hop(row.hw) == hw or self.members.get(row.hw) is None
+                directory.next_hop(row.hw) in (hw, 0) or self.members.get(row.hw) is None
             ):
                 self.members.on_row(row, rx_ns)
         news = self._read(neighbour, tick, rx_ns) if tick.values or tick.relays else []
@@ -177,7 +177,7 @@ class Station:
                 )
                 want = wants.get((hw, data_id))
                 if want is not None:
-                    self._count(want, value.payload, news is not None)
+                    self._count(want, value.payload, news)
                     if news is not None:
                         found.append((want, news))
         for relay in tick.relays:
@@ -197,16 +197,19 @@ class Station:
             )
             want = wants.get((origin_hw, relay.data_id))
             if want is not None:
-                self._count(want, relay.payload, news is not None)
+                self._count(want, relay.payload, news)
                 if news is not None:
                     found.append((want, news))
         return found
 
-    def _count(self, want: Want, payload: bytes, news: bool) -> None:
+    def _count(self, want: Want, payload: bytes, news: News | None) -> None:
         channel = self.counters.channel(want.path)
         channel.received(len(payload))
-        if not news:
-            channel.duplicates += 1
+        if news is None:
+            if self.relays.was_late:
+                channel.late += 1
+            else:
+                channel.duplicates += 1
 
     def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
         """Deadlines, ages; call at each tick and at `deadline_ns`."""

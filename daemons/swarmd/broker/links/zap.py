@@ -11,6 +11,8 @@ from swarmd.broker.links.port import Port, Socket
 from swarmware.security import Keys
 
 DOMAIN: Final = "swarm"
+COMPLAINTS: Final = 100
+"""Keys of strangers that are told in the log, each once; the counter tells the rest."""
 _ENDPOINT: Final = "inproc://zeromq.zap.01"
 _VERSION: Final = b"1.0"
 _PARTS: Final = 7
@@ -27,6 +29,7 @@ class Zap:
 
     def __init__(self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys) -> None:
         self._keys = keys
+        self._complained: set[bytes] = set()
         self.denied = 0
         """Handshakes of strangers and of revoked members."""
         socket = context.socket(zmq.REP)
@@ -60,7 +63,9 @@ class Zap:
             return "" if _is_loopback(address) else None
         member = self._keys.by_curve(key)
         if member is None:
-            log.warning("connection from %s denied: its key is not on the roster", address)
+            if key not in self._complained and len(self._complained) < COMPLAINTS:
+                self._complained.add(key)
+                log.warning("connection from %s denied: its key is not on the roster", address)
             return None
         return member.platform
 

@@ -1,0 +1,249 @@
+"""A node's side of the tick: what it says to whom, and what it makes of what others say."""
+
+from itertools import pairwise
+from typing import Final
+
+import pytest
+
+from swarmd.broker.core import tick as codec
+from swarmd.broker.core.mesh import LinkState, Mesh
+from swarmd.broker.core.relay import News
+from swarmd.broker.core.station import SILENCE_NS, Arrival, Departure, Identity, Station
+from swarmd.broker.core.tick import BODY_LIMIT, Header, PlatformKind, Row, Tick
+from swarmd.broker.core.traffic import Counters
+from swarmware.names import data_id, hardware_id
+from swarmware.types.net import Offer, SetChannel, TreePlan, Want
+
+MS: Final = 1_000_000
+SECOND: Final = 1000 * MS
+TICK: Final = 100 * MS
+POSE: Final = data_id("nav/pose", "Pose")
+OFFER: Final = Offer("nav/pose", POSE, "Pose")
+
+
+class Node:
+    """A station whose datagrams go straight to another one."""
+
+    def __init__(self, name: str, *, session: int = 1, clock_us: int = 0, boot_id: int = 1) -> None:
+        self.name = name
+        self.hw = hardware_id(name)
+        self.session = session
+        self.clock_ns = clock_us * 1000
+        """Its clock minus the test's."""
+        self.counters = Counters()
+        self.station = Station(
+            Identity(self.hw, name, "main", PlatformKind.UAV, boot_id, b""),
+            Mesh(self.hw, 100 * session, SECOND, -(1 << 62)),
+            self.counters,
+            busy_hz=10.0,
+            relay_bytes_s=3000.0,
+        )
+
+    def compose(self, now_ns: int) -> Departure:
+        return self.station.compose(now_ns + self.clock_ns)
+
+    def tell(self, now_ns: int, *others: "Node") -> list[Arrival]:
+        """One tick, encoded and decoded as on the wire."""
+        clock_ns = now_ns + self.clock_ns
+        departure = self.compose(now_ns)
+        body = codec.encode(departure.tick)
+        assert len(body) <= BODY_LIMIT
+        self.station.sent(departure.sequence, clock_ns, len(body) + 38)
+        session = self.session if departure.with_session else None
+        header = Header(0, self.hw, departure.sequence, clock_ns // 1000 & 0xFFFF_FFFF, session)
+        arrivals = [
+            other.station.on_datagram(header, codec.decode(body), ("h", 1), now_ns + other.clock_ns)
+            for other in others
+        ]
+        return [arrival for arrival in arrivals if arrival is not None]
+
+    def put(self, payload: bytes, now_ns: int) -> None:
+        self.station.bulletin.boards[POSE].put(payload, True, now_ns + self.clock_ns)
+
+
+def meet(*nodes: Node, now_ns: int = 0) -> None:
+    """Three rounds of ticks: everybody is up with everybody."""
+    for round_ns in range(now_ns, now_ns + 3 * TICK, TICK):
+        for node in nodes:
+            node.station.on_timer(round_ns + node.clock_ns)
+            node.tell(round_ns, *(other for other in nodes if other is not node))
+    for node in nodes:
+        assert all(n.state is LinkState.UP for n in node.station.mesh.neighbours.all())
+
+
+@pytest.fixture
+def one() -> Node:
+    return Node("uav1")
+
+
+@pytest.fixture
+def other() -> Node:
+    return Node("uav2", clock_us=5_000_000)
+
+
+def test_the_first_datagram_says_name_and_session(one: Node, other: Node) -> None:
+    departure = one.compose(0)
+    assert departure.with_session
+    assert departure.tick.hello is not None
+    assert departure.tick.hello.name == "uav1"
+    assert not one.compose(TICK).with_session
+    assert one.compose(SECOND).with_session
+
+
+def test_a_newcomer_is_a_stranger_once(one: Node, other: Node) -> None:
+    assert [arrival.stranger for arrival in one.tell(0, other)] == [True]
+    one.station.say_hello()
+    assert [arrival.stranger for arrival in one.tell(TICK, other)] == [False]
+
+
+def test_three_datagrams_bring_two_nodes_together(one: Node, other: Node) -> None:
+    one.tell(0, other)
+    other.tell(10 * MS, one)
+    one.tell(60 * MS, other)
+    assert one.station.is_up(other.hw)
+    assert other.station.is_up(one.hw)
+    assert one.station.next_hop(other.hw) == other.hw
+
+
+def test_who_has_another_name_than_its_number_is_refused(one: Node, other: Node) -> None:
+    one.hw += 1
+    assert one.tell(0, other) == []
+    assert other.counters.refused.malformed == 1
+
+
+def test_a_wanted_value_is_news_with_the_stamp_of_its_clock(one: Node, other: Node) -> None:
+    meet(one, other)
+    other.station.set_plan(TreePlan(1, offers=(OFFER,)))
+    one.station.set_plan(TreePlan(1, wants=(want := Want("uav2", "nav/pose", "Pose", POSE),)))
+    other.put(b"here", 450 * MS)
+    [arrival] = other.tell(500 * MS, one)
+    [(wanted, news)] = arrival.news
+    assert wanted == want
+    assert news == News(other.hw, POSE, 5_450_000, 50_000, True, b"here", 500 * MS)
+    assert one.counters.channel("nav/pose").received_frames == 1
+    assert other.counters.channel("nav/pose").sent_frames == 1
+
+
+def test_a_value_that_nobody_here_reads_is_no_news_until_somebody_does(one: Node, other: Node) -> None:
+    meet(one, other)
+    other.station.set_plan(TreePlan(1, offers=(OFFER,)))
+    other.put(b"here", 450 * MS)
+    [arrival] = other.tell(500 * MS, one)
+    assert arrival.news == []
+    heard = one.station.set_plan(TreePlan(1, wants=(Want("uav2", "nav/pose", "Pose", POSE),)))
+    assert [news.payload for _, news in heard] == [b"here"]
+
+
+def test_a_node_of_which_nobody_wants_anything_ticks_slowly(one: Node) -> None:
+    assert one.station.tick_hz() == 2.0
+    one.station.set_plan(TreePlan(1, offers=(OFFER,)))
+    assert one.station.tick_hz() == 10.0
+    one.station.set_plan(TreePlan(1))
+    assert one.station.tick_hz() == 2.0
+
+
+def test_boards_that_stand_still_need_no_tick(one: Node, other: Node) -> None:
+    meet(one, other)
+    one.station.set_plan(TreePlan(0, offers=(OFFER,)))
+    one.put(b"parked", 0)
+    told = [0]
+    for tick in range(4, 44):
+        now_ns = tick * TICK
+        if not one.station.is_idle(now_ns):
+            one.tell(now_ns, other)
+            told.append(now_ns)
+    gaps = [after - before for before, after in pairwise(told[1:])]
+    assert max(gaps) < SILENCE_NS + TICK
+    assert len(told) < 20
+    one.put(b"moving", 44 * TICK)
+    assert not one.station.is_idle(44 * TICK)
+
+
+def test_a_limit_of_a_channel_holds_from_the_next_tick(one: Node, other: Node) -> None:
+    one.station.set_plan(TreePlan(1, offers=(OFFER,)))
+    one.put(b"x", 0)
+    one.station.channels.set(SetChannel("nav/*", 0.0), 0)
+    one.station.on_timer(0)
+    assert one.compose(0).tick.values == ()
+    one.station.channels.set(SetChannel("nav/*"), 0)
+    one.station.on_timer(TICK)
+    assert len(one.compose(TICK).tick.values) == 1
+
+
+def test_a_new_tree_is_told_at_once(one: Node, other: Node) -> None:
+    meet(one, other)
+    one.station.set_plan(TreePlan(77))
+    one.tell(400 * MS, other)
+    member = other.station.members.get(one.hw)
+    assert member is not None
+    assert member.tree_version == 77
+
+
+def test_names_and_trees_go_over_the_next_hop(one: Node, other: Node) -> None:
+    far = Node("uav3")
+    meet(one, other)
+    meet(other, far, now_ns=TICK * 3)
+    one.station.set_plan(TreePlan(5))
+    now_ns = 6 * TICK
+    for _ in range(4):
+        now_ns += TICK
+        one.tell(now_ns, other)
+        other.tell(now_ns, one, far)
+        far.tell(now_ns, other)
+    member = far.station.members.get(one.hw)
+    assert member is not None
+    assert (member.platform, member.tree_version) == ("uav1", 5)
+    assert far.station.next_hop(one.hw) == other.hw
+
+
+def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None:
+    meet(one, other)
+    row = codec.MemberRow(other.hw, 99, PlatformKind.UAV, "uav2")
+    liar = hardware_id("uav9")
+    one.station.on_datagram(Header(0, liar, 1, 0, 1), Tick(members=(row,)), ("h", 2), 400 * MS)
+    member = one.station.members.get(other.hw)
+    assert member is not None
+    assert member.tree_version != 99
+
+
+def test_boards_are_passed_on_to_those_who_do_not_hear_their_origin(one: Node, other: Node) -> None:
+    far = Node("uav3")
+    meet(one, other)
+    meet(other, far, now_ns=3 * TICK)
+    one.station.set_plan(TreePlan(1, offers=(OFFER,)))
+    far.station.set_plan(TreePlan(1, wants=(Want("uav1", "nav/pose", "Pose", POSE),)))
+    one.put(b"here", 600 * MS)
+    one.tell(600 * MS, other)
+    assert other.station.tick_hz() == 2.0
+    [_, arrival] = other.tell(700 * MS, one, far)
+    [(_, news)] = arrival.news
+    assert (news.payload, news.origin_hw, news.stamp_us, news.age_us) == (b"here", one.hw, 600_000, 100_000)
+    assert other.station.tick_hz() == 10.0, "somebody depends on it now"
+
+
+def test_a_restarted_neighbour_is_met_anew(one: Node, other: Node) -> None:
+    meet(one, other)
+    again = Node("uav2", session=2)
+    [arrival] = again.tell(400 * MS, one)
+    assert arrival.stranger
+    assert [change.after for change in arrival.links] == [LinkState.HEARD]
+    assert one.station.next_hop(other.hw) == 0
+    meet(one, again, now_ns=500 * MS)
+    assert one.station.next_hop(other.hw) == other.hw
+
+
+def test_a_body_stays_within_its_limit_however_much_there_is_to_say(one: Node, other: Node) -> None:
+    meet(one, other)
+    offers = tuple(Offer(f"a/b{index}", index + 1, "Float") for index in range(200))
+    one.station.set_plan(TreePlan(1, offers=offers))
+    for board in one.station.bulletin.boards.values():
+        board.put(bytes(40), False, 0)
+    rows = tuple(Row(1000 + index, 1, 256) for index in range(250))
+    header = Header(0, other.hw, 1000, 0)
+    one.station.on_datagram(header, Tick(rows=rows), ("h", 1), 400 * MS)
+    sent: set[int] = set()
+    for tick in range(4, 40):
+        departure = one.compose(tick * TICK)
+        assert len(codec.encode(departure.tick)) <= BODY_LIMIT
+        sent |= {value.data_id for value in departure.tick.values}
+    assert len(sent) == 200
