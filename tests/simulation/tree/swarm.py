@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable
-from functools import cache, partial
+from functools import lru_cache, partial
 from typing import TypeVar
 
 import msgspec
@@ -55,7 +55,7 @@ class Weather(msgspec.Struct, frozen=True):
     whole_swarm: bool = False
 
 
-@cache
+@lru_cache(maxsize=256)
 def _notified(tree: SwarmTree, digest: int, patterns: tuple[str, ...]) -> frozenset[str]:
     """Paths whose values somebody with these patterns must be told."""
     del digest  # part of the key: the answer holds for one structure

@@ -228,7 +228,7 @@ class Remotes:
         """Applications here want something else."""
         for remote in self._remotes.values():
             wish = self._interests.of(remote.platform)
-            if wish is not remote.wish:
+            if wish.digest != remote.wish.digest:
                 remote.wish = wish
                 self._match(remote)
                 self._engage(remote)
