@@ -35,7 +35,10 @@ QUIET_S: Final = 15.0
 """Longest wait until trees and subscriptions are exchanged: the command is not to queue behind them."""
 FACTS: Final = "run.json"
 REPORT: Final = "report.json"
+PAGE: Final = "report.html"
 LOGS: Final = "logs"
+CAPTIONS: Final = ("Paths", "Formation error", "Topology", "Traffic")
+"""Pictures of the report, in their order; a file each."""
 DATA_LOST: Final = 3
 """Exit code: the experiment went well, but entries of the logs are missing."""
 
@@ -56,7 +59,7 @@ def main(wish: Wish, duration_s: float, out_dir: Path, out: Output) -> int:
 
     Raises: SwarmError when the swarm does not come up or does not take the mission.
     """
-    _prepare(out_dir)
+    prepare(out_dir)
     started_utc_ns = time.time_ns()
     running = RunningLab(folders.make(wish))
     try:
@@ -85,41 +88,40 @@ def report(out_dir: Path, out: Output) -> int:
     found, scene = analysis.analyse(facts, out_dir / LOGS)
     text = msgspec.json.format(msgspec.json.encode(figures.rounded(found)), indent=2)
     (out_dir / REPORT).write_bytes(text + b"\n")
-    pictures = {
-        "Paths": plots.paths(scene),
-        "Formation error": plots.formation(scene, figures.LIMITS.formation_error_m),
-        "Topology": plots.topology(scene),
-        "Traffic": plots.traffic(scene),
-    }
+    drawn = (
+        plots.paths(scene),
+        plots.formation(scene, figures.LIMITS.formation_error_m),
+        plots.topology(scene),
+        plots.traffic(scene),
+    )
+    pictures = dict(zip(CAPTIONS, drawn, strict=True))
     for caption, png in pictures.items():
-        (out_dir / f"{caption.lower().replace(' ', '-')}.png").write_bytes(png)
+        (out_dir / _file(caption)).write_bytes(png)
     shortfalls, misses = figures.shortfalls(found), figures.misses(found)
     remarks = [*([facts.failure] if facts.failure else []), *shortfalls, *(f"missed: {m}" for m in misses)]
-    (out_dir / "report.html").write_text(page.page(scene, found, pictures, remarks), "utf-8")
+    (out_dir / PAGE).write_text(page.page(scene, found, pictures, remarks), "utf-8")
     if out.settings.json:
         out.exact(figures.rounded(found))
     else:
         out.table(figures.COLUMNS, figures.cells(found))
     for remark in remarks:
         out.warn(remark)
-    out.say(f"report: {out_dir / 'report.html'}")
+    out.say(f"report: {out_dir / PAGE}")
     if shortfalls:
         return SwarmError.exit_code
     return DATA_LOST if found.log_gaps else 0
 
 
-def _prepare(out_dir: Path) -> None:
-    """An empty report folder; one of an earlier run is replaced, anything else is left alone.
-
-    Raises: SwarmError when something else is there.
-    """
-    if out_dir.exists() and any(out_dir.iterdir()):
-        if not (out_dir / LOGS).is_dir():
-            raise SwarmError(
-                f"report folder {out_dir}: holds other things; expected none, or an older report"
-            )
-        shutil.rmtree(out_dir)
+def prepare(out_dir: Path) -> None:
+    """A report folder without an earlier report; whatever else is there is left alone."""
+    shutil.rmtree(out_dir / LOGS, ignore_errors=True)
     (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
+    for name in (FACTS, REPORT, PAGE, *(_file(caption) for caption in CAPTIONS)):
+        (out_dir / name).unlink(missing_ok=True)
+
+
+def _file(caption: str) -> str:
+    return f"{caption.lower().replace(' ', '-')}.png"
 
 
 async def _conduct(running: RunningLab, duration_s: float, out: Output) -> Course:
