@@ -1,4 +1,4 @@
-"""Entries as files that other tools read: JSON Lines, CSV, MCAP with JSON."""
+"""Entries as files that other tools read: JSON Lines, CSV, MCAP with JSON, a stream of MessagePack."""
 
 import csv
 import sys
@@ -15,7 +15,12 @@ from swarmware.record.entry import Entry
 
 def export(entries: Iterator[Entry], form: str, target: str) -> int:
     """Writes the entries; how many there were."""
-    writers: dict[str, Callable[[Iterator[Entry], str], int]] = {"jsonl": _jsonl, "csv": _csv, "mcap": _mcap}
+    writers: dict[str, Callable[[Iterator[Entry], str], int]] = {
+        "jsonl": _jsonl,
+        "csv": _csv,
+        "mcap": _mcap,
+        "msgpack": _msgpack,
+    }
     return writers[form](entries, target)
 
 
@@ -79,6 +84,14 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield prefix or "value", msgspec.json.encode(value).decode()
     else:
         yield prefix or "value", value
+
+
+def _msgpack(entries: Iterator[Entry], target: str) -> int:
+    """One value after the other, for pipes; `log query --spool` reads it again."""
+    from swarmware.record.spool import write
+
+    with _binary(target) as file:
+        return write(entries, file)
 
 
 def _mcap(entries: Iterator[Entry], target: str) -> int:

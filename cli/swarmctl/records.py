@@ -1,5 +1,6 @@
 """Where the record is, as an operator names it, and how an entry looks to people."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -31,6 +32,16 @@ def source(settings: Settings, options: Mapping[str, Any]) -> Iterator[Source]:
             yield store
         finally:
             store.close()
+        return
+    if spool := options.get("spool"):
+        from swarmware.record.spool import SpoolSource
+
+        try:
+            file = sys.stdin.buffer if spool == "-" else Path(spool).open("rb")  # noqa: SIM115  # closed below
+        except OSError as error:
+            raise NotFound(f"spool {spool}: {error.strerror}; expected a file of MessagePack") from error
+        with file:
+            yield SpoolSource(file, spool)
         return
     yield FolderSource(folders(settings, options.get("folder")))
 

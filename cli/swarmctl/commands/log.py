@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 def _source_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
     for option in (
         click.option("--dir", "folder", metavar="DIR", help="A folder of segments, or a report's folder."),
+        click.option("--spool", metavar="FILE", help="A stream of MessagePack; `-` for stdin."),
         click.option("--mongodb", metavar="URI", help="The database instead of local segments."),
         click.option("--database", default="swarm", show_default=True, help="Name of the database."),
     ):
@@ -91,10 +92,10 @@ def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
 @click.option(
     "--format",
     "form",
-    type=click.Choice(["jsonl", "csv", "mcap"]),
+    type=click.Choice(["jsonl", "csv", "mcap", "msgpack"]),
     default="jsonl",
     show_default=True,
-    help="JSON Lines, CSV, or MCAP with JSON.",
+    help="JSON Lines, CSV, MCAP with JSON, or a stream of MessagePack.",
 )
 @click.option("--out", "target", required=True, metavar="FILE", help="File to write; `-` for stdout.")
 @click.pass_context

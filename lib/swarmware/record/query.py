@@ -64,7 +64,7 @@ class FolderSource:
 
     def entries(self, query: Query) -> Iterator[Entry]:
         """Entries that answer the query, by UTC."""
-        wanted = _Filter(query)
+        wanted = Filter(query)
         runs = [filter(wanted, _folder(directory)) for directory in self.directories]
         merged = heapq.merge(*runs, key=_by_utc)
         if query.limit is None:
@@ -74,7 +74,7 @@ class FolderSource:
         return islice(merged, query.limit)
 
 
-class _Filter:
+class Filter:
     """A query made ready to be asked of many entries."""
 
     def __init__(self, query: Query) -> None:
