@@ -148,9 +148,9 @@ async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -
     task = mission_task(lab.experiment)
     if not await watch.until_quiet(QUIET_S):
         out.say("the links are still busy; going on")
-    before = load.usage(lab)
     command_mono_ns = time.monotonic_ns()
     answer = await link.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
+    before = load.usage(lab)  # not earlier: looking at all processes would delay the command
     if not answer.accepted:
         reasons = [
             f"{o.platform}: {'; '.join(o.reasons) or 'silent'}" for o in answer.orders if not o.accepted

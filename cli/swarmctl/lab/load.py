@@ -22,10 +22,11 @@ class Usage(msgspec.Struct, frozen=True):
 
 def usage(lab: LabRecord) -> dict[str, Usage]:
     """All nodes now."""
+    running = processes.by_mark(NODE_MARK)
     found = {}
     for node in lab.nodes:
         cpu_s = rss = 0.0
-        for who in processes.marked(node.folder, NODE_MARK):
+        for who in running.get(node.folder, ()):
             try:
                 process = psutil.Process(who.pid)
                 with process.oneshot():

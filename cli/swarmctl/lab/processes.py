@@ -60,6 +60,14 @@ def marked(mark: str, variable: str = MARK) -> list[Identity]:
     return [who for who, found in _marks(variable) if found == mark]
 
 
+def by_mark(variable: str) -> dict[str, list[Identity]]:
+    """Mark → its processes, in one look at all processes of the machine."""
+    found: dict[str, list[Identity]] = {}
+    for who, mark in _marks(variable):
+        found.setdefault(mark, []).append(who)
+    return found
+
+
 def marks() -> set[str]:
     """Marks of all labs of this user of which a process runs."""
     return {mark for _, mark in _marks(MARK)}
