@@ -1,4 +1,4 @@
-"""A module's own part of health monitoring: runs its checks, acts, and reports to the monitor (S1.9)."""
+"""A module's own part of health monitoring: checks, conditions, actions, and reports to the daemon (S1.9)."""
 
 import asyncio
 import inspect
@@ -10,6 +10,7 @@ import msgspec
 
 from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, SwarmError
+from swarmware.health.condition import Condition
 from swarmware.health.judge import Judge
 from swarmware.module import BoardWriter, Module
 from swarmware.types.health import (
@@ -102,10 +103,10 @@ class HealthMonitor:
 
     def __init__(self, module: Module) -> None:
         self._module = module
-        self._checks: dict[str, Check[Any]] = {}
+        self._checks: dict[str, Check[Any] | Condition] = {}
         self._tasks: dict[str, list[asyncio.Task[Any]]] = {}
         self._board: BoardWriter[CheckReports] | None = None
-        self._told: dict[str, int] = {}
+        self._opening = False
 
     async def register(
         self,
@@ -157,14 +158,44 @@ class HealthMonitor:
             check = Check(registration, data, criterion, actions or {}, module.now_ns())
         except ValueError as error:
             raise InvalidInput(f"check {name!r}: {error}") from error
-        if self._board is None:
-            self._board = await self._open()
-        self._checks[name] = check
-        self._tasks[name] = [
-            module.start(self._tell(check), f"tell of check {name}"),
-            module.start(self._run(check), f"check {name}"),
-        ]
+        self._add(name, check)
+        self._tasks[name].append(module.start(self._run(check), f"check {name}"))
         return check
+
+    def report(
+        self,
+        name: str,
+        state: str = OK_STATE,
+        *,
+        level: Level | None = None,
+        detail: str = "",
+        clear_s: float = 5.0,
+        description: str = "",
+    ) -> None:
+        """States a condition that the module knows without asking: a state other than `ok` is a fault.
+
+        To be called as often as one likes; the first call of a name registers it with `clear_s` and
+        `description`, what changes later is `state`, `level` and `detail`. `level`: as in `register`.
+        Raises: InvalidInput when the name is a check's that `register` runs.
+        """
+        module = self._module
+        condition = self._checks.get(name)
+        if condition is None:
+            registration = CheckRegistration(
+                check=f"{module.name}/{name}",
+                app=module.id,
+                frequency_hz=1 / REPORT_S,
+                clear_s=clear_s,
+                description=description,
+            )
+            condition = Condition(registration, module.now_ns())
+            self._add(name, condition)
+        if not isinstance(condition, Condition):
+            raise InvalidInput(f"check {name!r}: {module.id} runs it itself; expected another name")
+        detail = detail[:FREEZE_CHARACTERS]
+        if condition.set(state, default_level(state) if level is None else level, detail, module.now_ns()):
+            module.log.info("condition %s: %s %s", condition.registration.check, state, detail)
+            self._report()
 
     async def withdraw(self, name: str) -> None:
         """Ends a check; its fault, if there is one, is over."""
@@ -175,18 +206,27 @@ class HealthMonitor:
         gone = msgspec.structs.replace(check.registration, withdrawn=True)
         await self._module.send(ADDRESS, gone)
 
-    async def _open(self) -> BoardWriter[CheckReports]:
+    def _add(self, name: str, check: Check[Any] | Condition) -> None:
+        self._checks[name] = check
+        self._tasks[name] = [self._module.start(self._tell(check.registration), f"tell of check {name}")]
+        if not self._opening:
+            self._opening = True
+            self._module.start(self._repeat(), "report checks")
+
+    async def _repeat(self) -> None:
+        """Opens the board, then reports again and again: silence is a fault."""
         module = self._module
         suffix = "" if module.instance == 1 else f"_{module.instance}"
-        board = await module.writer(
+        self._board = await module.writer(
             f"health/checks/{module.name.replace('-', '_')}{suffix}",
             CheckReports,
             rate_hz=1 / REPORT_S,
             link="request",
             description=f"Checks that {module.name} runs itself",
         )
-        module.start(self._repeat(), "report checks")
-        return board
+        self._report()
+        async for _ in module.every(REPORT_S):
+            self._report()
 
     async def _run(self, check: Check[D]) -> None:
         async for _ in self._module.every(1 / check.registration.frequency_hz):
@@ -194,23 +234,19 @@ class HealthMonitor:
                 self._module.log.info("check %s: %s", check.registration.check, check.state)
                 self._report()
 
-    async def _repeat(self) -> None:
-        async for _ in self._module.every(REPORT_S):
-            self._report()
-
     def _report(self) -> None:
         if self._board is not None:
             reports = tuple(check.report() for check in self._checks.values())
             self._board.write(CheckReports(self._module.id, reports))
 
-    async def _tell(self, check: Check[D]) -> None:
+    async def _tell(self, registration: CheckRegistration) -> None:
         """Registers with the monitor, and again with each new start of it that may have lost its journal."""
         told_ns = -1
         attempt = 0
         while True:
             monitor = self._module.node.table.named("health")
             if monitor is not None and monitor.started_ns != told_ns:
-                outcome = await self._module.send(ADDRESS, check.registration)
+                outcome = await self._module.send(ADDRESS, registration)
                 if outcome.status is Status.DELIVERED:
                     told_ns = monitor.started_ns
                     attempt = 0

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import msgspec
 
+from swarmware.health import HealthMonitor
 from swarmware.module import Module
 
 
@@ -30,6 +31,8 @@ class Service(ABC):
     def __init__(self, module: Module, config: Any) -> None:
         self.module = module
         self.config = config
+        self.health = HealthMonitor(module)
+        """Where the service registers checks and states conditions: `self.health.report(…)`."""
 
     @abstractmethod
     async def run(self) -> None:

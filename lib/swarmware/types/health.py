@@ -79,6 +79,8 @@ class CheckReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What the last look gave, when it is not believed yet."""
     freeze: str = ""
     """The data that the criterion saw, as text: the freeze-frame of a fault."""
+    level: Literal["", "ok", "warn", "error"] = ""
+    """How bad the state is; empty: as the registration says."""
 
 
 @register

@@ -5,9 +5,12 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from swarmware.errors import NoAnswer, SwarmError
+import pytest
+
+from swarmware.errors import InvalidInput, NoAnswer, SwarmError
 from swarmware.health import Above, HealthMonitor
 from swarmware.module import Module, StreamReader
+from swarmware.service import Service
 from swarmware.testing import make_node, no_leaks, spawn
 from swarmware.types.health import Fault, FaultList, FaultQuery, HealthReport, HealthState, Phase
 from swarmware.types.rpc import Empty
@@ -93,6 +96,32 @@ async def test_a_check_acts_where_it_was_registered_and_its_fault_lives_in_the_m
                 assert motor.acted[-1] == ("stop", 99.0)
                 await monitor.withdraw("heat")
                 await fault(faults, "motor/heat", Phase.CLEARED)
+
+
+class Forwarder(Service):
+    name = "forwarder"
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+
+async def test_a_condition_that_a_service_states_is_a_fault_until_it_states_ok(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
+    async with Module("forwarder", config_dir=config) as module, spawn(config, "health"):
+        faults = await module.stream_reader("health/faults", Fault)
+        service = Forwarder(module, None)
+        for detail in ("connection refused", "connection refused, 2nd try"):
+            service.health.report("mongodb", "unreachable", level="warn", detail=detail, clear_s=0.2)
+        away = await fault(faults, "forwarder/mongodb", Phase.CONFIRMED)
+        assert (away.state, away.level, away.freeze[:10]) == ("unreachable", "warn", "connection")
+        service.health.report("mongodb", "rejected")
+        worse = await fault(faults, "forwarder/mongodb", Phase.CONFIRMED)
+        assert (worse.state, worse.level) == ("rejected", "error")
+        service.health.report("mongodb")
+        await fault(faults, "forwarder/mongodb", Phase.CLEARED)
+        await service.health.register("heat", frequency_hz=1, data=lambda: 1.0, criterion=Above(warn=2))
+        with pytest.raises(InvalidInput, match="runs it itself"):
+            service.health.report("heat", "hot")
 
 
 async def test_a_killed_monitor_comes_back_with_every_registration_and_every_fault(tmp_path: Path) -> None:

@@ -211,6 +211,16 @@ def test_a_modules_own_check_becomes_a_fault_with_its_level_and_freeze_frame() -
     assert told(core) == [("planner/path", "late", Phase.HEALED)]
 
 
+def test_a_report_that_states_a_level_overrides_the_registration() -> None:
+    core = monitor()
+    core.register(REGISTRATION, 0)
+    stated = CheckReport("planner/path", "none", 0, level="warn")
+    core.on_reports(CheckReports("planner#1", (stated,)), 0)
+    assert [(fault.state, fault.level) for fault in core.take()] == [("none", "warn")]
+    core.on_timer(3 * SECOND)
+    assert [(fault.state, fault.level) for fault in core.take()] == [("silent", "warn")]
+
+
 def test_a_check_that_falls_silent_is_itself_a_fault() -> None:
     core = monitor()
     core.register(REGISTRATION, 0)

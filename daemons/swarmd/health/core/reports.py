@@ -1,6 +1,6 @@
 """Checks that modules run themselves: what they registered, and what they report."""
 
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 
@@ -23,6 +23,8 @@ class Reported(msgspec.Struct):
     seen: str = ""
     freeze: str = ""
     stamp_ns: int = 0
+    stated: Level | Literal[""] = ""
+    """Level that the newest report gives with its state."""
 
     @property
     def silent_ns(self) -> int:
@@ -34,6 +36,8 @@ class Reported(msgspec.Struct):
         """How bad a state is, as the registration says."""
         if state == SILENT:
             return "warn"
+        if self.stated and state == self.state:
+            return self.stated
         for rule in self.registration.states:
             if rule.state == state:
                 return rule.level
@@ -92,7 +96,7 @@ class ReportBook:
             return None
         known.heard_ns = now_ns
         known.stamp_ns = report.stamp_ns
-        known.seen, known.freeze = report.seen, report.freeze
+        known.seen, known.freeze, known.stated = report.seen, report.freeze, report.level
         if known.state != report.state:
             known.state = report.state
             known.since_ns = now_ns
