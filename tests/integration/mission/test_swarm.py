@@ -59,7 +59,8 @@ async def test_one_instruction_flies_the_formation(tmp_path: Path) -> None:
         assert not s["uav2"].vehicle.armed
         # members left each barrier together although their clocks are up to ten seconds apart
         for barrier in ("airborne", "formed", "course", "down"):
-            times = [member.passed[barrier] for member in s.members.values()]
+            station = () if barrier == "down" else ("gcs",)
+            times = [member.passed[barrier] for name, member in s.members.items() if name not in station]
             assert max(times) - min(times) < 100_000_000
         # every order but the station's own is on record, with the receiver's own stamp
         assert sorted(order.platform for order in s.orders) == ["uav1", "uav2", "ugv1", "ugv2"]
@@ -116,6 +117,18 @@ async def test_a_navigator_that_is_blocked_ends_in_a_landing_for_all(tmp_path: P
         status = await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)
         assert "form ended with error:blocked" in status.state.text
         assert status.others["gcs"].state == "failed"
+
+
+@on_uvloop
+async def test_the_formation_is_completed_without_the_ground_station(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
+        s["ugv1"].vehicle.took_s = s["uav1"].vehicle.took_s = 0.5
+        assert (await s.ask(TASK, FORMATION, TaskAnswer)).accepted
+        await s.until(lambda: "formed" in s["uav1"].passed)
+        await s.kill("gcs")
+        await s.until(lambda: s.all_in("done", "gcs"))
+        assert s["uav1"].kinds == ["takeoff", "formation", "formation", "land"]
+        assert not s["uav1"].vehicle.armed
 
 
 @pytest.mark.parametrize(

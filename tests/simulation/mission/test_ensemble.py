@@ -52,13 +52,24 @@ def test_all_leave_every_barrier_together(seed: int, loss: float) -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_a_member_that_dies_sends_all_others_down(seed: int) -> None:
     ensemble = ordered(seed, World(loss=0.1))
-    victim = ensemble.chance.choice(SIXTEEN).platform
+    victim = ensemble.chance.choice(SIXTEEN[:-1]).platform
     ensemble.at(4 * S, lambda: ensemble.kill(victim))
     ensemble.run(200)
     assert len(ensemble.outcomes()) == 15
     assert set(ensemble.outcomes().values()) == {"done"}
     landed = [n.landed for n in ensemble.nodes.values() if n.alive and n.name != "gcs"]
     assert all(landed), f"seed {seed}, victim {victim}"
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_swarm_completes_its_course_without_the_ground_station(seed: int) -> None:
+    ensemble = ordered(seed, World(loss=0.1))
+    ensemble.at(round(ensemble.chance.uniform(3, 8) * S), lambda: ensemble.kill("gcs"))
+    ensemble.run(200)
+    assert len(ensemble.outcomes()) == 15
+    passed = {(p.member, p.block): p.outcome for p in ensemble.passages if p.block != "@start"}
+    for n in range(1, 5):
+        assert {passed[name, f"m{n}"] for name in ensemble.outcomes()} == {"ok"}, f"seed {seed}"
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -1,5 +1,7 @@
 """Barriers between members that hear each other at once and tell the same time."""
 
+import pytest
+
 from swarmd.mission.core.barrier import Barriers, Gate, Passed
 from swarmware.types.mission import Arrival, Meeting, Member, MissionState
 
@@ -196,3 +198,78 @@ def test_a_stranger_is_not_listened_to() -> None:
     e.arrive("a")
     e.of["a"].heard("z", MissionState(7, "h", "running"), (Meeting("x", 1, 5, 0),), 5)
     assert e.of["a"].on_timer(6) == []
+
+
+def with_a_station(strict: frozenset[str] = frozenset()) -> Ensemble:
+    members = (Member("a", "air", "uav"), Member("b", "air", "uav"), Member("c", "control", "gcs"))
+    e = Ensemble(members)
+    e.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, LEAD, strict) for m in members}
+    for barriers in e.of.values():
+        barriers.expect_all(0)
+    return e
+
+
+def test_a_ground_station_that_is_there_is_waited_for() -> None:
+    e = with_a_station()
+    e.arrive("a", "b")
+    assert outcomes(e.talk(S)) == {}
+    assert e.of["a"].missing(S) == ("c",)
+    assert e.of["a"].meetings == ()
+
+
+def test_a_ground_station_that_vanished_is_not_needed() -> None:
+    e = with_a_station()
+    e.arrive("a", "b")
+    for now in (S, 2 * S, 3 * S, 3 * S + 1, 3 * S + 2):
+        assert outcomes(e.talk(now, silent=("c",))) == {}
+    assert e.of["a"].missing(3 * S + 2) == ()
+    assert outcomes(e.talk(3 * S + 2 + LEAD, silent=("c",))) == {"a": "ok", "b": "ok"}
+
+
+@pytest.mark.parametrize("state", ["idle", "failed", "done", "recovering"])
+def test_a_ground_station_whose_mission_is_over_is_not_needed(state: str) -> None:
+    e = with_a_station()
+    e.arrive("a", "b")
+    e.talk(S, c=state)
+    e.talk(S + 1, c=state)
+    assert outcomes(e.talk(S + 1 + LEAD, c=state)) == {"a": "ok", "b": "ok"}
+
+
+def test_an_abort_at_the_ground_station_holds_for_all() -> None:
+    e = with_a_station()
+    e.arrive("a", "b")
+    assert outcomes(e.talk(S, c="aborted")) == {"a": "error:broken", "b": "error:broken"}
+
+
+def test_what_a_ground_station_gave_up_waiting_for_is_not_broken() -> None:
+    e = with_a_station()
+    c = e.of["c"]
+    c.arrive(1, Gate("x", 1, timeout_s=5.0), 0)
+    for name in ("a", "b"):
+        c.alive(name, 5 * S)
+    assert c.on_timer(5 * S)[0].outcome in {"timeout", "error:broken"}
+    assert c.meetings[0].leave_ns is None
+    e.arrive("a", "b", now_ns=5 * S)
+    for now in (5 * S, 5 * S + 1):
+        assert outcomes(e.talk(now, c="failed")) == {}
+    assert outcomes(e.talk(5 * S + 1 + LEAD, c="failed")) == {"a": "ok", "b": "ok"}
+
+
+def test_where_a_barrier_names_the_ground_station_its_loss_breaks_it() -> None:
+    e = with_a_station(frozenset({"x"}))
+    e.arrive("a", "b")
+    for now in (S, 2 * S, 3 * S):
+        e.talk(now, silent=("c",))
+    assert outcomes(e.talk(3 * S + 1, silent=("c",))) == {"a": "error:broken", "b": "error:broken"}
+
+
+def test_a_loss_that_broke_nothing_is_no_deadline_any_more() -> None:
+    e = with_a_station()
+    a = e.of["a"]
+    a.arrive(1, Gate("x", 1), 0)
+    for second in range(1, 6):
+        a.heard("b", e.board("b"), (), second * S)
+    assert a.on_timer(5 * S) == []
+    deadline = a.deadline_ns()
+    assert deadline is not None
+    assert deadline > 5 * S

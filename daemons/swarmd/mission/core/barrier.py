@@ -2,6 +2,8 @@
 
 The first member that is there opens a barrier by saying when all leave, on its own clock; the others convert.
 A time-out, or a member that is lost or finished, breaks a barrier for everybody who waits (S4.17).
+A ground station is an exception: a flying swarm waits for one that is there, but one that vanished, ended or
+gave up is not needed, unless the barrier names its role.
 """
 
 from collections import OrderedDict
@@ -13,6 +15,10 @@ from swarmware.types.mission import Arrival, Meeting, Member, MissionState
 
 OVER: Final = frozenset({"idle", "ending", "recovering", "done", "failed", "aborted"})
 """States of a member that will come to no barrier any more."""
+STATION: Final = "gcs"
+"""Kind of the members without which the others go on (S1.5)."""
+ORDERED: Final = frozenset({"aborted"})
+"""States into which only an instruction brings a ground station: they hold for everybody."""
 PATIENCE: Final = 3
 """A member whose mission is silent but whose computer is heard of gets so many times longer."""
 MEMORY: Final = 16
@@ -78,10 +84,19 @@ class Barriers:
     """One member's view of all barriers of one run."""
 
     def __init__(
-        self, me: str, members: tuple[Member, ...], epoch: int, lost_after_ns: int, lead_ns: int
+        self,
+        me: str,
+        members: tuple[Member, ...],
+        epoch: int,
+        lost_after_ns: int,
+        lead_ns: int,
+        strict: frozenset[str] = frozenset(),
     ) -> None:
         self._me = me
         self._members = members
+        self._stations = frozenset(member.platform for member in members if member.kind == STATION)
+        self._strict = strict
+        """Barriers that a ground station breaks like any other member."""
         self._epoch = epoch
         self._lost_after_ns = lost_after_ns
         self._lead_ns = lead_ns if len(members) > 1 else 0
@@ -90,6 +105,7 @@ class Barriers:
         self._waiting: dict[int, _Waiting] = {}
         self._known: OrderedDict[Key, _Known] = OrderedDict()
         self._expected = False
+        self._judged_ns = -(1 << 63)
 
     @property
     def arrivals(self) -> tuple[Arrival, ...]:
@@ -124,6 +140,8 @@ class Barriers:
             return
         peer.state, peer.heard_ns, peer.left = state, now_ns, False
         for meeting in meetings:
+            if meeting.leave_ns is None and self._gave_up(meeting):
+                continue
             relayed = meeting.by != self._rank[platform]
             self._learn((meeting.barrier, meeting.visit), meeting.leave_ns, meeting.by, relayed)
 
@@ -139,6 +157,7 @@ class Barriers:
     def on_timer(self, now_ns: int) -> list[Passed]:
         """Waits that are over; to be asked after every event and at the deadline."""
         passed: list[Passed] = []
+        self._judged_ns = now_ns
         for token, waiting in list(self._waiting.items()):
             result = self._result(waiting, now_ns)
             if result is not None:
@@ -158,10 +177,13 @@ class Barriers:
             if waiting.deadline_ns is not None:
                 instants.append(waiting.deadline_ns)
             if self._expected:
+                # a loss that was judged already, and broke nothing, is no event any more
                 instants += [
-                    self._lost_ns(self._peers[name]) + 1
+                    lost_ns + 1
                     for name in self._participants(waiting.gate)
-                    if name != self._me and not self._peers[name].left
+                    if name != self._me
+                    and not self._peers[name].left
+                    and (lost_ns := self._lost_ns(self._peers[name])) >= self._judged_ns
                 ]
         return min(instants, default=None)
 
@@ -170,7 +192,7 @@ class Barriers:
         return tuple(
             name
             for waiting in self._waiting.values()
-            for name in self._participants(waiting.gate)
+            for name in self._needed(waiting.gate, now_ns)
             if not self._is_there(name, waiting.gate, now_ns)
         )
 
@@ -194,7 +216,7 @@ class Barriers:
     def _judge(self, waiting: _Waiting, now_ns: int) -> None:
         """Opens or breaks the barrier, if that is this member's part now."""
         gate = waiting.gate
-        participants = self._participants(gate)
+        participants = self._needed(gate, now_ns)
         there = [name for name in participants if self._is_there(name, gate, now_ns)]
         gone = sum(1 for name in participants if name not in there and self._is_gone(name, now_ns))
         needed = len(participants) if gate.quorum is None else min(gate.quorum, len(participants))
@@ -224,6 +246,27 @@ class Barriers:
     def _participants(self, gate: Gate) -> list[str]:
         return [m.platform for m in self._members if not gate.roles or m.role in gate.roles]
 
+    def _needed(self, gate: Gate, now_ns: int) -> list[str]:
+        """Participants without the ground stations that are gone, where these may be."""
+        return [
+            name
+            for name in self._participants(gate)
+            if not (self._dispensable(name, gate.barrier) and self._is_gone(name, now_ns))
+        ]
+
+    def _dispensable(self, name: str, barrier: str) -> bool:
+        """Whether the others go on without this member, whatever has become of it."""
+        if name not in self._stations or name == self._me or barrier in self._strict:
+            return False
+        state = self._peers[name].state
+        return state is None or state.state not in ORDERED
+
+    def _gave_up(self, meeting: Meeting) -> bool:
+        """A ground station that saw a barrier break: it had lost the others, or its patience."""
+        if not 0 <= meeting.by < len(self._members):
+            return False
+        return self._dispensable(self._members[meeting.by].platform, meeting.barrier)
+
     def _is_there(self, name: str, gate: Gate, now_ns: int) -> bool:
         if name == self._me:
             return True
@@ -247,5 +290,5 @@ class Barriers:
         return last_ns + self._lost_after_ns
 
     def _why(self, gate: Gate, now_ns: int) -> str:
-        names = [n for n in self._participants(gate) if not self._is_there(n, gate, now_ns)]
+        names = [n for n in self._needed(gate, now_ns) if not self._is_there(n, gate, now_ns)]
         return f"without {', '.join(names)}" if names else ""

@@ -143,6 +143,7 @@ class MissionCore:
             run.epoch,
             round(self._limits.lost_after_s * 1e9),
             round(self._limits.lead_s * 1e9),
+            strict=frozenset({START, *run.strict_barriers()}),
         )
         self._barriers.arrive(0, Gate(START, 1, timeout_s=self._limits.start_timeout_s), now_ns)
         self._text = "ready"
