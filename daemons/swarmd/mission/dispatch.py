@@ -4,14 +4,12 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
+from swarmd.mission.checking import Checker, refuse
 from swarmd.mission.config import Config
 from swarmd.mission.store import Store
 from swarmware.clock import utc_ns
-from swarmware.errors import MissionError, NotFound, SwarmError
+from swarmware.errors import NotFound, SwarmError
 from swarmware.mission.assign import Cast, Part, Platform, assign
-from swarmware.mission.catalogue import Catalogue
-from swarmware.mission.check import check_folder
-from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder, content_hash, from_files
 from swarmware.module import BoardWriter, Module
 from swarmware.names import join
@@ -40,14 +38,14 @@ class Dispatcher:
         module: Module,
         config: Config,
         store: Store,
-        catalogue: Catalogue,
+        checker: Checker,
         receipts: BoardWriter[OrderReceipt],
         accept: Accept,
     ) -> None:
         self._module = module
         self._config = config
         self._store = store
-        self._catalogue = catalogue
+        self._checker = checker
         self._receipts = receipts
         self._accept = accept
         """Takes this platform's own order, without a network."""
@@ -57,7 +55,7 @@ class Dispatcher:
 
         Raises: MissionError, NotFound, ConfigError; then nobody was told anything.
         """
-        folder = self._checked(task)
+        folder = await self._checked(task)
         cast = assign(folder, self._chosen(task, platforms), task.params)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
         orders = [self._order(folder, cast, part, epoch) for part in cast.parts]
@@ -91,11 +89,9 @@ class Dispatcher:
             platform for platform, outcome in zip(platforms, outcomes, strict=True) if not outcome.delivered
         )
 
-    def _checked(self, task: MissionTask) -> Folder:
+    async def _checked(self, task: MissionTask) -> Folder:
         folder = from_files(task.files, task.name) if task.files else self._store.folder(task.name)
-        findings = check_folder(folder, self._catalogue)
-        if not sound(findings):
-            raise MissionError("\n".join(str(f) for f in findings if f.severity != "warning"))
+        refuse(await self._checker.check(folder))
         return folder
 
     @staticmethod

@@ -9,6 +9,7 @@ import msgspec
 
 from swarmd.mission.blocks.plugins import installed
 from swarmd.mission.builtin import built_in
+from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
 from swarmd.mission.core.admission import Admission
@@ -83,8 +84,8 @@ class Mission(Service):
         self._timer: asyncio.TimerHandle | None = None
         self._kind = node.kind
         self._plugins = installed()
-        catalogue = self._plugins.catalogue
-        self._admission = Admission(module.platform, self._kind, catalogue)
+        self._checker = Checker(self._plugins.catalogue)
+        self._admission = Admission(module.platform, self._kind)
         self._values = Values(module)
         self._announcer = Announcer()
         self._core = MissionCore(
@@ -96,7 +97,7 @@ class Mission(Service):
         )
         vehicle = await Vehicle.open(module, self.config) if self._kind in VEHICLES else None
         self._runner = Runner(module, vehicle, self._plugins, self._ended, self._core.report)
-        self._store = Store((node.data_path / "missions", node.share_path / "missions"), catalogue)
+        self._store = Store((node.data_path / "missions", node.share_path / "missions"), self._checker)
         self._state: BoardWriter[MissionState] = await module.writer(
             "mission/state",
             MissionState,
@@ -116,7 +117,7 @@ class Mission(Service):
             log="all",
             description="What became of each platform's order",
         )
-        self._dispatcher = Dispatcher(module, self.config, self._store, catalogue, receipts, self._accept)
+        self._dispatcher = Dispatcher(module, self.config, self._store, self._checker, receipts, self._accept)
         self._others: BoardSet[MissionState] = await module.readers("/*/mission/state", MissionState)
         self._heard: dict[str, tuple[MissionState, int]] = {}
         self._reached: dict[str, int] = {}
@@ -158,18 +159,25 @@ class Mission(Service):
     async def _accept(self, order: MissionOrder) -> MissionReceipt:
         received_ns = self.module.now_ns()
         await asyncio.sleep(OTHERS_FIRST_S)
-        core = self._core
-        if order.epoch == core.epoch and core.phase in {Phase.READY, Phase.RUNNING}:
-            return MissionReceipt(True, received_ns)  # asked again: the answer was lost
+        if self._has_taken(order):
+            return MissionReceipt(True, received_ns)
         try:
-            run = self._admission.run(order, received_ns, self._expiry(order, received_ns))
+            binding = self._admission.verify(order, received_ns, self._expiry(order, received_ns))
+            mission = await self._checker.load(order.text, order.file, binding)
+            run = self._admission.run(order, mission)
             await self._values.open(run.mission.resources())
-            self._after(core.order(run, self.module.now_ns()))
+            if self._has_taken(order):  # meanwhile
+                return MissionReceipt(True, received_ns)
+            self._after(self._core.order(run, self.module.now_ns()))
         except SwarmError as error:
             log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
             return MissionReceipt(False, received_ns, tuple(str(error).splitlines()))
         self._hear_all()
         return MissionReceipt(True, received_ns)
+
+    def _has_taken(self, order: MissionOrder) -> bool:
+        """It is asked again, because the answer was lost or late."""
+        return order.epoch == self._core.epoch and self._core.phase in {Phase.READY, Phase.RUNNING}
 
     def _expiry(self, order: MissionOrder, received_ns: int) -> int:
         local_ns = self.module.foreign.to_local(hardware_id(order.issuer), order.expires_ns)
@@ -199,8 +207,8 @@ class Mission(Service):
             core.unmet,
         )
 
-    def _on_list(self, request: Empty, meta: Meta) -> MissionList:
-        return MissionList(self._store.list())
+    async def _on_list(self, request: Empty, meta: Meta) -> MissionList:
+        return MissionList(await self._store.list())
 
     async def _take_aborts(self) -> None:
         async for order in self._aborts:

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
+from swarmd.mission.checking import Checker
 from swarmware.errors import ConfigError, NotFound
-from swarmware.mission.catalogue import Catalogue
-from swarmware.mission.check import check_folder
-from swarmware.mission.finding import Finding, sound
+from swarmware.mission.finding import sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
 from swarmware.types.mission import StoredMission
 
@@ -13,9 +12,9 @@ from swarmware.types.mission import StoredMission
 class Store:
     """Folders with a mission.toml, by the folder's name."""
 
-    def __init__(self, places: tuple[Path, ...], catalogue: Catalogue) -> None:
+    def __init__(self, places: tuple[Path, ...], checker: Checker) -> None:
         self._places = places
-        self._catalogue = catalogue
+        self._checker = checker
 
     def folder(self, name: str) -> Folder:
         """The mission of that name.
@@ -28,16 +27,16 @@ class Store:
             raise NotFound(f"mission {name!r}: not in the store; expected one of: {known}")
         return read_folder(found[name])
 
-    def list(self) -> tuple[StoredMission, ...]:
+    async def list(self) -> tuple[StoredMission, ...]:
         """All missions, also those with mistakes."""
-        return tuple(self._entry(name, path) for name, path in sorted(self._folders().items()))
+        return tuple([await self._entry(name, path) for name, path in sorted(self._folders().items())])
 
-    def _entry(self, name: str, path: Path) -> StoredMission:
+    async def _entry(self, name: str, path: Path) -> StoredMission:
         try:
             folder = read_folder(path)
         except ConfigError as error:
             return StoredMission(name, str(error), "", (), False, 1)
-        findings: list[Finding] = check_folder(folder, self._catalogue)
+        findings = await self._checker.check(folder)
         roles = tuple(role.name for role in folder.manifest.roles)
         return StoredMission(name, folder.manifest.title, folder.hash, roles, sound(findings), len(findings))
 

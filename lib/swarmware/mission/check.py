@@ -6,6 +6,7 @@ from pathlib import Path
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission import soundness
 from swarmware.mission.binding import Binding
+from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Catalogue, built_in, installed
 from swarmware.mission.ensemble import Role, check_roles
 from swarmware.mission.finding import Finding
@@ -42,14 +43,18 @@ def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> li
 
 
 def check_text(
-    text: str, file: str, binding: Binding, catalogue: Catalogue | None = None
+    text: str,
+    file: str,
+    binding: Binding,
+    catalogue: Catalogue | None = None,
+    budget: Budget | None = None,
 ) -> tuple[Reading, list[Finding]]:
     """One member's mission: what was read, and everything that is wrong with it."""
     reading = read(text, file, binding, catalogue or built_in())
     findings = list(reading.findings)
     mission = reading.mission
     if mission is not None and not any(finding.rule in _GRAPH_RULES for finding in findings):
-        remarks = soundness.check(mission)
+        remarks = soundness.check(mission, budget)
         if remarks:
             source = parse_source(text, file)
             for remark in remarks:
@@ -58,8 +63,11 @@ def check_text(
     return reading, findings
 
 
-def check_folder(folder: Folder, catalogue: Catalogue | None = None) -> list[Finding]:
+def check_folder(
+    folder: Folder, catalogue: Catalogue | None = None, budget: Budget | None = None
+) -> list[Finding]:
     """A whole ensemble's mission: every role by itself, then all together."""
+    budget = budget or Budget()
     findings: list[Finding] = []
     roles: list[Role] = []
     used: set[str] = set()
@@ -67,7 +75,7 @@ def check_folder(folder: Folder, catalogue: Catalogue | None = None) -> list[Fin
         text = folder.texts[role.file]
         file = folder.place(role.file)
         binding = folder.example(role)
-        reading, found = check_text(text, file, binding, catalogue)
+        reading, found = check_text(text, file, binding, catalogue, budget)
         findings += found
         used.update(reading.params)
         if reading.mission is not None:

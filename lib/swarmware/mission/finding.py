@@ -1,6 +1,7 @@
 """What a check has to say about a mission file."""
 
-from typing import Literal
+from collections.abc import Iterable
+from typing import Final, Literal
 
 import msgspec
 
@@ -31,6 +32,16 @@ class Finding(msgspec.Struct, frozen=True):
         return f"{place}:{where} {self.message}{steps}"
 
 
-def sound(findings: list[Finding]) -> bool:
+TOO_LARGE: Final = "too-large"
+"""Rule of a mission of which the check's budget of memory and time was not enough."""
+
+
+def too_large(file: str) -> Finding:
+    """A check that had to be given up."""
+    message = "too large to check: memory or time ran out; expected fewer blocks that run at the same time"
+    return Finding(file, 0, "", "unknown", TOO_LARGE, message)
+
+
+def sound(findings: Iterable[Finding]) -> bool:
     """Whether nothing but warnings was found."""
     return all(finding.severity == "warning" for finding in findings)

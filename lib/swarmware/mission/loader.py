@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -22,6 +23,14 @@ _TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "prior
 
 USER_PRIORITY_LIMIT = 99
 """Highest priority of a user mission; built-in ones stand above (S2.37)."""
+
+
+MISTAKES_LIMIT = 100
+"""After which the rest of a file is not looked at: nobody reads more, and each costs time."""
+
+
+HINTS_LIMIT = 1_000
+"""Names among which the nearest one is looked for."""
 
 
 class Reading(msgspec.Struct, frozen=True):
@@ -54,6 +63,10 @@ def read(text: str, file: str, binding: Binding, catalogue: Catalogue | None = N
     return _Loader(source, binding, catalogue or built_in()).reading()
 
 
+class _EnoughMistakes(Exception):
+    """No use to go on; stays in this file."""
+
+
 class _Loader:
     """One pass over one file; remarks are collected, not raised, so that an author sees all at once."""
 
@@ -65,6 +78,13 @@ class _Loader:
         self._declared: dict[str, ParamValue] = {}
 
     def reading(self) -> Reading:
+        try:
+            return self._reading()
+        except _EnoughMistakes:
+            message = f"{MISTAKES_LIMIT} mistakes: the rest was not looked at"
+            return Reading(None, (*self._findings, self._source.finding("", "shape", message)))
+
+    def _reading(self) -> Reading:
         top = self._source.value
         if not isinstance(top, dict) or not isinstance(top.get("mission"), dict):
             self._wrong("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
@@ -89,6 +109,8 @@ class _Loader:
 
     def _wrong(self, pointer: str, rule: str, message: str) -> None:
         self._findings.append(self._source.finding(pointer, rule, message))
+        if len(self._findings) == MISTAKES_LIMIT:
+            raise _EnoughMistakes
 
     def _substituted(self, key: str, value: Any) -> Any:
         if key in {"params", "title", "comment", "$schema"}:
@@ -145,7 +167,7 @@ class _Loader:
             if blocks[target].type == "Start":
                 self._wrong(pointer, "into-start", f"leads to {target!r}, the Start: expected another block")
         elif target not in raw:
-            near = get_close_matches(target, list(raw), n=1)
+            near = get_close_matches(target, islice(raw, HINTS_LIMIT), n=1)
             hint = f"did you mean {near[0]!r}?" if near else "expected the name of a block"
             self._wrong(pointer, "no-such-block", f"block {target!r} does not exist; {hint}")
 

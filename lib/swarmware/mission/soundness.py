@@ -9,14 +9,19 @@ from typing import Final
 
 import msgspec
 
-from swarmware.mission.finding import Finding, Severity
+from swarmware.mission.budget import Budget
+from swarmware.mission.finding import TOO_LARGE, Finding, Severity
 from swarmware.mission.model import Mission
-from swarmware.mission.net import Net, Transition, build
+from swarmware.mission.net import Net, build
 
-MARKING_LIMIT: Final = 50_000
-"""Markings after which the answer is "unknown" (about two seconds)."""
+Marking = int
+"""A bit for each place that holds a token: a marking of thousands of places is a few hundred bytes."""
 
-Marking = frozenset[str]
+Key = bytes
+"""The same as bytes, for dictionaries: integers with bits far apart have equal hashes (modulo 2**61 - 1)."""
+
+STUCK_LIMIT: Final = 1_000
+"""Deadlocks that are explained: more of them say nothing new."""
 
 
 class Remark(msgspec.Struct, frozen=True):
@@ -33,116 +38,167 @@ class Remark(msgspec.Struct, frozen=True):
         return Finding(file, line, pointer, self.severity, self.rule, self.message, self.trace)
 
 
-def check(mission: Mission, limit: int = MARKING_LIMIT) -> list[Remark]:
+def check(mission: Mission, budget: Budget | None = None) -> list[Remark]:
     """All that is unsound about the mission, counter-examples included."""
-    return [*_restless(mission), *_Exploration(mission, build(mission), limit).remarks()]
+    return [*_restless(mission), *_Exploration(mission, build(mission), budget or Budget()).remarks()]
+
+
+class _Step(msgspec.Struct, frozen=True):
+    """A transition of the net, over bits."""
+
+    block: str
+    label: str
+    inputs: Marking
+    outputs: Marking
+    """0: the End."""
+    twice: Marking
+    """Places that it would mark twice by itself."""
 
 
 class _Exploration:
     """Breadth first over the markings, so counter-examples are shortest."""
 
-    def __init__(self, mission: Mission, net: Net, limit: int) -> None:
+    def __init__(self, mission: Mission, net: Net, budget: Budget) -> None:
         self._mission = mission
-        self._net = net
-        self._limit = limit
-        first = frozenset({net.start})
-        self._came: dict[Marking, tuple[Marking, str] | None] = {first: None}
-        self._order: list[Marking] = [first]
-        self._after: dict[Marking, list[Marking]] = {}
-        self._ends: set[Marking] = set()
+        self._owner = net.owner
+        self._budget = budget
+        self._places = list(net.owner)
+        self._bit = bit = {place: 1 << index for index, place in enumerate(self._places)}
+        self._motions = sum(bit[block.id] for block in mission.blocks.values() if block.spec.motion)
+        self._instant = sum(
+            bit[place] for place, block in net.owner.items() if mission.blocks[block].spec.instant
+        )
+        self._width = len(self._places) // 8 + 1
+        first = self._key(bit[net.start])
+        self._came: dict[Key, tuple[Key, Key | None, str]] = {first: (first, None, "")}
+        """Visited markings in their order: the same key again, the marking before it, the step from there."""
+        self._after: dict[Key, list[Key]] = {}
+        self._ends: set[Key] = set()
         self._fired: set[str] = set()
         self._unsafe: dict[str, Remark] = {}
-        self._stuck: list[Marking] = []
+        self._stuck: list[Key] = []
         self._cut: dict[str, Remark] = {}
-        by_place: dict[str, list[Transition]] = {}
-        for transition in net.transitions:
-            by_place.setdefault(min(transition.inputs), []).append(transition)
         # every transition is looked at only where its first input is marked
-        self._by_place = by_place
+        self._by_bit: dict[Marking, list[_Step]] = {}
+        for transition in net.transitions:
+            inputs = sum(bit[place] for place in transition.inputs)
+            outputs = twice = 0
+            for place in transition.outputs:
+                twice |= outputs & bit[place]
+                outputs |= bit[place]
+            step = _Step(transition.block, transition.label, inputs, outputs, twice)
+            self._by_bit.setdefault(inputs & -inputs, []).append(step)
 
     def remarks(self) -> list[Remark]:
         """Explores, then judges."""
         complete = self._explore()
         found = [*self._unsafe.values(), *self._deadlocks()]
         if not complete:
-            message = f"more than {self._limit} states: not all were looked at; expected fewer parallel steps"
-            return [*found, Remark(self._mission.start, "unknown", "too-large", message)]
+            message = (
+                f"too large to check: not all of more than {len(self._came)} states were looked at; "
+                "expected fewer blocks that run at the same time"
+            )
+            return [*found, Remark(self._mission.start, "unknown", TOO_LARGE, message)]
         if not self._unsafe:
             found += self._dead()
             found += self._endless()
         return [*found, *self._cut.values()]
 
     def _explore(self) -> bool:
-        queue = deque(self._order)
+        queue = deque(self._came)
         while queue:
-            marking = queue.popleft()
-            after: list[Marking] = []
-            for place in marking:
-                for transition in self._by_place.get(place, ()):
-                    if transition.inputs <= marking:
-                        self._fire(marking, transition, after, queue)
-            self._after[marking] = after
-            if not after and marking not in self._ends:
-                self._stuck.append(marking)
-            if len(self._came) > self._limit:
+            if self._budget.spent:
                 return False
+            key = queue.popleft()
+            marking = int.from_bytes(key, "little")
+            after: list[Key] = []
+            # the player does what takes no time before it looks at anything else
+            rest = self._first_instant(marking) or marking
+            while rest:
+                first = rest & -rest
+                rest ^= first
+                for step in self._by_bit.get(first, ()):
+                    if step.inputs & ~marking == 0:
+                        self._fire(marking, key, step, after, queue)
+            self._after[key] = after
+            if not after and key not in self._ends:
+                self._stuck.append(key)
         return True
 
-    def _fire(
-        self, marking: Marking, transition: Transition, after: list[Marking], queue: deque[Marking]
-    ) -> None:
-        self._fired.add(transition.block)
-        if not transition.outputs:
-            self._ends.add(marking)
-            self._cut_short(marking, transition)
-            return
-        rest = marking - transition.inputs
-        twice = rest.intersection(transition.outputs)
-        if twice:
-            self._two_tokens(marking, transition, min(twice))
-            return
-        result = rest.union(transition.outputs)
-        after.append(result)
-        if result not in self._came:
-            self._came[result] = (marking, transition.label)
-            self._order.append(result)
-            queue.append(result)
+    def _first_instant(self, marking: Marking) -> Marking:
+        """The first block that goes on at once, 0 when all take time; a Join counts when it is complete."""
+        rest = marking & self._instant
+        while rest:
+            first = rest & -rest
+            if any(step.inputs & ~marking == 0 for step in self._by_bit.get(first, ())):
+                return first
+            rest ^= first
+        return 0
 
-    def _trace(self, marking: Marking) -> tuple[str, ...]:
+    def _fire(self, marking: Marking, key: Key, step: _Step, after: list[Key], queue: deque[Key]) -> None:
+        self._fired.add(step.block)
+        if not step.outputs:
+            self._ends.add(key)
+            self._cut_short(marking, key, step)
+            return
+        rest = marking & ~step.inputs
+        twice = rest & step.outputs | step.twice
+        if twice:
+            self._two_tokens(key, step, twice)
+            return
+        result = self._key(rest | step.outputs)
+        self._budget.step(len(self._places))
+        came = self._came.get(result)
+        if came is None:
+            self._budget.state(len(self._places))
+            came = self._came[result] = (result, key, step.label)
+            queue.append(result)
+        after.append(came[0])
+
+    def _key(self, marking: Marking) -> Key:
+        return marking.to_bytes(self._width, "little")
+
+    def _blocks(self, marking: Marking) -> list[str]:
+        """Blocks that hold a token, in the order of their names."""
+        found: set[str] = set()
+        while marking:
+            found.add(self._owner[self._places[(marking & -marking).bit_length() - 1]])
+            marking &= marking - 1
+        return sorted(found)
+
+    def _trace(self, key: Key) -> tuple[str, ...]:
         steps: list[str] = []
-        step = self._came[marking]
-        while step is not None:
-            marking, label = step
+        _, before, label = self._came[key]
+        while before is not None:
             steps.append(label)
-            step = self._came[marking]
+            _, before, label = self._came[before]
         return tuple(reversed(steps))
 
-    def _two_tokens(self, marking: Marking, transition: Transition, place: str) -> None:
-        block = self._net.owner[place]
+    def _two_tokens(self, key: Key, step: _Step, twice: Marking) -> None:
+        block = self._blocks(twice)[0]
         if block not in self._unsafe:
-            trace = (*self._trace(marking), transition.label)
+            trace = (*self._trace(key), step.label)
             message = f"{block!r} is entered again while it still runs: expected a Join before it"
             self._unsafe[block] = Remark(block, "error", "two-tokens", message, trace)
 
-    def _cut_short(self, marking: Marking, end: Transition) -> None:
-        for place in sorted(marking - end.inputs):
-            block = self._mission.blocks[self._net.owner[place]]
-            if block.spec.motion and block.id not in self._cut:
-                message = f"the motion {block.id!r} can be cut short by the End {end.block!r}"
-                self._cut[block.id] = Remark(
-                    block.id, "warning", "cut-short", message, (*self._trace(marking), end.label)
-                )
+    def _cut_short(self, marking: Marking, key: Key, end: _Step) -> None:
+        for block in self._blocks(marking & self._motions & ~end.inputs):
+            message = f"the motion {block!r} can be cut short by the End {end.block!r}"
+            trace = (*self._trace(key), end.label)
+            self._cut[block] = Remark(block, "warning", "cut-short", message, trace)
+            self._motions &= ~self._bit[block]  # said once
 
     def _deadlocks(self) -> list[Remark]:
         found: dict[str, Remark] = {}
-        for marking in self._stuck:
-            for block in sorted({self._net.owner[place] for place in marking}):
+        for key in self._stuck[:STUCK_LIMIT]:
+            marking = int.from_bytes(key, "little")
+            for block in self._blocks(marking):
                 if block in found:
                     continue
                 missing = sorted(
                     place.partition("→")[0]
-                    for place, owner in self._net.owner.items()
-                    if owner == block and place not in marking
+                    for index, place in enumerate(self._places)
+                    if self._owner[place] == block and not marking >> index & 1
                 )
                 message = (
                     f"deadlock: the Join {block!r} waits for ever for {', '.join(map(repr, missing))}; "
@@ -150,12 +206,15 @@ class _Exploration:
                     if missing
                     else f"{block!r} has no way on"
                 )
-                found[block] = Remark(block, "error", "deadlock", message, self._trace(marking))
+                found[block] = Remark(block, "error", "deadlock", message, self._trace(key))
                 break
         return list(found.values())
 
     def _dead(self) -> list[Remark]:
-        reached = {self._net.owner[place] for marking in self._order for place in marking}
+        everywhere = 0
+        for key in self._came:
+            everywhere |= int.from_bytes(key, "little")
+        reached = set(self._blocks(everywhere))
         found: list[Remark] = []
         for block in self._mission.blocks.values():
             if block.id not in reached:
@@ -167,25 +226,25 @@ class _Exploration:
         return found
 
     def _endless(self) -> list[Remark]:
-        before: dict[Marking, list[Marking]] = {}
-        for marking, results in self._after.items():
+        before: dict[Key, list[Key]] = {}
+        for key, results in self._after.items():
             for result in results:
-                before.setdefault(result, []).append(marking)
+                before.setdefault(result, []).append(key)
         can_end = set(self._ends) | set(self._stuck)  # stuck ones have their own remark
         queue = deque(can_end)
         while queue:
-            for marking in before.get(queue.popleft(), ()):
-                if marking not in can_end:
-                    can_end.add(marking)
-                    queue.append(marking)
-        for marking in self._order:
-            if marking not in can_end:
-                blocks = sorted({self._net.owner[place] for place in marking})
+            for key in before.get(queue.popleft(), ()):
+                if key not in can_end:
+                    can_end.add(key)
+                    queue.append(key)
+        for key in self._came:
+            if key not in can_end:
+                blocks = self._blocks(int.from_bytes(key, "little"))
                 message = (
                     f"once in {', '.join(map(repr, blocks))} no End is ever reached: "
                     "expected every branch to join or end"
                 )
-                return [Remark(blocks[0], "error", "never-ends", message, self._trace(marking))]
+                return [Remark(blocks[0], "error", "never-ends", message, self._trace(key))]
         return []
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from bisect import bisect_left
 from typing import Any, Final, NoReturn
 
 from swarmware.mission.finding import Finding
@@ -32,15 +33,17 @@ class Source:
         self.value = value
         self._text = text
         self._offsets: dict[str, int] | None = None
+        self._ends: list[int] = []
 
     def line(self, pointer: str) -> int:
         """Line of the value, or of its nearest parent that exists."""
         if self._offsets is None:
             # computed only when something is wrong: sound missions are loaded at the speed of the C parser
-            self._offsets = dict(_Walk(self._text).offsets)
+            self._offsets = _Walk(self._text).offsets
+            self._ends = [found.start() for found in re.finditer("\n", self._text)]
         while pointer and pointer not in self._offsets:
             pointer = pointer.rpartition("/")[0]
-        return _line(self._text, self._offsets.get(pointer, 0))
+        return bisect_left(self._ends, self._offsets.get(pointer, 0)) + 1
 
     def finding(self, pointer: str, rule: str, message: str, trace: tuple[str, ...] = ()) -> Finding:
         """An error at this place."""

@@ -5,6 +5,7 @@ from tests.unit.mission.nets import choice, net
 
 from swarmware.mission import soundness
 from swarmware.mission.binding import Binding
+from swarmware.mission.budget import Budget
 from swarmware.mission.check import check_text
 from swarmware.mission.loader import load
 from swarmware.mission.soundness import Remark
@@ -12,8 +13,8 @@ from swarmware.mission.soundness import Remark
 HERE = Binding()
 
 
-def remarks(text: str, limit: int = soundness.MARKING_LIMIT) -> list[Remark]:
-    return soundness.check(load(text, "m.json", HERE), limit)
+def remarks(text: str, budget: Budget | None = None) -> list[Remark]:
+    return soundness.check(load(text, "m.json", HERE), budget)
 
 
 SOUND = {
@@ -41,6 +42,7 @@ SOUND = {
         j="Join>e",
         e="End",
     ),
+    "any branch ends all at one End": net(s="Start>f", f="Fork>a,b", a="Wait>e", b="Wait>e", e="End"),
     "a branch ends all": net(s="Start>f", f="Fork>a,b", a="Wait>e", b="Wait>e2", e="End", e2="End"),
 }
 
@@ -118,7 +120,7 @@ def test_too_many_states_give_no_answer_instead_of_a_wrong_one() -> None:
     branches = {f"w{i}": "Wait>j" for i in range(12)}
     text = net(s="Start>f", f="Fork>" + ",".join(branches), **branches, j="Join>e", e="End")
     assert remarks(text) == []
-    (remark,) = remarks(text, limit=1000)
+    (remark,) = remarks(text, Budget(400_000))
     assert (remark.severity, remark.rule) == ("unknown", "too-large")
 
 

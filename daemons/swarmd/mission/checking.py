@@ -1,0 +1,116 @@
+"""Checks missions without holding up the event loop: small ones at once, others in a process of their own."""
+
+import asyncio
+import logging
+import sys
+from collections import OrderedDict
+from typing import Final, TypeVar
+
+import msgspec
+
+from swarmd.mission.worker import FolderJob, Job, TextJob
+from swarmware.errors import MissionError
+from swarmware.mission.binding import Binding
+from swarmware.mission.budget import QUICK_BYTES, Budget
+from swarmware.mission.catalogue import Catalogue
+from swarmware.mission.check import check_folder, check_text
+from swarmware.mission.finding import TOO_LARGE, Finding, sound, too_large
+from swarmware.mission.folder import Folder, content_hash
+from swarmware.mission.loader import load
+from swarmware.mission.model import Mission
+
+log = logging.getLogger("swarm.mission")
+
+QUICK_TEXT: Final = 32_768
+"""Characters of a mission that is read inside the event loop, about 10 ms; the shipped ones have 6 000."""
+TIME_S: Final = 30.0
+"""For a check in a process of its own, the start of Python on a busy computer included."""
+REMEMBERED: Final = 64
+"""Verdicts that are kept: more missions than a store has."""
+
+Findings = tuple[Finding, ...]
+Kept = TypeVar("Kept")
+
+
+class Checker:
+    """Verdicts on missions, by content: the second time the answer is there at once."""
+
+    def __init__(self, catalogue: Catalogue) -> None:
+        self._catalogue = catalogue
+        self._verdicts: OrderedDict[str, Findings] = OrderedDict()
+        self._missions: OrderedDict[str, Mission] = OrderedDict()
+        # one at a time: those who ask for many checks wait, not the rest of the computer
+        self._turn = asyncio.Lock()
+
+    async def check(self, folder: Folder) -> Findings:
+        """Everything that is wrong with an ensemble's mission."""
+        key = content_hash("folder", folder.where, folder.hash)
+        if key not in self._verdicts:
+            large = sum(map(len, folder.texts.values())) > QUICK_TEXT
+            found = None if large else check_folder(folder, self._catalogue, Budget(QUICK_BYTES))
+            return _keep(self._verdicts, key, await self._finished(found, FolderJob(folder), folder.where))
+        return self._verdicts[key]
+
+    async def load(self, text: str, file: str, binding: Binding) -> Mission:
+        """One member's mission, checked.
+
+        Raises: MissionError with all reasons, one a line.
+        """
+        key = content_hash("text", file, text, msgspec.json.encode(binding).decode())
+        if key not in self._missions:
+            large = len(text) > QUICK_TEXT
+            quick = None
+            if not large:
+                quick = check_text(text, file, binding, self._catalogue, Budget(QUICK_BYTES))[1]
+            refuse(await self._finished(quick, TextJob(text, file, binding), file))
+            arguments = (text, file, binding, self._catalogue)
+            mission = await asyncio.to_thread(load, *arguments) if large else load(*arguments)
+            return _keep(self._missions, key, mission)
+        return self._missions[key]
+
+    async def _finished(self, quick: list[Finding] | None, job: Job, where: str) -> Findings:
+        """The quick check's verdict, unless there was none or its budget was too small."""
+        if quick is not None and not any(finding.rule == TOO_LARGE for finding in quick):
+            return tuple(quick)
+        async with self._turn:
+            return tuple(await _apart(job, where))
+
+
+def refuse(findings: Findings) -> None:
+    """Raises: MissionError when a mission with these findings must not be flown."""
+    if not sound(findings):
+        raise MissionError("\n".join(str(f) for f in findings if f.severity != "warning"))
+
+
+async def _apart(job: Job, where: str) -> list[Finding]:
+    """The findings of a process of its own, which may be killed."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-P",
+        "-m",
+        "swarmd.mission.worker",
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        async with asyncio.timeout(TIME_S):
+            answer, complaints = await process.communicate(msgspec.msgpack.encode(job))
+        return msgspec.msgpack.decode(answer, type=list[Finding])
+    except TimeoutError:
+        return [too_large(where)]
+    except msgspec.DecodeError:
+        words = complaints.decode(errors="replace").strip().splitlines()
+        log.warning("check of %s: ended with %s: %s", where, process.returncode, words[-1:] or "")
+        return [too_large(where)]
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+
+
+def _keep(memory: OrderedDict[str, Kept], key: str, value: Kept) -> Kept:
+    memory[key] = value
+    while len(memory) > REMEMBERED:
+        memory.popitem(last=False)
+    return value

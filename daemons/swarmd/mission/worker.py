@@ -1,0 +1,68 @@
+"""The check in a process of its own: a request on stdin, findings on stdout, both as MessagePack."""
+
+import contextlib
+import os
+import resource
+import sys
+from typing import Final
+
+import msgspec
+
+from swarmware.mission.binding import Binding
+from swarmware.mission.budget import Budget
+from swarmware.mission.catalogue import installed
+from swarmware.mission.check import check_folder, check_text
+from swarmware.mission.finding import Finding, too_large
+from swarmware.mission.folder import Folder
+
+MEMORY_BYTES: Final = 512 << 20
+"""Address space. The check's own budget is an eighth of it; this stops what the budget does not count."""
+CPU_S: Final = 20
+"""Processor time; the largest mission that fits the budget takes about two seconds."""
+
+
+class FolderJob(msgspec.Struct, frozen=True, tag=True):
+    """A whole ensemble's mission."""
+
+    folder: Folder
+
+
+class TextJob(msgspec.Struct, frozen=True, tag=True):
+    """One member's mission."""
+
+    text: str
+    file: str
+    binding: Binding
+
+
+Job = FolderJob | TextJob
+
+
+def judge(job: Job) -> list[Finding]:
+    """The findings."""
+    try:
+        catalogue = installed()
+        if isinstance(job, FolderJob):
+            return check_folder(job.folder, catalogue, Budget())
+        return check_text(job.text, job.file, job.binding, catalogue, Budget())[1]
+    except MemoryError:
+        return [too_large(job.folder.where if isinstance(job, FolderJob) else job.file)]
+
+
+def main() -> None:
+    """One job."""
+    # a second line behind the check's budget; a hardened unit forbids it (EPERM) and has limits of its own
+    with contextlib.suppress(OSError):
+        os.nice(10)  # a mission that is asked about must not slow down one that flies
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+        resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+    # whatever a foreign block's package prints goes to stderr
+    answer = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Job)
+    with answer:
+        answer.write(msgspec.msgpack.encode(judge(job)))
+
+
+if __name__ == "__main__":
+    main()

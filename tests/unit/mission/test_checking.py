@@ -1,0 +1,145 @@
+"""The check beside the event loop: the same verdicts, bounded in memory and time, and asked for once."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+import pytest
+from tests.unit.mission.nets import net
+
+from swarmd.mission import checking
+from swarmd.mission.checking import Checker
+from swarmware.errors import MissionError
+from swarmware.mission.binding import Binding
+from swarmware.mission.catalogue import built_in
+from swarmware.mission.finding import sound
+from swarmware.mission.folder import Folder, from_files
+from swarmware.types.mission import MissionFile
+
+T = TypeVar("T")
+
+LAG_S = 0.5
+"""Far above what a quick check takes on a busy computer, far below what a full one does."""
+
+
+def fork(width: int, chain: int = 1, last: str = "j") -> str:
+    """So many branches at once, each a line of pauses."""
+    blocks: dict[str, Any] = {}
+    for branch in range(width):
+        for step in range(chain):
+            after = last if step == chain - 1 else f"w{branch}_{step + 1}"
+            blocks[f"w{branch}_{step}"] = f"Wait>{after}"
+    heads = ",".join(f"w{branch}_0" for branch in range(width))
+    return net(s="Start>f", f=f"Fork>{heads}", **blocks, j="Join>e", e="End")
+
+
+def alone(text: str) -> Folder:
+    return from_files([MissionFile("m.json", text)], "trial")
+
+
+class NoProcess:
+    """Stands where a process would be started."""
+
+    def __init__(self) -> None:
+        self.jobs = 0
+
+    async def __call__(self, job: object, where: str) -> list[Any]:
+        self.jobs += 1
+        return []
+
+
+def measured(work: Callable[[], Awaitable[T]]) -> tuple[T, float]:
+    """What came of it, and the longest time in which the event loop stood still."""
+
+    async def run() -> tuple[T, float]:
+        worst_s, done = 0.0, asyncio.Event()
+
+        async def watch() -> None:
+            nonlocal worst_s
+            while not done.is_set():
+                before_s = time.process_time()
+                await asyncio.sleep(0.001)
+                worst_s = max(worst_s, time.process_time() - before_s)
+
+        async with asyncio.TaskGroup() as group:
+            group.create_task(watch())
+            await asyncio.sleep(0)
+            try:
+                result = await work()
+            finally:
+                done.set()
+        return result, worst_s
+
+    return asyncio.run(run())
+
+
+def test_a_small_mission_is_checked_without_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    apart = NoProcess()
+    monkeypatch.setattr(checking, "_apart", apart)
+    assert asyncio.run(Checker(built_in()).check(alone(fork(3)))) == ()
+    assert apart.jobs == 0
+
+
+def test_a_mission_is_checked_once_whatever_it_is_called_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    apart = NoProcess()
+    monkeypatch.setattr(checking, "_apart", apart)
+
+    async def work() -> None:
+        checker = Checker(built_in())
+        first = await checker.check(alone(fork(8, 3)))
+        assert await checker.check(alone(fork(8, 3))) is first
+        binding = Binding("uav1", "uav")
+        mission = await checker.load(fork(8, 3), "m.json", binding)
+        assert await checker.load(fork(8, 3), "m.json", binding) is mission
+        assert await checker.load(fork(8, 3), "m.json", Binding("uav2", "uav")) is not mission
+
+    asyncio.run(work())
+    assert apart.jobs == 3
+
+
+def test_a_mission_that_takes_long_to_check_is_sound_and_does_not_stop_the_loop() -> None:
+    checker = Checker(built_in())
+    findings, lag_s = measured(lambda: checker.check(alone(fork(7, 3))))
+    assert findings == ()
+    assert lag_s < LAG_S
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        fork(2_500),
+        fork(200),
+        fork(14, 6),
+        net(s="Start>w0", **{f"w{i}": f"Wait>x{i}" for i in range(12_000)}, e="End"),
+        net(s="Start>w0", **{f"w{i}": "Wiat>w1" for i in range(14_000)}, e="End"),
+    ],
+    ids=[
+        "2500 at once",
+        "200 at once",
+        "14 lines at once",
+        "12000 successors that do not exist",
+        "14000 mistakes",
+    ],
+)
+def test_a_mission_too_large_to_check_is_refused_with_the_reason_and_the_loop_goes_on(text: str) -> None:
+    checker = Checker(built_in())
+    findings, lag_s = measured(lambda: checker.check(alone(text)))
+    assert not sound(findings)
+    assert any("too large to check" in f.message or "not looked at" in f.message for f in findings)
+    assert lag_s < LAG_S
+
+    async def load() -> str:
+        with pytest.raises(MissionError) as caught:
+            await checker.load(text, "m.json", Binding())
+        return str(caught.value)
+
+    reason, lag_s = measured(load)
+    assert "too large to check" in reason or "not looked at" in reason
+    assert lag_s < LAG_S
+
+
+def test_a_check_whose_process_is_killed_refuses_the_mission(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checking, "TIME_S", 0.01)
+    (finding,) = asyncio.run(Checker(built_in()).check(alone(fork(8, 3))))
+    assert (finding.severity, finding.rule) == ("unknown", "too-large")
