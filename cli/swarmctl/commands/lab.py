@@ -64,8 +64,9 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
     metavar="DIR",
     help="Report folder; default: report/EXPERIMENT-NODES.",
 )
+@click.option("--strict", is_flag=True, help="Exit 1 when a goal of the report is missed.")
 @click.pass_context
-def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, **wish: Any) -> None:
+def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: bool, **wish: Any) -> None:
     """Start a swarm, run the experiment, stop it, write the report.
 
     Example: swarmctl lab run formation --nodes 16 --json
@@ -75,7 +76,26 @@ def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, **wish: 
     from swarmctl.output import Output
 
     out = out_dir or Path("report") / f"{wish['experiment']}-{wish['nodes']}"
-    ctx.exit(experiment.main(Wish(**wish), duration_s, out, Output(settings(ctx))))
+    ctx.exit(experiment.main(Wish(**wish), duration_s, out, Output(settings(ctx)), strict=strict))
+
+
+@cmd.command()
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.option("--markdown", is_flag=True, help="Print the table for a page; compute nothing again.")
+@click.option("--strict", is_flag=True, help="Exit 1 when a goal is missed.")
+@click.pass_context
+def report(ctx: click.Context, folder: Path, markdown: bool, strict: bool) -> None:
+    """Compute the report of an earlier run again, from its logs.
+
+    Example: swarmctl lab report report/formation-16 --markdown
+    """
+    from swarmctl.lab import experiment
+    from swarmctl.output import Output
+
+    if markdown:
+        experiment.page_table(folder, Output(settings(ctx)))
+        return
+    ctx.exit(experiment.report(folder, Output(settings(ctx)), strict=strict))
 
 
 @cmd.command()

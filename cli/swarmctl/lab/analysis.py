@@ -10,7 +10,7 @@ from swarmctl.lab import clocks, formation_error, measure, wire
 from swarmctl.lab.facts import Facts
 from swarmctl.lab.measure import Contact, Floats, Track
 from swarmctl.lab.recording import TRUTH, Recording
-from swarmctl.lab.report import P95, MeanMax, Percentiles, Report, Traffic
+from swarmctl.lab.report import P95, MeanMax, Percentiles, Receipt, Report, Traffic
 from swarmctl.lab.scene import Neighbour, NodeFigures, Scene, Series
 from swarmware.config import load, share_dir
 from swarmware.types import net
@@ -98,7 +98,7 @@ class Analysis:
         notifications = round(sum(total.notifications for total in totals.values()))
         positions = {p: measure.resample(track, self._axis) for p, track in self._tracks.items()}
         nearest = measure.closest(positions, self._axis)
-        receipts = measure.spread(list(self._receipts_ms().values()))
+        receipts = self._receipts()
         formed = self._formed_errors()
         per_node = [float(np.mean(errors)) for errors in formed.values() if len(errors)]
         worst = [float(np.max(errors)) for errors in formed.values() if len(errors)]
@@ -119,7 +119,9 @@ class Analysis:
             requests=round(sum(total.requests for total in totals.values())),
             notifications=notifications,
             bytes_per_notification=sum(received) / notifications if notifications else None,
-            command_to_receipt_ms=Percentiles(receipts.p50, receipts.p99, receipts.max),
+            command_to_receipt_ms=_percentiles([receipt.command_ms for receipt in receipts]),
+            order_to_receipt_ms=_percentiles([receipt.order_ms for receipt in receipts]),
+            receipts=receipts,
             formation_error_m=MeanMax(
                 float(np.mean(per_node)) if per_node else None, max(worst) if worst else None
             ),
@@ -131,23 +133,27 @@ class Analysis:
             clock_error_us=P95(clock.p95),
             cpu_percent_of_core=_mean_max([node.cpu_percent for node in facts.nodes]),
             rss_mb=_mean_max([node.rss_mb for node in facts.nodes]),
+            host=facts.host,
         )
 
-    def _receipts_ms(self) -> dict[str, float]:
-        """From the order's leaving the ground station to its receipt, both clocks made true.
+    def _receipts(self) -> tuple[Receipt, ...]:
+        """From the instruction and from the order's departure to its receipt, both clocks made true.
 
         The ground station's own order crossed no link and does not count.
         """
         gcs = next(node for node in self._facts.nodes if node.kind == "gcs")
         station = gcs.clock.clock
-        found = {}
+        instructed_mono_ns = station.to_mono_ns(self._facts.instructed_ns)
+        found = []
         for order in self._facts.orders:
             known = order.platform in self._recording.clocks and order.platform != gcs.platform
             if order.received_ns and known:
                 there = self._recording.clocks[order.platform].clock
-                took_ns = there.to_mono_ns(order.received_ns) - station.to_mono_ns(order.sent_ns)
-                found[order.platform] = took_ns / 1e6
-        return found
+                received_mono_ns = there.to_mono_ns(order.received_ns)
+                command_ms = (received_mono_ns - instructed_mono_ns) / 1e6
+                order_ms = (received_mono_ns - station.to_mono_ns(order.sent_ns)) / 1e6
+                found.append(Receipt(order.platform, command_ms, order_ms))
+        return tuple(found)
 
     def _formed_errors(self) -> dict[str, Floats]:
         formed = measure.within(self._axis, self._formed)
@@ -165,14 +171,15 @@ class Analysis:
 
     def _scene(self, totals: Mapping[str, wire.Totals]) -> Scene:
         facts = self._facts
-        receipts, formed = self._receipts_ms(), self._formed_errors()
+        receipts = {receipt.platform: receipt.command_ms for receipt in self._receipts()}
+        formed = self._formed_errors()
         ground = sum(node.kind == "ugv" for node in facts.nodes)
         air = sum(node.kind == "uav" for node in facts.nodes)
         return Scene(
             title=f"{facts.experiment.capitalize()} of {len(facts.nodes)} nodes",
             subtitle=(
                 f"{ground} ground vehicles, {air} air vehicles, 1 ground station · {facts.net}"
-                f" · seed {facts.seed} · {facts.cores} cores · swarmware {facts.version}"
+                f" · seed {facts.seed} · {facts.host.cores} cores · swarmware {facts.version}"
             ),
             nodes=tuple(
                 NodeFigures(
@@ -226,6 +233,11 @@ class Analysis:
 def _rate(amount_bytes: float, duration_s: float) -> float:
     """kB/s, 1 kB is 1 000 bytes."""
     return amount_bytes / duration_s / 1000 if duration_s > 0 else 0.0
+
+
+def _percentiles(values: list[float]) -> Percentiles:
+    found = measure.spread(values)
+    return Percentiles(found.p50, found.p99, found.max)
 
 
 def _mean_max(values: list[float | None]) -> MeanMax:

@@ -1,20 +1,20 @@
 """One experiment from start to report: swarm up, one instruction, mission followed, swarm down, figures."""
 
 import asyncio
-import os
 import shutil
 import time
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
 
 from swarmctl.connect import Link, connect
-from swarmctl.lab import folders, load, upkeep
+from swarmctl.lab import folders, host, load, upkeep
 from swarmctl.lab.facts import Facts, NodeFacts
 from swarmctl.lab.folders import RADIUS_M, Wish
+from swarmctl.lab.host import Busy, Host
 from swarmctl.lab.load import Usage
 from swarmctl.lab.record import LabRecord
 from swarmctl.lab.recording import ClockTruth
@@ -24,7 +24,7 @@ from swarmctl.output import Output
 from swarmctl.progress import Progress
 from swarmware import __version__
 from swarmware.config import share_dir
-from swarmware.errors import SwarmError
+from swarmware.errors import InvalidInput, NotFound, SwarmError
 from swarmware.mission.folder import MANIFEST
 from swarmware.types.mission import MissionFile, MissionState, MissionTask, TaskAnswer
 
@@ -37,10 +37,13 @@ FACTS: Final = "run.json"
 REPORT: Final = "report.json"
 PAGE: Final = "report.html"
 LOGS: Final = "logs"
-CAPTIONS: Final = ("Paths", "Formation error", "Topology", "Traffic")
+CAPTIONS: Final = ("Paths", "Formation error", "Command to receipt", "Topology", "Traffic")
 """Pictures of the report, in their order; a file each."""
 DATA_LOST: Final = 3
 """Exit code: the experiment went well, but entries of the logs are missing."""
+
+
+S = TypeVar("S", bound=msgspec.Struct)
 
 
 class Course(msgspec.Struct, frozen=True):
@@ -52,14 +55,17 @@ class Course(msgspec.Struct, frozen=True):
     outcome: Outcome
     before: dict[str, Usage]
     after: dict[str, Usage]
+    busy: tuple[Busy, Busy]
+    """The whole computer, at the same two instants."""
 
 
-def main(wish: Wish, duration_s: float, out_dir: Path, out: Output) -> int:
+def main(wish: Wish, duration_s: float, out_dir: Path, out: Output, *, strict: bool = False) -> int:
     """`lab run`; the exit code.
 
     Raises: SwarmError when the swarm does not come up or does not take the mission.
     """
     prepare(out_dir)
+    here = host.describe()
     started_utc_ns = time.time_ns()
     running = RunningLab(folders.make(wish))
     try:
@@ -73,24 +79,29 @@ def main(wish: Wish, duration_s: float, out_dir: Path, out: Output) -> int:
             folders.remove(lab)
     if forced:
         out.warn(f"{forced} processes did not end in time and were killed; their logs may lack the end")
-    facts = _facts(lab, wish, course, started_utc_ns)
+    facts = _facts(lab, wish, course, started_utc_ns, here)
     (out_dir / FACTS).write_bytes(msgspec.json.format(msgspec.json.encode(facts), indent=1))
-    return report(out_dir, out)
+    return report(out_dir, out, strict=strict)
 
 
-def report(out_dir: Path, out: Output) -> int:
-    """Computes, writes and prints the report of a folder with facts and logs; the exit code."""
+def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
+    """Computes, writes and prints the report of a folder with facts and logs; the exit code.
+
+    With `strict` a goal that was missed is a failure.
+    Raises: NotFound when the folder has no run.json, InvalidInput when it is of another version.
+    """
     from swarmctl.lab import analysis, page, plots
     from swarmctl.lab import report as figures
 
     out.say("computing the report")
-    facts = msgspec.json.decode((out_dir / FACTS).read_bytes(), type=Facts)
+    facts = _read(out_dir / FACTS, Facts)
     found, scene = analysis.analyse(facts, out_dir / LOGS)
     text = msgspec.json.format(msgspec.json.encode(figures.rounded(found)), indent=2)
     (out_dir / REPORT).write_bytes(text + b"\n")
     drawn = (
         plots.paths(scene),
         plots.formation(scene, figures.LIMITS.formation_error_m),
+        plots.receipts(scene, found.receipts),
         plots.topology(scene),
         plots.traffic(scene),
     )
@@ -98,7 +109,8 @@ def report(out_dir: Path, out: Output) -> int:
     for caption, png in pictures.items():
         (out_dir / _file(caption)).write_bytes(png)
     shortfalls, misses = figures.shortfalls(found), figures.misses(found)
-    remarks = [*([facts.failure] if facts.failure else []), *shortfalls, *(f"missed: {m}" for m in misses)]
+    remarks = [*([facts.failure] if facts.failure else []), *shortfalls]
+    remarks += [f"missed: {miss} ({found.host.summary()})" for miss in misses]
     (out_dir / PAGE).write_text(page.page(scene, found, pictures, remarks), "utf-8")
     if out.settings.json:
         out.exact(figures.rounded(found))
@@ -107,9 +119,28 @@ def report(out_dir: Path, out: Output) -> int:
     for remark in remarks:
         out.warn(remark)
     out.say(f"report: {out_dir / PAGE}")
-    if shortfalls:
+    if shortfalls or (strict and misses):
         return SwarmError.exit_code
     return DATA_LOST if found.log_gaps else 0
+
+
+def page_table(out_dir: Path, out: Output) -> None:
+    """Prints the table of a report that is there, for a page.
+
+    Raises: NotFound without a report; InvalidInput when it is of another version.
+    """
+    from swarmctl.lab import report as figures
+
+    out.text(figures.markdown(_read(out_dir / REPORT, figures.Report)).rstrip())
+
+
+def _read(path: Path, cls: type[S]) -> S:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=cls)
+    except FileNotFoundError:
+        raise NotFound(f"{path}: no such file; expected the folder of a report") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: {error}; expected a report of this version") from error
 
 
 def prepare(out_dir: Path) -> None:
@@ -151,6 +182,7 @@ async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -
     command_mono_ns = time.monotonic_ns()
     answer = await link.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
     before = load.usage(lab)  # not earlier: looking at all processes would delay the command
+    busy_before = host.busy()
     if not answer.accepted:
         reasons = [
             f"{o.platform}: {'; '.join(o.reasons) or 'silent'}" for o in answer.orders if not o.accepted
@@ -171,8 +203,9 @@ async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -
         outcome = await watch.until_ended(members, answer.epoch, duration_s, show)
     end_mono_ns = time.monotonic_ns()
     after = load.usage(lab)
+    busy = (busy_before, host.busy())
     out.say(f"mission {'completed' if outcome.completed else 'failed: ' + outcome.failure()}")
-    return Course(command_mono_ns, end_mono_ns, answer, outcome, before, after)
+    return Course(command_mono_ns, end_mono_ns, answer, outcome, before, after, busy)
 
 
 def phase(states: Mapping[str, MissionState]) -> str:
@@ -205,17 +238,22 @@ def _keep_logs(lab: LabRecord, out_dir: Path) -> None:
                 shutil.copy2(path, target / path.name)
 
 
-def _facts(lab: LabRecord, wish: Wish, course: Course, started_utc_ns: int) -> Facts:
+def _facts(lab: LabRecord, wish: Wish, course: Course, started_utc_ns: int, here: Host) -> Facts:
+    percents = {
+        node.platform: load.percent(course.before[node.platform], course.after[node.platform])
+        for node in lab.nodes
+    }
     return Facts(
         experiment=wish.experiment,
         world=wish.experiment,
         seed=lab.seed,
         net=lab.net,
         version=__version__,
-        cores=os.cpu_count() or 1,
+        host=host.shares(here, *course.busy, percents.values()),
         started_utc_ns=started_utc_ns,
         ready_s=lab.ready_s,
         command_mono_ns=course.command_mono_ns,
+        instructed_ns=course.answer.instructed_ns,
         end_mono_ns=course.end_mono_ns,
         completed=course.outcome.completed,
         failure=course.outcome.failure(),
@@ -228,7 +266,7 @@ def _facts(lab: LabRecord, wish: Wish, course: Course, started_utc_ns: int) -> F
                 clock=ClockTruth(node.offset_s, node.drift_ppm),
                 processes=node.processes,
                 outcome=course.outcome.states.get(node.platform, ""),
-                cpu_percent=load.percent(course.before[node.platform], course.after[node.platform]),
+                cpu_percent=percents[node.platform],
                 rss_mb=course.after[node.platform].rss_mb,
             )
             for node in lab.nodes

@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmctl.lab.host import Host
 from swarmctl.lab.recording import ClockTruth
 from swarmware.types.mission import OrderReceipt
 
@@ -26,17 +27,19 @@ class NodeFacts(msgspec.Struct, frozen=True, kw_only=True):
 class Facts(msgspec.Struct, frozen=True, kw_only=True):
     """One run of an experiment."""
 
-    schema_version: int = 1
+    schema_version: int = 2
     experiment: str
     world: str
     seed: int
     net: str
     version: str
-    cores: int
+    host: Host
     started_utc_ns: int
     ready_s: float
     command_mono_ns: int
     """True time (CLOCK_MONOTONIC) at which the command was given: zero of all plots."""
+    instructed_ns: int = 0
+    """The same instant as the ground station stamped it, on its own hardware clock; 0: it never arrived."""
     end_mono_ns: int
     """True time at which the last platform's mission was seen to have ended."""
     completed: bool

@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 from matplotlib.patches import Rectangle
 
+from swarmctl.lab.report import Receipt
 from swarmctl.lab.scene import Neighbour, Scene
 from swarmware.names import natural
 from swarmware.world import Circle, Obstacle
@@ -24,6 +25,8 @@ PAPER_GLOBAL_KBPS: Final = 56.07
 """S0's global traffic with 16 nodes."""
 PAPER_EGRESS_KBPS: Final = 14.89
 """S0's egress traffic."""
+PAPER_RECEIPT_MS: Final = 11.95
+"""S0's time from the command to the swarm's receipt."""
 
 INK: Final = "#1f2933"
 PALE: Final = "#9aa5b1"
@@ -191,6 +194,32 @@ def formation(scene: Scene, limit_m: float) -> bytes:
         ax.legend(loc="upper right")
 
     return _png(draw, 9.5, 4.2)
+
+
+def receipts(scene: Scene, found: Sequence[Receipt]) -> bytes:
+    """The distribution of command to receipt: a bar a platform, earliest first, in its two parts."""
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        ax.set_title("Command to receipt: until the order leaves (pale), on its way (full)")
+        ordered = sorted(found, key=lambda receipt: receipt.command_ms)
+        y = np.arange(len(ordered))
+        colours = [_colour(scene, receipt.platform) for receipt in ordered]
+        before_ms = [receipt.command_ms - receipt.order_ms for receipt in ordered]
+        ax.barh(y, before_ms, 0.7, color=colours, alpha=0.35)
+        ax.barh(y, [receipt.order_ms for receipt in ordered], 0.7, left=before_ms, color=colours)
+        ax.set_yticks(y, [receipt.platform for receipt in ordered])
+        ax.invert_yaxis()
+        ax.axvline(PAPER_RECEIPT_MS, color="#cc79a7", linestyle="--", linewidth=1)
+        ax.annotate(
+            "paper", (PAPER_RECEIPT_MS, 0), xycoords=("data", "axes fraction"), xytext=(3, 4),
+            textcoords="offset points", fontsize=8, color="#cc79a7",
+        )  # fmt: skip
+        ax.set_xlim(0, 1.08 * max([PAPER_RECEIPT_MS, *(receipt.command_ms for receipt in ordered)]))
+        ax.set_xlabel("ms since the instruction")
+        ax.grid(axis="y", visible=False)
+
+    return _png(draw, 9.5, max(2.4, 1.3 + 0.24 * len(found)))
 
 
 def topology(scene: Scene) -> bytes:

@@ -4,6 +4,7 @@ from typing import Final
 
 import msgspec
 
+from swarmctl.lab.host import Host
 from swarmctl.output import Cell, Column
 
 
@@ -26,6 +27,16 @@ class Percentiles(msgspec.Struct, frozen=True):
     max: float | None = None
 
 
+class Receipt(msgspec.Struct, frozen=True):
+    """How long one platform's order took."""
+
+    platform: str
+    command_ms: float
+    """From the instruction at the ground station."""
+    order_ms: float
+    """From the order's own departure."""
+
+
 class MeanMax(msgspec.Struct, frozen=True):
     """A mean and a worst case."""
 
@@ -42,6 +53,7 @@ class P95(msgspec.Struct, frozen=True):
 class Report(msgspec.Struct, frozen=True, kw_only=True):
     """report.json: these keys and no others."""
 
+    schema_version: int = 2
     nodes: int
     ready_s: float
     """From the first start of a process until every node was ready and every tree known."""
@@ -57,7 +69,12 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     bytes_per_notification: float | None
     """All bytes received on the wire by all nodes ÷ notifications."""
     command_to_receipt_ms: Percentiles
-    """From the command at the ground station until a platform had it, true time, over the platforms."""
+    """From the instruction at the ground station until a platform has its order: S0.82's quantity, with the
+    check, the assignment of roles and the wait behind other orders in it. True time, over the platforms."""
+    order_to_receipt_ms: Percentiles
+    """From each order's own departure: the network's and the two brokers' part of it."""
+    receipts: tuple[Receipt, ...] = ()
+    """The distribution: every platform but the ground station, whose order crosses no link."""
     formation_error_m: MeanMax
     """Distance of followers from their slots while the formation was formed."""
     min_separation_m: float | None
@@ -74,6 +91,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     """Of a node, over the mission."""
     rss_mb: MeanMax
     """Of a node."""
+    host: Host = Host()
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -81,7 +99,9 @@ class Limits(msgspec.Struct, frozen=True):
 
     ready_s: float = 15.0
     formation_error_m: float = 1.0
-    receipt_p99_ms: float = 12.0
+    receipt_p50_ms: float = 6.0
+    receipt_p99_ms: float = 11.95
+    """S0's own figure."""
     bytes_per_notification: float = 200.0
 
 
@@ -98,6 +118,8 @@ def rounded(report: Report) -> dict[str, object]:
             return float(f"{value:.{_DIGITS}g}")
         if isinstance(value, dict):
             return {key: trim(inner) for key, inner in value.items()}
+        if isinstance(value, list | tuple):
+            return [trim(inner) for inner in value]
         return value
 
     return {key: trim(value) for key, value in msgspec.to_builtins(report).items()}
@@ -116,6 +138,7 @@ class Row(msgspec.Struct, frozen=True):
 def comparison(report: Report) -> list[Row]:
     """Paper S0's figures beside ours, then what it did not report."""
     receipt, error = report.command_to_receipt_ms, report.formation_error_m
+    order = report.order_to_receipt_ms
     return [
         Row("nodes", "16", str(report.nodes), "vehicles and the ground station"),
         Row("global traffic", "56.07 kB/s", f"{report.traffic.global_kbps:.2f} kB/s", "all nodes' egress"),
@@ -129,6 +152,7 @@ def comparison(report: Report) -> list[Row]:
         Row("request/response", "25", _count(report.requests), "between nodes"),
         Row("notifications", "81 297", _count(report.notifications), "delivered to other nodes"),
         Row("command to receipt", "11.95 ms", _number(receipt.p50, "ms"), _tail(receipt)),
+        Row("order to receipt", "", _number(order.p50, "ms"), _tail(order)),
         Row(
             "bytes per notification",
             "",
@@ -158,6 +182,13 @@ def comparison(report: Report) -> list[Row]:
     ]
 
 
+def markdown(report: Report) -> str:
+    """The comparison as a table for a page."""
+    lines = ["| | paper | here | |", "|---|---|---|---|"]
+    lines += [f"| {row.what} | {row.paper or '–'} | {row.ours} | {row.note} |" for row in comparison(report)]
+    return "\n".join(lines) + "\n"
+
+
 COLUMNS: Final = (Column(""), Column("paper", right=True), Column("here", right=True), Column(""))
 
 
@@ -177,10 +208,11 @@ def shortfalls(report: Report) -> list[str]:
 
 
 def misses(report: Report, limits: Limits = LIMITS) -> list[str]:
-    """Goals not reached that do not fail the experiment; a loaded machine misses some."""
+    """Goals not reached, each with the goal; they fail the experiment only where asked (`--strict`)."""
     wanted = (
         ("ready", report.ready_s, limits.ready_s, "s"),
         ("mean formation error", report.formation_error_m.mean, limits.formation_error_m, "m"),
+        ("command to receipt, p50", report.command_to_receipt_ms.p50, limits.receipt_p50_ms, "ms"),
         ("command to receipt, p99", report.command_to_receipt_ms.p99, limits.receipt_p99_ms, "ms"),
         ("bytes per notification", report.bytes_per_notification, limits.bytes_per_notification, "B"),
     )

@@ -50,17 +50,19 @@ class Dispatcher:
         self._accept = accept
         """Takes this platform's own order, without a network."""
 
-    async def task(self, task: MissionTask, platforms: list[Platform]) -> TaskAnswer:
+    async def task(self, task: MissionTask, platforms: list[Platform], instructed_ns: int) -> TaskAnswer:
         """Checks the mission, orders it from all members at once, and takes it back unless all accept.
 
-        Raises: MissionError, NotFound, ConfigError; then nobody was told anything.
+        Raises: MissionError, NotFound, ConfigError; then no order has left.
         """
         folder = await self._checked(task)
         cast = assign(folder, self._chosen(task, platforms), task.params)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
-        orders = [self._order(folder, cast, part, epoch) for part in cast.parts]
+        # the own order crosses no link: its check waits until the others' orders have left
+        parts = sorted(cast.parts, key=lambda part: part.member.platform == self._module.platform)
+        orders = [self._order(folder, cast, part, epoch) for part in parts]
         receipts = await asyncio.gather(
-            *(self._send(order, part.member.platform) for order, part in zip(orders, cast.parts, strict=True))
+            *(self._send(order, part.member.platform) for order, part in zip(orders, parts, strict=True))
         )
         accepted = all(receipt.accepted for receipt in receipts)
         name = folder.manifest.name
@@ -73,7 +75,7 @@ class Dispatcher:
             await self.abort(
                 tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
             )
-        return TaskAnswer(name, folder.hash, epoch, accepted, tuple(receipts), cast.left_out)
+        return TaskAnswer(name, folder.hash, epoch, accepted, tuple(receipts), cast.left_out, instructed_ns)
 
     async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
         """Tells all these platforms to stop; those that did not acknowledge."""

@@ -48,9 +48,6 @@ from swarmware.types.vehicle import VehicleState
 
 log = logging.getLogger("swarm.mission")
 
-OTHERS_FIRST_S = 0.015
-"""From the receipt of an order to its check, some 3 ms of computing: where many nodes share a computer, the
-others have their receipts first. The mission begins at a barrier 0.3 s later at the earliest."""
 SAFE = "land"
 """What a vehicle does that is under way when the daemon starts: its mission is forgotten."""
 
@@ -158,7 +155,6 @@ class Mission(Service):
 
     async def _accept(self, order: MissionOrder) -> MissionReceipt:
         received_ns = self.module.now_ns()
-        await asyncio.sleep(OTHERS_FIRST_S)
         if self._has_taken(order):
             return MissionReceipt(True, received_ns)
         try:
@@ -187,7 +183,12 @@ class Mission(Service):
     async def _on_task(self, task: MissionTask, meta: Meta) -> TaskAnswer:
         platforms = [Platform(self.module.platform, self._kind)]
         platforms += [Platform(name, state.kind) for name, state in self._present().items()]
-        return await self._dispatcher.task(task, platforms)
+        return await self._dispatcher.task(task, platforms, self._instructed_ns(meta))
+
+    def _instructed_ns(self, meta: Meta) -> int:
+        """When the instruction was given at this platform, or arrived here from another one."""
+        now_ns = self.module.now_ns()
+        return min(meta.stamp_ns, now_ns) if meta.sender_hw == self.module.node.hardware else now_ns
 
     async def _on_abort(self, order: MissionAbort, meta: Meta) -> AbortAnswer:
         members = tuple(member.platform for member in self._core.members)

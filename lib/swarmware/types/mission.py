@@ -74,6 +74,8 @@ class TaskAnswer(msgspec.Struct, frozen=True):
     orders: tuple[OrderReceipt, ...]
     left_out: tuple[str, ...] = ()
     """Known platforms that no role wanted."""
+    instructed_ns: int = 0
+    """Ground station's hardware clock when the instruction was given there, or arrived from elsewhere."""
 
 
 @register

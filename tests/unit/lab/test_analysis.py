@@ -8,6 +8,7 @@ import pytest
 
 from swarmctl.lab import analysis, clocks, wire
 from swarmctl.lab.facts import Facts, NodeFacts
+from swarmctl.lab.host import Host
 from swarmctl.lab.recording import ClockTruth
 from swarmctl.lab.report import MeanMax, Report
 from swarmctl.lab.scene import Scene
@@ -127,8 +128,10 @@ def write_logs(logs: Path) -> None:
 
 def facts() -> Facts:
     orders = tuple(
-        OrderReceipt("formation", 77, p, "r", stamp("gcs", 0.001), stamp("gcs", 0.009), stamp(p, 0.003), True)
-        for p in ("ugv1", "uav1")
+        OrderReceipt(
+            "formation", 77, p, "r", stamp("gcs", left_s), stamp("gcs", 0.009), stamp(p, left_s + 0.002), True
+        )
+        for p, left_s in (("ugv1", 0.001), ("uav1", 0.005))
     )
     return Facts(
         experiment="formation",
@@ -136,10 +139,11 @@ def facts() -> Facts:
         seed=1,
         net="loopback",
         version="0",
-        cores=2,
+        host=Host("Some CPU", 2),
         started_utc_ns=0,
         ready_s=4.5,
         command_mono_ns=ORIGIN_NS,
+        instructed_ns=stamp("gcs", -0.001),
         end_mono_ns=ORIGIN_NS + 21_000_000_000,
         completed=True,
         orders=orders,
@@ -177,8 +181,13 @@ def test_every_figure_of_the_made_up_run_is_found(result: tuple[Report, Scene]) 
     assert found.requests == 60
     assert found.notifications == 1200
     assert found.bytes_per_notification == pytest.approx(100, rel=1e-3)
-    assert found.command_to_receipt_ms.p50 == pytest.approx(2.0, abs=1e-3)
-    assert found.command_to_receipt_ms.max == pytest.approx(2.0, abs=1e-3)
+    # the instruction came 1 ms before the command's zero, the orders left 1 ms and 5 ms after it
+    assert found.command_to_receipt_ms.p50 == pytest.approx(6.0, abs=1e-3)
+    assert found.command_to_receipt_ms.max == pytest.approx(8.0, abs=1e-3)
+    assert found.order_to_receipt_ms.p50 == pytest.approx(2.0, abs=1e-3)
+    assert found.order_to_receipt_ms.max == pytest.approx(2.0, abs=1e-3)
+    assert [receipt.platform for receipt in found.receipts] == ["ugv1", "uav1"]
+    assert found.host == Host("Some CPU", 2)
     assert found.formation_error_m.mean == pytest.approx(0.25, abs=1e-6)
     assert found.formation_error_m.max == pytest.approx(0.25, abs=1e-6)
     assert found.min_separation_m == pytest.approx(np.hypot(np.hypot(3, 8), 0.25))

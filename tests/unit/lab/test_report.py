@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from swarmctl.lab import page, plots, report
+from swarmctl.lab.host import Host
 from swarmctl.lab.measure import Track
-from swarmctl.lab.report import P95, MeanMax, Percentiles, Report, Traffic
+from swarmctl.lab.report import P95, MeanMax, Percentiles, Receipt, Report, Traffic
 from swarmctl.lab.scene import Neighbour, NodeFigures, Scene, Series
 from swarmctl.output import plain_table
 from swarmware.world import Box, Circle
@@ -24,6 +25,8 @@ GOOD = Report(
     notifications=123456,
     bytes_per_notification=88.8,
     command_to_receipt_ms=Percentiles(1.5, 3.3, 3.4),
+    order_to_receipt_ms=Percentiles(0.5, 1.3, 1.4),
+    receipts=(Receipt("ugv1", 1.5, 0.5), Receipt("uav1", 3.41234567, 1.4)),
     formation_error_m=MeanMax(0.21, 0.8),
     min_separation_m=1.9,
     collisions=0,
@@ -33,14 +36,16 @@ GOOD = Report(
     clock_error_us=P95(22.25678),
     cpu_percent_of_core=MeanMax(5.1, 8.8),
     rss_mb=MeanMax(77, 81),
+    host=Host("Some CPU", 2, "6.1", 0.1, 88.0, 12.0),
 )
 
 KEYS = json.loads(
-    '{"nodes":16,"ready_s":0,"completed":true,"duration_s":0,"traffic":{"global_kbps":0,"egress_kbps":0,'
+    '{"schema_version":2,"nodes":16,"ready_s":0,"completed":true,"duration_s":0,"traffic":{"global_kbps":0,"egress_kbps":0,'
     '"ingress_kbps":0},"requests":0,"notifications":0,"bytes_per_notification":0,"command_to_receipt_ms":'
-    '{"p50":0,"p99":0,"max":0},"formation_error_m":{"mean":0,"max":0},"min_separation_m":0,"collisions":0,'
+    '{"p50":0,"p99":0,"max":0},"order_to_receipt_ms":{"p50":0,"p99":0,"max":0},"receipts":[],"formation_error_m":{"mean":0,"max":0},"min_separation_m":0,"collisions":0,'
     '"frames_lost":0,"log_frames":0,"log_gaps":0,"clock_error_us":{"p95":0},"cpu_percent_of_core":{"mean":0,'
-    '"max":0},"rss_mb":{"mean":0,"max":0}}'
+    '"max":0},"rss_mb":{"mean":0,"max":0},"host":{"processor":"","cores":2,"kernel":"","load_before":0,'
+    '"nodes_percent":0,"others_percent":0}}'
 )
 """The promised document; programs of others read these keys."""
 
@@ -57,6 +62,7 @@ def test_numbers_have_four_significant_digits_and_counts_have_all() -> None:
     found = report.rounded(GOOD)
     assert (found["duration_s"], found["notifications"]) == (120.1, 123456)
     assert found["clock_error_us"] == {"p95": 22.26}
+    assert msgspec.convert(found["receipts"], tuple[Receipt, ...])[1].command_ms == 3.412
 
 
 def test_the_table_shows_the_papers_figures_beside_ours() -> None:
@@ -82,10 +88,11 @@ def test_a_collision_or_an_unfinished_mission_fails_the_experiment() -> None:
 def test_goals_that_were_missed_are_named_with_the_goal() -> None:
     assert report.misses(GOOD) == []
     slow = msgspec.structs.replace(
-        GOOD, ready_s=15.0, command_to_receipt_ms=Percentiles(1, 12.5, 13), bytes_per_notification=None
+        GOOD, ready_s=15.0, command_to_receipt_ms=Percentiles(6.5, 12.5, 13), bytes_per_notification=None
     )
     assert [text.split(":")[0] for text in report.misses(slow)] == [
         "ready",
+        "command to receipt, p50",
         "command to receipt, p99",
         "bytes per notification",
     ]
@@ -125,7 +132,13 @@ EMPTY = Scene(title="Nothing", subtitle="", nodes=(), tracks={}, kinds={})
 
 @pytest.mark.parametrize("shown", [scene(), EMPTY], ids=["full", "empty"])
 def test_every_picture_can_be_drawn_even_of_a_run_that_recorded_nothing(shown: Scene) -> None:
-    pictures = [plots.paths(shown), plots.formation(shown, 1.0), plots.topology(shown), plots.traffic(shown)]
+    pictures = [
+        plots.paths(shown),
+        plots.formation(shown, 1.0),
+        plots.receipts(shown, GOOD.receipts if shown.nodes else ()),
+        plots.topology(shown),
+        plots.traffic(shown),
+    ]
     assert all(png.startswith(b"\x89PNG") for png in pictures)
 
 

@@ -1,0 +1,39 @@
+"""The computer beside a run's figures: what it is, and who used it."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmctl.lab import host
+from swarmctl.lab.host import Busy, Host
+
+
+def test_this_computer_is_described_and_its_processor_time_rises() -> None:
+    here = host.describe()
+    assert here.processor
+    assert here.cores >= 1
+    assert here.load_before is not None
+    before = host.busy()
+    sum(range(2_000_000))
+    assert host.busy().cpu_s >= before.cpu_s
+
+
+def test_what_the_nodes_did_not_use_was_used_by_others() -> None:
+    found = host.shares(Host(cores=2), Busy(10, 100), Busy(20, 115), [40.0, 60.0])
+    assert found.nodes_percent == pytest.approx(100)
+    assert found.others_percent == pytest.approx(50)
+    assert host.shares(Host(cores=2), Busy(10, 100), Busy(10, 100), [1.0]) == Host(cores=2)
+
+
+def test_a_missed_goal_is_read_beside_the_load() -> None:
+    shown = Host("Some CPU", 2, "6.1", 10.24, 120.4, 55.5).summary()
+    for figure in ("2 cores (Some CPU)", "load 10.2", "nodes used 120 %", "other processes 56 %"):
+        assert figure in shown
+    assert host.Host("Some CPU", 2).summary() == "2 cores (Some CPU)"
+
+
+def test_a_kernel_without_a_model_name_gives_the_architecture(tmp_path: Path) -> None:
+    (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: An ARM\n")
+    assert host.processor(tmp_path / "cpuinfo") == "An ARM"
+    (tmp_path / "cpuinfo").write_text("processor\t: 0\n")
+    assert host.processor(tmp_path / "cpuinfo") == host.processor(tmp_path / "absent") != ""

@@ -1,0 +1,56 @@
+"""A report computed again from its folder: its exit code, its remarks, its table for a page."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.unit.lab.test_analysis import facts, write_logs
+
+from swarmctl.lab import experiment, report
+from swarmctl.lab.report import Report
+from swarmctl.output import Output
+from swarmctl.settings import Settings
+from swarmware.errors import InvalidInput, NotFound
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_logs(tmp_path / "logs")
+    write_facts(tmp_path, ready_s=4.5)
+    return tmp_path
+
+
+def write_facts(folder: Path, *, ready_s: float) -> None:
+    known = msgspec.structs.replace(facts(), ready_s=ready_s)
+    (folder / "run.json").write_bytes(msgspec.json.encode(known))
+
+
+def test_a_missed_goal_fails_a_strict_run_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = Output(Settings())
+    write_facts(folder, ready_s=99.0)
+    assert experiment.report(folder, out) == 0
+    assert "missed: ready: 99 s, goal below 15 s (2 cores (Some CPU))" in capsys.readouterr().err
+    assert experiment.report(folder, out, strict=True) == 1
+    assert "missed: ready" in (folder / "report.html").read_text()
+
+
+def test_the_table_for_a_page_has_every_row_of_the_report(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    experiment.report(folder, Output(Settings()))
+    capsys.readouterr()
+    experiment.page_table(folder, Output(Settings()))
+    table = capsys.readouterr().out.splitlines()
+    found = msgspec.json.decode((folder / "report.json").read_bytes(), type=Report)
+    assert table[2:] == [
+        f"| {row.what} | {row.paper or '–'} | {row.ours} | {row.note} |" for row in report.comparison(found)
+    ]
+    assert any("command to receipt | 11.95 ms | 6 ms" in line for line in table)
+
+
+def test_a_folder_without_a_report_is_named(tmp_path: Path) -> None:
+    with pytest.raises(NotFound, match=r"report\.json: no such file"):
+        experiment.page_table(tmp_path, Output(Settings()))
+    (tmp_path / "report.json").write_text('{"nodes": "many"}')
+    with pytest.raises(InvalidInput, match=r"report\.json: Expected `int`"):
+        experiment.page_table(tmp_path, Output(Settings()))
