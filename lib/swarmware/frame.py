@@ -58,6 +58,10 @@ class Codec(IntEnum):
     """The type's own quantised form instead of MessagePack."""
 
 
+ADDRESSED: Final = frozenset({Kind.MESSAGE, Kind.NOTIFY, Kind.EVENT, Kind.STREAM, Kind.FILE})
+"""Kinds that go to an inbox; the kind decides how urgent they are on a link."""
+
+
 _CODEC_SHIFT: Final = 8
 _CODEC_MASK: Final = 0x7 << _CODEC_SHIFT
 _CODECS: Final = {int(codec): codec for codec in Codec}

@@ -4,13 +4,13 @@ import asyncio
 import logging
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.forward import Decision, Forwarder, Step, answerable
+from swarmd.broker.core.forward import Decision, Forwarder, Step
 from swarmd.broker.core.queue import Waiting
 from swarmd.broker.core.station import Station
 from swarmd.broker.core.traffic import Channel, Counters
 from swarmd.broker.links.curve import Links, Peer
 from swarmware.clock import Clock
-from swarmware.delivery import Status
+from swarmware.delivery import Status, answerable
 from swarmware.errors import WireError
 from swarmware.frame import HOPS, Frame, Kind, decode, encode
 from swarmware.names import hardware_id

@@ -303,7 +303,9 @@ class Tree(Service):
 
     async def _send(self, action: SendNotify) -> None:
         path = f"/{action.platform}/sys/tree/notify"
-        outcome = await self.module.send(path, action.notify, timeout_s=self.config.answer_s)
+        outcome = await self.module.send(
+            path, action.notify, timeout_s=self.config.answer_s, kind=action.kind
+        )
         self._tree.on_notified(action.platform, bool(outcome), self.module.now_ns())
         self._act()
 

@@ -3,7 +3,7 @@
 Sans-io: time is an argument, no sockets, no clock. `swarmware.post` carries out what comes back.
 """
 
-from swarmware.delivery.answer import answer, expired, reply, with_lifetime
+from swarmware.delivery.answer import answer, answerable, expired, reply, with_lifetime
 from swarmware.delivery.outbox import Action, Key, Outbox, Settle, Transmit
 from swarmware.delivery.outcome import Outcome, Status
 from swarmware.delivery.received import Received, Seen
@@ -19,6 +19,7 @@ __all__ = [
     "Status",
     "Transmit",
     "answer",
+    "answerable",
     "expired",
     "reply",
     "with_lifetime",

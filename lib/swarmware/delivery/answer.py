@@ -3,13 +3,20 @@
 import struct
 
 from swarmware.delivery.outcome import Status
-from swarmware.frame import HOPS, Flag, Frame, Kind
+from swarmware.frame import ADDRESSED, HOPS, Flag, Frame, Kind
 from swarmware.types.registry import encode
 from swarmware.types.rpc import Ack
 
 _LIFETIME_TAG = 1
 _LIFETIME = struct.Struct("<BBI")
 """Element of a header extension: tag, length of what follows, lifetime in ms from the header's stamp."""
+
+
+def answerable(frame: Frame) -> bool:
+    """Whether its sender waits to be told what became of it."""
+    if frame.kind in {Kind.MESSAGE, Kind.REQUEST}:
+        return True
+    return frame.kind in ADDRESSED and bool(frame.flags & Flag.WANTS_ACK)
 
 
 def answer(

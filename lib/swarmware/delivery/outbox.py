@@ -64,7 +64,7 @@ class Outbox:
         self._pending: dict[Key, _Pending] = {}
         self._due: list[tuple[int, int, Key]] = []
         self._order = count()
-        self._round_trips: dict[int, RoundTrip] = {}
+        self._round_trips: dict[tuple[int, bool], RoundTrip] = {}
         self.resent = 0
         """Frames sent more than once."""
 
@@ -80,7 +80,7 @@ class Outbox:
         """A new message or request."""
         key = self.key(frame)
         pace = LOCAL if frame.receiver_hw == self._hardware else REMOTE
-        round_trip = self._round_trips.get(frame.receiver_hw)
+        round_trip = self._round_trips.get(_way(frame))
         wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.first_ns
         expires_ns = now_ns + timeout_ns
         self._pending[key] = _Pending(frame, expires_ns, now_ns, wait_ns, pace)
@@ -177,11 +177,16 @@ class Outbox:
     def _measure(self, pending: _Pending, now_ns: int) -> None:
         if pending.times_sent != 1 or pending.frame.kind is Kind.REQUEST:
             return  # Karn: nobody knows which copy was answered; a request's time is its handler's
-        hardware = pending.frame.receiver_hw
-        self._round_trips.setdefault(hardware, RoundTrip()).add(now_ns - pending.sent_ns)
+        way = _way(pending.frame)
+        self._round_trips.setdefault(way, RoundTrip()).add(now_ns - pending.sent_ns)
 
     def _schedule(self, key: Key, due_ns: int) -> None:
         heapq.heappush(self._due, (due_ns, next(self._order), key))
+
+
+def _way(frame: Frame) -> tuple[int, bool]:
+    """What shares one round-trip time: commands do not wait behind notifications and streams."""
+    return frame.receiver_hw, frame.kind in {Kind.MESSAGE, Kind.REQUEST}
 
 
 def _given_up(pending: _Pending) -> Outcome:

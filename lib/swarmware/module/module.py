@@ -14,7 +14,7 @@ from swarmware import names
 from swarmware.appfile import AppEntry, AppFile, Served
 from swarmware.delivery import Outcome, Status, with_lifetime
 from swarmware.errors import Conflict, InvalidInput, NotFound, OutOfRange, TypeMismatch, from_kind
-from swarmware.frame import PAYLOAD_LIMIT, Flag, Frame, Kind
+from swarmware.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, Kind
 from swarmware.module import inbox as inbox_module
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
@@ -366,15 +366,29 @@ class Module:
         return served
 
     async def send(
-        self, path: str, value: msgspec.Struct, *, timeout_s: float = 2.0, urgent: bool = False
+        self,
+        path: str,
+        value: msgspec.Struct,
+        *,
+        timeout_s: float = 2.0,
+        urgent: bool = False,
+        kind: Kind = Kind.MESSAGE,
     ) -> Outcome:
-        """Send a message to an address here or (`/uav3/cmd/goto`) on another platform; what became of it."""
+        """Send a message to an address here or (`/uav3/cmd/goto`) on another platform; what became of it.
+
+        `kind`: how urgent it is on a link; what is no command goes as notify, event, stream or file,
+        behind all commands.
+        Raises: InvalidInput for a kind that no inbox takes.
+        """
+        if kind not in ADDRESSED:
+            taken = ", ".join(sorted(kind.name.lower() for kind in ADDRESSED))
+            raise InvalidInput(f"{path}: a message of kind {kind.name.lower()}; expected one of {taken}")
         local = self._local(path)
         platform, name = names.split(local)
         data_id = names.data_id(name, registry.type_name(type(value)))
         if platform is None and (wrong := self._other_type(name, data_id)):
             return Outcome(Status.REFUSED, self.platform, wrong)
-        frame = self._frame(Kind.MESSAGE, platform, data_id, value, timeout_s)
+        frame = self._frame(kind, platform, data_id, value, timeout_s)
         frame.flags = Flag.WANTS_ACK | (Flag.URGENT if urgent else 0)
         outcome = await self.node.post.send(frame, timeout_s)
         if (

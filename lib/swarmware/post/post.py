@@ -9,7 +9,19 @@ from typing import Final, NamedTuple
 
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock
-from swarmware.delivery import Key, Outbox, Outcome, Received, Seen, Settle, Status, answer, expired, reply
+from swarmware.delivery import (
+    Key,
+    Outbox,
+    Outcome,
+    Received,
+    Seen,
+    Settle,
+    Status,
+    answer,
+    answerable,
+    expired,
+    reply,
+)
 from swarmware.delivery.outbox import Action
 from swarmware.errors import WireError, from_kind
 from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Flag, Frame, Kind, decode, encode
@@ -48,7 +60,7 @@ class Post:
         self.platform = platform
         self.hardware = hardware
         self.counts: Counter[str] = Counter()
-        """What happened: wire_errors, expired, unknown_kind, no_answerer, answer_too_large."""
+        """What happened: wire_errors, expired, unanswerable, no_answerer, answer_too_large."""
         self._clock = clock
         self._table = table
         self._loop = asyncio.get_running_loop()
@@ -56,7 +68,6 @@ class Post:
         self.endpoint = self._wire.endpoint
         self._gateway: Gateway | None = None
         self._served: dict[int, _Served] = {}
-        self._listeners: dict[tuple[Kind, int], Callable[[Frame], None]] = {}
         self._apps: set[int] = set()
         self._outbox = Outbox(hardware)
         self._received = Received()
@@ -91,14 +102,6 @@ class Post:
         """Nobody takes this data id any more."""
         self._served.pop(data_id, None)
 
-    def listen(self, kind: Kind, data_id: int, handler: Callable[[Frame], None]) -> None:
-        """Frames of another kind (notify, stream, file …) of this data id go to the handler, unanswered."""
-        self._listeners[kind, data_id] = handler
-
-    def unlisten(self, kind: Kind, data_id: int) -> None:
-        """Undo `listen`."""
-        self._listeners.pop((kind, data_id), None)
-
     def set_gateway(self, gateway: Gateway | None) -> None:
         """Frames for other platforms go to this function: called by the broker."""
         self._gateway = gateway
@@ -127,10 +130,6 @@ class Post:
         future.add_done_callback(partial(self._request_done, key))
         self._submit(frame, timeout_s)
         return future
-
-    def send_frame(self, frame: Frame) -> None:
-        """Route one frame, once, without waiting for an answer."""
-        self._route(frame, None)
 
     def deliver(self, frame: Frame) -> None:
         """A frame that came from another platform: called by the broker."""
@@ -219,10 +218,10 @@ class Post:
             self._route_away(frame, via)
         elif frame.kind in {Kind.ACK, Kind.REPLY}:
             self._route_answer(frame)
-        elif frame.kind in {Kind.MESSAGE, Kind.REQUEST}:
+        elif answerable(frame):
             self._route_question(frame, via)
         else:
-            self._route_other(frame)
+            self.counts["unanswerable"] += 1  # nothing of ours is sent without wanting an answer
 
     def _route_away(self, frame: Frame, via: Identity | None) -> None:
         if self._gateway is not None:
@@ -232,7 +231,7 @@ class Post:
         broker = self._table.named(BROKER)
         if broker is not None and broker.endpoint != self.endpoint:
             self._write(broker.endpoint, frame)
-        elif frame.kind in {Kind.MESSAGE, Kind.REQUEST}:
+        elif answerable(frame):
             self._answer(frame, Status.UNREACHABLE, "no broker runs here", via)
 
     def _route_answer(self, frame: Frame) -> None:
@@ -264,18 +263,6 @@ class Post:
         else:
             self._answer(frame, Status.ABSENT, "no application here takes this path and type", via)
 
-    def _route_other(self, frame: Frame) -> None:
-        listener = self._listeners.get((frame.kind, frame.data_id))
-        if listener is not None:
-            self._loop.call_soon(listener, frame)
-            return
-        self._refresh()
-        entry = self._table.serving(frame.data_id)
-        if entry is not None and entry.endpoint != self.endpoint:
-            self._write(entry.endpoint, frame)
-        else:
-            self.counts["unknown_kind"] += 1
-
     def _write(self, endpoint: str, frame: Frame) -> None:
         self._wire.send(endpoint, encode(frame), urgent=bool(frame.flags & Flag.URGENT))
 
@@ -294,7 +281,7 @@ class Post:
             self._answer_again(frame, seen, via)
         elif frame.sender_hw == self.hardware and expired(frame, self._clock.now_ns()):
             self.counts["expired"] += 1  # its sender has been told, it must not be delivered any more
-        elif frame.kind is Kind.MESSAGE and served.message is not None:
+        elif frame.kind is not Kind.REQUEST and served.message is not None:
             outcome = served.message(frame)
             if outcome is not None:
                 payload = registry.encode(
@@ -311,7 +298,7 @@ class Post:
 
     def _answer_again(self, frame: Frame, seen: bytes | Seen, via: Identity | None) -> None:
         if isinstance(seen, bytes):
-            self._give_back(frame, Kind.ACK if frame.kind is Kind.MESSAGE else Kind.REPLY, seen, via)
+            self._give_back(frame, Kind.REPLY if frame.kind is Kind.REQUEST else Kind.ACK, seen, via)
         elif seen is Seen.IN_WORK:
             self._answer(frame, Status.DELIVERED, "", via)
         else:

@@ -5,7 +5,7 @@ from typing import Final
 import pytest
 
 from swarmd.broker.core.directory import Directory
-from swarmd.broker.core.forward import LOOP_NS, Decision, Forwarder, Step, answerable
+from swarmd.broker.core.forward import LOOP_NS, Decision, Forwarder, Step
 from swarmd.broker.core.members import AGAIN_NS, FORGET_NS, Members
 from swarmd.broker.core.pace import airtime_s, tick_hz
 from swarmd.broker.core.queue import AGE_MAX_NS, BYTES_MAX, FRAMES_MAX, Priority, Queue, priority
@@ -88,36 +88,10 @@ def test_a_repetition_by_the_sender_goes_through_but_is_no_first(forwarder: Forw
     assert over_another_way.step is Step.SEND
 
 
-def test_only_messages_and_requests_wait_for_an_answer() -> None:
-    assert [kind for kind in Kind if answerable(frame(kind))] == [Kind.MESSAGE, Kind.REQUEST]
-
-
-def test_commands_come_before_streams_and_streams_before_files() -> None:
-    queue = Queue()
-    for kind in (Kind.FILE, Kind.STREAM, Kind.NOTIFY, Kind.ACK):
-        queue.put(kind.name.encode(), frame(kind), 0)
-    assert [queue.pop().data for _ in range(4)] == [b"ACK", b"NOTIFY", b"STREAM", b"FILE"]
-    assert len(queue) == 0
-
-
-def test_an_urgent_frame_is_control_whatever_it_is() -> None:
+def test_an_urgent_frame_is_first_whatever_it_is() -> None:
     urgent = frame(Kind.FILE)
     urgent.flags = Flag.URGENT
-    assert priority(urgent) is Priority.CONTROL
-
-
-def test_control_survives_ten_times_overload() -> None:
-    queue = Queue()
-    put = 0
-    for index in range(10 * FRAMES_MAX):
-        queue.put(b"bulk", frame(Kind.FILE), index)
-        if index % 100 == 0:
-            queue.put(b"command", frame(Kind.MESSAGE), index)
-            put += 1
-    commands = 0
-    while len(queue):
-        commands += queue.pop().data == b"command"
-    assert commands == put
+    assert priority(urgent) is Priority.URGENT
 
 
 def test_the_oldest_of_the_least_important_goes_when_the_queue_is_full() -> None:

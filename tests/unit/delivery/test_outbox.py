@@ -2,9 +2,9 @@
 
 import pytest
 
-from swarmware.delivery import Action, Outbox, Outcome, Settle, Status, Transmit
+from swarmware.delivery import Action, Outbox, Outcome, Settle, Status, Transmit, answerable
 from swarmware.delivery.outbox import GRACE_NS
-from swarmware.frame import Frame, Kind
+from swarmware.frame import Flag, Frame, Kind
 from swarmware.types.rpc import Ack
 
 MS = 1_000_000
@@ -149,3 +149,21 @@ def test_a_receiver_that_died_with_the_message_is_unreachable_not_refusing() -> 
     assert seen[-1][0] == 201 + GRACE_NS // MS, "it had the grace time to come back"
     (outcome,) = outcomes([action for _, action in seen])
     assert (outcome.status, outcome.where) == (Status.UNREACHABLE, "uav1")
+
+
+def test_a_message_kind_that_wants_an_acknowledgement_is_answered_whatever_its_priority() -> None:
+    asks = {kind for kind in Kind if answerable(Frame(kind, 1, flags=Flag.WANTS_ACK))}
+    assert asks == {Kind.MESSAGE, Kind.REQUEST, Kind.NOTIFY, Kind.EVENT, Kind.STREAM, Kind.FILE}
+    assert {kind for kind in Kind if answerable(Frame(kind, 1))} == {Kind.MESSAGE, Kind.REQUEST}
+
+
+def test_slow_notifications_do_not_slow_the_repetition_of_commands() -> None:
+    outbox = Outbox(HERE)
+    for sequence, kind, way_ms in ((1, Kind.MESSAGE, 20), (2, Kind.NOTIFY, 200)):
+        outbox.submit(message(sequence, receiver_hw=THERE, kind=kind), 0, 5000 * MS)
+        outbox.on_ack((9, 7, sequence), Ack(int(Status.DELIVERED)), way_ms * MS)
+    outbox.submit(message(3, receiver_hw=THERE), 0, 5000 * MS)
+    assert outbox.deadline_ns() == 100 * MS
+    outbox.drop((9, 7, 3))
+    outbox.submit(message(4, receiver_hw=THERE, kind=Kind.STREAM), 0, 5000 * MS)
+    assert outbox.deadline_ns() == 600 * MS

@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.core.directory import Directory
-from swarmware.frame import HOPS, Frame, Kind
+from swarmware.frame import HOPS, Frame
 
 SEEN_MAX: Final = 4096
 LOOP_NS: Final = 90_000_000
@@ -100,11 +100,6 @@ class Forwarder:
             del self._seen[next(iter(self._seen))]
         self._seen[identity] = (frame.hops_left, now_ns)
         return first
-
-
-def answerable(frame: Frame) -> bool:
-    """Whether its sender waits to be told what became of it."""
-    return frame.kind in (Kind.MESSAGE, Kind.REQUEST)
 
 
 def _identity(frame: Frame) -> _Identity:

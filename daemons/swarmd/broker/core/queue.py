@@ -15,14 +15,16 @@ AGE_MAX_NS: Final = 5_000_000_000
 
 
 class Priority(IntEnum):
-    """Classes of frames, the first is served first (design, section 9)."""
+    """Classes of frames, the first is served first."""
 
-    CONTROL = 0
-    """Commands and what answers them."""
-    NOTIFY = 1
-    STREAM = 2
-    BULK = 3
-    """Files and backlog."""
+    URGENT = 0
+    """What its sender marked urgent, and the answers to it."""
+    CONTROL = 1
+    """Commands and requests, and what answers them."""
+    NOTIFY = 2
+    STREAM = 3
+    BULK = 4
+    """Files."""
 
 
 _BY_KIND: Final = {
@@ -37,7 +39,7 @@ _BY_KIND: Final = {
 def priority(frame: Frame) -> Priority:
     """The class that a frame belongs to."""
     if frame.flags & Flag.URGENT:
-        return Priority.CONTROL
+        return Priority.URGENT
     return _BY_KIND.get(frame.kind, Priority.CONTROL)
 
 

@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmware.frame import Kind
 from swarmware.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeNotify
 
@@ -25,6 +26,13 @@ class SendNotify(msgspec.Struct, frozen=True, gc=False):
 
     platform: str
     notify: TreeNotify
+
+    @property
+    def kind(self) -> Kind:
+        """How it goes over a link: what is nothing but items of streams lets all else pass."""
+        items = self.notify.items
+        only_streams = bool(items) and not self.notify.digest and all(i.kind == Kind.STREAM for i in items)
+        return Kind.STREAM if only_streams else Kind.NOTIFY
 
 
 class Watch(msgspec.Struct, frozen=True, gc=False):

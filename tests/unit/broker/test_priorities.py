@@ -1,0 +1,155 @@
+"""What modules and the tree send between platforms leaves in the order of its importance."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmd.broker.core.queue import BYTES_MAX, Priority, Queue, priority
+from swarmd.tree.core.action import SendNotify
+from swarmware.errors import InvalidInput
+from swarmware.frame import Frame, Kind, encode
+from swarmware.module import Module
+from swarmware.testing import no_leaks, tmp_node
+from swarmware.types.scalar import Blob, Text
+from swarmware.types.tree import TreeItem, TreeNotify
+
+NOTE_BYTES = 32_000
+IN_FLIGHT = 200
+"""Unanswered messages to one platform, fewer than the post allows."""
+
+
+def note(platform: str, *kinds: Kind, digest: int = 0) -> SendNotify:
+    """What the tree sends when so many values are due."""
+    items = tuple(
+        TreeItem("a/b", 1, kind, number, 0, bytes(NOTE_BYTES // len(kinds)))
+        for number, kind in enumerate(kinds)
+    )
+    return SendNotify(platform, TreeNotify("uav1", 1, 1, items, 1, digest))
+
+
+def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -> Queue:
+    """The broker's queue with all that a module of this node gave to its post."""
+    queue = Queue()
+    came = asyncio.Event()
+    seen: set[tuple[int, int, int]] = set()
+
+    def gateway(frame: Frame) -> None:
+        identity = (frame.receiver_hw, frame.data_id, frame.sequence)
+        if identity not in seen:  # nobody answers, so it comes again
+            seen.add(identity)
+            queue.put(encode(frame), frame, 0)
+            came.set()
+
+    async def run() -> None:
+        async with tmp_node(tmp_path) as node, Module("planner", node=node) as module:
+            node.post.set_gateway(gateway)
+            tasks = send(module)
+            while len(seen) < len(tasks):
+                came.clear()
+                await came.wait()
+            node.post.set_gateway(None)
+
+    with no_leaks(tmp_path):
+        asyncio.run(run())
+    return queue
+
+
+def notify(module: Module, action: SendNotify) -> asyncio.Task[object]:
+    path = f"/{action.platform}/sys/tree/notify"
+    return module.start(module.send(path, action.notify, kind=action.kind, timeout_s=60), "notify")
+
+
+def test_commands_come_before_notifications_and_notifications_before_streams_and_files(
+    tmp_path: Path,
+) -> None:
+    def send(module: Module) -> list[asyncio.Task[object]]:
+        return [
+            module.start(module.send("/uav2/x/file", Blob(b"f"), kind=Kind.FILE), "file"),
+            notify(module, note("uav2", Kind.STREAM)),
+            notify(module, note("uav2", Kind.BOARD)),
+            notify(module, note("uav2", Kind.STREAM, Kind.EVENT)),
+            module.start(module.send("/uav2/cmd/goto", Text("there")), "command"),
+            module.start(module.request("/uav2/sys/x", Text("?"), Text), "request"),
+            module.start(module.send("/uav2/cmd/abort", Text("now"), urgent=True), "abort"),
+        ]
+
+    queue = sent(tmp_path, send)
+    order = [queue.pop().frame for _ in range(len(queue))]
+    assert [priority(frame) for frame in order] == [
+        Priority.URGENT,
+        Priority.CONTROL,
+        Priority.CONTROL,
+        Priority.NOTIFY,
+        Priority.NOTIFY,
+        Priority.STREAM,
+        Priority.BULK,
+    ]
+    assert b"now" in order[0].payload
+
+
+def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_path: Path) -> None:
+    platforms = 10 * BYTES_MAX // (IN_FLIGHT * NOTE_BYTES) + 1
+
+    def send(module: Module) -> list[asyncio.Task[object]]:
+        tasks: list[asyncio.Task[object]] = []
+        for number in range(platforms):
+            kind = Kind.STREAM if number % 2 else Kind.BOARD
+            tasks += [notify(module, note(f"ugv{number}", kind)) for _ in range(IN_FLIGHT)]
+            command = module.send(f"/ugv{number}/cmd/goto", Text("there"), timeout_s=60)
+            tasks.append(module.start(command, "command"))
+        abort = module.send("/ugv1/cmd/abort", Text("now"), timeout_s=60, urgent=True)
+        return [*tasks, module.start(abort, "abort")]
+
+    queue = sent(tmp_path, send)
+    first = queue.pop().frame
+    assert b"now" in first.payload
+    rest = [queue.pop().frame.kind for _ in range(len(queue))]
+    assert rest[:platforms] == [Kind.MESSAGE] * platforms
+    assert rest.count(Kind.MESSAGE) == platforms
+    assert Kind.STREAM not in rest, "notifications fill the queue: streams went first"
+
+
+@pytest.mark.parametrize(
+    ("kinds", "digest", "expected"),
+    [
+        ((Kind.STREAM,), 0, Kind.STREAM),
+        ((Kind.STREAM, Kind.STREAM), 0, Kind.STREAM),
+        ((Kind.STREAM, Kind.EVENT), 0, Kind.NOTIFY),
+        ((Kind.STREAM,), 5, Kind.NOTIFY),
+        ((Kind.BOARD,), 0, Kind.NOTIFY),
+        ((), 5, Kind.NOTIFY),
+    ],
+)
+def test_a_notification_of_nothing_but_streams_goes_as_a_stream(
+    kinds: tuple[Kind, ...], digest: int, expected: Kind
+) -> None:
+    assert (note("uav2", *kinds, digest=digest) if kinds else note_of_structure(digest)).kind is expected
+
+
+def note_of_structure(digest: int) -> SendNotify:
+    return SendNotify("uav2", TreeNotify("uav1", 1, 1, (), 1, digest, b"x"))
+
+
+def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
+            inbox = await module.inbox("sys/note", Text)
+            for kind in (Kind.NOTIFY, Kind.EVENT, Kind.STREAM, Kind.FILE):
+                assert await module.send("sys/note", Text(kind.name), kind=kind)
+                assert (await inbox.next(5)).value == kind.name
+
+    with no_leaks(tmp_path):
+        asyncio.run(run())
+
+
+@pytest.mark.parametrize("kind", [Kind.ACK, Kind.REPLY, Kind.REQUEST, Kind.BOARD, Kind.HELLO])
+def test_a_message_of_a_kind_that_no_inbox_takes_is_refused(tmp_path: Path, kind: Kind) -> None:
+    async def run() -> None:
+        async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
+            with pytest.raises(InvalidInput, match="expected one of event, file, message, notify, stream"):
+                await module.send("sys/note", Text("x"), kind=kind)
+
+    with no_leaks(tmp_path):
+        asyncio.run(run())
