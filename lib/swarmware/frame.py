@@ -94,30 +94,51 @@ class Frame(msgspec.Struct, gc=False):
 
 
 def encode(frame: Frame) -> bytes:
-    """The frame as bytes."""
-    return b"".join(
-        (
-            _HEADER.pack(
-                MAGIC,
-                VERSION,
-                frame.kind,
-                frame.flags | frame.codec << _CODEC_SHIFT,
-                frame.hops_left,
-                len(frame.extension),
-                frame.data_id,
-                frame.sender_hw,
-                frame.sender_app,
-                frame.receiver_hw,
-                frame.receiver_app,
-                frame.sequence & 0xFFFF_FFFF,
-                frame.stamp_ns,
-                frame.echo_tx_us & 0xFFFF_FFFF,
-                frame.echo_rx_us & 0xFFFF_FFFF,
-            ),
-            frame.extension,
-            frame.payload,
+    """The frame as bytes.
+
+    Raises: WireError when a number does not fit its field of the header.
+    """
+    try:
+        header = _HEADER.pack(
+            MAGIC,
+            VERSION,
+            frame.kind,
+            frame.flags | frame.codec << _CODEC_SHIFT,
+            frame.hops_left,
+            len(frame.extension),
+            frame.data_id,
+            frame.sender_hw,
+            frame.sender_app,
+            frame.receiver_hw,
+            frame.receiver_app,
+            frame.sequence & 0xFFFF_FFFF,
+            frame.stamp_ns,
+            frame.echo_tx_us & 0xFFFF_FFFF,
+            frame.echo_rx_us & 0xFFFF_FFFF,
         )
-    )
+    except struct.error as error:
+        raise WireError(_misfit(frame)) from error
+    return b"".join((header, frame.extension, frame.payload))
+
+
+_RANGES: Final = {
+    "data_id": (0, ANY),
+    "sender_hw": (0, ANY),
+    "sender_app": (0, ANY),
+    "receiver_hw": (0, ANY),
+    "receiver_app": (0, ANY),
+    "stamp_ns": (-(2**63), 2**63 - 1),
+    "hops_left": (0, 255),
+    "flags": (0, 0xFFFF),
+}
+
+
+def _misfit(frame: Frame) -> str:
+    for name, (least, greatest) in _RANGES.items():
+        number = getattr(frame, name)
+        if not least <= number <= greatest:
+            return f"frame: {name} is {number}: expected {least} to {greatest}"
+    return f"frame: an extension of {len(frame.extension)} bytes: expected at most 255"
 
 
 def decode(data: bytes | memoryview) -> Frame:

@@ -17,6 +17,13 @@ _SEGMENT = re.compile(r"[a-z0-9_]+\Z")
 _APPLICATION = re.compile(r"[a-z][a-z0-9_-]{0,30}\Z")
 _NUMBER = re.compile(r"(\d+)")
 
+PATTERN_LIMIT: Final = 400
+"""Longest pattern in characters: a path with room for alternatives."""
+WILDCARDS_LIMIT: Final = 8
+"""Of one pattern, a run of stars counted once: more than any depth of the templates needs."""
+ALTERNATIVES_LIMIT: Final = 64
+"""Texts that the braces of one segment may stand for; nested ones multiply."""
+
 
 def check_platform(name: str) -> str:
     """The platform name itself.
@@ -93,12 +100,23 @@ def data_id(local_path: str, type_name: str) -> int:
 
 
 class Pattern:
-    """Matches paths: `*` is one segment, `**` any depth (also none), `{uav,ugv}*` alternatives."""
+    """Matches paths: `*` is (a part of) one segment, `**` any depth (also none), `{uav,ugv}*` alternatives.
+
+    A look at a path takes a time proportional to its length, whatever the pattern: it comes from outside.
+    Raises: InvalidInput when it is no pattern, or has more wildcards or alternatives than the limits.
+    """
 
     __slots__ = ("_regex", "text")
 
     def __init__(self, text: str) -> None:
         self.text = text
+        if len(text) > PATTERN_LIMIT:
+            raise InvalidInput(
+                f"pattern {text[:40]!r}…: {len(text)} characters; expected at most {PATTERN_LIMIT}"
+            )
+        wildcards = len(_STARS.findall(text))
+        if wildcards > WILDCARDS_LIMIT:
+            raise InvalidInput(f"pattern {text!r}: {wildcards} wildcards; expected at most {WILDCARDS_LIMIT}")
         self._regex = re.compile(_regex(text))
 
     def matches(self, path: str) -> bool:
@@ -120,36 +138,75 @@ class Pattern:
         return f"Pattern({self.text!r})"
 
 
+_STARS = re.compile(r"\*+")
+_DEEP: Final = "**"
+_CHAR: Final = "[a-z0-9_]"
+_END: Final = r"(?=/|\Z)"
+"""Behind each segment. Every part below consumes the least it can and keeps it (atomic groups): if the rest
+does not fit behind the first place where a part fits, it fits behind no other."""
+
+
 def _regex(text: str) -> str:
-    out: list[str] = []
-    segments = text.split("/")
-    for index, segment in enumerate(segments):
-        if segment == "**":
-            # "a/**" also matches "a": the slash belongs to the optional part
-            out.append("(?:/[a-z0-9_]+)*" if index else "[a-z0-9_]*(?:/[a-z0-9_]+)*")
+    groups: list[list[str]] = [[]]
+    """Segments between the `**`."""
+    for segment in text.split("/"):
+        if segment != _DEEP:
+            groups[-1].append(_segment(text, segment))
+        elif len(groups) == 1 or groups[-1]:  # `**/**` is `**`
+            groups.append([])
+    first, *rest = groups
+    out = "/".join(first)
+    for number, group in enumerate(rest, 1):
+        slash = "/" if first or number > 1 else ""
+        if group:
+            chunk = slash + "/".join(group) + (r"\Z" if number == len(rest) else "")
+            out += f"(?>(?:/{_CHAR}++)*?{chunk})" if slash else f"/?(?>(?:{_CHAR}++/)*?{chunk})"
         else:
-            out.append(("/" if index else "") + _segment_regex(text, segment))
-    return "".join(out)
+            out += ("" if slash else f"{_CHAR}*+") + f"(?:/{_CHAR}++)*+"
+    return out
 
 
-def _segment_regex(text: str, segment: str) -> str:
-    out: list[str] = []
-    depth = 0
+def _segment(text: str, segment: str) -> str:
+    globs = {_STARS.sub("*", glob) for glob in _alternatives(text, segment)}
+    return f"(?>{'|'.join(map(_glob, sorted(globs)))})"
+
+
+def _glob(glob: str) -> str:
+    """One alternative of a segment, with no braces."""
+    if glob == "*":
+        return f"{_CHAR}++{_END}"
+    first, *rest = glob.split("*")
+    if not rest:
+        return first + _END
+    *middle, last = rest
+    out = first + "".join(f"(?>{_CHAR}*?{chunk})" for chunk in middle)
+    return out + (f"(?>{_CHAR}*?{last}{_END})" if last else f"{_CHAR}*+{_END}")
+
+
+def _alternatives(text: str, segment: str) -> list[str]:
+    """Everything that the braces of a segment stand for."""
+    # of each open brace: the alternatives that are complete, and the one being read
+    done: list[list[str]] = [[]]
+    open_: list[list[str]] = [[""]]
     for char in segment:
-        if char == "*":
-            out.append("[a-z0-9_]*" if len(segment) > 1 else "[a-z0-9_]+")
-        elif char == "{":
-            depth += 1
-            out.append("(?:")
-        elif char == "}" and depth:
-            depth -= 1
-            out.append(")")
-        elif char == "," and depth:
-            out.append("|")
-        elif _SEGMENT.match(char):
-            out.append(char)
+        if char == "{":
+            done.append([])
+            open_.append([""])
+        elif char == "," and len(done) > 1:
+            done[-1] += open_[-1]
+            open_[-1] = [""]
+        elif char == "}" and len(done) > 1:
+            inner = done.pop() + open_.pop()
+            if len(inner) * len(open_[-1]) > ALTERNATIVES_LIMIT:
+                raise InvalidInput(
+                    f"pattern {text!r}: {segment!r} stands for too many texts; expected at most"
+                    f" {ALTERNATIVES_LIMIT}"
+                )
+            open_[-1] = [head + tail for head in open_[-1] for tail in inner]
+        elif char == "*" or _SEGMENT.match(char):
+            open_[-1] = [head + char for head in open_[-1]]
         else:
             raise InvalidInput(f"pattern {text!r}: unexpected {char!r}; expected [a-z0-9_/], *, **, {{a,b}}")
-    if depth:
+    if len(done) > 1:
         raise InvalidInput(f"pattern {text!r}: a '{{' is not closed")
-    return "".join(out)
+    return open_[0]

@@ -40,6 +40,11 @@ Plain = bool | int | float | str
 STALE_PERIODS = 3.0
 """A periodic value that missed three periods in a row is stale (design, section 12)."""
 
+SLOWEST_HZ = 1e-6
+FASTEST_HZ = 1e6
+OLDEST_S = 1e9
+"""Periods and ages in nanoseconds fit 64 bits: a descriptor comes over the wire."""
+
 _LOG = re.compile(r"^(?:all|none|(?:[0-9]+(?:\.[0-9]+)?)hz)$")
 _PLAIN_TYPES: dict[str, type[Plain]] = {"Float": float, "Int": int, "Bool": bool, "Text": str}
 
@@ -103,10 +108,12 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     def _check(self) -> None:
         if not _LOG.match(self.log):
             raise ValueError(f"log of {self.path}: {self.log!r}, expected 'all', 'none' or '<n>hz'")
-        if not (math.isfinite(self.rate_hz) and self.rate_hz >= 0):
-            raise ValueError(f"rate_hz of {self.path}: {self.rate_hz}, expected 0 or more")
-        if not (math.isfinite(self.max_age_s) and self.max_age_s >= 0):
-            raise ValueError(f"max_age_s of {self.path}: {self.max_age_s}, expected 0 or more")
+        if self.rate_hz != 0 and not SLOWEST_HZ <= self.rate_hz <= FASTEST_HZ:
+            raise ValueError(
+                f"rate_hz of {self.path}: {self.rate_hz}, expected 0 or {SLOWEST_HZ} to {FASTEST_HZ:g}"
+            )
+        if not 0 <= self.max_age_s <= OLDEST_S:
+            raise ValueError(f"max_age_s of {self.path}: {self.max_age_s}, expected 0 to {OLDEST_S:g}")
         if self.range is not None and not self.range[0] <= self.range[1]:
             raise ValueError(f"range of {self.path}: {list(self.range)}, expected [least, greatest]")
         if self.kind is not Kind.BRANCH and not self.type:

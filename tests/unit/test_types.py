@@ -2,17 +2,19 @@
 
 import contextlib
 import math
+import tracemalloc
 import zlib
 
 import msgspec
 import pytest
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.errors import NotFound, WireError
+from swarmware.errors import NotFound, OutOfRange, WireError
 from swarmware.frame import PAYLOAD_LIMIT, Codec
 from swarmware.types import registry
-from swarmware.types.scalar import Float, Text
+from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.vehicle import BatteryState, Pose
 
 METRES = st.floats(-2e6, 2e6)
@@ -72,3 +74,45 @@ def test_a_type_is_found_by_name_without_having_been_imported() -> None:
 def test_two_types_of_one_name_are_refused() -> None:
     with pytest.raises(ValueError, match="belongs to"):
         registry.register(msgspec.defstruct("Pose", [("x", int)], module="elsewhere"))
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_zstd_bomb_takes_no_more_memory_than_a_frame_may_have(stated: bool) -> None:
+    bomb = _zstd(bytes(286 * 2**20) if not stated else bytes(16 * 2**20), stated)
+    assert len(bomb) < 30_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(WireError, match="zstd"):
+            registry.decompress(bomb, Codec.ZSTD)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 4 * PAYLOAD_LIMIT
+
+
+def _zstd(data: bytes, stated: bool) -> bytes:
+    return zstandard.ZstdCompressor(write_content_size=stated).compress(data)
+
+
+@given(st.binary(min_size=1, max_size=3000), st.booleans())
+def test_a_zstd_payload_comes_back_whole_and_cut_short_it_is_refused(data: bytes, stated: bool) -> None:
+    packed = _zstd(data, stated)
+    assert registry.decompress(packed, Codec.ZSTD) == data
+    for cut in range(0, len(packed), max(1, len(packed) // 7)):
+        with pytest.raises(WireError, match="zstd"):
+            registry.decompress(packed[:cut], Codec.ZSTD)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, 1e308])
+def test_a_value_that_the_packed_form_cannot_say_goes_as_messagepack_and_is_refused_where_it_arrives(
+    number: float,
+) -> None:
+    data, codec = registry.pack(Pose(number, 0.0))
+    assert codec is Codec.NONE
+    with pytest.raises(WireError, match=r"Pose.*\$\[0\]"):
+        registry.decode(Pose, data, codec)
+
+
+def test_an_integer_of_more_than_64_bits_is_refused_before_it_is_sent() -> None:
+    with pytest.raises(OutOfRange, match="Int"):
+        registry.encode(Int(2**64))

@@ -12,6 +12,7 @@ from swarmware.shm.layout import ring_file
 from swarmware.shm.ring import RingReader
 from swarmware.types.tree import TreeItem
 
+MIRRORED: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM})
 EVENT_SLOTS: Final = 128
 """Two full notifications: a reader that is woken by one finds all of it."""
 
@@ -39,19 +40,13 @@ class Mirrors:
             kind, codec = Kind(item.kind), Codec(item.codec)
         except ValueError as error:
             raise WireError(f"notification of /{platform}/{item.path}: {error}") from error
+        if kind not in MIRRORED:
+            raise WireError(f"notification of /{platform}/{item.path}: kind {kind.name.lower()}")
+        data = wire.encode(_frame(platform, item, kind, codec))  # before a ring is made for it
         mirror = self._mirror(platform, item.path, kind)
         if not is_news(item, mirror.sequence, mirror.stamp_ns):
             return False
-        frame = Frame(
-            kind,
-            item.data_id,
-            names.hardware_id(platform),
-            sequence=item.sequence,
-            stamp_ns=item.stamp_ns,
-            codec=codec,
-            payload=item.data,
-        )
-        mirror.publication.publish(wire.encode(frame))
+        mirror.publication.publish(data)
         mirror.sequence, mirror.stamp_ns = item.sequence, item.stamp_ns
         return True
 
@@ -90,3 +85,15 @@ class Mirrors:
         for mirror in self._open.values():
             mirror.publication.close(unlink=False)
         self._open.clear()
+
+
+def _frame(platform: str, item: TreeItem, kind: Kind, codec: Codec) -> Frame:
+    return Frame(
+        kind,
+        item.data_id,
+        names.hardware_id(platform),
+        sequence=item.sequence,
+        stamp_ns=item.stamp_ns,
+        codec=codec,
+        payload=item.data,
+    )

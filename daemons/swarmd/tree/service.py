@@ -10,6 +10,7 @@ from typing import Final
 from swarmd.tree import config as own
 from swarmd.tree.answers import Answers
 from swarmd.tree.applications import Applications
+from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Action, AskStructure, AskSubscription, Forget, SendNotify, Unwatch, Watch
 from swarmd.tree.core.reach import Reach, reachable
 from swarmd.tree.core.tree import SwarmTree
@@ -70,6 +71,7 @@ class Tree(Service):
         self._timer: asyncio.TimerHandle | None = None
         self._act_comes = False
         self._closed = False
+        self._boundary = Boundary()
         self._at_once = asyncio.Semaphore(AT_ONCE)
         self._mission = 0
         self._asked = self._answered = self._notes = self._values_in = 0
@@ -129,14 +131,15 @@ class Tree(Service):
 
     def _take_applications(self, applications: Applications) -> None:
         table = applications.table
-        self._tree.set_applications(
-            [resource for entry in table for resource in entry.provides],
-            {pattern for entry in table for pattern in entry.reads},
-            self.module.now_ns(),
-        )
-        for text, why in self._tree.interests.refused.items():
-            log.warning("an application wants to read %s: %s", text, why)
-        self._structure_changed()
+        with self._boundary("applications of the node"):
+            self._tree.set_applications(
+                [resource for entry in table for resource in entry.provides],
+                {pattern for entry in table for pattern in entry.reads},
+                self.module.now_ns(),
+            )
+            for text, why in self._tree.interests.refused.items():
+                log.warning("an application wants to read %s: %s", text, why)
+            self._structure_changed()
         self._act()
 
     def _structure_changed(self) -> None:
@@ -148,7 +151,7 @@ class Tree(Service):
         async for _ in self.module.every(PROBE_S):
             applications.probe()
             state = mission.value
-            digest = int(state.hash or "0", 16) if state is not None else 0
+            digest = _digest(state.hash) if state is not None else 0
             if digest != self._mission:
                 self._mission = digest
                 self._plan.write(self._tree_plan())
@@ -169,6 +172,7 @@ class Tree(Service):
             self._values_in,
             tree.held.failures,
             tree.held.dropped,
+            self._boundary.refused,
         )
 
     # -- what others do
@@ -188,10 +192,12 @@ class Tree(Service):
         before, self._reached = self._reached, found
         for platform in before:
             if platform not in found:
-                self._tree.on_gone(platform, now_ns)
+                with self._boundary(f"loss of {platform}"):
+                    self._tree.on_gone(platform, now_ns)
         for platform, reach in found.items():
             if before.get(platform) != reach:
-                self._tree.on_up(platform, reach.version, reach.near, now_ns)
+                with self._boundary(f"reach of {platform}"):
+                    self._tree.on_up(platform, reach.version, reach.near, now_ns)
         self._act()
 
     async def _follow_notes(self, notes: Inbox[TreeNotify]) -> None:
@@ -200,11 +206,12 @@ class Tree(Service):
                 log.warning("a notification in the name of %s came from another; dropped", note.platform)
                 continue
             self._notes += 1
-            for item in self._tree.on_notify(note, self.module.now_ns()):
-                try:
+            items: list[TreeItem] = []
+            with self._boundary(f"notification of {note.platform}"):
+                items = self._tree.on_notify(note, self.module.now_ns())
+            for item in items:
+                with self._boundary(f"mirror of /{note.platform}/{item.path}"):
                     self._values_in += self._mirrors.write(note.platform, item)
-                except SwarmError as error:
-                    log.warning("mirror of /%s/%s: %s", note.platform, item.path, error)
             self._answers.learned()
             self._act()
 
@@ -236,9 +243,11 @@ class Tree(Service):
             return
         while actions := self._tree.drain():
             for action in actions:
-                self._do(action)
+                with self._boundary(f"{type(action).__name__} of the tree"):
+                    self._do(action)
         if self._tree.plan_changed():
-            self._plan.write(self._tree_plan())
+            with self._boundary("plan of the tick"):
+                self._plan.write(self._tree_plan())
         self._arm()
 
     def _tree_plan(self) -> TreePlan:
@@ -271,7 +280,8 @@ class Tree(Service):
             self._taps[resource.path] = Tap(self.module.node, resource, self._on_value)
 
     def _on_value(self, item: TreeItem) -> None:
-        self._tree.on_value(item, self.module.now_ns())
+        with self._boundary(f"value of {item.path}"):
+            self._tree.on_value(item, self.module.now_ns())
         self._later()
 
     async def _ask_structure(self, action: AskStructure) -> None:
@@ -284,7 +294,8 @@ class Tree(Service):
                 )
             except SwarmError as error:
                 log.debug("structure of %s: %s", action.platform, error)
-        self._tree.on_structure(action.platform, reply, self.module.now_ns())
+        with self._boundary(f"structure of {action.platform}"):
+            self._tree.on_structure(action.platform, reply, self.module.now_ns())
         self._answers.learned()
         self._act()
 
@@ -298,7 +309,8 @@ class Tree(Service):
                 )
             except SwarmError as error:
                 log.debug("subscription at %s: %s", action.platform, error)
-        self._tree.on_subscribed(action.platform, reply, action.request.set_digest, self.module.now_ns())
+        with self._boundary(f"subscription at {action.platform}"):
+            self._tree.on_subscribed(action.platform, reply, action.request.set_digest, self.module.now_ns())
         self._act()
 
     async def _send(self, action: SendNotify) -> None:
@@ -323,8 +335,9 @@ class Tree(Service):
 
     def _on_timer(self) -> None:
         self._timer = None
-        self._tree.on_timer(self.module.now_ns())
-        self._structure_changed()
+        with self._boundary("timer of the tree"):
+            self._tree.on_timer(self.module.now_ns())
+            self._structure_changed()
         self._act()
 
 
@@ -337,6 +350,14 @@ def _templates(folder: Path) -> list[tuple[Resource, ...]]:
         except ConfigError as error:
             log.warning("a template that is of no use here: %s", error)
     return found
+
+
+def _digest(text: str) -> int:
+    """The number of a mission's hash for the hello; 0 for what is none."""
+    try:
+        return int(text or "0", 16) & 0xFFFF_FFFF
+    except ValueError:
+        return 0
 
 
 def _check_sender(platform: str, meta: Meta) -> None:

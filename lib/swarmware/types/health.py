@@ -1,12 +1,15 @@
 """Health: what is checked, how it stands, which faults there are, and what the guard does about processes."""
 
 from enum import StrEnum
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
+from swarmware.types.bounds import Seconds
 from swarmware.types.registry import register
 
+Confirm = Annotated[int, msgspec.Meta(ge=1, le=10_000)]
+"""Results that are counted before a state is believed."""
 Level = Literal["ok", "warn", "error"]
 """How bad a state is: `warn` an operator should look, `error` missions must not rely on it."""
 
@@ -51,15 +54,15 @@ class CheckRegistration(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Identity on this platform: `planner/path_age`."""
     app: str
     """Application that runs it: `planner#1`."""
-    frequency_hz: float
+    frequency_hz: Annotated[float, msgspec.Meta(ge=1e-6, le=1e6)]
     """How often it reports; a check silent for three periods is itself a fault."""
     states: tuple[StateRule, ...] = ()
-    confirm_n: int = 1
+    confirm_n: Confirm = 1
     """n of the last m results must agree before a state is believed."""
-    confirm_m: int = 1
-    clear_s: float = 5.0
+    confirm_m: Confirm = 1
+    clear_s: Seconds = 5.0
     """A healed fault that stays away for so long is cleared."""
-    grace_s: float = 0.0
+    grace_s: Seconds = 0.0
     """After start-up nothing is judged for so long."""
     description: str = ""
     withdrawn: bool = False

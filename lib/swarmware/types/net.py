@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmware.types.bounds import Count, Hertz, Instant, Seconds, Uint32
 from swarmware.types.registry import register
 
 
@@ -181,13 +182,13 @@ class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
     hardware: int
     boot_id: int
     """Start of their clock: another one is another clock."""
-    received_ns: int
+    received_ns: Instant
     """Our clock at its arrival."""
-    least_ns: int
+    least_ns: Instant
     """Their send time minus our receive time: their clock is at least so far ahead."""
-    sent_ns: int = 0
+    sent_ns: Instant = 0
     """Our clock when the datagram that they echo left."""
-    most_ns: int | None = None
+    most_ns: Instant | None = None
     """Their receive time minus our send time of that one; None: no echo in this datagram."""
 
 
@@ -204,9 +205,9 @@ class Offer(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     path: str
     """Local path."""
-    data_id: int
+    data_id: Uint32
     type: str
-    min_interval_ms: int = 0
+    min_interval_ms: Count = 0
     """Not more often than this; 0: every tick."""
 
 
@@ -218,7 +219,7 @@ class Want(msgspec.Struct, frozen=True, array_like=True, gc=False):
     path: str
     """Local path on that platform."""
     type: str
-    data_id: int
+    data_id: Uint32
     unit: str = "main"
     """Computer of that platform whose broker sends it."""
 
@@ -227,11 +228,11 @@ class Want(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class TreePlan(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What the tick shall carry: written by the tree, read by the broker (board `tree/plan`)."""
 
-    tree_version: int
+    tree_version: Uint32
     """Version of this platform's tree, told to all others."""
     offers: tuple[Offer, ...] = ()
     wants: tuple[Want, ...] = ()
-    mission: int = 0
+    mission: Uint32 = 0
     """Digest of the active mission, told to neighbours; 0: none."""
 
 
@@ -241,9 +242,9 @@ class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     pattern: str
     """Of local paths: `nav/*`."""
-    max_hz: float | None = None
+    max_hz: Hertz | None = None
     """0: nothing is sent; None: the limit is taken away."""
-    for_s: float = 0.0
+    for_s: Seconds = 0.0
     """How long; 0: until it is changed or the broker ends."""
 
 

@@ -1,5 +1,6 @@
 """Type names, and how values become payload bytes and values again."""
 
+import struct
 from collections.abc import Callable
 from functools import lru_cache
 from importlib import import_module
@@ -9,7 +10,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import msgspec
 
 import swarmware.types
-from swarmware.errors import NotFound, WireError
+from swarmware.errors import NotFound, OutOfRange, WireError
 from swarmware.frame import PAYLOAD_LIMIT, Codec
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -63,8 +64,14 @@ def find(name: str) -> type[msgspec.Struct]:
 
 
 def encode(value: msgspec.Struct) -> bytes:
-    """The value as MessagePack."""
-    return _encoder.encode(value)
+    """The value as MessagePack.
+
+    Raises: OutOfRange when it holds an integer of more than 64 bits.
+    """
+    try:
+        return _encoder.encode(value)
+    except OverflowError as error:
+        raise OutOfRange(f"a value of type {type(value).__name__}: {error}; expected 64 bits") from error
 
 
 @lru_cache(maxsize=512)
@@ -73,10 +80,16 @@ def _decoder(cls: type[T]) -> Callable[[bytes | memoryview], T]:
 
 
 def pack(value: msgspec.Struct) -> tuple[bytes, Codec]:
-    """The value's shortest wire form and the codec that says which it is."""
+    """The value's shortest wire form and the codec that says which it is.
+
+    Raises: OutOfRange as `encode`.
+    """
     if isinstance(value, Packs):
-        return value.pack(), Codec.PACKED
-    return _encoder.encode(value), Codec.NONE
+        try:
+            return value.pack(), Codec.PACKED
+        except (ValueError, ArithmeticError, struct.error):
+            pass  # a number that the quantised form cannot say, such as NaN: MessagePack says it
+    return encode(value), Codec.NONE
 
 
 def decode(cls: type[T], data: bytes | memoryview, codec: Codec = Codec.NONE) -> T:
@@ -104,24 +117,33 @@ def decompress(data: bytes | memoryview, codec: Codec) -> bytes:
     Raises: WireError when it is damaged or grows beyond the limit.
     """
     if codec is Codec.ZLIB:
-        import zlib
-
-        inflate = zlib.decompressobj()
-        try:
-            out = inflate.decompress(data, PAYLOAD_LIMIT)
-        except zlib.error as error:
-            raise WireError(f"zlib payload: {error}") from error
-        if not inflate.eof:
-            raise WireError(f"zlib payload: cut short, or more than {PAYLOAD_LIMIT} bytes")
-        return out
+        return _inflated(data)
     if codec is Codec.ZSTD:
-        import zstandard
-
-        try:
-            out = zstandard.ZstdDecompressor().decompress(data, max_output_size=PAYLOAD_LIMIT)
-        except zstandard.ZstdError as error:
-            raise WireError(f"zstd payload: {error}") from error
-        if len(out) > PAYLOAD_LIMIT:
-            raise WireError(f"zstd payload: more than {PAYLOAD_LIMIT} bytes")
-        return out
+        return _unzstd(data)
     return bytes(data)
+
+
+def _inflated(data: bytes | memoryview) -> bytes:
+    import zlib
+
+    inflate = zlib.decompressobj()
+    try:
+        out = inflate.decompress(data, PAYLOAD_LIMIT)
+    except zlib.error as error:
+        raise WireError(f"zlib payload: {error}") from error
+    if not inflate.eof:
+        raise WireError(f"zlib payload: cut short, or more than {PAYLOAD_LIMIT} bytes")
+    return out
+
+
+def _unzstd(data: bytes | memoryview) -> bytes:
+    import zstandard
+
+    try:
+        # memory is taken for the size that a frame states, before anything of it is looked at
+        stated = zstandard.frame_content_size(data)
+        if stated > PAYLOAD_LIMIT:
+            raise WireError(f"zstd payload: states {stated} bytes, expected at most {PAYLOAD_LIMIT}")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=PAYLOAD_LIMIT)
+    except (zstandard.ZstdError, ValueError) as error:
+        raise WireError(f"zstd payload: {error}") from error

@@ -2,10 +2,11 @@
 
 import math
 from enum import StrEnum
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 
+from swarmware.types.bounds import Count, Instant, Uint32
 from swarmware.types.registry import register
 
 AGEING: Final = 5.196e-8
@@ -13,6 +14,10 @@ AGEING: Final = 5.196e-8
 
 LIKELY_SIGMAS: Final = 8.0
 """Sigmas that hold 99.9 % of composed errors in simulation (scale.md 4.4)."""
+
+
+SKEW_LIMIT: Final = 0.01
+"""Of a clock that works: quartz is off by 1e-4 at most; simulated ones by more."""
 
 
 class Order(StrEnum):
@@ -37,19 +42,19 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """`names.hardware_id(platform, unit)`."""
     boot_id: int
     """Start of that unit for which this holds; another boot is another clock."""
-    offset_ns: int
+    offset_ns: Instant
     """Remote minus local at t0: positive when theirs is ahead."""
-    skew: float
+    skew: Annotated[float, msgspec.Meta(ge=-SKEW_LIMIT, le=SKEW_LIMIT)]
     """How much faster their clock runs, as a ratio: 1e-6 is one ppm."""
-    t0_ns: int
+    t0_ns: Instant
     """Local instant for which the offset was found."""
-    bound_ns: int
+    bound_ns: Count
     """Hard bound of the error at t0; always holds, also for asymmetric links."""
-    sigma_ns: int
+    sigma_ns: Count
     """Statistical error at t0."""
-    skew_bound: float
+    skew_bound: Annotated[float, msgspec.Meta(ge=0, le=SKEW_LIMIT)]
     """Hard bound of the skew's error, as a ratio: how the bound grows away from t0."""
-    conv_epoch: int
+    conv_epoch: Uint32
     """Counts the steps of either clock; functions of different epochs must not be mixed."""
     hops: int = 1
     """1: measured directly; more: composed over that many links."""
@@ -165,7 +170,7 @@ class TimeFunctions(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Whose functions they are: their `local` is this unit's clock."""
     unit: str
     boot_id: int
-    stamp_ns: int
+    stamp_ns: Instant
     """That unit's clock when the list was made."""
     functions: tuple[Conversion, ...] = ()
 

@@ -1,8 +1,15 @@
 """The resource tree between processes and platforms: requests, structures, subscriptions, notifications."""
 
+from typing import Annotated, Final
+
 import msgspec
 
+from swarmware.types.bounds import Count, Finite, Instant, PathText, Seconds, Uint16, Uint32
 from swarmware.types.registry import register
+
+PATTERNS_LIMIT: Final = 1000
+"""Of one subscription: ten times what all modules of a node ask of one platform."""
+RULES_LIMIT: Final = 200
 
 # -- for operators: sys/tree/get, set, undo, list
 
@@ -26,7 +33,7 @@ class TreeValue(msgspec.Struct, frozen=True, array_like=True, gc=False):
     type: str
     data: bytes
     """MessagePack of the type."""
-    stamp_ns: int
+    stamp_ns: Instant
     """Hardware clock of the owner."""
     sequence: int
     version: int
@@ -169,6 +176,8 @@ class TreeStats(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Messages that were not acknowledged; what they held was sent again."""
     events_dropped: int = 0
     """Events for which a subscriber's queue had no room any more."""
+    refused: int = 0
+    """Items from others, and steps of our own work, that failed and were left out."""
 
 
 # -- between the trees of two platforms
@@ -180,7 +189,7 @@ class StructureRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     platform: str
     """Who asks."""
-    epoch: int
+    epoch: Count
     digest: int
     """Epoch and digest of the asker's own tree: a hint for the other direction."""
     held: int = 0
@@ -193,7 +202,7 @@ class StructureRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class StructureReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Answer of `sys/tree/structure` (S0.56)."""
 
-    epoch: int
+    epoch: Count
     """Changes with each start of the owner's tree service."""
     digest: int
     """Of the owner's structure; what the asker must have after applying `data`."""
@@ -209,12 +218,12 @@ class StructureReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class Rule(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """When the values of some resources are worth a notification."""
 
-    pattern: str
+    pattern: PathText
     """Local paths it holds for."""
-    deadband: float = 0.0
+    deadband: Finite = 0.0
     """A number must differ by more than this from the value sent last; 0: any change."""
-    min_interval_s: float = 0.0
-    max_interval_s: float = 0.0
+    min_interval_s: Seconds = 0.0
+    max_interval_s: Seconds = 0.0
     """Send again after this time even without a change; 0: never."""
 
 
@@ -224,18 +233,18 @@ class SubscribeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     platform: str
     """Who subscribes."""
-    epoch: int
+    epoch: Count
     """Of the subscriber's tree service: with another one it has forgotten what it was sent."""
     set_digest: int
     """Of `patterns` and `rules`."""
-    lease_s: float
+    lease_s: Seconds
     held: int = 0
     """Digest of the structure that the subscriber has."""
     renew: bool = False
     """Patterns and rules are left out: the owner should have them."""
-    patterns: tuple[str, ...] = ()
+    patterns: Annotated[tuple[PathText, ...], msgspec.Meta(max_length=PATTERNS_LIMIT)] = ()
     """Local paths and patterns; they may match nothing yet."""
-    rules: tuple[Rule, ...] = ()
+    rules: Annotated[tuple[Rule, ...], msgspec.Meta(max_length=RULES_LIMIT)] = ()
     """The first that matches a path holds for it."""
 
 
@@ -243,7 +252,7 @@ class SubscribeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class SubscribeReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Answer of `sys/tree/subscribe`."""
 
-    epoch: int
+    epoch: Count
     digest: int
     """Epoch and digest of the owner's tree."""
     unknown: bool = False
@@ -254,13 +263,13 @@ class SubscribeReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class TreeItem(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One value in a notification."""
 
-    path: str
+    path: PathText
     """Local path at the owner."""
-    data_id: int
-    kind: int
+    data_id: Uint32
+    kind: Uint16
     """Frame kind: board, event or stream."""
-    sequence: int
-    stamp_ns: int
+    sequence: Count
+    stamp_ns: Instant
     """Hardware clock of the owner."""
     data: bytes
     """Payload as the owner wrote it."""
@@ -273,8 +282,8 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     platform: str
     """The owner."""
-    epoch: int
-    serial: int
+    epoch: Count
+    serial: Count
     """Counts the notifications of one subscription in one epoch: an old one that comes late is known."""
     items: tuple[TreeItem, ...] = ()
     base: int = 0

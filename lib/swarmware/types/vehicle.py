@@ -7,6 +7,7 @@ from typing import Final, Self
 import msgspec
 
 from swarmware.errors import WireError
+from swarmware.types.bounds import Finite
 from swarmware.types.registry import register
 
 _POSE: Final = struct.Struct("<iiihhhhhhhh")
@@ -29,22 +30,22 @@ def _clip32(value: float) -> int:
 class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Position, attitude and velocity in the swarm's map frame."""
 
-    x_m: float
+    x_m: Finite
     """East."""
-    y_m: float
+    y_m: Finite
     """North."""
-    z_m: float = 0.0
+    z_m: Finite = 0.0
     """Up, above the map's origin."""
-    qx: float = 0.0
-    qy: float = 0.0
-    qz: float = 0.0
-    qw: float = 1.0
+    qx: Finite = 0.0
+    qy: Finite = 0.0
+    qz: Finite = 0.0
+    qw: Finite = 1.0
     """Attitude, FLU body in ENU map, x y z w."""
-    vx_m_s: float = 0.0
-    vy_m_s: float = 0.0
-    vz_m_s: float = 0.0
+    vx_m_s: Finite = 0.0
+    vy_m_s: Finite = 0.0
+    vz_m_s: Finite = 0.0
     """Velocity in the map frame."""
-    wz_rad_s: float = 0.0
+    wz_rad_s: Finite = 0.0
     """Yaw rate, counter-clockwise."""
 
     @classmethod
@@ -112,10 +113,10 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class BatteryState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Energy left."""
 
-    voltage_v: float
-    current_a: float
+    voltage_v: Finite
+    current_a: Finite
     """Positive: discharging."""
-    remaining_ratio: float
+    remaining_ratio: Finite
 
 
 @register
@@ -157,10 +158,10 @@ class Range(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class Setpoint(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What the vehicle shall do now: velocity in the body frame, FLU (REP-147)."""
 
-    vx_m_s: float
-    vy_m_s: float = 0.0
-    vz_m_s: float = 0.0
-    wz_rad_s: float = 0.0
+    vx_m_s: Finite
+    vy_m_s: Finite = 0.0
+    vz_m_s: Finite = 0.0
+    wz_rad_s: Finite = 0.0
 
 
 @register
@@ -192,18 +193,18 @@ class Goal(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Counts up with each new goal; NavStatus answers with it."""
     kind: str
     """hold | goto | takeoff | land | formation: one of GOAL_KINDS."""
-    x_m: float = 0.0
-    y_m: float = 0.0
-    z_m: float = 0.0
+    x_m: Finite = 0.0
+    y_m: Finite = 0.0
+    z_m: Finite = 0.0
     """goto: where to; takeoff: only the height; land: where it is."""
-    yaw_rad: float | None = None
+    yaw_rad: Finite | None = None
     """goto: heading at the end; without it the vehicle arrives as it comes."""
-    speed_m_s: float = 1.5
+    speed_m_s: Finite = 1.5
     leader: str = ""
     """Formation: platform that leads."""
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """Formation: my slot seen from the leader, forward, left, up."""
-    course: tuple[tuple[float, float], ...] = ()
+    course: tuple[tuple[Finite, Finite], ...] = ()
     """Formation: waypoints of the leader; every member knows them."""
     advance: bool = False
     """Formation: drive along the course; False: take the slots and stay."""
@@ -216,9 +217,9 @@ class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     goal_seq: int
     state: str
     """idle | moving | arrived | holding | blocked: one of NAV_STATES."""
-    distance_m: float = 0.0
+    distance_m: Finite = 0.0
     """To the goal; in a formation to the own slot, of an advancing leader to the end of the course."""
-    formation_error_m: float = 0.0
+    formation_error_m: Finite = 0.0
     note: str = ""
 
 

@@ -1,16 +1,41 @@
 """Whether a value is worth a notification: on change, with deadband and intervals (S0.62)."""
 
+import math
 from typing import Any, Final
 
 import msgspec
 
 from swarmd.tree.core.index import pattern
+from swarmware.errors import InvalidInput
 from swarmware.types.tree import Rule
 
 _decode = msgspec.msgpack.Decoder().decode
 DEFAULT: Final = Rule(pattern="**")
 _DEPTH: Final = 8
 """Deeper nesting counts as a change: payload types are flat."""
+
+
+INTERVAL_MAX_S: Final = 86_400.0
+
+
+def checked_s(name: str, seconds: float, greatest: float) -> float:
+    """The duration itself, at most the greatest one.
+
+    Raises: InvalidInput for a negative, infinite or NaN one.
+    """
+    if not 0 <= seconds < math.inf:
+        raise InvalidInput(f"{name}: {seconds}; expected a duration of 0 s or more")
+    return min(seconds, greatest)
+
+
+def check_rule(rule: Rule) -> None:
+    """Raises: InvalidInput for a pattern, deadband or interval that is none."""
+    pattern(rule.pattern)
+    where = f"rule {rule.pattern}"
+    checked_s(f"{where}: min_interval_s", rule.min_interval_s, INTERVAL_MAX_S)
+    checked_s(f"{where}: max_interval_s", rule.max_interval_s, INTERVAL_MAX_S)
+    if not 0 <= rule.deadband < math.inf:
+        raise InvalidInput(f"{where}: deadband {rule.deadband}; expected 0 or more")
 
 
 def rule_for(path: str, rules: tuple[Rule, ...]) -> Rule:

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Final
 
-from swarmd.tree.core.condition import differs
+from swarmd.tree.core.condition import INTERVAL_MAX_S, differs
 from swarmware.resource import Kind, Resource
 from swarmware.types.tree import Rule, TreeItem
 
@@ -25,11 +25,11 @@ class Feed:
         self.resource = resource
         self.rule = rule
         self.boardlike = resource.kind in BOARDLIKE
-        wanted_ns = round(rule.min_interval_s * 1e9)
+        wanted_ns = _ns(rule.min_interval_s)
         if not wanted_ns and self.boardlike:
             wanted_ns = max(default_interval_ns, round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0)
         self._interval_ns = wanted_ns
-        self._repeat_ns = round(rule.max_interval_s * 1e9) if self.boardlike else 0
+        self._repeat_ns = _ns(rule.max_interval_s) if self.boardlike else 0
         self._newest: TreeItem | None = None
         self._pending: TreeItem | None = None
         self._queue: deque[TreeItem] = deque()
@@ -91,3 +91,7 @@ class Feed:
         self.dropped += max(0, len(items) - room)
         # the oldest go first, as in `offer`
         self._queue.extendleft(reversed(items[len(items) - room :] if len(items) > room else items))
+
+
+def _ns(interval_s: float) -> int:
+    return round(min(interval_s, INTERVAL_MAX_S) * 1e9)

@@ -6,12 +6,13 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.action import Action, SendNotify, Unwatch, Watch
-from swarmd.tree.core.condition import rule_for
+from swarmd.tree.core.condition import check_rule, checked_s, rule_for
 from swarmd.tree.core.feed import BOARDLIKE, Feed
-from swarmd.tree.core.index import Leaf, pattern
+from swarmd.tree.core.index import Leaf
 from swarmd.tree.core.interest import Wish, subscribable, wish
 from swarmd.tree.core.local import LocalTree
 from swarmd.tree.core.timers import Timers
+from swarmware.names import check_platform
 from swarmware.resource import Resource
 from swarmware.types.net import Offer
 from swarmware.types.tree import SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
@@ -120,27 +121,34 @@ class Held:
     # -- from subscribers
 
     def on_asked(self, request: SubscribeRequest, now_ns: int) -> SubscribeReply:
-        """A subscription or its renewal. Raises: InvalidInput for a pattern that is none."""
+        """A subscription or its renewal; one that is refused changes nothing.
+
+        Raises: InvalidInput for a platform, pattern, interval or lease that is none.
+        """
+        check_platform(request.platform)
         reply = SubscribeReply(self._tree.epoch, self._tree.digest)
         one = self._subscribers.get(request.platform)
         held = one is not None and one.wish.digest == request.set_digest
         if request.renew and not held:
             return msgspec.structs.replace(reply, unknown=True)
-        lease_ns = now_ns + round(min(request.lease_s, LEASE_MAX_S) * 1e9)
+        lease_ns = now_ns + round(checked_s("lease_s", request.lease_s, LEASE_MAX_S) * 1e9)
+        if one is None and len(self._subscribers) >= SUBSCRIBERS_LIMIT:
+            return msgspec.structs.replace(reply, unknown=True)
+        asked = plan = None
         if not held:
-            for text in [*request.patterns, *(rule.pattern for rule in request.rules)]:
-                pattern(text)
+            for rule in request.rules:
+                check_rule(rule)
+            asked = wish(frozenset(request.patterns), request.rules)
+            plan = self._plan(asked, {} if one is None else one.feeds)
         if one is None:
-            if len(self._subscribers) >= SUBSCRIBERS_LIMIT:
-                return msgspec.structs.replace(reply, unknown=True)
             one = self._subscribers[request.platform] = _Subscriber(request.platform, request.epoch, lease_ns)
         one.lease_ns = lease_ns
         one.up = True
         one.quiet_ns = one.failures = 0
-        if not held:
+        if asked is not None and plan is not None:
             self.plan_count += bool(one.ticks)  # the rules may be others
-            one.wish = wish(frozenset(request.patterns), request.rules)
-            self._match(one)
+            one.wish = asked
+            self._set_plan(one, *plan)
         if one.epoch != request.epoch:
             one.epoch = request.epoch
             for feed in one.feeds.values():
@@ -202,7 +210,7 @@ class Held:
         """The own structure has changed."""
         self._matched.clear()
         for one in self._subscribers.values():
-            self._match(one)
+            self._set_plan(one, *self._plan(one.wish, one.feeds))
             if one.structure_ns is None:
                 one.structure_ns = now_ns + self._intervals.coalesce_ns
             self._flush(one, now_ns)
@@ -238,21 +246,28 @@ class Held:
         self.plan_count += bool(one.ticks)
         del self._subscribers[one.platform]
 
-    def _match(self, one: _Subscriber) -> None:
-        matched = self._matched.get(one.wish.digest)
-        if matched is None:
-            matched = self._matched[one.wish.digest] = tuple(_wanted(self._tree, one.wish.patterns))
-        ticks = tuple(item.resource for item in matched if item.resource.link == "tick")
+    def _set_plan(self, one: _Subscriber, ticks: tuple[Resource, ...], feeds: dict[str, Feed]) -> None:
         self.plan_count += ticks != one.ticks
         one.ticks = ticks
+        self._set_feeds(one, feeds)
+
+    def _plan(self, asked: Wish, held: dict[str, Feed]) -> tuple[tuple[Resource, ...], dict[str, Feed]]:
+        """What a subscriber with this wish is owed: boards in the tick, and feeds; those it has go on."""
+        matched = self._matched.get(asked.digest)
+        if matched is None:
+            matched = tuple(_wanted(self._tree, asked.patterns))
+            if len(self._matched) >= SUBSCRIBERS_LIMIT:
+                self._matched.clear()
+            self._matched[asked.digest] = matched
+        ticks = tuple(item.resource for item in matched if item.resource.link == "tick")
         feeds: dict[str, Feed] = {}
         # boards first: each has one value, a stream may fill a notification alone
         for item in sorted(matched, key=lambda item: item.resource.kind not in BOARDLIKE):
             resource = item.resource
             if resource.link == "tick":
                 continue
-            rule = rule_for(resource.path, one.wish.rules)
-            old = one.feeds.get(resource.path)
+            rule = rule_for(resource.path, asked.rules)
+            old = held.get(resource.path)
             if old is not None and old.resource == resource and old.rule == rule:
                 feeds[resource.path] = old
                 continue
@@ -260,7 +275,7 @@ class Held:
             newest = self._newest.get(resource.path)
             if newest is not None and feed.boardlike:
                 feed.offer(newest)
-        self._set_feeds(one, feeds)
+        return ticks, feeds
 
     def _set_feeds(self, one: _Subscriber, feeds: dict[str, Feed]) -> None:
         before, one.feeds = one.feeds, feeds

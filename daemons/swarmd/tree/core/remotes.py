@@ -13,9 +13,10 @@ from swarmd.tree.core.index import Index, Leaf, leaf, pattern
 from swarmd.tree.core.interest import Interests, subscribable
 from swarmd.tree.core.local import LocalTree
 from swarmd.tree.core.remote import Remote
-from swarmd.tree.core.structure import Form
+from swarmd.tree.core.structure import Form, Patches
 from swarmd.tree.core.timers import Timers
-from swarmware.errors import WireError
+from swarmware.errors import OutOfRange, WireError
+from swarmware.names import check_platform
 from swarmware.resource import Resource
 from swarmware.types.net import Want
 from swarmware.types.tree import (
@@ -70,6 +71,7 @@ class Remotes:
         for template in templates:
             index = Index(leaf(resource) for resource in template)
             self._templates[index.digest] = index
+        self._patches = Patches()
         self._timers: Timers[tuple[str, str]] = Timers()
         self.plan_count = 0
         """Rises with each change of `wants`."""
@@ -198,9 +200,12 @@ class Remotes:
         self._check(remote)
 
     def on_notify(self, notify: TreeNotify, now_ns: int) -> list[TreeItem]:
-        """A notification; the values in it that are for a mirror."""
+        """A notification; the values in it that are for a mirror. Raises: InvalidInput, WireError."""
         remote = self._remotes.get(notify.platform)
         if remote is None:
+            check_platform(notify.platform)
+            if len(self._remotes) >= PLATFORMS_LIMIT:
+                raise OutOfRange(f"{notify.platform}: no room; {PLATFORMS_LIMIT} platforms are known")
             # its route to us is older than ours to it
             remote = self._remotes[notify.platform] = Remote(
                 notify.platform, self._interests.of(notify.platform)
@@ -341,7 +346,7 @@ class Remotes:
         if reply.form == Form.UNCHANGED:
             index = remote.index
         else:
-            patch = structure.decode(reply.data)
+            patch = self._patches.decode(reply.data)
             index = self._base(remote, reply, patch.template)
             if index is not None:
                 patch.apply(index)
@@ -352,7 +357,7 @@ class Remotes:
             return None if remote.index is None else remote.index.copy()
         known = self._templates.get(reply.base)
         if known is None and reply.form == Form.FULL:
-            known = Index(told)
+            known = Index(told)  # no more than `structure` lets through
             if known.digest != reply.base:
                 return None
             while len(self._templates) >= TEMPLATES_LIMIT:
@@ -375,12 +380,11 @@ class Remotes:
             return
         if index is not None and index.digest == notify.base and notify.structure:
             try:
-                patch = structure.decode(notify.structure)
+                index = index.copy()
+                self._patches.decode(notify.structure).apply(index)
             except WireError as error:
                 log.warning("structure of %s: %s", remote.platform, error)
             else:
-                index = index.copy()
-                patch.apply(index)
                 if index.digest == notify.digest:
                     remote.index = index
                     self._match(remote)

@@ -4,14 +4,13 @@ import zlib
 from collections import OrderedDict
 from collections.abc import Iterable
 from enum import IntEnum
-from functools import lru_cache
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 
 from swarmd.tree.core.index import Index, Leaf, leaf
 from swarmware.errors import WireError
-from swarmware.frame import PAYLOAD_LIMIT
+from swarmware.names import PATH_LIMIT
 from swarmware.resource import Resource
 
 HISTORY: Final = 64
@@ -32,14 +31,25 @@ class Form(IntEnum):
     """A template and the changes to it."""
 
 
+PATHS_LIMIT: Final = 10_000
+"""Resources of one platform, and paths in one change: a hundred times the largest template."""
+PLAIN_LIMIT: Final = 4 * PATHS_LIMIT * 128
+"""Bytes of changes without their compression: three lists of descriptors and one of paths."""
+
+_Resources = Annotated[tuple[Resource, ...], msgspec.Meta(max_length=PATHS_LIMIT)]
+_Paths = Annotated[
+    tuple[Annotated[str, msgspec.Meta(max_length=PATH_LIMIT)], ...], msgspec.Meta(max_length=PATHS_LIMIT)
+]
+
+
 class Changes(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """What makes one structure out of another."""
 
-    put: tuple[Resource, ...] = ()
-    lost: tuple[Resource, ...] = ()
+    put: _Resources = ()
+    lost: _Resources = ()
     """Put too, their owners have gone."""
-    removed: tuple[str, ...] = ()
-    template: tuple[Resource, ...] = ()
+    removed: _Paths = ()
+    template: _Resources = ()
     """To start from, instead of anything the other side has."""
 
 
@@ -50,12 +60,22 @@ class Patch(msgspec.Struct, frozen=True, gc=False):
     removed: tuple[str, ...]
     template: tuple[Leaf, ...]
 
+    @property
+    def paths(self) -> int:
+        """Its size; never 0, an empty one takes memory too."""
+        return 1 + len(self.put) + len(self.removed) + len(self.template)
+
     def apply(self, index: Index) -> None:
-        """Make the changes."""
+        """Make the changes.
+
+        Raises: WireError when the structure would grow beyond the limit.
+        """
         for path in self.removed:
             index.remove(path)
         for item in self.put:
             index.put(item)
+        if len(index) > PATHS_LIMIT:
+            raise WireError(f"structure of {len(index)} resources: expected at most {PATHS_LIMIT}")
 
 
 _encoder = msgspec.msgpack.Encoder()
@@ -79,17 +99,40 @@ def encode(put: Iterable[Leaf], removed: Iterable[str], template: Iterable[Leaf]
     return zlib.compress(_encoder.encode(changes), 6)
 
 
-@lru_cache(maxsize=256)
-def decode(data: bytes) -> Patch:
+class Patches:
     """Changes from the wire; platforms of one kind say the same, and share what comes out.
 
-    Raises: WireError.
+    Bounded by the number of paths that are held, not by the number of changes.
     """
+
+    def __init__(self, paths: int = 4 * PATHS_LIMIT) -> None:
+        self._room = paths
+        self._held: OrderedDict[bytes, Patch] = OrderedDict()
+        self.paths = 0
+        """Held at present."""
+
+    def decode(self, data: bytes) -> Patch:
+        """The changes in these bytes. Raises: WireError."""
+        known = self._held.get(data)
+        if known is not None:
+            self._held.move_to_end(data)
+            return known
+        patch = decode(data)
+        if patch.paths <= self._room:
+            self._held[data] = patch
+            self.paths += patch.paths
+            while self.paths > self._room:
+                self.paths -= self._held.popitem(last=False)[1].paths
+        return patch
+
+
+def decode(data: bytes) -> Patch:
+    """Changes from the wire. Raises: WireError."""
     inflate = zlib.decompressobj()
     try:
-        plain = inflate.decompress(data, PAYLOAD_LIMIT)
+        plain = inflate.decompress(data, PLAIN_LIMIT)
         if not inflate.eof:
-            raise WireError(f"structure: cut short, or more than {PAYLOAD_LIMIT} bytes")
+            raise WireError(f"structure: cut short, or more than {PLAIN_LIMIT} bytes")
         changes = _decoder.decode(plain)
     except (zlib.error, msgspec.DecodeError, RecursionError, ValueError) as error:
         raise WireError(f"structure: {error}") from error

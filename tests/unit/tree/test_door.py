@@ -1,0 +1,272 @@
+"""The tree's public door: whatever can be decoded is taken or refused, and the tree goes on."""
+
+import contextlib
+import math
+import time
+import tracemalloc
+import zlib
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, S, core, value
+
+from swarmd.tree.core import structure
+from swarmd.tree.core.action import AskStructure, AskSubscription, SendNotify
+from swarmd.tree.core.index import Index, leaf
+from swarmd.tree.core.structure import PATHS_LIMIT, Form, Patches
+from swarmd.tree.core.tree import SwarmTree
+from swarmware import names
+from swarmware.errors import InvalidInput, SwarmError, WireError
+from swarmware.frame import Frame, Kind, encode
+from swarmware.resource import Resource
+from swarmware.types import registry
+from swarmware.types.tree import (
+    Rule,
+    StructureReply,
+    StructureRequest,
+    SubscribeReply,
+    SubscribeRequest,
+    TreeItem,
+    TreeNotify,
+)
+
+NUMBERS = st.one_of(
+    st.integers(0, 9),
+    st.sampled_from([-1, 2**31, 2**32 - 1, 2**32, 2**63 - 1, 2**63, 2**64 - 1, -(2**63)]),
+)
+FLOATS = st.one_of(
+    st.floats(),
+    st.sampled_from([0.0, -0.0, 1e-320, 0.1, 60.0, 1e9, 1e18, 1e308, math.inf, -math.inf, math.nan]),
+)
+PLATFORMS = st.sampled_from(["gcs", "uav1", "uav7", "", "../x", "U", "a" * 300])
+PATTERNS = st.one_of(
+    st.sampled_from(["**", "*", "power/*", "health/faults", "nav/pose", "plan/*", "{a,b}/*", "*" * 30]),
+    st.text(alphabet="ab*/{},_A", max_size=12),
+)
+RULES = st.builds(Rule, PATTERNS, FLOATS, FLOATS, FLOATS)
+RESOURCES = st.sampled_from([BATTERY, FAULTS, POSE, STEP])
+DATA = st.one_of(
+    st.binary(max_size=20),
+    st.builds(
+        lambda put, removed: structure.encode([leaf(resource) for resource in put], list(removed)),
+        st.lists(RESOURCES, max_size=3),
+        st.lists(st.text(max_size=5), max_size=3),
+    ),
+)
+ITEMS = st.builds(
+    TreeItem,
+    st.sampled_from(["power/battery", "health/faults", "nav/pose", "../../etc", "A", "x" * 500]),
+    NUMBERS,
+    NUMBERS,
+    NUMBERS,
+    NUMBERS,
+    st.binary(max_size=9),
+    NUMBERS,
+)
+MESSAGES = st.one_of(
+    st.builds(
+        SubscribeRequest,
+        PLATFORMS,
+        NUMBERS,
+        NUMBERS,
+        FLOATS,
+        NUMBERS,
+        st.booleans(),
+        st.lists(PATTERNS, max_size=3).map(tuple),
+        st.lists(RULES, max_size=3).map(tuple),
+    ),
+    st.builds(StructureRequest, PLATFORMS, NUMBERS, NUMBERS, NUMBERS, st.booleans()),
+    st.builds(StructureReply, NUMBERS, NUMBERS, st.integers(-1, 5), NUMBERS, DATA),
+    st.builds(SubscribeReply, NUMBERS, NUMBERS, st.booleans()),
+    st.builds(
+        TreeNotify,
+        PLATFORMS,
+        NUMBERS,
+        NUMBERS,
+        st.lists(ITEMS, max_size=3).map(tuple),
+        NUMBERS,
+        NUMBERS,
+        DATA,
+    ),
+)
+STEPS = st.one_of(
+    MESSAGES,
+    ITEMS,
+    st.builds(lambda seconds: seconds, st.floats(0, 200)),
+    st.builds(
+        lambda path, hz, age: (path, hz, age), st.sampled_from(["nav/pose", "plan/step"]), FLOATS, FLOATS
+    ),
+)
+
+
+def feed(tree: SwarmTree, step: object, now_ns: int) -> None:
+    """One thing from outside, as it comes: through the decoder, or not at all."""
+    match step:
+        case TreeItem():
+            tree.on_value(msgspec.structs.replace(step, sequence=1, stamp_ns=1), now_ns)
+        case tuple():
+            path, rate_hz, max_age_s = step
+            with contextlib.suppress(ValueError):
+                made = Resource(path=path, type="Pose", rate_hz=rate_hz, max_age_s=max_age_s, owner="x")
+                tree.set_applications([made], ["/uav7/**"], now_ns)
+        case msgspec.Struct():
+            came = registry.decode(type(step), registry.encode(step))
+            match came:
+                case SubscribeRequest():
+                    registry.encode(tree.on_subscribe_asked(came, now_ns))
+                case StructureRequest():
+                    registry.encode(tree.on_structure_asked(came))
+                case StructureReply():
+                    tree.on_structure("uav7", came, now_ns)
+                case SubscribeReply():
+                    tree.on_subscribed("uav7", came, 0, now_ns)
+                case TreeNotify():
+                    tree.on_notify(came, now_ns)
+
+
+def sendable(tree: SwarmTree, now_ns: int) -> None:
+    """What the tree wants sent fits the wire; half of the notifications arrive."""
+    for action in tree.drain():
+        match action:
+            case AskStructure(_, request) | AskSubscription(_, request):
+                registry.encode(request)
+            case SendNotify(platform, notify):
+                registry.decode(TreeNotify, registry.encode(notify))
+                tree.on_notified(platform, notify.serial % 2 == 0, now_ns)
+    for offer in tree.held.offers():
+        registry.encode(offer)
+
+
+@given(st.lists(STEPS, max_size=12))
+@settings(deadline=None, max_examples=300)
+def test_nothing_that_comes_in_ends_the_tree_or_makes_it_say_what_cannot_be_sent(steps: list[object]) -> None:
+    tree, now_ns = core("uav1"), 0
+    tree.on_up("uav7", 5, True, 0)
+    for step in steps:
+        if isinstance(step, float):
+            now_ns += round(step * S)
+            tree.on_timer(now_ns)
+        else:
+            with contextlib.suppress(SwarmError):
+                feed(tree, step, now_ns)
+        sendable(tree, now_ns)
+    tree.set_applications([STEP], [], now_ns)
+    tree.on_timer(now_ns + 100 * S)
+    sendable(tree, now_ns)
+
+
+@pytest.mark.parametrize("interval_s", [math.inf, -math.inf, math.nan, -1.0])
+def test_a_subscription_that_is_refused_leaves_nothing_behind(interval_s: float) -> None:
+    uav = core("uav1")
+    for rule in (Rule("**", 0.0, interval_s), Rule("**", 0.0, 0.0, interval_s), Rule("**", interval_s)):
+        with pytest.raises(InvalidInput, match=r"rule \*\*"):
+            uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("**",), (rule,)), 0)
+        assert uav.held.subscribers() == []
+    with pytest.raises(InvalidInput, match="lease_s"):
+        uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, interval_s, 0, False, ("**",)), 0)
+    uav.set_applications([STEP], [], 0)
+    uav.on_timer(S)
+    assert uav.drain() == []
+
+
+def test_a_subscription_that_is_refused_leaves_the_former_one_as_it_was() -> None:
+    uav = core("uav1")
+    uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("power/battery",)), 0)
+    with pytest.raises(InvalidInput):
+        uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 6, 60.0, 0, False, ("{",)), 0)
+    uav.on_value(value("power/battery", 0.5), 0)
+    assert any(isinstance(action, SendNotify) for action in uav.drain())
+
+
+@pytest.mark.parametrize("platform", ["", "../x", "Uav", "a/b"])
+def test_what_is_no_platform_gets_no_place(platform: str) -> None:
+    uav = core("uav1")
+    with pytest.raises(InvalidInput):
+        uav.on_subscribe_asked(SubscribeRequest(platform, 1, 5, 60.0, 0, False, ("**",)), 0)
+    with pytest.raises(InvalidInput):
+        uav.on_notify(TreeNotify(platform, 1, 1, (value("power/battery", 1.0),)), 0)
+    assert uav.remotes.platforms() == []
+
+
+@pytest.mark.parametrize(
+    ("field", "number"), [("data_id", 2**32), ("data_id", -1), ("stamp_ns", 2**64 - 1), ("sequence", -1)]
+)
+def test_a_notified_value_with_a_number_that_fits_no_header_is_refused_by_its_field(
+    field: str, number: int
+) -> None:
+    item = msgspec.structs.replace(value("power/battery", 1.0), **{field: number})
+    with pytest.raises(WireError, match="TreeNotify"):
+        registry.decode(TreeNotify, registry.encode(TreeNotify("uav1", 1, 1, (item,))))
+
+
+@pytest.mark.parametrize("field", ["data_id", "sender_hw", "receiver_app", "stamp_ns", "hops_left"])
+def test_a_frame_that_cannot_be_encoded_says_which_number_does_not_fit(field: str) -> None:
+    frame = Frame(Kind.BOARD, 1)
+    setattr(frame, field, 2**63)
+    with pytest.raises(WireError, match=field):
+        encode(frame)
+
+
+def _bomb(paths: int) -> bytes:
+    return zlib.compress(msgspec.msgpack.encode([[], [], [""] * paths]), 9)
+
+
+def test_a_structure_of_two_million_paths_is_refused_before_it_takes_memory() -> None:
+    bomb = _bomb(2_000_000)
+    assert len(bomb) < 10_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(WireError):
+            structure.decode(bomb)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 8 * 2**20
+
+
+def test_structures_are_kept_by_their_size_not_by_their_number() -> None:
+    patches = Patches(paths=100)
+    for number in range(50):
+        data = structure.encode([], [f"a{number}", *(f"b{index}" for index in range(30))])
+        assert patches.decode(data) is patches.decode(data)
+        assert patches.paths <= 100
+    large = structure.encode([], [f"c{index}" for index in range(200)])
+    assert len(patches.decode(large).removed) == 200
+    assert patches.paths <= 100
+
+
+def test_a_structure_grows_to_its_limit_only() -> None:
+    gcs = core("gcs")
+    gcs.on_up("uav1", 1, True, 0)
+    gcs.drain()
+    step = [leaf(Resource(path=f"a/r{index}", type="Float")) for index in range(PATHS_LIMIT)]
+    gcs.on_structure("uav1", StructureReply(1, 5, Form.FULL, 0, structure.encode(step, [], step)), 0)
+    remote = gcs.remotes.get("uav1")
+    assert remote is not None
+    assert remote.index is None
+    with pytest.raises(WireError, match="at most"):
+        structure.decode(structure.encode([leaf(STEP)], [])).apply(Index(step))
+
+
+@pytest.mark.parametrize(
+    "text", ["*" * 30 + "b", "*a" * 8 + "b", "**/a/" * 8 + "b", "{a,aa}" * 6 + "*b", "a*" * 8]
+)
+@pytest.mark.parametrize("path", ["a" * 190, "/".join("a" * 95)])
+def test_a_look_at_a_path_takes_no_longer_whatever_the_pattern(text: str, path: str) -> None:
+    pattern = names.Pattern(text)
+    started = time.process_time()
+    for _ in range(100):
+        pattern.matches(path)
+    # exponential or of high degree it would be hours; a millisecond each is a hundred times what it takes
+    assert time.process_time() - started < 0.1 * 100
+
+
+def test_too_many_wildcards_are_refused_by_their_number() -> None:
+    with pytest.raises(InvalidInput, match="9 wildcards; expected at most 8"):
+        names.Pattern("/".join("*" * 9))
+    with pytest.raises(InvalidInput, match="too many"):
+        names.Pattern("{a,b,c}" * 9)
+    with pytest.raises(InvalidInput, match="characters"):
+        names.Pattern("a" * 401)
