@@ -16,7 +16,7 @@ from swarmware.mission.catalogue import Catalogue
 from swarmware.mission.check import check_folder, check_text
 from swarmware.mission.finding import TOO_LARGE, Finding, sound, too_large
 from swarmware.mission.folder import Folder, content_hash
-from swarmware.mission.loader import load
+from swarmware.mission.loader import read
 from swarmware.mission.model import Mission
 
 log = logging.getLogger("swarm.mission")
@@ -44,12 +44,15 @@ class Checker:
 
     async def check(self, folder: Folder) -> Findings:
         """Everything that is wrong with an ensemble's mission."""
-        key = content_hash("folder", folder.where, folder.hash)
-        if key not in self._verdicts:
-            large = sum(map(len, folder.texts.values())) > QUICK_TEXT
-            found = None if large else check_folder(folder, self._catalogue, Budget(QUICK_BYTES))
-            return _keep(self._verdicts, key, await self._finished(found, FolderJob(folder), folder.where))
-        return self._verdicts[key]
+        # findings name the files: they hold for one place, a clean verdict for the content anywhere
+        for known in (folder.hash, content_hash(folder.where, folder.hash)):
+            if known in self._verdicts:
+                return self._verdicts[known]
+        large = sum(map(len, folder.texts.values())) > QUICK_TEXT
+        found = None if large else check_folder(folder, self._catalogue, Budget(QUICK_BYTES))
+        verdict = await self._finished(found, FolderJob(folder), folder.where)
+        key = content_hash(folder.where, folder.hash) if verdict else folder.hash
+        return _keep(self._verdicts, key, verdict)
 
     async def load(self, text: str, file: str, binding: Binding) -> Mission:
         """One member's mission, checked.
@@ -57,16 +60,17 @@ class Checker:
         Raises: MissionError with all reasons, one a line.
         """
         key = content_hash("text", file, text, msgspec.json.encode(binding).decode())
-        if key not in self._missions:
-            large = len(text) > QUICK_TEXT
-            quick = None
-            if not large:
-                quick = check_text(text, file, binding, self._catalogue, Budget(QUICK_BYTES))[1]
-            refuse(await self._finished(quick, TextJob(text, file, binding), file))
-            arguments = (text, file, binding, self._catalogue)
-            mission = await asyncio.to_thread(load, *arguments) if large else load(*arguments)
-            return _keep(self._missions, key, mission)
-        return self._missions[key]
+        if key in self._missions:
+            return self._missions[key]
+        quick: list[Finding] | None = None
+        if len(text) <= QUICK_TEXT:
+            reading, quick = check_text(text, file, binding, self._catalogue, Budget(QUICK_BYTES))
+        refuse(await self._finished(quick, TextJob(text, file, binding), file))
+        if quick is None:
+            reading = await asyncio.to_thread(read, text, file, binding, self._catalogue)
+        if reading.mission is None:
+            raise MissionError("\n".join(str(finding) for finding in reading.findings))
+        return _keep(self._missions, key, reading.mission)
 
     async def _finished(self, quick: list[Finding] | None, job: Job, where: str) -> Findings:
         """The quick check's verdict, unless there was none or its budget was too small."""

@@ -69,6 +69,7 @@ class Mission(Service):
                 group.create_task(self._listen(), name="mission:others")
                 group.create_task(self._take_aborts(), name="mission:aborts")
                 group.create_task(self._watch_links(), name="mission:links")
+                group.create_task(self._check_stored(), name="mission:store")
                 await self._restarted()
                 self._after([])
         finally:
@@ -258,6 +259,14 @@ class Mission(Service):
                 for route in routes.routes:
                     self._core.alive(route.platform, now_ns)
                     self._reached[route.platform] = now_ns
+
+    async def _check_stored(self) -> None:
+        """The verdicts are there before the first instruction, whose orders then leave at once."""
+        for mission in await self._store.list():
+            if not mission.sound:
+                log.warning(
+                    "stored mission %s: %d findings; expected a sound one", mission.name, mission.findings
+                )
 
     async def _restarted(self) -> None:
         """A vehicle that is under way now has lost its mission: bring it to safety."""

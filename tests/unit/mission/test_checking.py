@@ -98,6 +98,20 @@ def test_a_mission_is_checked_once_whatever_it_is_called_for(monkeypatch: pytest
     assert apart.jobs == 3
 
 
+def test_a_sound_verdict_holds_wherever_the_files_are_and_findings_name_the_place() -> None:
+    async def work() -> None:
+        checker = Checker(built_in())
+        stored = from_files([MissionFile("m.json", fork(3))], "/stored/trial")
+        sent = from_files([MissionFile("m.json", fork(3))], "operator")
+        assert await checker.check(sent) is await checker.check(stored)
+        wrong = fork(3, last="nowhere")
+        for place in ("/stored/trial", "operator"):
+            findings = await checker.check(from_files([MissionFile("m.json", wrong)], place))
+            assert findings and all(finding.file.startswith(place) for finding in findings)
+
+    asyncio.run(work())
+
+
 def test_a_mission_that_takes_long_to_check_is_sound_and_does_not_stop_the_loop() -> None:
     checker = Checker(built_in())
     findings, lag_s = measured(lambda: checker.check(alone(fork(7, 3))))
