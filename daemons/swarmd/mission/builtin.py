@@ -10,7 +10,7 @@ from swarmware.mission.model import Mission
 TEXTS: Final = {
     "land": """{"mission": {
         "start": {"type": "Start", "next": "land"},
-        "land": {"type": "Land", "next": "disarm"},
+        "land": {"type": "Land", "next": "disarm", "on": {"no_position": "land"}},
         "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
         "end": {"type": "End"}
     }}""",

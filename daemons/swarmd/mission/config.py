@@ -24,5 +24,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Without an answer of the navigator for this long a motion fails."""
     blocked_patience_s: Seconds = 15.0
     """A navigator may say for this long that it is blocked before the motion fails."""
+    position_patience_s: Seconds = 5.0
+    """A navigator may be without its position for this long before the motion fails."""
     leader_patience_s: Seconds = 5.0
     """A formation's leader may be unheard of for this long before the motion fails."""

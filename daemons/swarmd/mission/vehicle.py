@@ -4,10 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 from swarmd.mission.config import Config
+from swarmd.mission.core.patience import Patience
 from swarmware.errors import Denied, NoAnswer, NotFound, SwarmError
 from swarmware.mission.plugin import BlockError
 from swarmware.module import BoardReader, BoardWriter, Module
-from swarmware.types.vehicle import ArmRequest, Goal, NavStatus, VehicleState
+from swarmware.types.vehicle import ArmRequest, Goal, NavError, NavStatus, VehicleState
 
 Settled = Callable[[NavStatus], bool]
 Progress = Callable[[NavStatus], None]
@@ -31,6 +32,12 @@ class Vehicle:
         self._goal = goal
         self._status = status
         self._state = state
+        self._limits_s = {
+            NavError.NONE: config.blocked_patience_s,
+            NavError.NO_WAY: config.blocked_patience_s,
+            NavError.LEADER_LOST: config.leader_patience_s,
+            NavError.NO_POSITION: config.position_patience_s,
+        }
         # a restarted daemon must not reuse a number that the navigator has seen
         self._seq = module.now_ns() // 1_000_000 & 0x7FFF_FFFF
 
@@ -76,7 +83,7 @@ class Vehicle:
     ) -> None:
         """Gives a goal and waits until it is reached and stays so; whatever else ends it commands hold.
 
-        Raises: BlockError blocked, disarmed, leader_lost or no_navigator.
+        Raises: BlockError blocked, disarmed, leader_lost, no_position or no_navigator.
         """
         seq = self.command(kind, **fields)
         reached = False
@@ -89,7 +96,7 @@ class Vehicle:
                 self.command("hold")
 
     async def _reach(self, seq: int, settled: Settled, progress: Progress, settle_s: float) -> None:
-        patience = _Patience(self._config)
+        patience = Patience(self._limits_s)
         there_ns: int | None = None
         wait_s = self._config.navigator_timeout_s
         heard_ns = self._module.now_ns()
@@ -107,37 +114,14 @@ class Vehicle:
                 continue
             heard_ns, wait_s = now_ns, self._config.navigator_timeout_s
             progress(status)
-            patience.check(status, now_ns)
+            if (lost := patience.lost(status, now_ns)) is not None:
+                raise BlockError(*lost)
             if not settled(status):
                 there_ns = None
                 continue
             there_ns = now_ns if there_ns is None else there_ns
             if now_ns - there_ns >= settle_s * 1e9:
                 return
-
-
-class _Patience:
-    """For how long a navigator has complained about the same thing."""
-
-    def __init__(self, config: Config) -> None:
-        self._limits_s = {
-            "disarmed": 1.0,
-            "leader_lost": config.leader_patience_s,
-            "blocked": config.blocked_patience_s,
-        }
-        self._since: tuple[str, int] | None = None
-
-    def check(self, status: NavStatus, now_ns: int) -> None:
-        """Raises: BlockError when it has lasted too long."""
-        word = status.note.partition(":")[0].strip()
-        kind = word if word in self._limits_s else "blocked" if status.state == "blocked" else ""
-        if not kind:
-            self._since = None
-            return
-        if self._since is None or self._since[0] != kind:
-            self._since = (kind, now_ns)
-        if now_ns - self._since[1] >= self._limits_s[kind] * 1e9:
-            raise BlockError(kind, status.note or "the navigator makes no progress")
 
 
 class Way:

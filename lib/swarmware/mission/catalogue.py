@@ -180,7 +180,7 @@ class BlockType(msgspec.Struct, frozen=True):
 
 _POINT: Final = (("x", "x_m"), ("y", "y_m"), ("z", "z_m"), ("yaw", "yaw_rad"), ("speed", "speed_m_s"))
 _SPEED: Final = (("speed", "speed_m_s"),)
-_MOVES: Final = ("blocked", "disarmed", "no_navigator")
+_MOVES: Final = ("blocked", "disarmed", "no_position", "no_navigator")
 
 BLOCKS: Final = (
     BlockType("Start", "Where the mission begins.", control=True, instant=True),
@@ -260,7 +260,7 @@ BLOCKS: Final = (
         Hold,
         timeout_s=30.0,
         kinds=VEHICLES,
-        errors=("no_navigator",),
+        errors=("no_position", "no_navigator"),
         motion=True,
     ),
 )

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from enum import StrEnum
 from typing import Final, Self
 
 import msgspec
@@ -181,8 +182,48 @@ class ArmRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     armed: bool
 
 
+@register
+class KillRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Stop the motors now, also in the air, where the vehicle then falls (`sys/vehicle/kill`)."""
+
+    platform: str
+    """Name of the vehicle that is meant: a request that went astray stops nobody."""
+    reason: str = ""
+
+
+@register
+class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Audit of one request to the motors (event `vehicle/orders`)."""
+
+    what: str
+    """arm | disarm | kill."""
+    by: str
+    """Platform of the sender, as its frames say; its hardware id where it is not known."""
+    height_m: float
+    """Above the map's origin, when it came."""
+    reason: str = ""
+    refused: str = ""
+    """Why it was not done; empty when it was."""
+
+
 GOAL_KINDS: Final = ("hold", "goto", "takeoff", "land", "formation")
 NAV_STATES: Final = ("idle", "moving", "arrived", "holding", "blocked")
+
+
+class NavError(StrEnum):
+    """What keeps a navigator from its goal."""
+
+    NONE = ""
+    DISARMED = "disarmed"
+    """The motors are off."""
+    LEADER_LOST = "leader_lost"
+    """No pose of the formation's leader for too long."""
+    NO_POSITION = "no_position"
+    """It does not know where it is."""
+    NO_WAY = "no_way"
+    """There should be progress, and there is none."""
+    BAD_GOAL = "bad_goal"
+    """A goal that this vehicle can never reach."""
 
 
 @register
@@ -221,6 +262,9 @@ class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """To the goal; in a formation to the own slot, of an advancing leader to the end of the course."""
     formation_error_m: Finite = 0.0
     note: str = ""
+    """For people."""
+    error: NavError = NavError.NONE
+    """Why it does not get on; a mission decides by it how the motion ends."""
 
 
 @register

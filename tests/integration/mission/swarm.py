@@ -23,7 +23,7 @@ from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionProgress, MissionState, MissionStatus, OrderReceipt
 from swarmware.types.rpc import Empty
 from swarmware.types.time import Conversion, TimeFunctions
-from swarmware.types.vehicle import ArmRequest, BatteryState, Goal, NavStatus, Pose, VehicleState
+from swarmware.types.vehicle import ArmRequest, BatteryState, Goal, NavError, NavStatus, Pose, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")
@@ -31,6 +31,7 @@ P = ParamSpec("P")
 STATE = "mission/state"
 FAST = Config(
     leader_patience_s=0.2,
+    position_patience_s=0.2,
     start_timeout_s=3.0,
     order_timeout_s=2.0,
     navigator_timeout_s=0.6,
@@ -59,7 +60,7 @@ class FakeVehicle:
         self.armed = False
         self.goals: list[Goal] = []
         self.answers: dict[str, str] = {}
-        """State by goal kind, where it is not the usual one; a note may follow after a colon."""
+        """State by goal kind, where it is not the usual one; after colons the error, and a note."""
         self.refuses_to_arm = False
         self.took_s = 0.05
 
@@ -98,9 +99,9 @@ class FakeVehicle:
             self._status.write(NavStatus(goal.seq, "moving", 5.0, 3.0))
             await asyncio.sleep(self.took_s)
             usual = "holding" if goal.kind == "hold" else "arrived"
-            state, _, note = self.answers.get(goal.kind, usual).partition(":")
+            state, error, note, *_ = [*self.answers.get(goal.kind, usual).split(":"), "", ""]
             seq = goal.seq + 5 if state == "elsewhere" else goal.seq
-            goal = await self._repeat(NavStatus(seq, state, 0.0, 0.1, note), goals)
+            goal = await self._repeat(NavStatus(seq, state, 0.0, 0.1, note, NavError(error)), goals)
 
     async def _repeat(self, status: NavStatus, goals: BoardReader[Goal]) -> Goal:
         """Says so ten times a second until there is another goal."""

@@ -136,7 +136,9 @@ async def test_the_formation_is_completed_without_the_ground_station(tmp_path: P
     [
         ("blocked:no_way", "error:blocked: no_way"),
         ("blocked:disarmed", "error:disarmed: disarmed"),
-        ("holding:leader_lost: ugv1", "error:leader_lost: leader_lost: ugv1"),
+        ("holding:leader_lost:ugv1", "error:leader_lost: leader_lost: ugv1"),
+        ("holding:no_position", "error:no_position: no_position"),
+        ("blocked:bad_goal:it cannot", "error:blocked: bad_goal: it cannot"),
         ("elsewhere", "error:blocked: another goal"),
         ("", "error:no_navigator: no answer to goal"),
     ],

@@ -64,7 +64,7 @@ def test_when_the_leader_falls_silent_all_hold_and_go_on_when_it_is_back() -> No
     flight.until(lambda: False, 6.0)
     followers = [v for v in flight.vehicles if v.name != "ugv1"]
     assert all(v.status.state == "holding" for v in followers)
-    assert all("leader_lost" in v.status.note for v in followers)
+    assert all(v.status.error == "leader_lost" for v in followers)
     assert all(abs(v.truth.vx_m_s) < 0.2 for v in followers)
     flight.radio.silent.clear()
     assert flight.until(lambda: flight.all_say("arrived"), 90)

@@ -8,9 +8,19 @@ import pytest
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.air_pilot import AirPilot
 from swarmd.navigator.core.ground_pilot import GroundPilot
-from swarmd.navigator.core.navigator import DISARMED, LEADER_LOST, NO_POSITION, NO_WAY, Navigator, Step
+from swarmd.navigator.core.navigator import Navigator, Step
 from swarmware.geodesy import LocalMap, Origin
-from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
+from swarmware.types.vehicle import (
+    GnssFix,
+    Goal,
+    Imu,
+    NavError,
+    NavStatus,
+    Pose,
+    Range,
+    Setpoint,
+    VehicleState,
+)
 
 ORIGIN = Origin(lat_deg=48.0, lon_deg=11.0)
 COURSE = ((0.0, 0.0), (50.0, 0.0))
@@ -140,7 +150,7 @@ def test_a_disarmed_vehicle_is_blocked_but_not_at_once() -> None:
     rig.go(0.5).goal(Goal(1, "goto", 5.0)).go(0.5)
     assert rig.status.state == "moving"
     rig.go(1.0)
-    assert (rig.status.state, rig.status.note) == ("blocked", DISARMED)
+    assert (rig.status.state, rig.status.error) == ("blocked", NavError.DISARMED)
     rig.vehicle(True, True)
     rig.go(1.0)
     assert rig.status.state == "moving"
@@ -150,7 +160,7 @@ def test_without_a_position_it_holds() -> None:
     rig = Rig().goal(Goal(1, "goto", 50.0, 0.0, 8.0)).go(2.0)
     rig.gnss = False
     rig.go(1.5)
-    assert (rig.status.state, rig.status.note) == ("holding", NO_POSITION)
+    assert (rig.status.state, rig.status.error) == ("holding", NavError.NO_POSITION)
     assert rig.stands
     assert rig.last.pose is None
     rig.gnss = True
@@ -164,7 +174,7 @@ def test_no_progress_is_being_blocked() -> None:
     rig.go(4.0)
     assert rig.status.state == "moving"
     rig.go(3.0)
-    assert (rig.status.state, rig.status.note) == ("blocked", NO_WAY)
+    assert (rig.status.state, rig.status.error) == ("blocked", NavError.NO_WAY)
     rig.held = False
     rig.go(2.0)
     assert rig.status.state == "moving"
@@ -183,6 +193,7 @@ def test_no_progress_is_being_blocked() -> None:
 def test_a_goal_that_makes_no_sense_is_blocked_with_the_reason(goal: Goal, kind: str, note: str) -> None:
     rig = Rig(kind).go(0.5).goal(goal).go(0.5)
     assert rig.status.state == "blocked"
+    assert rig.status.error is NavError.BAD_GOAL
     assert note in rig.status.note
     assert rig.stands
 
@@ -252,7 +263,7 @@ def test_a_lost_leader_is_held_for_and_found_again() -> None:
     rig.go(0.5).goal(formation()).go(3.0)
     del rig.neighbours["ugv1"]
     rig.go(3.0)
-    assert (rig.status.state, rig.status.note) == ("holding", f"{LEADER_LOST}: ugv1")
+    assert (rig.status.error, rig.status.note) == (NavError.LEADER_LOST, "ugv1")
     rig.go(3.0)
     assert rig.stands
     rig.neighbours["ugv1"] = Pose.planar(12.0, 0.0)

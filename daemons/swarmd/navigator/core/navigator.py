@@ -16,6 +16,7 @@ from swarmware.types.vehicle import (
     GnssFix,
     Goal,
     Imu,
+    NavError,
     NavStatus,
     Pose,
     Range,
@@ -33,12 +34,6 @@ _FINAL_M: Final = 1.5
 _DEEP_M: Final = 10.0
 """A landing vehicle aims below the ground, or it would hover a hand's breadth above it."""
 _SCAN_AGE_S: Final = 0.5
-
-DISARMED: Final = "disarmed"
-LEADER_LOST: Final = "leader_lost"
-NO_POSITION: Final = "no_position"
-NO_WAY: Final = "no_way"
-"""First words of NavStatus.note."""
 
 
 class Pilot(Protocol):
@@ -71,6 +66,7 @@ class _Plan(msgspec.Struct, frozen=True):
     """None: stop."""
     distance_m: float = 0.0
     error_m: float = 0.0
+    error: NavError = NavError.NONE
     note: str = ""
     blockable: bool = False
     """Standing still is no progress."""
@@ -169,9 +165,9 @@ class Navigator:
     def _plan(self, pose: Pose | None, now_ns: int) -> _Plan:
         goal = self._goal
         if self._mistake:
-            return _Plan("blocked", self._stay(pose), note=self._mistake)
+            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._mistake)
         if pose is None:
-            return _Plan("idle" if goal is None else "holding", note=NO_POSITION)
+            return _Plan("idle" if goal is None else "holding", error=NavError.NO_POSITION)
         if goal is None:
             return _Plan("idle", self._stay(pose))
         if goal.kind == "land":
@@ -181,7 +177,7 @@ class Navigator:
             return _Plan("holding" if standing else "moving", self._stay(pose))
         if self._vehicle is None or not self._vehicle.armed:
             waiting = self._vehicle is None or now_ns - self._goal_ns < _ARM_GRACE_S * 1e9
-            return _Plan("moving" if waiting else "blocked", note=DISARMED)
+            return _Plan("moving" if waiting else "blocked", error=NavError.DISARMED)
         if goal.kind == "takeoff":
             return self._take_off(goal, pose)
         if goal.kind == "goto":
@@ -253,14 +249,14 @@ class Navigator:
     def _form(self, goal: Goal, pose: Pose, now_ns: int) -> _Plan:
         keeper = self._keeper
         if keeper is None:
-            return _Plan("blocked", self._stay(pose), note=self._mistake)
+            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._mistake)
         leads = goal.leader == self._platform
         if leads:
             place = keeper.lead(pose, now_ns)
         else:
             leader = self._leader(goal.leader, now_ns)
             if leader is None:
-                return _Plan("holding", self._stay(pose), note=f"{LEADER_LOST}: {goal.leader}")
+                return _Plan("holding", self._stay(pose), error=NavError.LEADER_LOST, note=goal.leader)
             self._anchor = None
             place = keeper.follow(pose, leader)
         arrive = self._config.formation_arrive_m
@@ -343,7 +339,7 @@ class Navigator:
         if moves or not plan.blockable:
             self._moved_ns = now_ns
         if now_ns - self._moved_ns > self._config.blocked_s * 1e9:
-            return msgspec.structs.replace(plan, state="blocked", note=NO_WAY)
+            return msgspec.structs.replace(plan, state="blocked", error=NavError.NO_WAY)
         return plan
 
     def _report(self, plan: _Plan, now_ns: int) -> NavStatus | None:
@@ -353,10 +349,15 @@ class Navigator:
             round(plan.distance_m, 3),
             round(plan.error_m, 3),
             plan.note,
+            plan.error,
         )
-        old = self._status
-        changed = (status.goal_seq, status.state, status.note) != (old.goal_seq, old.state, old.note)
+        changed = _told(status) != _told(self._status)
         if not changed and now_ns - self._status_ns < 0.99e9 / self._config.status_hz:
             return None
         self._status, self._status_ns = status, now_ns
         return status
+
+
+def _told(status: NavStatus) -> object:
+    """What is said at once; the rest can wait for the rate."""
+    return status.goal_seq, status.state, status.error, status.note

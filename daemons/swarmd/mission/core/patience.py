@@ -1,0 +1,39 @@
+"""How long a navigator may say that it does not get on, and what the motion then ends with."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from swarmware.types.vehicle import NavError, NavStatus
+
+KINDS: Final[dict[NavError, str]] = {
+    NavError.NONE: "blocked",
+    NavError.DISARMED: "disarmed",
+    NavError.LEADER_LOST: "leader_lost",
+    NavError.NO_POSITION: "no_position",
+    NavError.NO_WAY: "blocked",
+    NavError.BAD_GOAL: "blocked",
+}
+"""Kind of a block's error, by what the navigator says."""
+DEFAULT_S: Final[dict[NavError, float]] = {NavError.DISARMED: 1.0, NavError.BAD_GOAL: 0.0}
+"""Patience where the settings give none: the news of arming may come later; a bad goal gets no better."""
+
+
+class Patience:
+    """Follows the navigator's status during one motion."""
+
+    def __init__(self, limits_s: Mapping[NavError, float]) -> None:
+        self._limits_s = {**DEFAULT_S, **limits_s}
+        self._since: tuple[NavError, int] | None = None
+
+    def lost(self, status: NavStatus, now_ns: int) -> tuple[str, str] | None:
+        """Kind and text of the error when it has lasted too long."""
+        error = status.error
+        if error is NavError.NONE and status.state != "blocked":
+            self._since = None
+            return None
+        if self._since is None or self._since[0] is not error:
+            self._since = (error, now_ns)
+        if now_ns - self._since[1] < self._limits_s.get(error, 0.0) * 1e9:
+            return None
+        words = [word for word in (error.value, status.note) if word]
+        return KINDS[error], ": ".join(words) or "the navigator makes no progress"

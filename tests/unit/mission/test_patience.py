@@ -1,0 +1,53 @@
+"""What a navigator says decides by its error's kind how a motion ends; its words are for people."""
+
+import pytest
+
+from swarmd.mission.core.patience import KINDS, Patience
+from swarmware.mission.catalogue import BLOCKS
+from swarmware.types.vehicle import NavError, NavStatus
+
+S = 1_000_000_000
+LIMITS = dict.fromkeys((NavError.NONE, NavError.NO_WAY, NavError.LEADER_LOST, NavError.NO_POSITION), 5.0)
+
+
+def status(error: NavError, note: str = "", state: str = "holding") -> NavStatus:
+    return NavStatus(1, state, note=note, error=error)
+
+
+@pytest.mark.parametrize("error", [error for error in NavError if error is not NavError.NONE])
+def test_each_error_ends_the_motion_with_its_kind_after_its_time(error: NavError) -> None:
+    patience = Patience(LIMITS)
+    limit_s = {NavError.DISARMED: 1, NavError.BAD_GOAL: 0}.get(error, 5)
+    if limit_s:
+        assert patience.lost(status(error), 0) is None
+        assert patience.lost(status(error), limit_s * S - 1) is None
+    assert patience.lost(status(error, "why"), limit_s * S) == (KINDS[error], f"{error.value}: why")
+
+
+@pytest.mark.parametrize("note", ["disarmed", "leader_lost: ugv1", "blocked", "no_position"])
+def test_words_of_a_note_decide_nothing(note: str) -> None:
+    patience = Patience(LIMITS)
+    for second in range(20):
+        assert patience.lost(status(NavError.NONE, note), second * S) is None
+
+
+def test_another_error_and_a_good_word_begin_the_time_again() -> None:
+    patience = Patience(LIMITS)
+    assert patience.lost(status(NavError.NO_WAY), 0) is None
+    assert patience.lost(status(NavError.LEADER_LOST), 4 * S) is None
+    assert patience.lost(status(NavError.LEADER_LOST), 8 * S) is None
+    assert patience.lost(status(NavError.NONE), 8 * S) is None
+    assert patience.lost(status(NavError.LEADER_LOST), 9 * S) is None
+
+
+def test_blocked_without_a_reason_is_blocked() -> None:
+    patience = Patience(LIMITS)
+    assert patience.lost(status(NavError.NONE, state="blocked"), 0) is None
+    lost = patience.lost(status(NavError.NONE, state="blocked"), 5 * S)
+    assert lost == ("blocked", "the navigator makes no progress")
+
+
+def test_every_kind_is_one_that_a_motion_names_in_the_catalogue() -> None:
+    assert KINDS.keys() == set(NavError)
+    named = {kind for block in BLOCKS if block.motion for kind in block.errors}
+    assert set(KINDS.values()) <= named
