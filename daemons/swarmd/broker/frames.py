@@ -79,6 +79,9 @@ class Frames:
             self._post.deliver(frame)
             return
         if decision.step is Step.SEND:
+            if self._post.expired(frame):
+                counters.refused.expired += 1  # its sender has been told so
+                return
             counters.forwarded_frames += 1
         self._onward(frame, decision)
 

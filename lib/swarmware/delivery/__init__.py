@@ -3,7 +3,7 @@
 Sans-io: time is an argument, no sockets, no clock. `swarmware.post` carries out what comes back.
 """
 
-from swarmware.delivery.answer import answer, answerable, expired, reply, with_lifetime
+from swarmware.delivery.answer import answer, answerable, expired, expired_here, reply, with_lifetime
 from swarmware.delivery.outbox import Action, Key, Outbox, Settle, Transmit
 from swarmware.delivery.outcome import Outcome, Status
 from swarmware.delivery.received import Received, Seen
@@ -21,6 +21,7 @@ __all__ = [
     "answer",
     "answerable",
     "expired",
+    "expired_here",
     "reply",
     "with_lifetime",
 ]

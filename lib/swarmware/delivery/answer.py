@@ -1,12 +1,16 @@
 """Answer frames, and the lifetime that a message carries in its header extension."""
 
 import struct
+from typing import Final
 
 from swarmware.delivery.outcome import Status
 from swarmware.frame import ADDRESSED, HOPS, Flag, Frame, Kind
 from swarmware.types.registry import encode
 from swarmware.types.rpc import Ack
+from swarmware.types.time import Conversion
 
+BOUND_SHARE: Final = 4
+"""An error bound takes at most this part of a lifetime."""
 _LIFETIME_TAG = 1
 _LIFETIME = struct.Struct("<BBI")
 """Element of a header extension: tag, length of what follows, lifetime in ms from the header's stamp."""
@@ -69,3 +73,17 @@ def expired(frame: Frame, sender_now_ns: int) -> bool:
     """Whether the lifetime of a message is over; the time is that of the clock that stamped it."""
     lifetime = lifetime_ns(frame.extension)
     return lifetime is not None and sender_now_ns > frame.stamp_ns + lifetime
+
+
+def expired_here(frame: Frame, now_ns: int, conversion: Conversion | None) -> bool:
+    """Whether the lifetime of another unit's message may be over; the time is that of our clock.
+
+    Its sender says `expired` at that instant, so whoever has it then must not hand it on: the error bound of
+    the conversion counts against the message. None: the clock is not known, nobody can tell.
+    """
+    lifetime = lifetime_ns(frame.extension)
+    if lifetime is None or conversion is None or conversion.suspect:
+        return False
+    over_ns = conversion.to_local(frame.stamp_ns + lifetime)
+    # a bound as long as the lifetime says nothing of the message: not all are refused for a bad clock
+    return now_ns > over_ns - min(conversion.bound_at_ns(over_ns), lifetime // BOUND_SHARE)

@@ -1,14 +1,22 @@
 """The receiver's side: what was received already, and what was answered to it."""
 
+from collections import OrderedDict
 from enum import Enum
 from typing import Final
 
-CAPACITY: Final = 4096
-"""Entries kept; a sender has at most 256 unanswered messages of one data id, see `post`."""
+SPAN_BITS: Final = 10
+"""Sequences are remembered as one bit each, 1 024 in a span."""
+SPANS: Final = 1024
+"""Of one sender's hardware: a million messages within the time they are held, or as many restarts."""
+SENDERS: Final = 4096
+"""Hardware units: twice the largest swarm simulated."""
 HOLD_NS: Final = 60_000_000_000
-"""How long an entry is kept when there is room: longer than any message waits for an answer."""
+"""How long a span is kept after its newest message: longer than any message waits for an answer."""
+ANSWERS: Final = 32_768
 ANSWER_BYTES: Final = 8 * 1024 * 1024
-"""Cached answers together; beyond it the oldest are dropped, their entries stay."""
+"""Cached answers together; beyond either limit the oldest are dropped, the messages stay known."""
+IN_WORK: Final = 4096
+"""Requests whose handlers have not answered yet."""
 
 Origin = tuple[int, int, int, int]
 """Sender's hardware, sender's application, data id, sequence (each application starts at a random one)."""
@@ -23,62 +31,118 @@ class Seen(Enum):
     """Answered, but the answer is no longer held."""
 
 
+class _Span:
+    __slots__ = ("bits", "touched_ns")
+
+    def __init__(self) -> None:
+        self.bits = 0
+        self.touched_ns = 0
+
+
+_Place = tuple[int, int, int]
+"""Application, data id, upper bits of the sequence."""
+
+
 class Received:
-    """Duplicate filter with the answers given, so that a repeated question gets the same one."""
+    """Duplicate filter with the answers given, so that a repeated question gets the same one.
+
+    It holds any number of messages for `hold_ns`: one bit each. A sender that starts again begins at a random
+    sequence, so in other spans. Its memory is bounded for each sender and in all: a flood makes it forget
+    the oldest of its own sender.
+    """
 
     def __init__(
-        self, capacity: int = CAPACITY, hold_ns: int = HOLD_NS, answer_bytes: int = ANSWER_BYTES
+        self,
+        hold_ns: int = HOLD_NS,
+        *,
+        spans: int = SPANS,
+        senders: int = SENDERS,
+        answers: int = ANSWERS,
+        answer_bytes: int = ANSWER_BYTES,
     ) -> None:
-        self._capacity = capacity
         self._hold_ns = hold_ns
-        self._answer_limit = answer_bytes
-        self._entries: dict[Origin, tuple[int, bytes | Seen]] = {}  # in order of arrival
+        self._spans = spans
+        self._senders_limit = senders
+        self._answers_limit = answers
+        self._bytes_limit = answer_bytes
+        # each in the order of last use
+        self._senders: OrderedDict[int, OrderedDict[_Place, _Span]] = OrderedDict()
+        self._answers: OrderedDict[Origin, bytes] = OrderedDict()
+        self._in_work: OrderedDict[Origin, None] = OrderedDict()
         self._answer_bytes = 0
+        self._now_ns = 0
         self.duplicates = 0
         """Messages that had been received before."""
 
-    def __len__(self) -> int:
-        return len(self._entries)
+    @property
+    def spans(self) -> int:
+        """Spans held: what its memory grows with."""
+        return sum(map(len, self._senders.values()))
 
     def look(self, origin: Origin) -> bytes | Seen | None:
         """The answer given to this message, or what is known of it; None when it is new."""
-        entry = self._entries.get(origin)
-        if entry is None:
+        hardware, application, data, sequence = origin
+        spans = self._senders.get(hardware)
+        place = (application, data, sequence >> SPAN_BITS)
+        span = None if spans is None else spans.get(place)
+        if spans is None or span is None or not span.bits >> (sequence & _MASK) & 1:
             return None
         self.duplicates += 1
-        return entry[1]
+        # as long as it is repeated it must be known
+        self._touch(hardware, spans, place, span)
+        if origin in self._in_work:
+            return Seen.IN_WORK
+        return self._answers.get(origin, Seen.ANSWER_GONE)
 
     def begin(self, origin: Origin, now_ns: int) -> None:
         """The message is accepted; its answer follows."""
-        self._make_room(now_ns)
-        self._entries[origin] = (now_ns, Seen.IN_WORK)
+        self._mark(origin, now_ns)
+        self._in_work[origin] = None
+        if len(self._in_work) > IN_WORK:
+            self._in_work.popitem(last=False)
 
     def answered(self, origin: Origin, answer: bytes, now_ns: int) -> None:
         """This was the answer; a message answered at once needs no `begin`."""
-        entry = self._entries.get(origin)
-        if entry is None:
-            self._make_room(now_ns)
-        else:
-            now_ns = entry[0]
-        self._entries[origin] = (now_ns, answer)
-        self._answer_bytes += len(answer)
-        if self._answer_bytes > self._answer_limit:
-            self._drop_answers()
+        self._mark(origin, now_ns)
+        self._in_work.pop(origin, None)
+        self._answer_bytes += len(answer) - len(self._answers.pop(origin, b""))
+        self._answers[origin] = answer
+        while self._answers and (
+            self._answer_bytes > self._bytes_limit or len(self._answers) > self._answers_limit
+        ):
+            self._answer_bytes -= len(self._answers.popitem(last=False)[1])
 
-    def _make_room(self, now_ns: int) -> None:
-        entries = self._entries
-        while entries:
-            origin = next(iter(entries))
-            if len(entries) < self._capacity and now_ns - entries[origin][0] < self._hold_ns:
-                return
-            answer = entries.pop(origin)[1]
-            if isinstance(answer, bytes):
-                self._answer_bytes -= len(answer)
+    def _mark(self, origin: Origin, now_ns: int) -> None:
+        self._now_ns = max(self._now_ns, now_ns)
+        hardware, application, data, sequence = origin
+        spans = self._senders.get(hardware)
+        if spans is None:
+            self._forget_senders()
+            spans = self._senders[hardware] = OrderedDict()
+        place = (application, data, sequence >> SPAN_BITS)
+        span = spans.get(place)
+        if span is None:
+            span = spans[place] = _Span()
+        span.bits |= 1 << (sequence & _MASK)
+        self._touch(hardware, spans, place, span)
+        oldest_ns = self._now_ns - self._hold_ns
+        while len(spans) > self._spans or next(iter(spans.values())).touched_ns <= oldest_ns:
+            spans.popitem(last=False)
 
-    def _drop_answers(self) -> None:
-        for origin, (received_ns, answer) in self._entries.items():
-            if self._answer_bytes <= self._answer_limit // 2:
+    def _touch(self, hardware: int, spans: OrderedDict[_Place, _Span], place: _Place, span: _Span) -> None:
+        span.touched_ns = self._now_ns
+        spans.move_to_end(place)
+        self._senders.move_to_end(hardware)
+
+    def _forget_senders(self) -> None:
+        """Those silent for as long as anything is held, and the most silent when there are too many."""
+        oldest_ns = self._now_ns - self._hold_ns
+        while self._senders:
+            spans = next(iter(self._senders.values()))
+            newest = spans[next(reversed(spans))]
+            if newest.touched_ns > oldest_ns and len(self._senders) < self._senders_limit:
                 return
-            if isinstance(answer, bytes):
-                self._answer_bytes -= len(answer)
-                self._entries[origin] = (received_ns, Seen.ANSWER_GONE)
+            self._senders.popitem(last=False)
+
+
+_MASK: Final = (1 << SPAN_BITS) - 1

@@ -100,6 +100,7 @@ class Module:
         self.foreign = ForeignTime(self.node)
         """Converts stamps of other hardware units to our clock."""
         self.node.post.add_application(self.app_id)
+        self.node.post.add_clocks(self.foreign)
         self._tasks = await asyncio.TaskGroup().__aenter__()
         if self.config is not None:
             self._flush()
@@ -117,6 +118,7 @@ class Module:
                 reader.close()
             for writer in self._writers:
                 writer.close(unlink=not self._keep_boards)
+            self.node.post.remove_clocks(self.foreign)
             self.foreign.close()
             self.node.post.remove_application(self.app_id)
             self._file.close()

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock
@@ -20,6 +20,7 @@ from swarmware.delivery import (
     answer,
     answerable,
     expired,
+    expired_here,
     reply,
 )
 from swarmware.delivery.outbox import Action
@@ -29,6 +30,7 @@ from swarmware.names import ANY
 from swarmware.post.wire import Identity, Wire
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
+from swarmware.types.time import Conversion
 
 BROKER: Final = "broker"
 """Application to which frames for other platforms go."""
@@ -43,6 +45,14 @@ RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
 """Takes a request and, then or later, gives its answer to the function."""
 Gateway = Callable[[Frame], None]
 """Takes frames for other platforms: the broker, when it is in this process."""
+
+
+class Clocks(Protocol):
+    """Knows how the clocks of other hardware units read."""
+
+    def conversion(self, hardware: int) -> Conversion | None:
+        """The function of one unit's clock; None when it is not known."""
+        ...
 
 
 class _Served(NamedTuple):
@@ -69,6 +79,7 @@ class Post:
         self._gateway: Gateway | None = None
         self._served: dict[int, _Served] = {}
         self._apps: set[int] = set()
+        self._clocks: dict[Clocks, None] = {}
         self._outbox = Outbox(hardware)
         self._received = Received()
         self._messages: dict[Key, asyncio.Future[Outcome]] = {}
@@ -101,6 +112,22 @@ class Post:
     def unserve(self, data_id: int) -> None:
         """Nobody takes this data id any more."""
         self._served.pop(data_id, None)
+
+    def add_clocks(self, clocks: Clocks) -> None:
+        """Where the clocks of other platforms are known: by them a message is expired."""
+        self._clocks[clocks] = None
+
+    def remove_clocks(self, clocks: Clocks) -> None:
+        """Undo `add_clocks`."""
+        self._clocks.pop(clocks, None)
+
+    def expired(self, frame: Frame) -> bool:
+        """Whether the lifetime of a message is over, as far as the clock of its sender is known here."""
+        now_ns = self._clock.now_ns()
+        if frame.sender_hw == self.hardware:
+            return expired(frame, now_ns)
+        clocks = next(reversed(self._clocks), None)
+        return clocks is not None and expired_here(frame, now_ns, clocks.conversion(frame.sender_hw))
 
     def set_gateway(self, gateway: Gateway | None) -> None:
         """Frames for other platforms go to this function: called by the broker."""
@@ -279,7 +306,7 @@ class Post:
         seen = self._received.look(origin)
         if seen is not None:
             self._answer_again(frame, seen, via)
-        elif frame.sender_hw == self.hardware and expired(frame, self._clock.now_ns()):
+        elif self.expired(frame):
             self.counts["expired"] += 1  # its sender has been told, it must not be delivered any more
         elif frame.kind is not Kind.REQUEST and served.message is not None:
             outcome = served.message(frame)
@@ -287,7 +314,8 @@ class Post:
                 payload = registry.encode(
                     Ack(int(outcome.status), outcome.where, outcome.detail, outcome.received_ns)
                 )
-                self._received.answered(origin, payload, self._clock.now_ns())
+                if outcome.delivered:  # one that is refused is refused again if it comes again
+                    self._received.answered(origin, payload, self._clock.now_ns())
                 self._give_back(frame, Kind.ACK, payload, via)
         elif frame.kind is Kind.REQUEST and served.request is not None:
             self._received.begin(origin, self._clock.now_ns())
@@ -299,7 +327,7 @@ class Post:
     def _answer_again(self, frame: Frame, seen: bytes | Seen, via: Identity | None) -> None:
         if isinstance(seen, bytes):
             self._give_back(frame, Kind.REPLY if frame.kind is Kind.REQUEST else Kind.ACK, seen, via)
-        elif seen is Seen.IN_WORK:
+        elif seen is Seen.IN_WORK or frame.kind is not Kind.REQUEST:
             self._answer(frame, Status.DELIVERED, "", via)
         else:
             self._replied(frame, via, Reply(False, kind="NoAnswer", error="the answer is no longer held"))

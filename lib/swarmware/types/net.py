@@ -139,6 +139,8 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     hop_limit: int = 0
     unheard: int = 0
     """Datagrams of platforms that `hear_only` leaves out; not counted as received."""
+    expired: int = 0
+    """Frames of others whose lifetime was over here: they are not passed on."""
 
 
 @register

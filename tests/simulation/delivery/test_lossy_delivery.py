@@ -1,14 +1,26 @@
 """Two nodes in virtual time, a network that loses and reorders: exactly once, or the sender is told."""
 
 from collections import Counter
+from functools import partial
 
 import pytest
 
-from swarmware.delivery import Outbox, Received, Seen, Settle, Status, Transmit, reply
+from swarmware.delivery import (
+    Outbox,
+    Received,
+    Seen,
+    Settle,
+    Status,
+    Transmit,
+    expired_here,
+    reply,
+    with_lifetime,
+)
 from swarmware.frame import Frame, Kind, decode, encode
 from swarmware.testing import VirtualSwarm
 from swarmware.types import registry
 from swarmware.types.rpc import Ack
+from swarmware.types.time import Conversion
 
 SENDER, RECEIVER = 1, 2
 APP, DATA = 5, 6
@@ -17,12 +29,15 @@ APP, DATA = 5, 6
 class Receiving:
     """The receiving end as `post` does it: an inbox with room for some, emptied by its reader."""
 
-    def __init__(self, net: VirtualSwarm[int], room: int) -> None:
+    def __init__(self, net: VirtualSwarm[int], room: int, sender_clock: Conversion | None = None) -> None:
         self.net = net
-        self.given: Counter[int] = Counter()
+        self.given: Counter[tuple[int, int]] = Counter()
+        """Sender and sequence → how often."""
+        self.given_ns: dict[int, int] = {}
+        self._sender_clock = sender_clock
         self._room = room
         self._inbox = 0
-        self._received = Received()
+        self.received = Received()
         net.join(RECEIVER, self.on_data)
         net.every(0.05, self._read)
 
@@ -32,33 +47,48 @@ class Receiving:
     def on_data(self, sender: int, data: bytes) -> None:
         frame = decode(data)
         origin = (frame.sender_hw, frame.sender_app, frame.data_id, frame.sequence)
-        seen = self._received.look(origin)
+        seen = self.received.look(origin)
         if seen is None:
-            if self._inbox >= self._room:
+            if self._inbox >= self._room or expired_here(frame, self.net.now_ns, self._sender_clock):
                 return
             self._inbox += 1
-            self.given[frame.sequence] += 1
+            self.given[sender, frame.sequence] += 1
+            self.given_ns[frame.sequence] = self.net.now_ns
             seen = registry.encode(Ack(int(Status.DELIVERED)))
-            self._received.answered(origin, seen, self.net.now_ns)
-        assert not isinstance(seen, Seen)
+            self.received.answered(origin, seen, self.net.now_ns)
+        if isinstance(seen, Seen):
+            seen = registry.encode(Ack(int(Status.DELIVERED)))  # its answer is no longer held
         self.net.send(RECEIVER, sender, encode(reply(frame, Kind.ACK, seen, self.net.now_ns)))
 
 
 class Sending:
     """The sending end as `post` does it."""
 
-    def __init__(self, net: VirtualSwarm[int]) -> None:
+    def __init__(self, net: VirtualSwarm[int], hardware: int = SENDER, ahead_ns: int = 0) -> None:
+        """`ahead_ns`: how far the sender's clock is ahead of the receiver's."""
         self.net = net
         self.told: dict[int, Status] = {}
-        self.outbox = Outbox(SENDER)
+        self.told_ns: dict[int, int] = {}
+        self.outbox = Outbox(hardware)
+        self._hardware = hardware
+        self._ahead_ns = ahead_ns
         self._arm = net.wake(self.outbox.deadline_ns, self._on_timer)
-        net.join(SENDER, self.on_data)
+        net.join(hardware, self.on_data)
 
     def _on_timer(self, now_ns: int) -> None:
         self._do(self.outbox.on_timer(now_ns))
 
     def submit(self, sequence: int, timeout_s: float) -> None:
-        frame = Frame(Kind.MESSAGE, DATA, SENDER, APP, RECEIVER, sequence=sequence)
+        frame = Frame(
+            Kind.MESSAGE,
+            DATA,
+            self._hardware,
+            APP,
+            RECEIVER,
+            sequence=sequence,
+            stamp_ns=self.net.now_ns + self._ahead_ns,
+            extension=with_lifetime(timeout_s),
+        )
         self._do(self.outbox.submit(frame, self.net.now_ns, round(timeout_s * 1e9)))
         self._arm()
 
@@ -73,11 +103,12 @@ class Sending:
     def _do(self, actions: list[Transmit | Settle]) -> None:
         for action in actions:
             if isinstance(action, Transmit):
-                self.net.send(SENDER, RECEIVER, encode(action.frame))
+                self.net.send(self._hardware, RECEIVER, encode(action.frame))
             else:
                 sequence = action.key[2]
                 assert sequence not in self.told, "told twice"
                 self.told[sequence] = action.outcome.status
+                self.told_ns[sequence] = self.net.now_ns
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -97,7 +128,9 @@ def test_each_message_arrives_exactly_once_or_its_sender_is_told(seed: int, loss
     assert len(sending.told) == count, "every sender is told"
     assert max(receiving.given.values()) == 1, "nothing twice"
     delivered = {number for number, status in sending.told.items() if status is Status.DELIVERED}
-    assert delivered <= set(receiving.given), "what is called delivered was delivered"
+    assert delivered <= {sequence for _, sequence in receiving.given}, (
+        "what is called delivered was delivered"
+    )
     assert len(sending.outbox) == 0
     if loss == 0.0 and seed % 4:
         assert len(delivered) >= count * 0.9
@@ -114,3 +147,42 @@ def test_a_seed_gives_the_same_run_again() -> None:
         return sending.told, net.counts
 
     assert run() == run()
+
+
+def test_twenty_thousand_messages_of_forty_senders_in_ten_seconds_are_each_given_once() -> None:
+    net: VirtualSwarm[int] = VirtualSwarm(11, loss=0.45, duplicate=0.1, delay_s=(0.001, 0.05))
+    receiving = Receiving(net, room=1_000_000)
+    senders = [Sending(net, hardware=100 + number) for number in range(40)]
+    count = 500
+    for sending in senders:
+        start = net.random.getrandbits(32)
+        for number in range(count):
+            sequence = (start + number) & 0xFFFF_FFFF
+            submit = partial(sending.submit, sequence, 20.0)
+            net.after(net.random.uniform(0, 10), submit)
+    net.run_for(40)
+    assert max(receiving.given.values()) == 1, "nothing twice"
+    assert sum(len(sending.told) for sending in senders) == 40 * count
+    assert receiving.received.spans <= 2 * len(senders)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("ahead_s", [0.0, -300.0, 86_400.0])
+def test_a_message_whose_sender_was_told_that_it_expired_is_not_given_later(
+    seed: int, ahead_s: float
+) -> None:
+    net: VirtualSwarm[int] = VirtualSwarm(seed, loss=0.3, delay_s=(0.05, 0.6))
+    error_ns = net.random.randint(-2_000_000, 2_000_000)
+    ahead_ns = round(ahead_s * 1e9)
+    clock = Conversion("uav1", "main", SENDER, 1, ahead_ns + error_ns, 0.0, 0, 2_000_000, 0, 0.0, 1)
+    receiving, sending = Receiving(net, room=1000, sender_clock=clock), Sending(net, ahead_ns=ahead_ns)
+    for number in range(200):
+        net.after(net.random.uniform(0, 20), partial(sending.submit, number, 0.5))
+    net.run_for(40)
+    later = [
+        number
+        for number, status in sending.told.items()
+        if status is Status.EXPIRED and receiving.given_ns.get(number, 0) > sending.told_ns[number]
+    ]
+    assert later == []
+    assert len(receiving.given) > 80, "those in time are given"

@@ -3,9 +3,10 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.delivery import Received, Seen, expired, with_lifetime
+from swarmware.delivery import Received, Seen, expired, expired_here, with_lifetime
 from swarmware.delivery.answer import lifetime_ns
 from swarmware.frame import Frame, Kind
+from swarmware.types.time import Conversion
 
 A, B, C = (1, 2, 3, 4), (1, 2, 3, 5), (1, 2, 3, 6)
 
@@ -27,21 +28,79 @@ def test_a_repeated_request_waits_for_the_one_answer() -> None:
     assert received.look(A) == b"42"
 
 
-def test_the_oldest_is_forgotten_when_there_is_no_room() -> None:
-    received = Received(capacity=2)
-    for origin in (A, B, C):
+FAR = 1 << 20
+"""Sequences so far apart are of different starts of their sender."""
+
+
+def test_any_number_of_messages_is_known_also_when_their_answers_are_gone() -> None:
+    received = Received(answers=100)
+    for sequence in range(20_000):
+        for sender in range(4):
+            origin = (sender, 2, 3, (sequence * 7) & 0xFFFF_FFFF)
+            assert received.look(origin) is None
+            received.answered(origin, b"x", sequence * 1_000_000)
+    for sequence in range(20_000):
+        assert received.look((3, 2, 3, sequence * 7)) is not None
+    assert received.look((3, 2, 3, 5)) is None
+    assert received.spans < 1_000
+
+
+def test_messages_may_come_in_any_order_and_around_the_end_of_the_numbers() -> None:
+    received = Received()
+    last = 0xFFFF_FFFF
+    for sequence in (3, last, 0, last - 2000, 1):
+        origin = (1, 2, 3, sequence)
+        assert received.look(origin) is None
         received.answered(origin, b"x", 0)
-    assert received.look(A) is None
-    assert received.look(B) == b"x"
-    assert len(received) == 2
+        assert received.look(origin) == b"x"
+
+
+def test_a_sender_that_started_again_is_new_and_its_former_start_is_still_known() -> None:
+    received = Received()
+    received.answered(A, b"x", 0)
+    again = (*A[:3], A[3] + 5 * FAR)
+    assert received.look(again) is None
+    received.answered(again, b"y", 1)
+    assert (received.look(A), received.look(again)) == (b"x", b"y")
+
+
+def test_a_flood_costs_its_own_sender_the_memory_of_the_oldest() -> None:
+    received = Received(spans=10)
+    received.answered(A, b"x", 0)
+    for start in range(100):
+        received.answered((99, 2, 3, start * FAR), b"x", 1)
+    assert received.look(A) == b"x"
+    assert received.look((99, 2, 3, 99 * FAR)) == b"x"
+    assert received.spans == 11
+
+
+def test_of_too_many_senders_the_most_silent_is_forgotten() -> None:
+    received = Received(senders=3)
+    for sender in range(3):
+        received.answered((sender, 2, 3, 4), b"x", sender)
+    assert received.look((0, 2, 3, 4)) == b"x"
+    received.answered((3, 2, 3, 4), b"x", 9)
+    assert received.look((1, 2, 3, 4)) is None
+    assert received.look((0, 2, 3, 4)) == b"x"
 
 
 def test_what_is_older_than_any_sender_waits_is_forgotten() -> None:
     received = Received(hold_ns=100)
     received.answered(A, b"x", 0)
-    received.answered(B, b"x", 100)
+    received.answered((*A[:3], FAR), b"x", 100)
+    received.answered((7, 7, 7, 7), b"x", 100)
     assert received.look(A) is None
-    assert received.look(B) == b"x"
+    assert received.spans == 2
+    received.answered((8, 8, 8, 8), b"x", 200)
+    assert received.spans == 1
+
+
+def test_a_request_is_in_work_until_it_is_answered_even_when_it_is_repeated() -> None:
+    received = Received(answer_bytes=10)
+    received.begin(A, 0)
+    assert received.look(A) is Seen.IN_WORK
+    received.answered(A, bytes(20), 1)
+    assert received.look(A) is Seen.ANSWER_GONE
 
 
 def test_large_answers_are_dropped_but_not_the_memory_of_them() -> None:
@@ -49,6 +108,7 @@ def test_large_answers_are_dropped_but_not_the_memory_of_them() -> None:
     received.answered(A, bytes(60), 0)
     received.answered(B, bytes(60), 0)
     assert received.look(A) is Seen.ANSWER_GONE
+    assert received.look(B) == bytes(60)
     received.answered(C, b"y", 0)
     assert received.look(C) == b"y"
 
@@ -58,6 +118,23 @@ def test_a_message_is_expired_after_its_lifetime_in_its_senders_time() -> None:
     assert not expired(frame, 2_000_000_000)
     assert expired(frame, 2_000_002_000)
     assert not expired(Frame(Kind.MESSAGE, 1), 10**18)
+
+
+def test_a_message_of_another_clock_is_expired_when_its_sender_may_have_been_told_so() -> None:
+    ahead = Conversion("uav1", "main", 7, 1, 10**15, 0.0, 2_000_000_000, 3_000_000, 0, 0.0, 1)
+    frame = Frame(Kind.MESSAGE, 1, sender_hw=7, stamp_ns=10**15, extension=with_lifetime(2.0))
+    over_ns = 2_000_000_000
+    assert not expired_here(frame, over_ns - 3_000_001, ahead)
+    assert expired_here(frame, over_ns - 2_999_999, ahead)
+    assert not expired_here(frame, 10**18, None), "nobody can tell"
+    assert not expired_here(Frame(Kind.MESSAGE, 1), 10**18, ahead), "without a lifetime it has no end"
+
+
+def test_a_clock_that_is_hardly_known_costs_a_message_no_more_than_a_quarter_of_its_lifetime() -> None:
+    vague = Conversion("uav1", "main", 7, 1, 0, 0.0, 0, 10**12, 0, 0.0, 1)
+    frame = Frame(Kind.MESSAGE, 1, sender_hw=7, stamp_ns=0, extension=with_lifetime(2.0))
+    assert not expired_here(frame, 1_499_999_999, vague)
+    assert expired_here(frame, 1_500_000_001, vague)
 
 
 @given(st.binary(max_size=255))

@@ -71,6 +71,7 @@ class Refusals(msgspec.Struct, gc=False):
     no_route: int = 0
     hop_limit: int = 0
     unheard: int = 0
+    expired: int = 0
 
 
 class Counters:
