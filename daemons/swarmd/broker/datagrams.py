@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import struct
 from collections.abc import Callable
 from typing import Final
 
@@ -14,7 +15,7 @@ from swarmd.broker.core.station import Arrival, Departure, Station
 from swarmd.broker.core.traffic import EVERYBODY, Counters
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
 from swarmware.clock import Clock
-from swarmware.errors import WireError
+from swarmware.errors import SwarmError, WireError
 from swarmware.names import hardware_id
 from swarmware.security import Keys, Opener, Refusal, Sealer
 
@@ -25,6 +26,18 @@ PROBE_TICKS: Final = 20
 SEEDS_S: Final = 30.0
 """Names of seeds are looked up again this often."""
 _UNKNOWN: Final = "?"
+FAULTS: Final = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    TypeError,
+    ValueError,
+    struct.error,
+    SwarmError,
+)
+"""A fault of our own code on what others sent: it costs that datagram, or that tick, and never the broker."""
+FAULTS_LOGGED: Final = 5
+"""With their traceback; the others are counted only."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -57,6 +70,7 @@ class Datagrams:
         self._opener = Opener(keys.group)
         self._hear = frozenset(hardware_id(name) for name in config.hear_only) or None
         self._deaf_ticks = 0
+        self._faults = 0
         self._seeds: dict[str, Address] = {}
         self._loop = asyncio.get_running_loop()
         self._udp = Udp(config, self._loop, self._on_datagram)
@@ -78,7 +92,20 @@ class Datagrams:
 
     # out
 
-    def send(self, departure: Departure, composed_ns: int) -> None:
+    def tick(self, now_ns: int) -> None:
+        """Composes and sends the next tick; one that cannot be composed is counted and left out."""
+        try:
+            self._send(self._station.compose(now_ns), now_ns)
+        except FAULTS:
+            self._counters.failed_ticks += 1
+            self._failed("a tick could not be composed")
+
+    def _failed(self, what: str) -> None:
+        self._faults += 1
+        if self._faults <= FAULTS_LOGGED:
+            log.exception("%s; please report this", what)
+
+    def _send(self, departure: Departure, composed_ns: int) -> None:
         """Sends a tick, stamped as late as possible; `composed_ns`: what its ages and echoes count from."""
         tick, sequence = departure.tick, departure.sequence
         body = bytearray(codec.encode(tick))
@@ -151,11 +178,27 @@ class Datagrams:
             self._counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
+        try:
+            self._take(header, tick, address, rx_mono_ns, by_multicast, len(data))
+        except FAULTS:
+            self._counters.refused.failed += 1
+            self._failed("a datagram could not be taken")
+
+    def _take(
+        self,
+        header: codec.Header,
+        tick: codec.Tick,
+        address: Address,
+        rx_mono_ns: int,
+        by_multicast: bool,
+        size: int,
+    ) -> None:
         arrival = self._station.on_datagram(header, tick, address, self._clock.from_mono_ns(rx_mono_ns))
         if arrival is None:
-            self._counters.datagram_received(len(data), _UNKNOWN)
+            self._counters.datagram_received(size, _UNKNOWN)
             return
-        self._counters.datagram_received(len(data), self._station.members.platform(sender_hw))
+        sender_hw = header.sender_hw
+        self._counters.datagram_received(size, self._station.members.platform(sender_hw))
         if by_multicast:
             self._deaf_ticks = 0
             self.by_unicast.discard(sender_hw)

@@ -109,4 +109,5 @@ class Report:
             refused=counters.refused_table(),
             links=counters.link_table(),
             channels=counters.channel_table(),
+            failed_ticks=counters.failed_ticks,
         )

@@ -202,7 +202,7 @@ class Broker(Service):
         self._own.poll(now_ns)
         if self._urgent or not station.is_idle(now_ns):
             self._urgent = False
-            self._datagrams.send(station.compose(now_ns), now_ns)
+            self._datagrams.tick(now_ns)
         if self._timings:
             self._timing_stream.write(TimingBatch(tuple(self._timings)))
             self._timings.clear()

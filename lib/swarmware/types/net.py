@@ -141,6 +141,10 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Datagrams of platforms that `hear_only` leaves out; not counted as received."""
     expired: int = 0
     """Frames of others whose lifetime was over here: they are not passed on."""
+    no_room: int = 0
+    """Datagrams of senders beyond the limit of the neighbour table."""
+    failed: int = 0
+    """Datagrams on which this broker's own code failed; the log has the place."""
 
 
 @register
@@ -173,6 +177,8 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     refused: Refused
     links: tuple[LinkTraffic, ...] = ()
     channels: tuple[ChannelTraffic, ...] = ()
+    failed_ticks: int = 0
+    """Ticks that could not be composed or encoded and were left out; the log has the place."""
 
 
 @register

@@ -1,11 +1,13 @@
 """Neighbours: up and down by deadline, in both directions, with what is measured on the way."""
 
+from itertools import permutations
 from typing import Final
 
 import pytest
 
 from swarmd.broker.core.neighbour import (
     FORGET_NS,
+    LEAST_EXPECTED,
     LISTING_NS,
     NEIGHBOUR_LIMIT,
     TRANSITIONS,
@@ -83,6 +85,8 @@ def listed(table: Neighbours, now_ns: int, *, hold_ns: int = 50 * MS, quality: i
 
 
 def bring_up(table: Neighbours, peer: Peer, now_ns: int) -> None:
+    for before in range(LEAST_EXPECTED - 1, 0, -1):
+        peer.datagram(now_ns - before * MS, hello=True)
     peer.datagram(now_ns, hello=True)
     peer.datagram(now_ns + 100 * MS, listed(table, now_ns + 100 * MS))
     assert peer.is_(LinkState.UP)
@@ -216,10 +220,37 @@ def test_a_late_datagram_is_late_and_not_lost(peer: Peer) -> None:
 
 
 def test_a_jump_of_the_sequence_is_no_loss(peer: Peer) -> None:
-    peer.datagram(0)
-    peer.datagram(100 * MS, skip=30_000)
+    for tick in range(8):
+        peer.datagram(tick * 100 * MS)
+    peer.datagram(800 * MS, skip=30_000)
     assert peer.neighbour.lost == 0
     assert peer.neighbour.quality == 255
+
+
+def test_one_datagram_after_a_silence_is_no_proof_of_a_good_link(peer: Peer) -> None:
+    peer.datagram(0)
+    assert peer.neighbour.quality == 32
+    for tick in range(1, 8):
+        peer.datagram(tick * 100 * MS)
+    assert peer.neighbour.quality == 255
+
+
+@pytest.mark.parametrize("order", list(permutations((1, 2, 3, 4))))
+def test_a_newcomers_first_datagrams_may_come_in_any_order(peer: Peer, order: tuple[int, ...]) -> None:
+    for place, sequence in enumerate(order):
+        peer.sequence = sequence - 1
+        peer.datagram(place * MS)
+    assert peer.neighbour.quality == 128, "four of the eight that are expected at least"
+    assert peer.neighbour.lost == 0
+
+
+def test_any_number_of_overtaken_datagrams_is_at_most_a_perfect_link(table: Neighbours, peer: Peer) -> None:
+    for sequence in range(40, 0, -1):
+        peer.sequence = sequence - 1
+        peer.datagram(0)
+    assert peer.neighbour.quality == 255
+    assert peer.neighbour.lost == 0
+    assert table.echoes(0, 10, LISTING_NS)[0].quality == 255
 
 
 def test_cost_counts_the_loss_of_both_directions(table: Neighbours, peer: Peer) -> None:
@@ -280,7 +311,7 @@ def test_an_echo_answers_the_datagram_that_came_fastest(table: Neighbours, peer:
     for tick, way_ms in enumerate((9, 1, 7), start=1):
         peer.datagram(tick * 100 * MS, way_ns=way_ms * MS)
     [echo] = table.echoes(350 * MS, 10, LISTING_NS)
-    assert echo == Echo(UAV2, 3, 150_000, 255)
+    assert echo == Echo(UAV2, 3, 150_000, 128)
 
 
 def test_an_echo_is_said_once(table: Neighbours, peer: Peer) -> None:
@@ -298,6 +329,15 @@ def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: Ne
     second = {echo.hw for echo in table.echoes(100 * MS, 8, LISTING_NS)}
     assert len(first) == len(second) == 8
     assert not first & second
+
+
+def test_many_neighbours_that_fall_silent_at_once_do_not_overfill_a_datagram(table: Neighbours) -> None:
+    for index in range(400):
+        Peer(table, 100 + index).datagram(0)
+    table.on_timer(20 * SECOND)
+    told = [len(table.echoes(20 * SECOND, 30, LISTING_NS)) for _ in range(30)]
+    assert max(told) == 30
+    assert sum(told) == 400 * 2, "each is told twice"
 
 
 def test_common_are_those_that_every_neighbour_hears(table: Neighbours) -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.tick import (
+    HOPS_MAX,
     INFINITY,
     NO_ECHO,
     Echo,
@@ -59,7 +60,16 @@ TICKS = st.builds(
     members=some(st.builds(MemberRow, U32, U32, st.sampled_from(PlatformKind), NAMES)),
     values=some(st.builds(Value, U32, FINE_AGES, st.booleans(), PAYLOADS)),
     relays=some(
-        st.builds(Relay, U32, U32, st.integers(-(2**47), 2**47 - 1), FINE_AGES, U8, st.booleans(), PAYLOADS)
+        st.builds(
+            Relay,
+            U32,
+            U32,
+            st.integers(-(2**47), 2**47 - 1),
+            FINE_AGES,
+            st.integers(1, HOPS_MAX),
+            st.booleans(),
+            PAYLOADS,
+        )
     ),
 )
 HEADERS = st.builds(
@@ -196,6 +206,27 @@ def test_echoes_are_shifted_in_place_when_a_tick_leaves_late(tick: Tick, late_us
 
 def _rest(tick: Tick) -> Sequence[object]:
     return tick.hello, tick.rows, tick.requests, tick.members, tick.values, tick.relays
+
+
+@pytest.mark.parametrize("hops", [0, HOPS_MAX + 1, 255])
+def test_a_relayed_value_that_came_over_no_hop_or_too_many_is_refused(hops: int) -> None:
+    body = codec.encode(Tick(relays=(Relay(1, 2, 3, 0, hops, False, b"x"),)))
+    with pytest.raises(WireError, match=f"a relayed value of {hops} hops: expected 1 to {HOPS_MAX}"):
+        codec.decode(body)
+
+
+@pytest.mark.parametrize(
+    "tick",
+    [
+        Tick(echoes=(Echo(1, 2, 3, 256),)),
+        Tick(rows=(Row(1, 2, -1),)),
+        Tick(rows=(Row(1, 2, 3),) * 256),
+        Tick(relays=(Relay(1, 2, 3, 4, 5, False, bytes(70_000)),)),
+    ],
+)
+def test_a_tick_that_fits_no_datagram_is_a_wire_error(tick: Tick) -> None:
+    with pytest.raises(WireError, match="cannot be encoded"):
+        codec.encode(tick)
 
 
 def test_a_lost_row_is_the_largest_metric() -> None:

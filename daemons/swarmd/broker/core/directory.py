@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import INFINITY, LOST, NEVER_NS, Row, SequenceRequest
+from swarmd.broker.core.tick import HOPS_MAX, INFINITY, LOST, NEVER_NS, Row, SequenceRequest
 
 HYSTERESIS: Final = 96
 """A new next hop must be this much better; scale study, section 2.3."""
@@ -32,7 +32,7 @@ SOURCE_GC_NS: Final = 180_000_000_000
 REQUEST_AGAIN_NS: Final = 400_000_000
 REQUEST_FOR_NS: Final = 3_000_000_000
 FORWARD_AGAIN_NS: Final = 500_000_000
-REQUEST_HOPS: Final = 24
+REQUEST_HOPS: Final = HOPS_MAX
 DESTINATION_LIMIT: Final = 4096
 _SWEEP_NS: Final = 1_000_000_000
 _TOLD_AT_ONCE: Final = 96
@@ -164,8 +164,8 @@ class Directory:
                     if metric != INFINITY:
                         self.wanted_sequence = sequence
                     continue
-                if metric == INFINITY or len(destinations) >= DESTINATION_LIMIT:
-                    continue
+                if metric == INFINITY or not hw or len(destinations) >= DESTINATION_LIMIT:
+                    continue  # 0 is no node: `via` 0 means that there is no route
                 destination = destinations[hw] = _Destination(hw, now_ns)
             total = metric + cost
             if total >= INFINITY:
@@ -201,7 +201,7 @@ class Directory:
         """Sequence requests in a neighbour's datagram."""
         changes: list[RouteChanged] = []
         for hw, sequence, hops in requests:
-            hops_left = hops & ~LOST
+            hops_left = min(hops & ~LOST, REQUEST_HOPS)
             if hw == self.own_hw:
                 self.wanted_sequence = sequence
                 continue

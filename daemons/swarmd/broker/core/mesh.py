@@ -14,7 +14,17 @@ from swarmd.broker.core.neighbour import (
     Neighbours,
     Timing,
 )
-from swarmd.broker.core.tick import ECHO_BYTES, ROW_BYTES, Echo, Header, Row, SequenceRequest, Tick
+from swarmd.broker.core.tick import (
+    ECHO_BYTES,
+    NEVER_NS,
+    REQUEST_BYTES,
+    ROW_BYTES,
+    Echo,
+    Header,
+    Row,
+    SequenceRequest,
+    Tick,
+)
 
 IDLE_LISTING_NS: Final = 3_000_000_000
 COMMON_NS: Final = 2_000_000_000
@@ -23,6 +33,12 @@ IDLE_COMMON_NS: Final = 4_000_000_000
 ROWS_MAX: Final = 60
 """Rows in one datagram; scale study, section 2.3."""
 _JUMP_MAX: Final = 0x7FFF
+JUMPS: Final = 4
+"""Raises of our own sequence number in a row: each holder of a number of a former session may need one."""
+JUMP_AGAIN_NS: Final = 60_000_000_000
+"""Then one more in this time: 2³¹ numbers last for 45 days of continued requests."""
+JUMP_CEILING: Final = 0xF000_0000
+"""Above this the number only counts datagrams: 310 days at 10 Hz until a new session must begin."""
 
 
 class Heard(msgspec.Struct, frozen=True, gc=False):
@@ -59,6 +75,9 @@ class Mesh:
         self.neighbours = Neighbours(own_hw, link_timeout_ns)
         self.directory = Directory(own_hw)
         self._sequence = first_sequence
+        self._jumps: list[int] = []
+        """When our number was raised, the last few times."""
+        self._composed_ns = NEVER_NS
 
     def on_tick(
         self, header: Header, tick: Tick, restarted: bool, address: tuple[str, int], rx_ns: int
@@ -104,25 +123,36 @@ class Mesh:
     def next_sequence(self) -> int:
         """Number of the next datagram: rises by one, or to what others still hold of us.
 
-        After a start with a clock that went back they would take our rows for old ones.
+        After a start with a clock that went back they would take our rows for old ones. How often it
+        is raised is limited: the numbers of a session are its nonces, and there are 2³² of them.
         """
         self._sequence += 1
         wanted = self.directory.wanted_sequence
         if wanted is not None:
             self.directory.wanted_sequence = None
-            if newer(wanted, self._sequence & 0xFFFF):
+            if newer(wanted, self._sequence & 0xFFFF) and self._may_jump():
                 self._sequence += min((wanted - self._sequence & 0xFFFF) + 1, _JUMP_MAX)
         return self._sequence
 
+    def _may_jump(self) -> bool:
+        now_ns = self._composed_ns
+        self._jumps = [at_ns for at_ns in self._jumps if now_ns - at_ns < JUMPS * JUMP_AGAIN_NS]
+        if len(self._jumps) >= JUMPS or self._sequence > JUMP_CEILING:
+            return False
+        self._jumps.append(now_ns)
+        return True
+
     def compose(self, now_ns: int, room: int, busy: bool) -> Shape:
         """What the next datagram says, in at most `room` bytes. `busy`: it leaves ten times a second."""
+        self._composed_ns = now_ns
         echoes = self.neighbours.echoes(
             now_ns, min(room // 2 // ECHO_BYTES, 255), LISTING_NS if busy else IDLE_LISTING_NS
         )
         requests = self.directory.requests(now_ns)[:32]
+        room -= len(echoes) * ECHO_BYTES + len(requests) * REQUEST_BYTES
         rows = self.directory.rows(
             now_ns,
-            max(0, min(ROWS_MAX, (room - len(echoes) * ECHO_BYTES - len(requests) * 8) // ROW_BYTES)),
+            max(0, min(ROWS_MAX, room // ROW_BYTES)),
             self.neighbours.common(now_ns),
             COMMON_NS if busy else IDLE_COMMON_NS,
         )

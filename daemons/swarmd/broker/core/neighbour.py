@@ -14,6 +14,8 @@ from swarmd.broker.core.tick import ANSWERED_SEQUENCES, INFINITY, NEVER_NS, NO_E
 WINDOW: Final = 16
 """Datagrams over which loss is judged; scale study, section 2.3."""
 _WINDOW_MASK: Final = (1 << WINDOW) - 1
+LEAST_EXPECTED: Final = 8
+"""Loss is judged over so many at least: one datagram after a silence is no proof of a perfect link."""
 PERFECT: Final = 256
 """Cost of a link without loss."""
 COST_MAX: Final = 8192
@@ -35,6 +37,9 @@ GOODBYES: Final = 2
 """How often a lost neighbour is told that we do not hear it."""
 FORGET_NS: Final = 600_000_000_000
 NEIGHBOUR_LIMIT: Final = 1024
+CLOCK_HIGH_MAX: Final = 1 << 19
+"""Clocks run within 71 years of their zero: in ns, differences of two of them fit into 64 bits."""
+_CLOCK_MAX_US: Final = CLOCK_HIGH_MAX << 32
 _FULL: Final = 255
 _MOD32: Final = 0xFFFF_FFFF
 
@@ -175,7 +180,8 @@ class Neighbour:
     @property
     def quality(self) -> int:
         """Share of its last datagrams that arrived, in 1/255."""
-        return round(_FULL * self.window.bit_count() / max(1, min(WINDOW, self.expected)))
+        expected = max(LEAST_EXPECTED, min(WINDOW, self.expected))
+        return min(round(_FULL * self.window.bit_count() / expected), _FULL)
 
     @property
     def cost(self) -> int:
@@ -264,6 +270,9 @@ class Neighbours:
             step = (header.tx_us - clock_us) & _MOD32
             clock_us += step if step < 1 << 31 else step - (1 << 32)
             neighbour.clock_us = clock_us
+            if abs(clock_us) > _CLOCK_MAX_US:
+                neighbour.hello = None  # its steps led where no clock runs: the next hello tells
+                known = False
         hears = neighbour.hears
         for hw, sequence, hold_us, quality in echoes:
             if quality:
@@ -353,7 +362,7 @@ class Neighbours:
         out: list[Echo] = []
         for neighbour in self._all.values():
             if neighbour.state is LinkState.DOWN:
-                if neighbour.goodbyes:
+                if neighbour.goodbyes and len(out) < room:
                     neighbour.goodbyes -= 1
                     out.append(Echo(neighbour.hw, 0, NO_ECHO, 0))
             elif now_ns - neighbour.echoed_ns >= listing_ns:
@@ -362,9 +371,9 @@ class Neighbours:
                 longest = neighbour
         if not due and longest is not None and now_ns - self._echoed_ns >= ECHO_GAP_NS:
             due.append(longest)
-        if len(due) > room:
+        if len(out) + len(due) > room:
             due.sort(key=lambda neighbour: neighbour.echoed_ns)
-            del due[room:]
+            del due[room - len(out) :]
         if due:
             self._echoed_ns = now_ns
         for neighbour in due:
@@ -396,14 +405,19 @@ class Neighbours:
         ahead = header.sequence - neighbour.top
         if ahead <= 0:
             neighbour.late += 1
-            neighbour.lost -= 1
-            if -ahead < WINDOW:
-                neighbour.window |= 1 << -ahead
+            behind = -ahead
+            if behind < neighbour.expected:
+                neighbour.lost -= 1
+            elif behind < WINDOW:
+                neighbour.lost += behind - neighbour.expected  # overtaken by the first one we got
+                neighbour.expected = behind + 1
+            if behind < WINDOW:
+                neighbour.window |= 1 << behind
             return
         if neighbour.expected == 0 or ahead > 4 * WINDOW:
             # the first one, or the sender jumped (it was asked for a higher sequence number)
-            neighbour.expected = 1
-            neighbour.window = 1
+            neighbour.expected += 1
+            neighbour.window = (neighbour.window << 1 | 1) & _WINDOW_MASK
         else:
             neighbour.expected += ahead
             neighbour.lost += ahead - 1

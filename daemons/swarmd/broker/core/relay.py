@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import NEVER_NS, Relay, relay_bytes
+from swarmd.broker.core.tick import HOPS_MAX, NEVER_NS, Relay, relay_bytes
 
 PERIOD_NS: Final = 200_000_000
 """Period of a relayed value per hop from its origin. Simulated, 16 moving nodes, poses: 2.3 kB/s per
@@ -15,7 +15,6 @@ AGAIN_NS: Final = 800_000_000
 OLDEST_NS: Final = 5_000_000_000
 """Not confirmed for so long, it is not passed on any more."""
 RESTART_NS: Final = 3_000_000_000
-HOPS_MAX: Final = 24
 COPIES: Final = 2
 """Overheard this often from others, it need not be said once more (RFC 6206, redundancy constant)."""
 FINE_US: Final = 200

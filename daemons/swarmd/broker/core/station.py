@@ -9,7 +9,7 @@ from swarmd.broker.core.channel import Channels
 from swarmd.broker.core.directory import RouteChanged
 from swarmd.broker.core.members import Members, wire_name
 from swarmd.broker.core.mesh import LinkChanged, LinkState, Mesh, Timing
-from swarmd.broker.core.neighbour import Neighbour
+from swarmd.broker.core.neighbour import CLOCK_HIGH_MAX, Neighbour
 from swarmd.broker.core.pace import IDLE_HZ, tick_hz
 from swarmd.broker.core.relay import News, Relays
 from swarmd.broker.core.tick import (
@@ -137,18 +137,23 @@ class Station:
     def on_datagram(self, header: Header, tick: Tick, address: tuple[str, int], rx_ns: int) -> Arrival | None:
         """A datagram that was opened. None: it says what cannot be, or there is no room for its sender."""
         hw = header.sender_hw
+        if hw in (0, self.identity.hw):
+            self.counters.refused.malformed += 1
+            return None
         known = self.mesh.neighbours.get(hw)
         restarted = False
         if header.session is not None and known is not None:
             restarted = known.session not in (0, header.session)
         stranger = False
         if tick.hello is not None:
-            if not self.members.on_hello(hw, tick.hello, rx_ns):
+            clock_fits = abs(tick.hello.clock_high) <= CLOCK_HIGH_MAX
+            if not clock_fits or not self.members.on_hello(hw, tick.hello, rx_ns):
                 self.counters.refused.malformed += 1
                 return None
             stranger = known is None or known.hello is None or restarted
         heard = self.mesh.on_tick(header, tick, restarted, address, rx_ns)
         if heard is None:
+            self.counters.refused.no_room += 1
             return None
         neighbour = heard.neighbour
         if header.session is not None:

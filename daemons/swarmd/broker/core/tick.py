@@ -26,6 +26,9 @@ NO_ECHO: Final = 0xFF_FFFF
 ANSWERED_SEQUENCES: Final = 256
 """An echo names the datagram by the low byte of its sequence number."""
 
+HOPS_MAX: Final = 24
+"""Longest way of a relayed value or a sequence request."""
+
 _SESSION_FLAG: Final = 0x10
 _EPOCH_MASK: Final = 0x0F
 _VERSION_SHIFT: Final = 5
@@ -252,7 +255,17 @@ def hello_bytes(hello: Hello) -> int:
 
 
 def encode(tick: Tick) -> bytes:
-    """The body as bytes; the caller keeps it below BODY_LIMIT and each list below 256."""
+    """The body as bytes; the caller keeps it below BODY_LIMIT.
+
+    Raises: WireError when a list has more than 255 entries or a number does not fit its field.
+    """
+    try:
+        return _encode(tick)
+    except (struct.error, ValueError, OverflowError) as error:
+        raise WireError(f"tick: cannot be encoded: {error}") from error
+
+
+def _encode(tick: Tick) -> bytes:
     sections = 0
     out: list[bytes] = [b""]
     if tick.hello is not None:
@@ -453,6 +466,8 @@ class _Reader:
     def relay(self) -> Relay:
         origin_hw, data_id, low, high, age, hops, size = _RELAY.unpack_from(self.data, self.at)
         self.at += _RELAY.size
+        if not 1 <= hops <= HOPS_MAX:
+            raise WireError(f"tick: a relayed value of {hops} hops: expected 1 to {HOPS_MAX}")
         packed, payload = self.payload(size)
         stamp_us = low | high << 32
         if high >= 0x8000:  # a clock before its zero: simulated ones have offsets

@@ -72,6 +72,8 @@ class Refusals(msgspec.Struct, gc=False):
     hop_limit: int = 0
     unheard: int = 0
     expired: int = 0
+    no_room: int = 0
+    failed: int = 0
 
 
 class Counters:
@@ -92,6 +94,7 @@ class Counters:
         self.forwarded_frames = 0
         self.requests = 0
         self.notifications = 0
+        self.failed_ticks = 0
 
     def link(self, platform: str, transport: str) -> Link:
         """Counters of a link."""

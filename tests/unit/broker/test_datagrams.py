@@ -1,0 +1,74 @@
+"""The shell of the ticks: a fault of our own code costs one datagram or one tick, and is counted."""
+
+import pytest
+
+from swarmd.broker.config import Config
+from swarmd.broker.core import tick as codec
+from swarmd.broker.core.mesh import Mesh
+from swarmd.broker.core.station import Arrival, Identity, Station
+from swarmd.broker.core.tick import Header, PlatformKind, Row, Tick
+from swarmd.broker.core.traffic import Counters
+from swarmd.broker.datagrams import Datagrams
+from swarmware.clock import Clock
+from swarmware.names import hardware_id
+from swarmware.security import Keys, Sealer
+
+SECOND = 1_000_000_000
+
+
+class Shell:
+    """A node's datagrams on loopback sockets of its own, without a group."""
+
+    def __init__(self) -> None:
+        self.counters = Counters()
+        hw = hardware_id("uav1")
+        self.station = Station(
+            Identity(hw, "uav1", "main", PlatformKind.UAV, 1, b""),
+            Mesh(hw, 1, SECOND, 0),
+            self.counters,
+            busy_hz=10.0,
+            relay_bytes_s=3000.0,
+        )
+        self.arrivals: list[Arrival] = []
+        config = Config(multicast_group="", bind_address="127.0.0.1")
+        keys = Keys.open("uav1")
+        self.datagrams = Datagrams(
+            config, keys, 1, Clock(), self.station, self.counters, self.arrivals.append
+        )
+        self.peer_hw = hardware_id("uav2")
+        self.sealer = Sealer(keys.group, self.peer_hw, 1)
+
+    def receive(self, sequence: int) -> None:
+        clear = codec.encode_header(Header(0, self.peer_hw, sequence, 0, 1))
+        sealed = self.sealer.seal(sequence, clear, codec.encode(Tick(rows=(Row(9, 1, 256),))))
+        self.datagrams._on_datagram(clear + sealed, ("127.0.0.1", 1), 0, True)  # the socket's door
+
+
+async def test_a_datagram_on_which_our_code_fails_is_counted_and_the_next_one_is_taken(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    shell = Shell()
+    with monkeypatch.context() as broken:
+        broken.setattr(shell.station, "on_datagram", lambda *_: 1 // 0)
+        for sequence in range(1, 21):
+            shell.receive(sequence)
+    assert shell.counters.refused.failed == 20
+    assert len(caplog.records) == 5, "the log is not flooded"
+    assert caplog.records[0].exc_info is not None
+    shell.receive(21)
+    assert len(shell.arrivals) == 1
+    shell.datagrams.close()
+
+
+async def test_a_tick_that_cannot_be_composed_is_counted_and_the_next_one_leaves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shell = Shell()
+    with monkeypatch.context() as broken:
+        broken.setattr(shell.station.relays, "compose", lambda *_: 1 // 0)
+        shell.datagrams.tick(0)
+    assert shell.counters.failed_ticks == 1
+    shell.datagrams.tick(0)
+    assert shell.counters.failed_ticks == 1
+    assert shell.station.mesh.neighbours.echoes(0, 1, 0) == ()
+    shell.datagrams.close()
