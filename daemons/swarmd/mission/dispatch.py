@@ -4,13 +4,15 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
+import msgspec
+
 from swarmd.mission.checking import Checker, refuse
 from swarmd.mission.config import Config
 from swarmd.mission.store import Store
 from swarmware.clock import utc_ns
 from swarmware.errors import NotFound, SwarmError
 from swarmware.mission.assign import Cast, Part, Platform, assign
-from swarmware.mission.folder import Folder, content_hash, from_files
+from swarmware.mission.folder import Folder, content_hash, files_hash, from_files
 from swarmware.module import BoardWriter, Module
 from swarmware.names import join
 from swarmware.types.mission import (
@@ -27,7 +29,8 @@ log = logging.getLogger("swarm.mission")
 ORDER_PATH = "cmd/mission"
 ABORT_PATH = "cmd/abort"
 
-Accept = Callable[[MissionOrder], Awaitable[MissionReceipt]]
+Accept = Callable[[MissionOrder, int], Awaitable[MissionReceipt]]
+"""Takes an order that arrived at this instant of the own clock."""
 
 
 class Dispatcher:
@@ -92,9 +95,16 @@ class Dispatcher:
         )
 
     async def _checked(self, task: MissionTask) -> Folder:
-        folder = from_files(task.files, task.name) if task.files else self._store.folder(task.name)
+        folder = self._sent(task) if task.files else self._store.folder(task.name)
         refuse(await self._checker.check(folder))
         return folder
+
+    def _sent(self, task: MissionTask) -> Folder:
+        """The mission by content; one that is stored here with the same content is not parsed again."""
+        stored = self._store.known(files_hash(task.files))
+        if stored is None:
+            return from_files(task.files, task.name)
+        return msgspec.structs.replace(stored, where=task.name)
 
     @staticmethod
     def _chosen(task: MissionTask, platforms: list[Platform]) -> list[Platform]:
@@ -128,7 +138,7 @@ class Dispatcher:
         sent_ns = self._module.now_ns()
         try:
             if platform == self._module.platform:
-                receipt = await self._accept(order)
+                receipt = await self._accept(order, sent_ns)
             else:
                 receipt = await self._module.request(
                     join(platform, ORDER_PATH),

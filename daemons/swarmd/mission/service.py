@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import random
+from collections.abc import Awaitable, Iterable
 from typing import ClassVar
 
 import msgspec
@@ -151,11 +152,10 @@ class Mission(Service):
 
     # -- what comes in
 
-    async def _on_order(self, order: MissionOrder, meta: Meta) -> MissionReceipt:
-        return await self._accept(order)
+    def _on_order(self, order: MissionOrder, meta: Meta) -> Awaitable[MissionReceipt]:
+        return self._accept(order, self.module.now_ns())
 
-    async def _accept(self, order: MissionOrder) -> MissionReceipt:
-        received_ns = self.module.now_ns()
+    async def _accept(self, order: MissionOrder, received_ns: int) -> MissionReceipt:
         if self._has_taken(order):
             return MissionReceipt(True, received_ns)
         try:
@@ -165,11 +165,12 @@ class Mission(Service):
             await self._values.open(run.mission.resources())
             if self._has_taken(order):  # meanwhile
                 return MissionReceipt(True, received_ns)
-            self._after(self._core.order(run, self.module.now_ns()))
+            actions = self._core.order(run, self.module.now_ns())
         except SwarmError as error:
             log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
             return MissionReceipt(False, received_ns, tuple(str(error).splitlines()))
-        self._hear_all()
+        # what the others stated before this platform took its order counts, too
+        self._after(actions + self._hear(self._others))
         return MissionReceipt(True, received_ns)
 
     def _has_taken(self, order: MissionOrder) -> bool:
@@ -224,22 +225,20 @@ class Mission(Service):
 
     async def _listen(self) -> None:
         while True:
-            for platform in await self._others.changed():
-                self._hear(platform, self._others[platform])
+            self._after(self._hear(await self._others.changed()))
 
-    def _hear_all(self) -> None:
-        """What others said before this platform took its order counts, too."""
-        for platform in self._others:
-            self._hear(platform, self._others[platform])
-
-    def _hear(self, platform: str, reader: BoardReader[MissionState]) -> None:
-        state, meta = reader.value, reader.meta
-        if state is None or meta is None:
-            return
+    def _hear(self, platforms: Iterable[str]) -> list[Action]:
+        """Takes in the newest states of these platforms."""
+        actions: list[Action] = []
         now_ns = self.module.now_ns()
-        self._heard[platform] = (state, now_ns)
-        meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
-        self._after(self._core.heard(platform, state, meetings, now_ns))
+        for platform in platforms:
+            reader = self._others[platform]
+            state, meta = reader.value, reader.meta
+            if state is not None and meta is not None:
+                self._heard[platform] = (state, now_ns)
+                meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
+                actions += self._core.heard(platform, state, meetings, now_ns)
+        return actions
 
     def _local(self, meeting: Meeting, meta: Meta, now_ns: int) -> Meeting:
         """The meeting on this platform's clock."""

@@ -15,6 +15,7 @@ class Store:
     def __init__(self, places: tuple[Path, ...], checker: Checker) -> None:
         self._places = places
         self._checker = checker
+        self._known: dict[str, Folder] = {}
 
     def folder(self, name: str) -> Folder:
         """The mission of that name.
@@ -25,15 +26,25 @@ class Store:
         if name not in found:
             known = ", ".join(sorted(found)) or "there is none"
             raise NotFound(f"mission {name!r}: not in the store; expected one of: {known}")
-        return read_folder(found[name])
+        return self._read(found[name])
+
+    def known(self, digest: str) -> Folder | None:
+        """The stored mission with this content, if it was read before."""
+        return self._known.get(digest)
+
+    def _read(self, path: Path) -> Folder:
+        folder = read_folder(path)
+        self._known[folder.hash] = folder
+        return folder
 
     async def list(self) -> tuple[StoredMission, ...]:
         """All missions, also those with mistakes."""
+        self._known.clear()
         return tuple([await self._entry(name, path) for name, path in sorted(self._folders().items())])
 
     async def _entry(self, name: str, path: Path) -> StoredMission:
         try:
-            folder = read_folder(path)
+            folder = self._read(path)
         except ConfigError as error:
             return StoredMission(name, str(error), "", (), False, 1)
         findings = await self._checker.check(folder)

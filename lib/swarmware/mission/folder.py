@@ -1,5 +1,6 @@
 """A mission of an ensemble: a manifest (mission.toml) that says who plays which file, and the files."""
 
+from collections.abc import Iterable
 from hashlib import blake2b
 from pathlib import Path
 from typing import Annotated, Final
@@ -125,6 +126,12 @@ def content_hash(*parts: str) -> str:
     return state.hexdigest()
 
 
+def files_hash(files: Iterable[MissionFile]) -> str:
+    """The hash of a mission made of these files, in whatever order."""
+    named = sorted((file.name, file.text) for file in files)
+    return content_hash(*(part for pair in named for part in pair))
+
+
 def read_folder(path: Path) -> Folder:
     """The mission in this folder.
 
@@ -150,7 +157,7 @@ def from_files(files: list[MissionFile] | tuple[MissionFile, ...], where: str) -
     texts = {file.name: file.text for file in files}
     if len(texts) != len(files):
         raise ConfigError(f"{where}: two files of one name; expected each once")
-    digest = content_hash(*(part for name in sorted(texts) for part in (name, texts[name])))
+    digest = files_hash(files)
     source = f"{where}/{MANIFEST}" if where else MANIFEST
     if MANIFEST in texts:
         manifest = parse_toml(texts.pop(MANIFEST), Manifest, source)
