@@ -1,14 +1,9 @@
 """All clocks of the swarm as seen from here: measured where heard, composed where not."""
 
-from typing import Final
-
 import msgspec
 
 from swarmd.timesync.peer import Exchange, Peer
-from swarmware.types.time import Conversion, TimeFunctions
-
-HOPS_LIMIT: Final = 24
-"""More links than the diameter of any simulated swarm: a composition that circles ends here."""
+from swarmware.types.time import FUNCTIONS_LIMIT, HOPS_LIMIT, Conversion, TimeFunctions
 
 
 class Publish(msgspec.Struct, frozen=True):
@@ -72,6 +67,8 @@ class TimeCore:
         self._peers: dict[int, Peer] = {}
         self._told: dict[int, tuple[TimeFunctions, int]] = {}
         self._suspects: set[int] = set()
+        self.refused = 0
+        """Functions of partners that no two real clocks can have."""
         self._published_ns: int | None = None
         self._changed = False
         self._urgent = False
@@ -102,20 +99,33 @@ class TimeCore:
             actions.append(self._stepped(peer))
         return actions
 
-    def on_functions(self, told: TimeFunctions, now_ns: int) -> None:
-        """A partner's functions: first values, plausibility, and the way to units not heard here (S1.70)."""
+    def on_functions(self, told: TimeFunctions, now_ns: int) -> int:
+        """A partner's functions: first values, plausibility, and the way to units not heard here (S1.70).
+
+        How many of them were refused.
+        """
         peer = next(
             (p for p in self._peers.values() if (p.platform, p.unit) == (told.platform, told.unit)), None
         )
         if peer is None or peer.boot_id != told.boot_id:
-            return
+            return 0
+        taken = tuple(one for one in told.functions[:FUNCTIONS_LIMIT] if one.plausible())
+        refused = len(told.functions) - len(taken)
+        self.refused += refused
+        told = msgspec.structs.replace(told, functions=taken)
         self._told[peer.hardware] = (told, now_ns)
         self._changed = True
         mine = told.of(self._me[0], self._me[1])
         if peer.conversion is None and mine is not None and mine.boot_id == self._me[3] and mine.hops == 1:
             seen = mine.inverse(peer.platform, peer.unit, peer.hardware, peer.boot_id)
             peer.conversion = msgspec.structs.replace(seen, samples=0, rtt_ns=0)
+            self._urgent = True
         self._suspects = self._find_suspects(now_ns)
+        return refused
+
+    def unmeasured(self) -> set[str]:
+        """Platforms that are heard and have no function yet: their own of us is a first value."""
+        return {peer.platform for peer in self._peers.values() if peer.conversion is None}
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` has something to do."""
@@ -152,7 +162,9 @@ class TimeCore:
         """All functions, best known first where the list is full, then sorted by platform and unit."""
         self._forget(now_ns)
         best = {
-            peer.hardware: self._marked(peer.conversion) for peer in self._peers.values() if peer.conversion
+            peer.hardware: self._marked(peer.conversion)
+            for peer in self._peers.values()
+            if peer.conversion and peer.conversion.plausible()
         }
         for function in self._composed(now_ns):
             known = best.get(function.hardware)
@@ -187,7 +199,9 @@ class TimeCore:
                 mine = further.hardware == self._me[2] or further.via == self._me[0]
                 if mine or link.hops + further.hops > HOPS_LIMIT:
                     continue
-                out.append(link.then(further, told.platform))
+                composed = link.then(further, told.platform)
+                if composed.plausible():
+                    out.append(composed)
         return out
 
     def _forget(self, now_ns: int) -> None:

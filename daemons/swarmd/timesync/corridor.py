@@ -26,6 +26,15 @@ BUCKET_S: Final = 1.0
 
 SIGMA_FLOOR_S: Final = 2e-6
 
+SPREAD_POINTS: Final = 6
+"""Tightest points of a side whose gaps say how well its envelope is known."""
+
+BREAK_SIGMAS: Final = 12.0
+BREAK_FLOOR_S: Final = 20e-6
+"""Both sides shifted the same way by more than so many sigmas and this: the older points are of another
+offset. Seen twice in 4 h of simulated exchanges without a step (four models of delay); what is lost then is
+history, never the truth of the bound."""
+
 Point = tuple[float, float]
 """(time in s, difference in s), both against the corridor's origin."""
 
@@ -83,6 +92,11 @@ class Side:
             del kept[:stale]
         if self._fresh and self._fresh[0][0] < time_s:
             self._fresh = [point for point in self._fresh if point[0] >= time_s]
+
+    def forget_older(self, time_s: float) -> None:
+        """As `forget_before`, whatever the order in which the points came."""
+        self._kept = [point for point in self._kept if point[0] >= time_s]
+        self._fresh = [point for point in self._fresh if point[0] >= time_s]
 
     def oldest_s(self) -> float:
         """Time of the oldest point; infinite when there is none."""
@@ -153,6 +167,8 @@ class Corridor:
         self._upper = Side(+1)
         self._lower = Side(-1)
         self.skew = prior_skew
+        self.breaks = 0
+        """How often the older points turned out to be of another offset."""
 
     def add_upper(self, time_s: float, difference_s: float) -> None:
         """The remote clock was at most so far ahead at that time."""
@@ -169,6 +185,7 @@ class Corridor:
         """
         self._upper.forget_before(now_s - self._window_s)
         self._lower.forget_before(now_s - self._window_s)
+        self._forget_other_offset(now_s)
         if not (len(self._upper) and len(self._lower)):
             return None
         # Both sides in one form: the least of y − b·x from above, of y + b·x (y negated) from below.
@@ -204,6 +221,55 @@ class Corridor:
         skew_bound = min(SKEW_LIMIT, 2 * bound_s / max(span_s, 0.1))
         return Estimate(theta_s, skew, bound_s, sigma_s, skew_bound, settled)
 
+    def _forget_other_offset(self, now_s: float) -> None:
+        """Drops what was measured before a step that is smaller than the corridor is wide.
+
+        A line still fits between the two offsets then, and its bound would be wrong until the window has
+        passed. The evidence: since some instant one side stands tighter than it ever did and the other
+        looser, by the same step.
+        """
+        if now_s - min(self._upper.oldest_s(), self._lower.oldest_s()) < SETTLED_S:
+            return
+        above = [(x, y - self.skew * x) for x, y in sorted(self._upper.aged(now_s))]
+        below = [(x, y + self.skew * x) for x, y in sorted(self._lower.aged(now_s))]
+        at_s = _break(above, below)
+        if at_s is not None:
+            self.breaks += 1
+            self._upper.forget_older(now_s + at_s)
+            self._lower.forget_older(now_s + at_s)
+
+
+def _break(above: list[Point], below: list[Point]) -> float | None:
+    """The instant since which both residuals are shifted in one direction, beyond chance; None: never."""
+    rows = sorted([(x, 0, y) for x, y in above] + [(x, 1, y) for x, y in below])
+    later: list[tuple[float, float]] = []
+    """Tightest of each side from each row on."""
+    tightest = [math.inf, math.inf]
+    for _, side, y in reversed(rows):
+        tightest[side] = min(tightest[side], y)
+        later.append((tightest[0], tightest[1]))
+    tightest = [math.inf, math.inf]
+    most_s, found_s = 0.0, -math.inf
+    for (x, side, y), after in zip(rows, reversed(later), strict=True):
+        up_s, down_s = after[0] - tightest[0], after[1] - tightest[1]
+        shift_s = max(min(up_s, -down_s), min(-up_s, down_s))
+        if most_s < shift_s < math.inf:
+            most_s, found_s = shift_s, x
+        tightest[side] = min(tightest[side], y)
+    before = [sorted(y for x, y in side if x < found_s) for side in (above, below)]
+    if min(map(len, before)) < SPREAD_POINTS:
+        return None
+    beyond_s = BREAK_SIGMAS * 0.75 * math.hypot(*map(_spread, before)) + BREAK_FLOOR_S
+    if most_s <= beyond_s:
+        return None
+    # what lies between the last point before and the first proof may be of either offset
+    return min(
+        x
+        for side, old in zip((above, below), before, strict=True)
+        for x, y in side
+        if x >= found_s and y < old[0] - beyond_s
+    )
+
 
 def _residuals(upper: list[Point], lower: list[Point], skew: float) -> tuple[list[float], list[float]]:
     """Distances of the points from the line through the origin with this skew, tightest first."""
@@ -224,6 +290,6 @@ def _trust(above: list[float], below: list[float], span_s: float) -> float:
 
 
 def _spread(residuals: list[float]) -> float:
-    """Mean gap of the six tightest points: how well the envelope is known on this side."""
-    last = min(5, len(residuals) - 1)
+    """Mean gap of the tightest points: how well the envelope is known on this side."""
+    last = min(SPREAD_POINTS, len(residuals)) - 1
     return (residuals[last] - residuals[0]) / last if last else 0.0

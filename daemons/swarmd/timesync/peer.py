@@ -13,6 +13,10 @@ RESOLUTION_NS: Final = 1_000
 STEP_MARGIN_NS: Final = 200_000
 """A prediction outside the bounds by more than this and its own error is a clock step."""
 
+SILENCE_NS: Final = 5_000_000_000
+"""After a silence this long only the hard bound proves a step: the statistical error takes the rate for
+constant, and temperature changes it while nobody measures."""
+
 STEP_COUNT: Final = 3
 """Violations in a row that are a step and not an outlier: 0.3 s at 10 Hz."""
 
@@ -106,7 +110,9 @@ class Peer:
         if known is None or not known.samples:
             return 0
         now_ns = exchange.received_ns
-        known_ns = known.likely_at_ns(now_ns) if self._settled else known.bound_at_ns(now_ns)
+        silent = self._newest_ns is None or now_ns - self._newest_ns >= SILENCE_NS
+        likely = self._settled and not silent
+        known_ns = known.likely_at_ns(now_ns) if likely else known.bound_at_ns(now_ns)
         margin_ns = STEP_MARGIN_NS + known_ns
         if known.to_remote(now_ns) - now_ns < exchange.least_ns - margin_ns:
             return 1
@@ -167,6 +173,7 @@ class Peer:
     def solve(self, now_ns: int) -> bool:
         """Brings the function up to date; True when that showed that a clock has stepped a little."""
         self._dirty = False
+        breaks = self._corridor.breaks
         try:
             estimate = self._corridor.solve((now_ns - self._origin_ns) / 1e9)
         except NoLine:
@@ -174,7 +181,10 @@ class Peer:
             self._doubted = self.conversion
             self._begin_again()
             return False
+        if self._corridor.breaks > breaks:
+            self._doubted = self.conversion
         if estimate is None:
+            self._solved_ns = None  # solved again with the next packet
             return False
         if self._solved_ns is not None:
             self._next_pause_s = min(2 * self._next_pause_s, self._pause_s)

@@ -5,6 +5,7 @@ anyway (S1.72). Only for platforms that are not heard directly does it ask the n
 """
 
 import asyncio
+import contextlib
 
 from swarmd.timesync import config as settings
 from swarmd.timesync.core import Heard, Publish, Rebooted, Stepped, TimeCore
@@ -53,6 +54,10 @@ class TimeSync(Service):
             functions_limit=config.functions_limit,
         )
         self._board: BoardWriter[TimeFunctions] | None = None
+        self._met = asyncio.Event()
+        """Somebody is heard whose clock cannot be measured yet."""
+        self._odd: dict[str, int] = {}
+        """Functions refused in the last list of each partner."""
 
     async def run(self) -> None:
         """Converts what comes until cancelled."""
@@ -75,9 +80,8 @@ class TimeSync(Service):
         self._publish(self._core.functions(module.now_ns()))
         async with asyncio.TaskGroup() as group:
             group.create_task(self._measure(timing), name="time: measure")
-            if self.config.compose:
-                routes = await module.reader("net/routes", Routes)
-                group.create_task(self._compose(routes), name="time: compose")
+            routes = await module.reader("net/routes", Routes)
+            group.create_task(self._exchange(routes), name="time: exchange")
 
     async def _measure(self, timing: StreamReader[TimingBatch]) -> None:
         while True:
@@ -95,6 +99,8 @@ class TimeSync(Service):
                     self._carry_out(self._core.on_exchange(_heard(sample)))
                 batch = timing.take()
             self._carry_out(self._core.on_timer(self.module.now_ns()))
+            if self._core.unmeasured():
+                self._met.set()
 
     def _carry_out(self, actions: list[Publish | Stepped | Rebooted]) -> None:
         for action in actions:
@@ -112,21 +118,32 @@ class TimeSync(Service):
         if self._board is not None:
             self._board.write(functions)
 
-    async def _compose(self, routes: BoardReader[Routes]) -> None:
-        """Asks the neighbours on the way to platforms that are not heard directly for their functions."""
+    async def _exchange(self, routes: BoardReader[Routes]) -> None:
+        """Asks partners for their functions: where none can be measured yet, and on the way to far units."""
         pause_s = ASK_FIRST_S
         while True:
-            await asyncio.sleep(pause_s)
-            known = routes.value
-            far = [route for route in known.routes if route.hops > 1] if known is not None else []
-            measured = self._core.heard_since(self.module.now_ns() - HEARD_NS)
-            far = [route for route in far if route.platform not in measured]
-            for via in sorted({route.via for route in far} & measured):
-                await self._ask(via)
+            self._met.clear()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._met.wait(), pause_s)
+            unmeasured = self._core.unmeasured()
+            far = self._far(routes.value) if self.config.compose else {}
+            for platform in sorted(unmeasured | set(far.values())):
+                await self._ask(platform)
             functions = self._core.functions(self.module.now_ns())
-            found = [functions.of(route.platform) for route in far]
+            found = [functions.of(platform) for platform in far]
             young = any(one is None or one.samples < YOUNG_SAMPLES for one in found)
-            pause_s = ASK_FIRST_S if young or not far else ASK_S
+            pause_s = ASK_FIRST_S if young or not far or unmeasured else ASK_S
+            if unmeasured & self._core.unmeasured():
+                await asyncio.sleep(ASK_FIRST_S)  # they know no more than we do: `_met` is set again at once
+
+    def _far(self, known: Routes | None) -> dict[str, str]:
+        """Platforms that are not heard directly, each with the measured neighbour on the way to it."""
+        measured = self._core.heard_since(self.module.now_ns() - HEARD_NS)
+        return {
+            route.platform: route.via
+            for route in (known.routes if known is not None else ())
+            if route.hops > 1 and route.platform not in measured and route.via in measured
+        }
 
     async def _ask(self, platform: str) -> None:
         try:
@@ -135,7 +152,15 @@ class TimeSync(Service):
             self.module.log.debug("functions of %s: %s", platform, error)
             return
         now_ns = self.module.now_ns()
-        self._core.on_functions(told, now_ns)
+        refused = self._core.on_functions(told, now_ns)
+        if refused and refused != self._odd.get(platform):
+            self.module.log.warning(
+                "functions of %s: %d of %d refused; expected finite numbers, a skew within ±0.001 per link",
+                platform,
+                refused,
+                len(told.functions),
+            )
+        self._odd[platform] = refused
         self._carry_out(self._core.on_timer(now_ns))
 
     def _on_request(self, _: Empty, __: Meta) -> TimeFunctions:

@@ -6,6 +6,8 @@ from typing import Annotated, Final
 
 import msgspec
 
+from swarmware import names
+from swarmware.errors import InvalidInput
 from swarmware.types.bounds import Count, Instant, Uint32
 from swarmware.types.registry import register
 
@@ -18,6 +20,18 @@ LIKELY_SIGMAS: Final = 8.0
 
 SKEW_LIMIT: Final = 0.01
 """Of a clock that works: quartz is off by 1e-4 at most; simulated ones by more."""
+
+LINK_SKEW_LIMIT: Final = 1e-3
+"""Skew over one link of which no oscillator is capable: quartz keeps ±100 ppm, the lab simulates ±500."""
+
+HOPS_LIMIT: Final = 24
+"""More links than the diameter of any simulated swarm: a composition that circles ends here."""
+
+INSTANT_LIMIT_NS: Final = 1 << 61
+"""73 years: no clock reading, offset or bound is larger, and sums of two still fit 64 bits."""
+
+FUNCTIONS_LIMIT: Final = 4096
+"""Functions in one list: more come from no configuration."""
 
 
 class Order(StrEnum):
@@ -66,6 +80,31 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Smallest round trip seen in the window; 0 when composed."""
     suspect: bool = False
     """A partner's function contradicts it beyond both bounds (S1.70)."""
+
+    def plausible(self) -> bool:
+        """Whether two real clocks can stand like this: every number finite and in its range."""
+        try:
+            names.check_platform(self.platform)
+            names.check_platform(self.unit)
+            if self.via:
+                names.check_platform(self.via)
+        except InvalidInput:
+            return False
+        limit = min(LINK_SKEW_LIMIT * self.hops, SKEW_LIMIT)
+        return (
+            1 <= self.hops <= HOPS_LIMIT
+            and abs(self.skew) <= limit
+            and 0.0 <= self.skew_bound <= limit
+            and abs(self.offset_ns) < INSTANT_LIMIT_NS
+            and abs(self.t0_ns) < INSTANT_LIMIT_NS
+            and 0 <= self.bound_ns < INSTANT_LIMIT_NS
+            and 0 <= self.sigma_ns < INSTANT_LIMIT_NS
+            and 0 <= self.rtt_ns < INSTANT_LIMIT_NS
+            and 0 <= self.samples < INSTANT_LIMIT_NS
+            and 0 <= self.hardware <= names.ANY
+            and 0 <= self.conv_epoch <= 0xFFFF_FFFF
+            and 0 <= self.boot_id < 1 << 64
+        )
 
     def to_remote(self, local_ns: int) -> int:
         """Their clock's reading at an instant of ours."""

@@ -4,13 +4,18 @@ import asyncio
 import contextlib
 from pathlib import Path
 
+import msgspec
+
 from swarmware.clock import Clock
+from swarmware.delivery import reply
 from swarmware.errors import NoAnswer
+from swarmware.frame import Frame, Kind
 from swarmware.module import BoardReader, BoardWriter, Module
 from swarmware.names import hardware_id
 from swarmware.testing import make_node, spawn
+from swarmware.types import registry
 from swarmware.types.net import TimingBatch, TimingSample
-from swarmware.types.rpc import Empty
+from swarmware.types.rpc import Empty, Reply
 from swarmware.types.time import Conversion, TimeFunctions
 
 PATIENCE_S = 20.0
@@ -117,3 +122,55 @@ async def test_a_killed_service_has_functions_again_from_the_next_packets(tmp_pa
                 board, stream, remote, lambda function: function.t0_ns > before.t0_ns
             )
             assert remote.error_ns(after) <= after.bound_at_ns(module.now_ns())
+
+
+class Partner:
+    """The other platform's answers to requests that leave through the broker of this test."""
+
+    def __init__(self, module: Module, remote: Remote) -> None:
+        self.asked = 0
+        self._module = module
+        self._remote = remote
+        module.node.post.set_gateway(self._on_frame)
+
+    def _on_frame(self, frame: Frame) -> None:
+        if frame.kind is not Kind.REQUEST:
+            return
+        self.asked += 1
+        now_ns = self._remote.clock.now_ns()
+        offset_ns = -self._remote.sample().least_ns - DELAY_NS
+        node = self._module.node
+        ours = Conversion(
+            "uav1", "main", node.hardware, node.clock.boot_id, offset_ns, 0.0, now_ns, 90_000, 5_000, 1e-6, 0,
+            samples=50,
+        )  # fmt: skip
+        broken = msgspec.structs.replace(ours, platform="uav9", hardware=9, skew=5e-3)
+        told = TimeFunctions("uav2", "main", 1, now_ns, (ours, broken))
+        payload = registry.encode(Reply(True, registry.encode(told)))
+        node.post.deliver(reply(frame, Kind.REPLY, payload, self._module.now_ns()))
+
+
+async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measured_yet(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"timesync": {}})
+    async with Module("broker", config_dir=config) as module:
+        stream = await module.stream_writer("net/timing", TimingBatch)
+        board = await module.reader("time/functions", TimeFunctions)
+        remote = Remote(module, 4.0, 0.0)
+        partner = Partner(module, remote)
+        async with spawn(config, "timesync") as process:
+            # heard, but nothing of ours was echoed: no round trip to measure
+            deaf = msgspec.structs.replace(remote.sample(), sent_ns=0, most_ns=None)
+            async with asyncio.timeout(PATIENCE_S):
+                while (function := board.value.of("uav2") if board.value else None) is None:
+                    stream.write(TimingBatch((deaf,)))
+                    with contextlib.suppress(NoAnswer):
+                        await board.changed(timeout_s=0.05)
+            assert partner.asked >= 1
+            assert function.samples == 0
+            assert remote.error_ns(function) <= function.bound_at_ns(module.now_ns())
+            # one of the partner's functions is impossible: refused, the others are used, the service lives
+            assert board.value is not None
+            assert [known.platform for known in board.value.functions] == ["uav2"]
+            assert "1 of 2 refused" in process.stderr()
+            measured = await function_where(board, stream, remote, lambda function: function.samples > 0)
+            assert remote.error_ns(measured) <= measured.bound_at_ns(module.now_ns())

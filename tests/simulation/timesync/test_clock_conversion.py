@@ -165,6 +165,25 @@ def test_a_step_too_small_to_be_impossible_still_fades() -> None:
     assert run.percentile_us(0.99, after_s=95) < 250
 
 
+@pytest.mark.parametrize(
+    ("delay", "steps_s"),
+    [
+        (uniform, (0.002, -0.002, 0.003, 0.004)),
+        (asymmetric, (-0.002, 0.003)),
+        (wifi, (0.001, 0.0015, -0.002)),
+    ],
+    ids=["uniform 2-8 ms", "asymmetric", "wifi bursts"],
+)
+def test_after_a_step_smaller_than_the_corridor_the_bound_is_true_again_within_two_seconds(
+    delay: Delay, steps_s: tuple[float, ...]
+) -> None:
+    for step_s in steps_s:
+        for seed in range(4):
+            run = simulate(delay, seed, length_s=100, step_at_s=45, step_s=step_s)
+            wrong_s = [at_s for at_s, _, inside in run.errors if not inside]
+            assert all(45 <= at_s < 47.5 for at_s in wrong_s), f"{step_s * 1e3} ms, seed {seed}"
+
+
 def test_no_run_without_a_step_sees_one() -> None:
     for delay in (lan, uniform, asymmetric, wifi):
         for seed in range(20, 26):

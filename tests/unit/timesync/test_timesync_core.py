@@ -1,7 +1,16 @@
 """Time core: exchanges in, functions and events out."""
 
+import math
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from swarmd.timesync.core import Action, Heard, Publish, Rebooted, Stepped, TimeCore
 from swarmd.timesync.peer import Exchange
+from swarmware.types import registry
 from swarmware.types.time import Conversion, TimeFunctions
 
 SECOND = 1_000_000_000
@@ -181,3 +190,116 @@ def test_a_small_step_that_no_line_can_follow_is_one() -> None:
     function = timer.functions(26 * SECOND).of("uav2")
     assert function is not None
     assert abs(function.to_remote(26 * SECOND) - 26 * SECOND - jump) < 50_000
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"skew": math.nan},
+        {"skew": math.inf},
+        {"skew": -math.inf},
+        {"skew": 0.5},
+        {"skew": -1.0},
+        {"skew_bound": math.nan},
+        {"skew_bound": -1e-6},
+        {"skew_bound": 1e300},
+        {"offset_ns": 1 << 63},
+        {"t0_ns": -(1 << 63)},
+        {"bound_ns": -1},
+        {"bound_ns": (1 << 64) - 1},
+        {"sigma_ns": 1 << 63},
+        {"hops": 0},
+        {"hops": -3},
+        {"hops": 10_000},
+        {"hardware": -1},
+        {"platform": "no name\n"},
+        {"via": "../.."},
+    ],
+    ids=str,
+)
+def test_a_function_that_no_two_clocks_can_have_is_refused_and_the_others_are_used(
+    wrong: dict[str, Any],
+) -> None:
+    timer = core()
+    run(timer, heard(SECOND))
+    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)))
+    bad = msgspec.structs.replace(function(8), **wrong)
+    assert timer.on_functions(told(2, bad, function(9)), SECOND) == 1
+    # as a first value of our own clock, and as the way to another
+    assert timer.on_functions(told(3, msgspec.structs.replace(function(1, boot_id=10), **wrong)), SECOND) == 1
+    assert timer.refused == 2
+    timer.on_timer(2 * SECOND)
+    known = timer.functions(2 * SECOND)
+    assert {one.platform for one in known.functions} == {"uav2", "uav9"}
+    assert registry.decode(TimeFunctions, registry.encode(known)) == known
+
+
+_number = st.one_of(
+    st.integers(-(1 << 63), (1 << 64) - 1), st.sampled_from([0, 1, -1, SECOND, (1 << 61) - 1, -(1 << 61)])
+)
+_ratio = st.one_of(st.floats(), st.floats(-1e-3, 1e-3))
+
+
+@given(
+    st.lists(
+        st.builds(
+            Conversion,
+            platform=st.sampled_from(["uav1", "uav2", "uav9", ""]),
+            unit=st.just("main"),
+            hardware=st.one_of(st.sampled_from([1, 2, 9]), _number),
+            boot_id=st.one_of(st.sampled_from([5, 10]), _number),
+            offset_ns=_number,
+            skew=_ratio,
+            t0_ns=_number,
+            bound_ns=_number,
+            sigma_ns=_number,
+            skew_bound=_ratio,
+            conv_epoch=_number,
+            hops=st.one_of(st.integers(1, 24), _number),
+            via=st.sampled_from(["", "uav1", "uav4"]),
+            samples=_number,
+            rtt_ns=_number,
+        ),
+        max_size=6,
+    ),
+    st.sampled_from([0, SECOND, 1 << 62]),
+)
+def test_whatever_a_partner_says_the_list_is_published_and_every_number_in_it_is_finite(
+    functions: list[Conversion], now_ns: int
+) -> None:
+    timer = core()
+    run(timer, heard(SECOND, of=2))
+    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)))
+    for by in (2, 3):
+        timer.on_functions(told(by, *functions), now_ns)
+    timer.on_timer(now_ns)
+    for one in timer.functions(now_ns).functions:
+        assert one.bound_at_ns(now_ns) >= 0
+        assert one.to_local(one.to_remote(now_ns)) is not None
+    known = timer.functions(now_ns)
+    assert registry.decode(TimeFunctions, registry.encode(known)) == known
+
+
+def test_who_is_heard_without_an_echo_has_no_function_yet() -> None:
+    timer = core()
+    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)))
+    timer.on_timer(SECOND)
+    assert timer.unmeasured() == {"uav2"}
+    run(timer, heard(2 * SECOND))
+    assert timer.unmeasured() == set()
+
+
+def test_a_rate_that_changed_while_nothing_was_heard_is_no_step() -> None:
+    timer = core()
+    drift = 5e-6
+    run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(300)))
+    silence = 600 * SECOND
+    back = [
+        heard(31 * SECOND + silence + tick * SECOND // 10, round(drift * (silence + tick * SECOND // 10)))
+        for tick in range(50)
+    ]
+    assert not [action for action in run(timer, *back) if isinstance(action, Stepped)]
+    at_ns = back[-1].exchange.received_ns
+    known = timer.functions(at_ns).of("uav2")
+    assert known is not None
+    assert abs(known.to_remote(at_ns) - at_ns - round(drift * (silence + 5 * SECOND))) < 100_000
