@@ -1,12 +1,12 @@
 """The effective configuration of a node's files, key by key, with where each value comes from."""
 
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from swarmware import document
 from swarmware.config import NodeConfig, load_node, load_service
 from swarmware.errors import NotFound
 from swarmware.service.find import find, installed
@@ -42,7 +42,7 @@ def effective(folder: Path, service: str) -> list[Setting]:
 
 
 def _keys(service: str, path: Path, config: Any, defaults: Any) -> Iterator[Setting]:
-    written = set(_flat("", tomllib.loads(path.read_text("utf-8")))) if path.exists() else set()
+    written = set(_flat("", document.toml(document.read(path), str(path)))) if path.exists() else set()
     standard = dict(_flat("", msgspec.to_builtins(defaults)))
     for key, value in _flat("", msgspec.to_builtins(config)).items():
         origin = str(path) if key in written and value != standard.get(key) else "default"

@@ -70,6 +70,10 @@ def _param(text: str) -> tuple[str, ParamValue]:
         raise InvalidInput(f"--set {text!r}: expected NAME=VALUE, such as speed_m_s=1.0")
     try:
         found = json.loads(value)
+    except RecursionError:
+        raise InvalidInput(
+            f"--set {name}: nested too deep; expected a number, a word, true, false or points"
+        ) from None
     except ValueError:
         return name, value  # a plain word needs no quotes
     try:

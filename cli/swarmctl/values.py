@@ -58,6 +58,8 @@ def typed(text: str) -> bytes:
     """What an operator typed, as MessagePack: JSON, or a plain word."""
     try:
         value = json.loads(text)
+    except RecursionError:
+        raise InvalidInput("value: nested too deep; expected JSON or a plain word") from None
     except ValueError:
         value = text
     return msgspec.msgpack.encode(value)

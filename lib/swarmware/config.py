@@ -2,13 +2,13 @@
 
 import os
 import re
-import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 import msgspec
 
+from swarmware import document
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.names import check_platform
 
@@ -138,11 +138,9 @@ def load(path: Path, cls: type[T]) -> T:
     Raises: ConfigError with file, key and what was expected.
     """
     try:
-        text = path.read_text("utf-8")
+        text = document.read(path)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; expected a {cls.__name__} in TOML") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
     return parse(text, cls, str(path))
 
 
@@ -151,11 +149,7 @@ def parse(text: str, cls: type[T], source: str) -> T:
 
     Raises: ConfigError with source, key and what was expected.
     """
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source}: no valid TOML: {error}") from error
-    return convert(raw, cls, source)
+    return convert(document.toml(text, source), cls, source)
 
 
 def convert(raw: Any, cls: type[T], source: str) -> T:

@@ -20,6 +20,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
+from swarmware import document
 from swarmware.errors import ConfigError, Denied
 from swarmware.names import check_platform
 
@@ -331,10 +332,7 @@ def _sign_public(seed: bytes) -> bytes:
 
 
 def _decode(path: Path, data: bytes, cls: type[T]) -> T:
-    try:
-        return msgspec.json.decode(data, type=cls)
-    except msgspec.DecodeError as error:
-        raise ConfigError(f"{path}: {error}") from error
+    return document.json(document.text(data, str(path)), cls, str(path))
 
 
 def _read(path: Path) -> bytes:

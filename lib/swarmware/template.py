@@ -1,6 +1,5 @@
 """Resource templates: TOML files that say what a platform of a kind has, with inheritance."""
 
-import tomllib
 from collections.abc import Mapping
 from hashlib import blake2b
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from swarmware import config
+from swarmware import config, document
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.names import Pattern
 from swarmware.resource import Access, Category, Kind, Link, Plain, Resource
@@ -130,11 +129,9 @@ def _merge(
 
 def _read(source: Path) -> TemplateFile:
     try:
-        raw = tomllib.loads(source.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{source}: cannot be read: {error}") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(f"{source}: no valid TOML: {error}") from error
+        raw = document.toml(document.read(source), str(source))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{source}: has just gone; expected a template") from error
     resources = raw.get("resources")
     if not isinstance(resources, Mapping):
         return config.convert(raw, TemplateFile, str(source))

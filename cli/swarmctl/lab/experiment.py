@@ -22,9 +22,9 @@ from swarmctl.lab.running import RunningLab
 from swarmctl.lab.watch import ENDED, Outcome, SwarmWatch
 from swarmctl.output import Output
 from swarmctl.progress import Progress
-from swarmware import __version__
+from swarmware import __version__, document
 from swarmware.config import share_dir
-from swarmware.errors import InvalidInput, NotFound, SwarmError
+from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.mission.folder import MANIFEST
 from swarmware.types.mission import MissionFile, MissionState, MissionTask, TaskAnswer
 
@@ -88,7 +88,7 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     """Computes, writes and prints the report of a folder with facts and logs; the exit code.
 
     With `strict` a goal that was missed is a failure.
-    Raises: NotFound when the folder has no run.json, InvalidInput when it is of another version.
+    Raises: NotFound when the folder has no run.json, ConfigError when it is of another version.
     """
     from swarmctl.lab import analysis, page, plots
     from swarmctl.lab import report as figures
@@ -127,7 +127,7 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
 def page_table(out_dir: Path, out: Output) -> None:
     """Prints the table of a report that is there, for a page.
 
-    Raises: NotFound without a report; InvalidInput when it is of another version.
+    Raises: NotFound without a report; ConfigError when it is of another version.
     """
     from swarmctl.lab import report as figures
 
@@ -136,11 +136,11 @@ def page_table(out_dir: Path, out: Output) -> None:
 
 def _read(path: Path, cls: type[S]) -> S:
     try:
-        return msgspec.json.decode(path.read_bytes(), type=cls)
+        return document.json(document.read(path), cls, str(path))
     except FileNotFoundError:
         raise NotFound(f"{path}: no such file; expected the folder of a report") from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: {error}; expected a report of this version") from error
+    except ConfigError as error:
+        raise ConfigError(f"{error}; expected a report of this version") from error
 
 
 def prepare(out_dir: Path) -> None:

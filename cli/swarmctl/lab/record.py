@@ -9,6 +9,7 @@ from typing import Final
 import msgspec
 
 from swarmctl.lab.processes import NODE_MARK, Identity, marked, marks
+from swarmware import document
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 
 FILE: Final = "lab.json"
@@ -161,11 +162,9 @@ def load(folder: Path) -> LabRecord:
     Raises: NotFound when there is none; ConfigError when its record is damaged.
     """
     try:
-        return msgspec.json.decode((folder / FILE).read_bytes(), type=LabRecord)
+        return document.json(document.read(folder / FILE), LabRecord, f"record of the lab ({folder / FILE})")
     except FileNotFoundError:
         raise NotFound(f"lab {folder.name!r} ({folder}): not there") from None
-    except msgspec.DecodeError as error:
-        raise ConfigError(f"record of the lab ({folder / FILE}): {error}") from error
 
 
 def labs() -> list[LabRecord]:

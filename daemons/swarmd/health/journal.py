@@ -5,6 +5,8 @@ from pathlib import Path
 
 import msgspec
 
+from swarmware import document
+from swarmware.errors import ConfigError
 from swarmware.types.health import CheckRegistration, Fault
 
 
@@ -28,8 +30,8 @@ class JournalFile:
         """The journal of this start of the node; empty when there is none, or it cannot be read."""
         empty = Journal(self._boot_id)
         try:
-            found = msgspec.json.decode(self._path.read_bytes(), type=Journal)
-        except (OSError, msgspec.DecodeError):
+            found = document.json(document.read(self._path), Journal, str(self._path))
+        except (FileNotFoundError, ConfigError):
             return empty
         return found if found.boot_id == self._boot_id else empty
 

@@ -2,13 +2,14 @@
 
 import logging
 import os
-import tomllib
 from pathlib import Path
 
 import msgspec
 import tomli_w
 
+from swarmware import document
 from swarmware.clock import utc_ns
+from swarmware.errors import ConfigError
 from swarmware.resource import Plain
 
 log = logging.getLogger("swarm.tree")
@@ -34,11 +35,11 @@ class Store:
 
     def _load(self) -> None:
         try:
-            raw = tomllib.loads(self._path.read_text("utf-8"))
+            raw = document.toml(document.read(self._path), str(self._path), finite=False)
             self._kept = msgspec.convert(raw, dict[str, Kept])
         except FileNotFoundError:
             return
-        except (OSError, ValueError, msgspec.ValidationError, RecursionError) as error:
+        except (OSError, ConfigError, msgspec.ValidationError) as error:
             aside = self._path.with_suffix(f".broken-{utc_ns()}")
             try:
                 self._path.rename(aside)

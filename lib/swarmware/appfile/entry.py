@@ -1,14 +1,13 @@
 """What an application file says, and how it stands in the file."""
 
-import tomllib
 import zlib
 from typing import Any, Final, Literal
 
 import msgspec
 import tomli_w
 
-from swarmware import names
-from swarmware.errors import WireError
+from swarmware import document, names
+from swarmware.errors import ConfigError, WireError
 from swarmware.resource import Resource
 
 _MARK: Final = "# crc32 "
@@ -75,8 +74,8 @@ def decode(data: bytes, source: str) -> AppEntry:
         text, mark, check = data.decode().rpartition(_MARK)
         if not mark or int(check, 16) != zlib.crc32(text.encode()):
             raise WireError(f"{source}: incomplete; expected a last line with the checksum of the others")
-        return msgspec.convert(tomllib.loads(text), AppEntry)
-    except (ValueError, msgspec.ValidationError, tomllib.TOMLDecodeError) as error:
+        return msgspec.convert(document.toml(text, source, finite=False), AppEntry)
+    except (ValueError, msgspec.ValidationError, ConfigError) as error:
         raise WireError(f"{source}: no application file: {error}") from error
 
 
