@@ -105,6 +105,6 @@ async def write(link: Link, path: str, text: str, version: int | None = None) ->
 
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
     """
-    wish = TreeSet(path, typed(text), version, f"operator@{link.here}")
+    wish = TreeSet(path, typed(text), version)
     done = await link.ask(f"/{link.here}/sys/tree/set", wish, TreeSetDone, about=path)
     return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)

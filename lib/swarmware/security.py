@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from swarmware import document
+from swarmware.access import Role
 from swarmware.errors import ConfigError, Denied
 from swarmware.names import check_platform
 
@@ -51,7 +52,7 @@ class Member(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     curve_public: bytes
     """X25519 public key, raw 32 bytes."""
     role: str = "node"
-    """node | observer | operator | maintainer."""
+    """A name of `access.Role`."""
     serial: int = 0
 
 
@@ -64,11 +65,13 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Serials that are members no more."""
     key_epoch: int = 0
 
+    def valid(self) -> tuple[Member, ...]:
+        """The members that are not revoked."""
+        return tuple(member for member in self.members if member.serial not in self.revoked)
+
     def find(self, platform: str) -> Member | None:
         """The platform's valid entry."""
-        return next(
-            (m for m in self.members if m.platform == platform and m.serial not in self.revoked), None
-        )
+        return next((member for member in self.valid() if member.platform == platform), None)
 
 
 class GroupKey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -89,7 +92,7 @@ class Keys:
         self._signing = Ed25519PrivateKey.from_private_bytes(seed)
         self.curve_secret = _curve_secret(seed)
         self.curve_public = _curve_public(seed)
-        valid = () if roster is None else tuple(m for m in roster.members if m.serial not in roster.revoked)
+        valid = () if roster is None else roster.valid()
         self._by_curve: dict[bytes, Member] = {member.curve_public: member for member in valid}
 
     @classmethod
@@ -304,7 +307,13 @@ def read_roster(path: Path, root_public: bytes) -> Roster:
         raise ConfigError(f"{path}: expected a line of JSON and a line with its signature") from error
     except InvalidSignature:
         raise Denied(f"{path}: not signed by this swarm's root") from None
-    return _decode(path, body, Roster)
+    roster = _decode(path, body, Roster)
+    for member in roster.members:
+        try:
+            Role.named(member.role)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {member.platform}: {error}") from None
+    return roster
 
 
 def _session_key(group_key: bytes, sender_hw: int, session: int) -> ChaCha20Poly1305:

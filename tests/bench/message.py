@@ -138,7 +138,7 @@ async def open_bench(root: Path) -> AsyncIterator[Bench]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    make_swarm(root / "keys", ["uav1", "uav2"])
+    make_swarm(root / "keys", dict.fromkeys(["uav1", "uav2"], "operator"))
     config = Config(udp_port=port, bind_address="127.0.0.1")
     folders = [
         make_node(root, name, services={"broker": config}, keys_dir=str(root / "keys" / name))

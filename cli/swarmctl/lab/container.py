@@ -84,7 +84,7 @@ def share_keys(directory: Path) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if (directory / "gcs").exists():
             return
-        roles = {"gcs": "operator"}
+        roles = {"gcs": "maintainer"}
         roles |= {f"{kind}{number}": "node" for kind in ("ugv", "uav") for number in range(1, MOST + 1)}
         make_swarm(directory, roles)
 

@@ -76,7 +76,7 @@ def make(wish: Wish) -> LabRecord:
         )
         record.save(lab)
         keys = folder / "keys"
-        make_swarm(keys, {m.platform: "operator" if m.kind == "gcs" else "node" for m in who})
+        make_swarm(keys, {m.platform: "maintainer" if m.kind == "gcs" else "node" for m in who})
         for node in lab.nodes:
             _write(lab, node, keys)
     except BaseException:

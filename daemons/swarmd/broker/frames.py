@@ -2,20 +2,25 @@
 
 import asyncio
 import logging
+from collections.abc import Callable
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.forward import Decision, Forwarder, Step
+from swarmd.broker.core.gate import Gate
 from swarmd.broker.core.queue import Waiting
 from swarmd.broker.core.station import Station
 from swarmd.broker.core.traffic import Channel, Counters
 from swarmd.broker.links.curve import Links, Peer
+from swarmware.access import Access
+from swarmware.appfile import AppTable
 from swarmware.clock import Clock
 from swarmware.delivery import Status, answerable
-from swarmware.errors import WireError
+from swarmware.errors import Denied, WireError
 from swarmware.frame import HOPS, Frame, Kind, decode, encode
 from swarmware.names import hardware_id
 from swarmware.post import Post
 from swarmware.security import Keys
+from swarmware.types.net import Denial
 
 log = logging.getLogger("swarm.broker")
 
@@ -24,10 +29,21 @@ class Frames:
     """The gateway of this node's post."""
 
     def __init__(
-        self, config: Config, keys: Keys, clock: Clock, post: Post, station: Station, counters: Counters
+        self,
+        config: Config,
+        keys: Keys,
+        clock: Clock,
+        post: Post,
+        table: AppTable,
+        station: Station,
+        counters: Counters,
+        on_denial: Callable[[Denial], None],
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
         self._keys = keys
+        self._table = table
+        self._gate = Gate(keys.roster, Access())
+        self._on_denial = on_denial
         self._clock = clock
         self._post = post
         self._station = station
@@ -73,6 +89,8 @@ class Frames:
         link.received_bytes += len(data)
         decision = self._forwarder.from_neighbour(frame, self._other_end(frame, user), self._clock.now_ns())
         if decision.step is Step.DELIVER:
+            if not self._may_pass(frame):
+                return
             self._channel(frame).received(len(frame.payload))
             if frame.kind is Kind.NOTIFY:
                 counters.notifications += 1
@@ -84,6 +102,28 @@ class Frames:
                 return
             counters.forwarded_frames += 1
         self._onward(frame, decision)
+
+    def _may_pass(self, frame: Frame) -> bool:
+        platform = self._station.members.platform(frame.sender_hw)
+        path = self._table.path_of(frame.data_id)
+        if path is None:
+            self._table.refresh()
+            path = self._table.path_of(frame.data_id)
+        try:
+            self._gate.check(frame, platform, path)
+        except WireError as error:
+            self._counters.refused.malformed += 1
+            log.debug("frame of %s: %s", platform, error)
+            return False
+        except Denied as error:
+            self._counters.refused.denied += 1
+            self._post.deny(frame, str(error))
+            denial = self._gate.denied(platform, path or "", str(error), self._clock.now_ns())
+            if denial is not None:
+                log.warning("denied: %s", error)
+                self._on_denial(denial)
+            return False
+        return True
 
     def _other_end(self, frame: Frame, user: str) -> int | None:
         """Hardware id of the member at the other end of a connection; None where nobody can tell."""

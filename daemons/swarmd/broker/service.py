@@ -24,6 +24,7 @@ from swarmware.security import Keys, next_session
 from swarmware.service import Service
 from swarmware.types.net import (
     ChannelLimits,
+    Denial,
     Neighbours,
     Routes,
     SetChannel,
@@ -83,7 +84,16 @@ class Broker(Service):
                 config, keys, session, self._clock, self._station, self._counters, self._arrived
             )
             stack.callback(self._datagrams.close)
-            self._frames = Frames(config, keys, self._clock, node.post, self._station, self._counters)
+            self._frames = Frames(
+                config,
+                keys,
+                self._clock,
+                node.post,
+                node.table,
+                self._station,
+                self._counters,
+                self._denied,
+            )
             stack.callback(self._frames.close)
             self._own = OwnBoards(node, self._station.bulletin, self._counters)
             stack.callback(self._own.close)
@@ -164,6 +174,9 @@ class Broker(Service):
         self._traffic_board = await module.writer(
             "net/traffic", Traffic, rate_hz=1, link="request", log="1hz", description="Counters in bytes"
         )
+        self._denials = await module.stream_writer(
+            "net/denials", Denial, kind="event", log="all", description="Who asked for what it may not"
+        )
         self._timing_stream = await module.stream_writer(
             "net/timing",
             TimingBatch,
@@ -227,6 +240,9 @@ class Broker(Service):
         self._shape_changed = False
         self._neighbours_board.write(self._report.neighbours(now_ns))
         self._routes_board.write(self._report.routes())
+
+    def _denied(self, denial: Denial) -> None:
+        self._denials.write(denial)
 
     # what a datagram changed
 

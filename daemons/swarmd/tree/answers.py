@@ -14,6 +14,7 @@ from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.settings import Settings
 from swarmd.tree.taps import Peek, plain_payload
 from swarmware import names
+from swarmware.access import Access, Verb
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.frame import Frame
 from swarmware.module import BoardWriter, Meta, Module
@@ -62,6 +63,7 @@ class Answers:
         self._answer_s = answer_s
         self._act: Callable[[], None] = lambda: None
         self._learned = asyncio.Event()
+        self._access = Access()
 
     async def serve(self, act: Callable[[], None]) -> None:
         """Takes requests from now on; `act` carries out what the core wants."""
@@ -115,11 +117,34 @@ class Answers:
                 f"platform {platform!r}: not known to {self._module.platform}; expected one of {known}"
             )
 
+    # -- rights
+
+    def _by(self, meta: Meta) -> str:
+        """Who asks, for the audit: as the way it came says, never as it says itself."""
+        if meta.sender is not None:
+            return str(meta.sender)
+        if meta.sender_hw == self._module.node.hardware:
+            entry = self._applications.table.application(meta.sender_app)
+            return f"{'?' if entry is None else entry.id}@{self._module.platform}"
+        known = (name for name in self._platforms() if names.hardware_id(name) == meta.sender_hw)
+        return f"?@{next(known, f'{meta.sender_hw:08x}')}"
+
+    def _check(self, meta: Meta, resource: Resource) -> None:
+        """Raises: Denied."""
+        verb = Verb.SET if resource.kind is Kind.SETTING else Verb.CALL
+        self._access.check(meta.sender, verb, resource.path)
+
+    def _check_direct(self, meta: Meta, path: str) -> None:
+        """Others get nothing changed elsewhere with the rights of this platform. Raises: Denied."""
+        if meta.sender is not None:
+            raise Denied(f"{path}: asked of {self._module.platform}; expected a request to its own platform")
+
     # -- get
 
-    async def _get(self, request: TreeGet, _: Meta) -> TreeValue:
+    async def _get(self, request: TreeGet, meta: Meta) -> TreeValue:
         platform, local = self._split(request.path)
         if platform == self._module.platform:
+            self._access.check(meta.sender, Verb.GET, local)
             return self._own(local, self._own_leaf(local))
         self._check_platform(platform)
         mirrored = None if request.fresh else self._mirrored(platform, local)
@@ -185,10 +210,11 @@ class Answers:
 
     # -- set
 
-    async def _set(self, request: TreeSet, _: Meta) -> TreeSetDone:
+    async def _set(self, request: TreeSet, meta: Meta) -> TreeSetDone:
         path, _dot, field = request.path.partition(".")
         platform, local = self._split(path)
         if platform != self._module.platform:
+            self._check_direct(meta, request.path)
             self._check_platform(platform)
             there = msgspec.structs.replace(request, path=f"{local}.{field}" if field else local)
             return await self._module.request(
@@ -197,12 +223,14 @@ class Answers:
         resource = self._own_leaf(local).resource
         shown = names.join(platform, local)
         before = self._text(local, resource)
+        by = self._by(meta)
         try:
+            self._check(meta, resource)
             done = await self._change(resource, shown, field, request)
         except SwarmError as error:
-            self._changes.write(TreeChange(shown, request.by, before, "", str(error)))
+            self._changes.write(TreeChange(shown, by, before, "", str(error)))
             raise
-        self._changes.write(TreeChange(shown, request.by, before, _json(done.data)))
+        self._changes.write(TreeChange(shown, by, before, _json(done.data)))
         return done
 
     async def _change(self, resource: Resource, shown: str, field: str, request: TreeSet) -> TreeSetDone:
@@ -236,9 +264,10 @@ class Answers:
             raise NoAnswer(f"{shown}: {outcome}")
         return TreeSetDone(shown, 0, resource.type, registry.encode(value))
 
-    async def _undo(self, request: TreeUndo, _: Meta) -> TreeSetDone:
+    async def _undo(self, request: TreeUndo, meta: Meta) -> TreeSetDone:
         platform, local = self._split(request.path)
         if platform != self._module.platform:
+            self._check_direct(meta, request.path)
             self._check_platform(platform)
             there = msgspec.structs.replace(request, path=local)
             return await self._module.request(
@@ -247,9 +276,15 @@ class Answers:
         resource = self._own_leaf(local).resource
         shown = names.join(platform, local)
         before = self._text(local, resource)
-        value, version = await self._settings.undo(resource, shown)
+        by = self._by(meta)
+        try:
+            self._check(meta, resource)
+            value, version = await self._settings.undo(resource, shown)
+        except SwarmError as error:
+            self._changes.write(TreeChange(shown, by, before, "", str(error)))
+            raise
         done = TreeSetDone(shown, version, resource.type, registry.encode(value))
-        self._changes.write(TreeChange(shown, request.by, before, _json(done.data)))
+        self._changes.write(TreeChange(shown, by, before, _json(done.data)))
         return done
 
     def _decoded(self, resource: Resource, frame: Frame) -> msgspec.Struct:

@@ -20,7 +20,7 @@ class AppTable:
         self._folder = folder(run_dir)
         self._folder_ns = 0
         self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
-        self._served: dict[int, AppEntry] = {}
+        self._served: dict[int, tuple[AppEntry, Served]] = {}
         self._by_id: dict[int, AppEntry] = {}
         self.version = 0
         """Another number after every change: for those who share the table."""
@@ -43,7 +43,7 @@ class AppTable:
         self._folder_ns = folder_ns
         self._files = dict(self._read())
         self._by_id = {entry.app_id: entry for _, entry in self._files.values()}
-        self._served = {item.data_id: entry for entry in self for item in entry.serves}
+        self._served = {item.data_id: (entry, item) for entry in self for item in entry.serves}
         if before == list(self._files.values()):
             return False
         self.version += 1
@@ -79,7 +79,13 @@ class AppTable:
 
     def serving(self, data_id: int) -> AppEntry | None:
         """The application that takes messages or requests of this data id."""
-        return self._served.get(data_id)
+        found = self._served.get(data_id)
+        return None if found is None else found[0]
+
+    def path_of(self, data_id: int) -> str | None:
+        """The local path at which messages or requests of this data id are taken."""
+        found = self._served.get(data_id)
+        return None if found is None else found[1].path
 
     def serving_path(self, path: str) -> tuple[AppEntry, Served] | None:
         """The application that takes messages or requests at this local path, whatever their type."""

@@ -7,6 +7,7 @@ from swarmware.delivery.answer import answer, answerable, expired, expired_here,
 from swarmware.delivery.outbox import Action, Key, Outbox, Settle, Transmit
 from swarmware.delivery.outcome import Outcome, Status
 from swarmware.delivery.received import Received, Seen
+from swarmware.delivery.sender import sender_of, with_sender
 
 __all__ = [
     "Action",
@@ -23,5 +24,7 @@ __all__ = [
     "expired",
     "expired_here",
     "reply",
+    "sender_of",
     "with_lifetime",
+    "with_sender",
 ]

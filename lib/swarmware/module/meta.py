@@ -2,6 +2,8 @@
 
 import msgspec
 
+from swarmware.access import Sender
+from swarmware.delivery import sender_of
 from swarmware.frame import Frame
 
 
@@ -14,8 +16,16 @@ class Meta(msgspec.Struct, frozen=True, gc=False):
     sequence: int
     stamp_ns: int
     """On the sender's hardware clock."""
+    sender: Sender | None = None
+    """The member it came from; None: an application of this platform, or a swarm without keys."""
 
     @classmethod
     def of(cls, frame: Frame) -> "Meta":
         """The sender of a frame."""
-        return cls(frame.sender_hw, frame.sender_app, frame.sequence, frame.stamp_ns)
+        return cls(
+            frame.sender_hw,
+            frame.sender_app,
+            frame.sequence,
+            frame.stamp_ns,
+            sender_of(frame.extension) if frame.extension else None,
+        )

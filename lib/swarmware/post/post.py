@@ -24,7 +24,7 @@ from swarmware.delivery import (
     reply,
 )
 from swarmware.delivery.outbox import Action
-from swarmware.errors import WireError, from_kind
+from swarmware.errors import Denied, WireError, from_kind
 from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Flag, Frame, Kind, decode, encode
 from swarmware.names import ANY
 from swarmware.post.wire import Identity, Wire
@@ -165,6 +165,14 @@ class Post:
     def refuse(self, frame: Frame, status: Status, detail: str) -> None:
         """Tell the sender of a message or request why it does not get further: called by any hop."""
         self._answer(frame, status, detail, None)
+
+    def deny(self, frame: Frame, reason: str) -> None:
+        """Tell the sender that it has no right: called by the broker."""
+        if frame.kind is Kind.REQUEST:
+            payload = registry.encode(Reply(False, kind=Denied.__name__, error=reason))
+            self._give_back(frame, Kind.REPLY, payload, None)
+        else:
+            self._answer(frame, Status.REFUSED, reason, None)
 
     # -- own messages and requests
 

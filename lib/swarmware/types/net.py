@@ -2,7 +2,7 @@
 
 import msgspec
 
-from swarmware.types.bounds import Count, Hertz, Instant, Seconds, Uint32
+from swarmware.types.bounds import Count, Instant, Uint32
 from swarmware.types.registry import register
 
 
@@ -145,6 +145,22 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Datagrams of senders beyond the limit of the neighbour table."""
     failed: int = 0
     """Datagrams on which this broker's own code failed; the log has the place."""
+    denied: int = 0
+    """Messages and requests whose sender's role may not send them."""
+
+
+@register
+class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A member asked for what its role may not (event `net/denials`)."""
+
+    platform: str
+    """Who asked, as its connection proved."""
+    role: str
+    verb: str
+    path: str
+    count: int
+    """How often since the last report of the same."""
+    reason: str
 
 
 @register
@@ -250,9 +266,9 @@ class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     pattern: str
     """Of local paths: `nav/*`."""
-    max_hz: Hertz | None = None
+    max_hz: float | None = None
     """0: nothing is sent; None: the limit is taken away."""
-    for_s: Seconds = 0.0
+    for_s: float = 0.0
     """How long; 0: until it is changed or the broker ends."""
 
 

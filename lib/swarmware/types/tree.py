@@ -57,8 +57,6 @@ class TreeSet(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """MessagePack of plain data: a number, a text, or a map or list of a Struct's fields."""
     version: int | None = None
     """Compare-and-set: refuse unless the value still has this version."""
-    by: str = ""
-    """Who wants it, for the audit: `operator@gcs`."""
 
 
 @register
@@ -66,7 +64,6 @@ class TreeUndo(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request of `sys/tree/undo`: back to the value before the last change of a setting."""
 
     path: str
-    by: str = ""
 
 
 @register
@@ -145,6 +142,7 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     path: str
     by: str
+    """`role@platform` as the connection proved, or `application@platform` on the platform itself."""
     before: str
     """As text; empty when it was not known."""
     after: str

@@ -158,13 +158,16 @@ async def swarm(
     *names: str,
     hear: Mapping[str, tuple[str, ...]] | None = None,
     keys: bool = True,
+    roles: Mapping[str, str] | None = None,
     settings: Mapping[str, Mapping[str, Any]] | None = None,
     **common: Any,
 ) -> AsyncIterator[dict[str, Station]]:
-    """Nodes with brokers; `hear`: who hears whom; `settings`: of the broker, by platform."""
+    """Nodes with brokers; `hear`: who hears whom; `settings`: of the broker, by platform; `roles`: operator
+    where nothing is said."""
     port = free_port()
     if keys:
-        await asyncio.to_thread(make_swarm, root / "keys", names)
+        given_roles = {name: (roles or {}).get(name, "operator") for name in names}
+        await asyncio.to_thread(make_swarm, root / "keys", given_roles)
     async with AsyncExitStack() as stack:
         stations: dict[str, Station] = {}
         for name in names:

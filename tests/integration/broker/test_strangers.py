@@ -54,7 +54,7 @@ def replace_key(folder: Path, root: Ed25519PrivateKey, names: tuple[str, str]) -
 @on_uvloop
 async def test_a_member_with_a_key_that_is_not_on_the_roster_is_denied_and_it_shows(tmp_path: Path) -> None:
     names = ("uav1", "uav2")
-    make_swarm(tmp_path / "keys", names)
+    make_swarm(tmp_path / "keys", dict.fromkeys(names, "operator"))
     replace_key(tmp_path / "keys" / "uav2", Ed25519PrivateKey.generate(), names)
     async with swarm(tmp_path, *names, keys=False) as pair:
         # the group key is right, so they hear each other

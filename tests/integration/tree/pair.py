@@ -72,7 +72,7 @@ class Platform:
         return await self.probe.request("sys/tree/get", TreeGet(path, fresh), TreeValue, timeout_s=5)
 
     async def set(self, path: str, value: object, version: int | None = None) -> TreeSetDone:
-        wish = TreeSet(path, msgspec.msgpack.encode(value), version, "test")
+        wish = TreeSet(path, msgspec.msgpack.encode(value), version)
         return await self.probe.request("sys/tree/set", wish, TreeSetDone, timeout_s=5)
 
     async def list(self, pattern: str) -> dict[str, TreeEntry]:
@@ -114,7 +114,8 @@ async def platforms(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         port = sock.getsockname()[1]
-    await asyncio.to_thread(make_swarm, root / "keys", names)
+    roles = {name: "maintainer" if name == "gcs" else "node" for name in names}
+    await asyncio.to_thread(make_swarm, root / "keys", roles)
     async with AsyncExitStack() as stack:
         found = []
         for name in names:

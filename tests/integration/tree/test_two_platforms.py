@@ -11,7 +11,7 @@ from tests.integration.tree.pair import PATIENCE_S, on_uvloop, platforms, until
 from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.resource import Kind, Resource
 from swarmware.types.scalar import Float, Int, Text
-from swarmware.types.tree import TreeChange, TreeSetDone, TreeUndo
+from swarmware.types.tree import TreeChange, TreeSet, TreeSetDone, TreeUndo
 from swarmware.types.vehicle import Goal, Pose
 
 SPEED = Resource(
@@ -103,6 +103,24 @@ async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owne
 
 
 @on_uvloop
+async def test_a_node_sets_nothing_at_another_platform_and_the_audit_names_it(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        gcs.probe.provide(SPEED)
+        changes = await gcs.probe.stream_reader("tree/changes", TreeChange)
+        path = f"/gcs/{SPEED.path}"
+        await uav.until_listed(path, lambda entry: entry is not None)
+        with pytest.raises(Denied, match=rf"{SPEED.path}: node@uav1 may not set it; expected role operator"):
+            await uav.set(path, 4.0)
+        refused = await changes.next(PATIENCE_S)
+        assert (refused.path, refused.by, refused.after) == (path, "node@uav1", "")
+        await gcs.set(path, 3.0)
+        assert (await changes.next(PATIENCE_S)).by == "probe#1@gcs"
+        around = TreeSet("/uav1/speed", b"\x01")
+        with pytest.raises(Denied, match="asked of gcs; expected a request to its own platform"):
+            await uav.probe.request("/gcs/sys/tree/set", around, TreeSetDone, timeout_s=5)
+
+
+@on_uvloop
 async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         uav.probe.provide(SPEED)
@@ -117,7 +135,12 @@ async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(
         await until(own, lambda value: value.value == 4.0)
         await until(seen, lambda value: value.value == 4.0)
         change = await changes.next(PATIENCE_S)
-        assert (change.path, change.by, change.before, change.after) == (path, "test", "[2.5]", "[4.0]")
+        assert (change.path, change.by, change.before, change.after) == (
+            path,
+            "maintainer@gcs",
+            "[2.5]",
+            "[4.0]",
+        )
         assert (await gcs.get(path, fresh=True)).version == 1
         with pytest.raises(Conflict, match="has version 1 now; expected 0"):
             await gcs.set(path, 5, version=0)
@@ -143,7 +166,7 @@ async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(
                 except SwarmError:
                     await asyncio.sleep(0.05)
         assert (value.version, msgspec.msgpack.decode(value.data)) == (1, [4.0])
-        back = await gcs.probe.request("sys/tree/undo", TreeUndo(path, "test"), TreeSetDone, timeout_s=5)
+        back = await gcs.probe.request("sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=5)
         assert (back.version, msgspec.msgpack.decode(back.data)) == (2, [2.5])
         await until(seen, lambda value: value.value == 2.5)
 

@@ -74,6 +74,7 @@ class Refusals(msgspec.Struct, gc=False):
     expired: int = 0
     no_room: int = 0
     failed: int = 0
+    denied: int = 0
 
 
 class Counters:

@@ -1,0 +1,133 @@
+"""Which role may do what, and what a frame says of its sender."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmd.broker.core.gate import REPORT_NS, Gate
+from swarmware.access import Access, Role, Rule, Sender, Verb
+from swarmware.delivery import sender_of, with_lifetime, with_sender
+from swarmware.errors import ConfigError, Denied, WireError
+from swarmware.frame import ADDRESSED, Flag, Frame, Kind
+from swarmware.security import Member, Roster
+
+GCS = Sender("gcs", Role.OPERATOR)
+
+
+@pytest.mark.parametrize(
+    ("verb", "path", "lowest"),
+    [
+        (Verb.GET, "nav/pose", Role.OBSERVER),
+        (Verb.CALL, "sys/tree/get", Role.OBSERVER),
+        (Verb.CALL, "sys/tree/subscribe", Role.OBSERVER),
+        (Verb.CALL, "sys/tree/structure", Role.OBSERVER),
+        (Verb.CALL, "sys/time/functions", Role.OBSERVER),
+        (Verb.CALL, "sys/register/apps", Role.OBSERVER),
+        (Verb.CALL, "sys/mission/status", Role.OBSERVER),
+        (Verb.CALL, "sys/broker/traffic", Role.OBSERVER),
+        (Verb.CALL, "sys/tree/notify", Role.NODE),
+        (Verb.CALL, "plan/share", Role.NODE),
+        (Verb.CALL, "cmd/mission", Role.OPERATOR),
+        (Verb.CALL, "cmd/abort", Role.OPERATOR),
+        (Verb.CALL, "sys/mission/task", Role.OPERATOR),
+        (Verb.CALL, "sys/mission/abort", Role.OPERATOR),
+        (Verb.CALL, "sys/vehicle/arm", Role.OPERATOR),
+        (Verb.SET, "config/navigator/altitude_kp", Role.OPERATOR),
+        (Verb.SET, "speed", Role.OPERATOR),
+        (Verb.CALL, "sys/guard/restart", Role.MAINTAINER),
+        (Verb.CALL, "sys/broker/set_channel", Role.MAINTAINER),
+        (Verb.CALL, "sys/what/comes/later", Role.MAINTAINER),
+    ],
+)
+def test_each_path_has_a_lowest_role(verb: Verb, path: str, lowest: Role) -> None:
+    access = Access()
+    for role in Role:
+        sender = Sender("uav2", role)
+        if role >= lowest:
+            access.check(sender, verb, path)
+            continue
+        with pytest.raises(Denied, match=rf"^{path}: {role.name.lower()}@uav2 may not {verb} it; expected"):
+            access.check(sender, verb, path)
+
+
+def test_a_platform_has_all_rights_on_its_own_resources() -> None:
+    for path in ("cmd/abort", "sys/guard/restart", "sys/broker/set_channel"):
+        Access().check(None, Verb.CALL, path)
+
+
+def test_where_no_rule_matches_only_maintainers_may() -> None:
+    access = Access((Rule(Verb.GET, "nav/*", Role.OBSERVER),))
+    access.check(Sender("a", Role.MAINTAINER), Verb.SET, "nav/pose")
+    with pytest.raises(Denied, match=r"expected role maintainer$"):
+        access.check(GCS, Verb.SET, "nav/pose")
+
+
+def test_a_role_that_is_none_is_named_with_those_that_are() -> None:
+    with pytest.raises(ConfigError, match="'admiral': expected one of observer, node, operator, maintainer"):
+        Role.named("admiral")
+
+
+def test_the_sender_in_an_extension_replaces_whatever_stood_there() -> None:
+    lifetime = with_lifetime(2.0)
+    forged = with_sender(lifetime, Sender("gcs", Role.MAINTAINER))
+    assert sender_of(forged) == Sender("gcs", Role.MAINTAINER)
+    assert sender_of(with_sender(forged, Sender("uav2", Role.NODE))) == Sender("uav2", Role.NODE)
+    assert with_sender(forged, None) == lifetime
+    assert sender_of(lifetime) is None
+
+
+@given(st.binary(max_size=255))
+def test_an_extension_of_any_bytes_is_refused_or_says_who_really_sent_it(extension: bytes) -> None:
+    sender_of(extension)
+    try:
+        written = with_sender(extension, GCS)
+    except WireError:
+        return
+    assert sender_of(written) == GCS
+    assert sender_of(with_sender(written, None)) is None
+
+
+def gate() -> Gate:
+    names = {"gcs": "operator", "uav2": "node", "uav3": "node"}
+    members = tuple(Member(name, b"", b"", role, serial) for serial, (name, role) in enumerate(names.items()))
+    return Gate(Roster(1, members, revoked=(2,)), Access())
+
+
+def question(kind: Kind = Kind.REQUEST, extension: bytes = b"") -> Frame:
+    return Frame(kind, 1, 2, 3, 4, 5, flags=Flag.WANTS_ACK, extension=extension)
+
+
+@pytest.mark.parametrize("kind", [*ADDRESSED, Kind.REQUEST])
+def test_everything_that_an_application_takes_needs_the_right(kind: Kind) -> None:
+    gate().check(question(kind), "gcs", "cmd/goto")
+    for platform in ("uav2", "uav3", "nobody"):  # a node, a revoked one, one that is not on the roster
+        with pytest.raises(Denied):
+            gate().check(question(kind), platform, "cmd/goto")
+    with pytest.raises(Denied, match="observer@uav3"):
+        gate().check(question(kind), "uav3", "plan/share")
+
+
+def test_answers_and_what_nobody_takes_pass() -> None:
+    gate().check(question(Kind.REPLY), "uav2", "cmd/goto")
+    gate().check(question(Kind.ACK), "uav2", "cmd/goto")
+    gate().check(question(), "uav2", None)
+
+
+def test_a_sender_that_a_frame_brings_along_is_not_believed() -> None:
+    frame = question(extension=with_sender(b"", Sender("gcs", Role.MAINTAINER)))
+    gate().check(frame, "uav2", "plan/share")
+    assert sender_of(frame.extension) == Sender("uav2", Role.NODE)
+    without_keys = Gate(None, Access())
+    without_keys.check(frame, "uav2", "sys/guard/restart")
+    assert sender_of(frame.extension) is None
+
+
+def test_the_same_refusal_is_reported_once_a_second_with_its_number() -> None:
+    one = gate()
+    reports = [one.denied("uav2", "cmd/goto", "no", step * REPORT_NS // 4) for step in range(9)]
+    assert [None if report is None else report.count for report in reports] == [
+        1, None, None, None, 4, None, None, None, 4,
+    ]  # fmt: skip
+    other = one.denied("uav2", "cmd/abort", "no", 0)
+    assert other is not None
+    assert (other.platform, other.role, other.path) == ("uav2", "node", "cmd/abort")
