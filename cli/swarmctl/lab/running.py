@@ -75,11 +75,11 @@ class RunningLab:
         return platform in self._sockets and self._sockets[platform].ready
 
     async def start(self, order: list[str], timeout_s: float) -> None:
-        """Starts all nodes in this order and returns when all are ready.
+        """Starts these nodes in this order and returns when all of them are ready.
 
         Raises: SwarmError when a node falls over, NoAnswer when one is not ready in time.
         """
-        self.began_mono_ns = time.monotonic_ns()
+        self.began_mono_ns = self.began_mono_ns or time.monotonic_ns()
         waiting = list(order)
         starting: set[str] = set()
         try:

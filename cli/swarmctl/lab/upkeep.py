@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 
 from swarmctl.connect import connect
 from swarmctl.lab import folders, listing, plan
+from swarmctl.lab.capacity import Capacity
 from swarmctl.lab.folders import Wish
 from swarmctl.lab.record import LabRecord
 from swarmctl.lab.running import RunningLab
@@ -16,6 +17,7 @@ from swarmctl.lab.watch import SwarmWatch
 from swarmctl.output import Output
 from swarmctl.progress import Progress
 from swarmctl.settings import Settings
+from swarmware.errors import NoAnswer
 
 T = TypeVar("T")
 
@@ -64,14 +66,18 @@ def way_in(lab: LabRecord) -> Settings:
 async def bring_up(running: RunningLab, out: Output) -> float:
     """Starts all nodes and waits until the ground station knows every tree; seconds from the first start.
 
-    Raises: SwarmError when a node falls over, NoAnswer when it takes too long.
+    Raises: SwarmError when a node falls over or the processor is too slow, NoAnswer when it takes too long.
     """
     lab = running.record
     members = plan.members(len(lab.nodes), lab.seed)
     order = plan.start_order(members, lab.seed)
     with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
         running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")
-        await running.start(order, UP_S)
+        capacity = Capacity(len(order))
+        await running.start(order[: capacity.first], UP_S)
+        if rest := order[capacity.first :]:
+            await capacity.look(running.record, capacity.first)
+            await running.start(rest, UP_S)
     vehicles = [node.platform for node in lab.nodes if node.kind != "gcs"]
     with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
         async with connect(way_in(lab)) as link:
@@ -82,10 +88,13 @@ async def bring_up(running: RunningLab, out: Output) -> float:
                 await asyncio.wait([known, fallen], return_when=asyncio.FIRST_COMPLETED)
                 running.check()
                 await known
+            except NoAnswer as error:
+                raise NoAnswer(f"{error}; {capacity.describe()}") from error
             finally:
                 known.cancel()
                 fallen.cancel()
                 await asyncio.gather(known, fallen, return_exceptions=True)
+    await capacity.look(running.record, len(order))
     ready_s = running.note_ready()
     out.say(f"{len(lab.nodes)} nodes ready after {ready_s:.1f} s")
     return ready_s
