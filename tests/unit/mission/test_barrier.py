@@ -273,3 +273,35 @@ def test_a_loss_that_broke_nothing_is_no_deadline_any_more() -> None:
     deadline = a.deadline_ns()
     assert deadline is not None
     assert deadline > 5 * S
+
+
+def test_a_member_that_hears_of_the_opening_half_a_second_late_takes_the_alternative_and_says_so() -> None:
+    e = Ensemble()
+    e.arrive("a", "b", "c")
+    e.talk(S)
+    opening = e.board("a")
+    # the others do not know yet
+    assert outcomes({n: b.on_timer(S + LEAD) for n, b in e.of.items()}) == {"a": "ok"}
+    e.of["b"].heard("a", opening, opening.meetings, S + LEAD)
+    assert e.of["b"].on_timer(S + LEAD + S // 2) == [Passed(1, "ok")]
+    e.of["c"].heard("a", opening, opening.meetings, 2 * S)
+    assert e.of["c"].on_timer(2 * S) == [Passed(1, "error:broken", "the others left 0.8 s ago")]
+
+
+def test_a_meeting_that_everybody_has_forgotten_is_over_for_one_who_comes_to_it_now() -> None:
+    e = Ensemble()
+    gates = [Gate("x", visit, quorum=2) for visit in range(1, 30)]
+    for visit, gate in enumerate(gates, 1):
+        e.arrive("b", "c", gate=gate, now_ns=visit * S)
+        e.talk(visit * S)
+        e.talk(visit * S + 1)
+        assert outcomes(e.talk(visit * S + LEAD)) == {"b": "ok", "c": "ok"}
+    e.arrive("a", gate=gates[0], now_ns=30 * S)
+    assert outcomes(e.talk(30 * S)) == {"a": "error:broken"}
+
+
+def test_a_member_at_a_later_visit_ends_the_wait_of_those_at_an_earlier_one() -> None:
+    e = Ensemble()
+    e.arrive("a", gate=Gate("x", 2))
+    e.arrive("b", "c", gate=Gate("x", 1))
+    assert outcomes(e.talk(S)) == {"b": "error:broken", "c": "error:broken"}

@@ -223,3 +223,18 @@ def test_an_unsound_mission_fails_instead_of_doubling_a_block() -> None:
 def test_an_unsound_loop_fails_instead_of_hanging() -> None:
     p = player(net(s="Start>d", d=choice("c", "e"), c=choice("d", "e"), e="End"))
     assert "never rests" in short(p.start(0))[0]
+
+
+def test_a_second_block_with_the_same_barrier_id_is_the_second_meeting() -> None:
+    meet = {"type": "Barrier", "id": "m"}
+    text = net(
+        s="Start>a",
+        a={**meet, "next": "b"},
+        b={**meet, "next": "c"},
+        c={"type": "Barrier", "id": "other", "next": "e"},
+        e="End",
+    )
+    p = player(text)
+    assert short(p.start(0)) == ["barrier a 1 1"]
+    assert short(p.on_outcome(1, "ok", S)) == ["barrier b 2 2"]
+    assert short(p.on_outcome(2, "ok", S)) == ["barrier c 3 1"]

@@ -26,6 +26,9 @@ MEMORY: Final = 16
 TOLD: Final = 3
 """Of these it keeps telling the newest, for those who come late."""
 
+LATE_NS: Final = 500_000_000
+"""A member that waits and learns so long after the common time that the others have left does not follow them."""
+
 Key = tuple[str, int]
 
 
@@ -64,6 +67,7 @@ class _Peer(msgspec.Struct):
 
 class _Waiting(msgspec.Struct):
     gate: Gate
+    since_ns: int
     deadline_ns: int | None
 
 
@@ -148,7 +152,7 @@ class Barriers:
     def arrive(self, token: int, gate: Gate, now_ns: int) -> None:
         """This member has come to a barrier."""
         deadline_ns = None if gate.timeout_s is None else now_ns + round(gate.timeout_s * 1e9)
-        self._waiting[token] = _Waiting(gate, deadline_ns)
+        self._waiting[token] = _Waiting(gate, now_ns, deadline_ns)
 
     def withdraw(self, token: int) -> None:
         """This member waits there no longer."""
@@ -208,9 +212,13 @@ class Barriers:
             if waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
                 return "timeout", self._why(gate, now_ns)
             return "error:broken", self._why(gate, now_ns)
-        if known.leave_ns > now_ns:
+        late_ns = now_ns - known.leave_ns
+        if late_ns < 0:
             return None
         known.passed = True
+        # who comes after a quorum has left passes; who waited for all and was cut off must not follow alone
+        if late_ns > LATE_NS and gate.quorum is None and waiting.since_ns <= known.leave_ns:
+            return "error:broken", f"the others left {late_ns / 1e9:.1f} s ago"
         return "ok", ""
 
     def _judge(self, waiting: _Waiting, now_ns: int) -> None:
@@ -226,10 +234,22 @@ class Barriers:
                 self._learn(key, now_ns + self._lead_ns, self._rank[self._me], relayed=False)
             elif waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
                 self._learn(key, None, self._rank[self._me], relayed=False)
-        elif len(participants) - gone < needed or (
-            waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns
+        elif (
+            len(participants) - gone < needed
+            or (waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns)
+            or self._is_history(gate)
         ):
             self._learn(key, None, self._rank[self._me], relayed=False)
+
+    def _is_history(self, gate: Gate) -> bool:
+        """Somebody is at a later visit of it: how this one went is remembered by nobody any more."""
+        here = Arrival(gate.barrier, gate.visit)
+        return any(barrier == gate.barrier and visit > gate.visit for barrier, visit in self._known) or any(
+            arrival.barrier == gate.barrier and arrival.visit > gate.visit
+            for peer in self._peers.values()
+            if peer.state is not None and here not in peer.state.arrivals
+            for arrival in peer.state.arrivals
+        )
 
     def _learn(self, key: Key, leave_ns: int | None, by: int, relayed: bool) -> None:
         """Broken wins, so that all go the same way; then what the first member said, at first hand."""

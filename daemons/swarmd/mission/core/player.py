@@ -14,7 +14,7 @@ from swarmd.mission.core.actions import (
     StartBlock,
     Step,
 )
-from swarmware.mission.catalogue import DecisionRandom, End, Wait
+from swarmware.mission.catalogue import Barrier, DecisionRandom, End, Wait
 from swarmware.mission.condition import Lookup
 from swarmware.mission.model import CANCELLED, ERROR, OK, TIMEOUT, Block, Mission
 from swarmware.mission.net import join_place
@@ -64,6 +64,7 @@ class Player:
         self._running: dict[int, _Running] = {}
         self._arrived: set[str] = set()
         self._visits: dict[str, int] = {}
+        """Of each barrier, by its id."""
         self._entered: set[str] = set()
         self._result = ("", "")
         self._places: dict[str, frozenset[str]] = {
@@ -204,7 +205,9 @@ class Player:
         actions.append(Step(block.id, block.type, "started"))
         if block.type == "Barrier":
             # its time-out is the ensemble's business: all members must hear of it
-            visit = self._visits[block.id] = self._visits.get(block.id, 0) + 1
+            # one barrier per id, whatever the block: the second block of that id is the second meeting
+            barrier = block.params.id if isinstance(block.params, Barrier) else block.id
+            visit = self._visits[barrier] = self._visits.get(barrier, 0) + 1
             self._running[token] = _Running(block, token, None)
             actions.append(EnterBarrier(token, block, visit))
             return
