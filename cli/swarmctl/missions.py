@@ -10,7 +10,8 @@ from swarmware.config import share_dir
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.mission.check import check_files
 from swarmware.mission.finding import Finding, sound
-from swarmware.types.mission import MissionFile, MissionTask, ParamValue
+from swarmware.mission.folder import read_files
+from swarmware.types.mission import MissionTask, ParamValue
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -49,19 +50,14 @@ def check_all(missions: Iterable[str]) -> list[Verdict]:
 
 
 def task(mission: str, members: Iterable[str], params: Iterable[str]) -> MissionTask:
-    """The instruction for a ground station, with the mission's files by content.
+    """The instruction for a ground station, with the mission's files by content: those that `check` looks at.
 
-    Raises: NotFound, InvalidInput for a parameter that is no NAME=VALUE.
+    Raises: NotFound, ConfigError, InvalidInput for a parameter that is no NAME=VALUE.
     """
     where = place(mission)
-    folder = where if where.is_dir() else where.parent
-    files = sorted(path for path in folder.iterdir() if path.suffix in {".json", ".toml"})
-    return MissionTask(
-        folder.name,
-        tuple(MissionFile(path.name, path.read_text("utf-8")) for path in files),
-        dict(_param(text) for text in params),
-        tuple(members),
-    )
+    files = tuple(read_files(where))
+    name = "" if len(files) == 1 else (where if where.is_dir() else where.parent).resolve().name
+    return MissionTask(name, files, dict(_param(text) for text in params), tuple(members))
 
 
 def _param(text: str) -> tuple[str, ParamValue]:

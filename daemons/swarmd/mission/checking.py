@@ -36,7 +36,7 @@ class Checker:
     """Verdicts on missions, by content: the second time the answer is there at once."""
 
     def __init__(self, catalogue: Catalogue) -> None:
-        self._catalogue = catalogue
+        self.catalogue = catalogue
         self._verdicts: OrderedDict[str, Findings] = OrderedDict()
         self._missions: OrderedDict[str, Mission] = OrderedDict()
         # one at a time: those who ask for many checks wait, not the rest of the computer
@@ -49,7 +49,7 @@ class Checker:
             if known in self._verdicts:
                 return self._verdicts[known]
         large = sum(map(len, folder.texts.values())) > QUICK_TEXT
-        found = None if large else check_folder(folder, self._catalogue, Budget(QUICK_BYTES))
+        found = None if large else check_folder(folder, self.catalogue, Budget(QUICK_BYTES))
         verdict = await self._finished(found, FolderJob(folder), folder.where)
         key = content_hash(folder.where, folder.hash) if verdict else folder.hash
         return _keep(self._verdicts, key, verdict)
@@ -64,10 +64,10 @@ class Checker:
             return self._missions[key]
         quick: list[Finding] | None = None
         if len(text) <= QUICK_TEXT:
-            reading, quick = check_text(text, file, binding, self._catalogue, Budget(QUICK_BYTES))
+            reading, quick = check_text(text, file, binding, self.catalogue, Budget(QUICK_BYTES))
         refuse(await self._finished(quick, TextJob(text, file, binding), file))
         if quick is None:
-            reading = await asyncio.to_thread(read, text, file, binding, self._catalogue)
+            reading = await asyncio.to_thread(read, text, file, binding, self.catalogue)
         if reading.mission is None:
             raise MissionError("\n".join(str(finding) for finding in reading.findings))
         return _keep(self._missions, key, reading.mission)

@@ -103,7 +103,7 @@ class Dispatcher:
         """The mission by content; one that is stored here with the same content is not parsed again."""
         stored = self._store.known(files_hash(task.files))
         if stored is None:
-            return from_files(task.files, task.name)
+            return from_files(task.files, task.name, self._checker.catalogue)
         return msgspec.structs.replace(stored, where=task.name)
 
     @staticmethod

@@ -7,13 +7,6 @@ FULL_BYTES: Final = 64 << 20
 QUICK_BYTES: Final = 1 << 20
 """For a check inside an event loop: some 1 500 states, 5 to 30 ms (shipped missions have less than 50)."""
 
-_STATE: Final = 480
-"""Of CPython 3.11, for a visited state: entries of dictionaries, of the queue, way back, steps backward."""
-_STEP: Final = 60
-"""For a step from one state to the next."""
-_PLACES_PER_BYTE: Final = 7
-"""30 bits of an integer take 4 bytes."""
-
 
 class Budget:
     """Memory that a check may use, in bytes; as each state and step costs some, time is bounded with it."""
@@ -26,10 +19,6 @@ class Budget:
         """Nothing is left: the check must give up."""
         return self._left <= 0
 
-    def state(self, places: int) -> None:
-        """Pays for one more state of a net with so many places."""
-        self._left -= _STATE + places // _PLACES_PER_BYTE
-
-    def step(self, places: int) -> None:
-        """Pays for one more step between states."""
-        self._left -= _STEP + places // _PLACES_PER_BYTE
+    def pay(self, size: int) -> None:
+        """Something that takes so many bytes is kept."""
+        self._left -= size

@@ -1,6 +1,7 @@
 """All checks of mission files in one call: syntax, blocks, references, soundness, ensemble."""
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 from swarmware.errors import ConfigError, NotFound
@@ -8,8 +9,8 @@ from swarmware.mission import soundness
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Catalogue, built_in, installed
-from swarmware.mission.ensemble import Role, check_roles
-from swarmware.mission.finding import Finding
+from swarmware.mission.ensemble import Role, check_meetings, check_roles
+from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
 from swarmware.mission.loader import Reading, read
 from swarmware.mission.source import SourceError
@@ -28,17 +29,13 @@ def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> li
     catalogue = catalogue or installed()
     findings: list[Finding] = []
     for path in paths:
-        if path.is_dir() or path.name == MANIFEST:
-            findings += _check_folder(path if path.is_dir() else path.parent, catalogue)
-            continue
+        if not path.exists():
+            raise NotFound(f"{path}: no such file; expected a mission in JSON, or a folder with {MANIFEST}")
         try:
-            text = path.read_text("utf-8")
-        except FileNotFoundError:
-            raise NotFound(f"{path}: no such file; expected a mission in JSON, or a folder") from None
-        except (OSError, UnicodeDecodeError) as error:
-            findings.append(Finding(str(path), 0, "", "error", "syntax", f"cannot be read: {error}"))
-            continue
-        findings += check_text(text, str(path), Binding(), catalogue)[1]
+            findings += check_folder(read_folder(path, catalogue), catalogue)
+        except ConfigError as error:
+            place = path / MANIFEST if path.is_dir() else path
+            findings.append(Finding(str(place), 0, "", "error", "manifest", str(error)))
     return findings
 
 
@@ -79,31 +76,20 @@ def check_folder(
         findings += found
         used.update(reading.params)
         if reading.mission is not None:
-            roles.append(Role(role.name, role.kinds, reading.mission, _lines(text, file)))
+            roles.append(Role(role.name, role.kinds, reading.mission, role.take, partial(_line, text, file)))
     findings += check_roles(roles)
     manifest = folder.place(MANIFEST)
     for name in sorted(folder.param_names() - used):
         message = f"parameter {name!r}: no role declares it; expected it in some file's `params`"
         findings.append(Finding(manifest, 0, "", "error", "param-unused", message))
+    if sound(findings):
+        findings += check_meetings(roles, budget)
     return findings
 
 
-def _check_folder(path: Path, catalogue: Catalogue | None) -> list[Finding]:
-    if not path.exists():
-        raise NotFound(f"{path}: no such folder; expected a mission folder with {MANIFEST}")
+def _line(text: str, file: str, pointer: str) -> int:
+    """For remarks of the ensemble check, which are rare: the file is parsed again."""
     try:
-        folder = read_folder(path)
-    except ConfigError as error:
-        return [Finding(str(path / MANIFEST), 0, "", "error", "manifest", str(error))]
-    return check_folder(folder, catalogue)
-
-
-def _lines(text: str, file: str) -> dict[str, int]:
-    """Line of every block, for remarks of the ensemble check."""
-    try:
-        source = parse_source(text, file)
+        return parse_source(text, file).line(pointer)
     except SourceError:
-        return {}
-    value = source.value
-    blocks = value.get("mission") if isinstance(value, dict) else None
-    return {block: source.line(f"/mission/{block}") for block in blocks} if isinstance(blocks, dict) else {}
+        return 0

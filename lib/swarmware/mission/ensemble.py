@@ -1,10 +1,17 @@
 """Do the members' missions fit together? Barriers that all meet, blocks that the platforms can do."""
 
+from collections.abc import Callable
+
 import msgspec
 
+from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.finding import Finding
-from swarmware.mission.model import Block, Mission
+from swarmware.mission.finding import Finding, Severity, too_large
+from swarmware.mission.meetings import BROKEN, Part, search
+from swarmware.mission.model import TIMEOUT, Block, Mission
+
+COPIES_LIMIT = 3
+"""Members of one role that are looked at together; two show all that no quorum above two can do."""
 
 
 class Role(msgspec.Struct, frozen=True):
@@ -13,18 +20,83 @@ class Role(msgspec.Struct, frozen=True):
     name: str
     kinds: tuple[str, ...]
     mission: Mission
-    lines: dict[str, int]
-    """Line of every block."""
+    take: int
+    """How many platforms play it; 0: any number."""
+    line: Callable[[str], int]
+    """Line of a JSON pointer."""
 
-    def finding(self, block: Block, rule: str, message: str) -> Finding:
-        """An error at a block of this role's file."""
-        line = self.lines.get(block.id, 0)
-        return Finding(self.mission.file, line, block.pointer, "error", rule, message)
+    def finding(
+        self,
+        block: Block,
+        rule: str,
+        message: str,
+        severity: Severity = "error",
+        trace: tuple[str, ...] = (),
+    ) -> Finding:
+        """A remark about a block of this role's file."""
+        line = self.line(block.pointer)
+        return Finding(self.mission.file, line, block.pointer, severity, rule, message, trace)
 
 
 def check_roles(roles: list[Role]) -> list[Finding]:
     """Everything that fits each role but not all together."""
-    return [*_capabilities(roles), *_barriers(roles)]
+    return [*_capabilities(roles), *_barriers(roles), *_quorums(roles), *_without_successor(roles)]
+
+
+def check_meetings(roles: list[Role], budget: Budget) -> list[Finding]:
+    """Whether members of these roles, each sound by itself, can wait for each other for ever."""
+    if not any(role.mission.barriers() for role in roles):
+        return []
+    hang = search([_part(role) for role in roles], budget)
+    if budget.spent:
+        return [too_large(roles[0].mission.file)]
+    if hang is None:
+        return []
+    role = next(role for role in roles if role.name == hang.role)
+    return [role.finding(role.mission.blocks[hang.block], "barrier", hang.message, trace=hang.trace)]
+
+
+def _part(role: Role) -> Part:
+    quorums = [
+        block.params.quorum
+        for block in role.mission.barriers()
+        if isinstance(block.params, Barrier) and isinstance(block.params.quorum, int)
+    ]
+    station = role.kinds == ("gcs",)
+    copies = min(COPIES_LIMIT, max(1 if station else 2, *quorums, 1), role.take or COPIES_LIMIT)
+    return Part(role.name, role.mission, copies, station)
+
+
+def _quorums(roles: list[Role]) -> list[Finding]:
+    found: list[Finding] = []
+    for role in roles:
+        for block in role.mission.barriers():
+            params = block.params
+            if not isinstance(params, Barrier) or not isinstance(params.quorum, int):
+                continue
+            meeting = [other for other in roles if not params.roles or other.name in params.roles]
+            most = sum(other.take for other in meeting)
+            if all(other.take for other in meeting) and params.quorum > most:
+                message = (
+                    f"barrier {params.id!r}: a quorum of {params.quorum}, but its roles take {most} members; "
+                    f'expected at most {most}, or "all"'
+                )
+                found.append(role.finding(block, "barrier", message))
+    return found
+
+
+def _without_successor(roles: list[Role]) -> list[Finding]:
+    """A barrier breaks when a member is lost: what then?"""
+    found: list[Finding] = []
+    for role in roles:
+        for block in role.mission.barriers():
+            if block.successor(BROKEN) is None and block.successor(TIMEOUT) is None:
+                message = (
+                    f"when barrier {block.id!r} breaks (a member was lost, or failed), this mission fails; "
+                    'expected nextTimeout, or on: {"broken": …}'
+                )
+                found.append(role.finding(block, "broken-barrier", message, "warning"))
+    return found
 
 
 def _capabilities(roles: list[Role]) -> list[Finding]:

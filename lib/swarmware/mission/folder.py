@@ -1,5 +1,6 @@
 """A mission of an ensemble: a manifest (mission.toml) that says who plays which file, and the files."""
 
+import contextlib
 from collections.abc import Iterable
 from hashlib import blake2b
 from pathlib import Path
@@ -7,10 +8,13 @@ from typing import Annotated, Final
 
 import msgspec
 
+from swarmware import document
 from swarmware.config import parse as parse_toml
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.binding import Binding
-from swarmware.mission.catalogue import Name
+from swarmware.mission.catalogue import VEHICLES, Catalogue, Name, built_in
+from swarmware.mission.source import SourceError
+from swarmware.mission.source import parse as parse_source
 from swarmware.types.mission import MissionFile, ParamValue
 
 MANIFEST: Final = "mission.toml"
@@ -132,23 +136,39 @@ def files_hash(files: Iterable[MissionFile]) -> str:
     return content_hash(*(part for pair in named for part in pair))
 
 
-def read_folder(path: Path) -> Folder:
-    """The mission in this folder.
+def read_files(path: Path) -> list[MissionFile]:
+    """What belongs to the mission at this path: a folder's (or manifest's) files, or one BDL file alone.
 
-    Raises: NotFound without a manifest; ConfigError when it does not fit or a file is missing.
+    Other files in the same folder play no role.
+    Raises: NotFound when nothing is there; ConfigError when a file cannot be read.
     """
-    manifest_path = path / MANIFEST
-    if not manifest_path.is_file():
-        raise NotFound(f"{path}: no {MANIFEST} in it; expected a mission folder")
-    files = sorted(file for file in path.iterdir() if file.name == MANIFEST or file.suffix == ".json")
-    try:
-        return from_files([MissionFile(file.name, file.read_text("utf-8")) for file in files], str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    if path.is_file() and path.name != MANIFEST:
+        return [MissionFile(path.name, document.read(path))]
+    folder = path if path.is_dir() else path.parent
+    if not (folder / MANIFEST).is_file():
+        raise NotFound(f"{path}: no {MANIFEST} in it; expected a mission folder, or a BDL file")
+    text = document.read(folder / MANIFEST)
+    manifest = parse_toml(text, Manifest, str(folder / MANIFEST))
+    names = sorted({role.file for role in manifest.roles})
+    # a missing one is named by whoever puts the mission together
+    there = [folder / name for name in names if (folder / name).is_file()]
+    return [MissionFile(MANIFEST, text), *(MissionFile(file.name, document.read(file)) for file in there)]
 
 
-def from_files(files: list[MissionFile] | tuple[MissionFile, ...], where: str) -> Folder:
-    """The mission made of these files; one BDL file alone is a mission for every vehicle.
+def read_folder(path: Path, catalogue: Catalogue | None = None) -> Folder:
+    """The mission at this path: a folder with a mission.toml, or one BDL file.
+
+    Raises: NotFound when nothing is there; ConfigError when it does not fit or a file is missing.
+    """
+    files = read_files(path)
+    where = path.parent if path.is_file() else path
+    return from_files(files, "" if where == Path() else str(where), catalogue)
+
+
+def from_files(
+    files: list[MissionFile] | tuple[MissionFile, ...], where: str, catalogue: Catalogue | None = None
+) -> Folder:
+    """The mission made of these files; one BDL file alone is for all vehicles that can do every block of it.
 
     Raises: ConfigError when the manifest does not fit or names a file that is not there.
     """
@@ -162,12 +182,39 @@ def from_files(files: list[MissionFile] | tuple[MissionFile, ...], where: str) -
     if MANIFEST in texts:
         manifest = parse_toml(texts.pop(MANIFEST), Manifest, source)
     elif len(texts) == 1:
-        (name,) = texts
-        role = RoleSpec(name="all", file=name, kinds=("uav", "ugv", "usv"))
-        manifest = Manifest(name=name.removesuffix(".json")[:64] or "mission", roles=(role,))
+        ((name, text),) = texts.items()
+        kinds, params = _able(text, name, catalogue or built_in())
+        role = RoleSpec(name="all", file=name, kinds=kinds)
+        manifest = Manifest(name=name.removesuffix(".json")[:64] or "mission", roles=(role,), params=params)
     else:
         raise ConfigError(f"{where}: {len(files)} files without {MANIFEST}; expected it, or a single file")
     used = {role.file for role in manifest.roles}
     for name in sorted(used - texts.keys()):
         raise ConfigError(f"{source}: file {name!r} of a role is missing; expected it beside the manifest")
     return Folder(where, manifest, {name: texts[name] for name in sorted(used)}, digest)
+
+
+def _able(text: str, name: str, catalogue: Catalogue) -> tuple[tuple[str, ...], dict[str, ParamValue]]:
+    """Kinds of vehicle that can do every block, and the parameters; what is wrong is the check's business."""
+    try:
+        top = parse_source(text, name).value
+    except SourceError:
+        return VEHICLES, {}
+    blocks = top.get("mission") if isinstance(top, dict) else None
+    if not isinstance(blocks, dict):
+        return VEHICLES, {}
+    able = {spec.name: spec.kinds for spec in catalogue.types.values() if spec.kinds}
+    types = {
+        body["type"] for body in blocks.values() if isinstance(body, dict) and _is_text(body.get("type"))
+    }
+    kinds = tuple(kind for kind in VEHICLES if all(kind in able.get(word, VEHICLES) for word in types))
+    declared = top.get("params")
+    params: dict[str, ParamValue] = {}
+    for key, default in declared.items() if isinstance(declared, dict) else ():
+        with contextlib.suppress(msgspec.ValidationError):
+            params[key] = msgspec.convert(default, ParamValue)
+    return kinds or VEHICLES, params
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)

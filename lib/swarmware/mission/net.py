@@ -4,9 +4,17 @@ A Join has a place per block that leads to it and fires when all of them hold a 
 with several incoming edges is a merge. End consumes its token and clears the net.
 """
 
+from typing import Final
+
 import msgspec
 
 from swarmware.mission.model import Mission
+
+Marking = int
+"""A bit for each place that holds a token: a marking of thousands of places is a few hundred bytes."""
+
+PLACES_PER_BYTE: Final = 7
+"""Of a marking in memory: 30 bits of an integer take 4 bytes."""
 
 
 class Transition(msgspec.Struct, frozen=True):
@@ -69,3 +77,72 @@ def build(mission: Mission) -> Net:
                 for edge in block.edges
             ]
     return Net(mission.start, tuple(transitions), owner)
+
+
+class Step(msgspec.Struct, frozen=True):
+    """A transition over markings."""
+
+    block: str
+    outcome: str
+    label: str
+    inputs: Marking
+    outputs: Marking
+    """0: the End."""
+    twice: Marking
+    """Places that it would mark twice by itself."""
+
+
+class Bits:
+    """A mission's net over markings."""
+
+    def __init__(self, mission: Mission) -> None:
+        net = build(mission)
+        self.owner = net.owner
+        self.places = list(net.owner)
+        bit = {place: 1 << index for index, place in enumerate(self.places)}
+        self.start = bit[net.start]
+        # every transition is looked at only where its first input is marked
+        self._by_bit: dict[Marking, list[Step]] = {}
+        for transition in net.transitions:
+            inputs = sum(bit[place] for place in transition.inputs)
+            outputs = twice = 0
+            for place in transition.outputs:
+                twice |= outputs & bit[place]
+                outputs |= bit[place]
+            step = Step(transition.block, transition.outcome, transition.label, inputs, outputs, twice)
+            self._by_bit.setdefault(inputs & -inputs, []).append(step)
+        self._instant = sum(
+            bit[place] for place, block in net.owner.items() if mission.blocks[block].spec.instant
+        )
+        self.of: dict[str, Marking] = {}
+        """Places of each block."""
+        for place, block in net.owner.items():
+            self.of[block] = self.of.get(block, 0) | bit[place]
+
+    def steps(self, marking: Marking) -> list[Step]:
+        """What can happen next; the player does what takes no time before it looks at anything else."""
+        rest = marking & self._instant
+        while rest:
+            first = rest & -rest
+            if found := self._enabled(first, marking):
+                return found
+            rest ^= first
+        every: list[Step] = []
+        rest = marking & ~self._instant
+        while rest:
+            first = rest & -rest
+            every += self._enabled(first, marking)
+            rest ^= first
+        return every
+
+    def blocks(self, marking: Marking) -> list[str]:
+        """Blocks that hold a token, in the order of their names."""
+        found: set[str] = set()
+        while marking:
+            found.add(self.owner[self.places[(marking & -marking).bit_length() - 1]])
+            marking &= marking - 1
+        return sorted(found)
+
+    def _enabled(self, first: Marking, marking: Marking) -> list[Step]:
+        """Steps whose first input is this one; a Join's places are all there or it waits."""
+        return [step for step in self._by_bit.get(first, ()) if step.inputs & ~marking == 0]

@@ -12,10 +12,12 @@ import msgspec
 from swarmware.mission.budget import Budget
 from swarmware.mission.finding import TOO_LARGE, Finding, Severity
 from swarmware.mission.model import Mission
-from swarmware.mission.net import Net, build
+from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Step
 
-Marking = int
-"""A bit for each place that holds a token: a marking of thousands of places is a few hundred bytes."""
+_STATE: Final = 480
+"""Bytes of a visited state: entries of dictionaries and the queue, way back (CPython 3.11)."""
+_STEP: Final = 60
+"""Bytes of a step from one state to the next."""
 
 Key = bytes
 """The same as bytes, for dictionaries: integers with bits far apart have equal hashes (modulo 2**61 - 1)."""
@@ -40,36 +42,20 @@ class Remark(msgspec.Struct, frozen=True):
 
 def check(mission: Mission, budget: Budget | None = None) -> list[Remark]:
     """All that is unsound about the mission, counter-examples included."""
-    return [*_restless(mission), *_Exploration(mission, build(mission), budget or Budget()).remarks()]
-
-
-class _Step(msgspec.Struct, frozen=True):
-    """A transition of the net, over bits."""
-
-    block: str
-    label: str
-    inputs: Marking
-    outputs: Marking
-    """0: the End."""
-    twice: Marking
-    """Places that it would mark twice by itself."""
+    return [*_restless(mission), *_Exploration(mission, budget or Budget()).remarks()]
 
 
 class _Exploration:
     """Breadth first over the markings, so counter-examples are shortest."""
 
-    def __init__(self, mission: Mission, net: Net, budget: Budget) -> None:
+    def __init__(self, mission: Mission, budget: Budget) -> None:
         self._mission = mission
-        self._owner = net.owner
+        self._bits = bits = Bits(mission)
         self._budget = budget
-        self._places = list(net.owner)
-        self._bit = bit = {place: 1 << index for index, place in enumerate(self._places)}
-        self._motions = sum(bit[block.id] for block in mission.blocks.values() if block.spec.motion)
-        self._instant = sum(
-            bit[place] for place, block in net.owner.items() if mission.blocks[block].spec.instant
-        )
-        self._width = len(self._places) // 8 + 1
-        first = self._key(bit[net.start])
+        self._size = len(bits.places) // PLACES_PER_BYTE
+        self._width = len(bits.places) // 8 + 1
+        self._motions = sum(bits.of[block.id] for block in mission.blocks.values() if block.spec.motion)
+        first = self._key(bits.start)
         self._came: dict[Key, tuple[Key, Key | None, str]] = {first: (first, None, "")}
         """Visited markings in their order: the same key again, the marking before it, the step from there."""
         self._after: dict[Key, list[Key]] = {}
@@ -78,16 +64,6 @@ class _Exploration:
         self._unsafe: dict[str, Remark] = {}
         self._stuck: list[Key] = []
         self._cut: dict[str, Remark] = {}
-        # every transition is looked at only where its first input is marked
-        self._by_bit: dict[Marking, list[_Step]] = {}
-        for transition in net.transitions:
-            inputs = sum(bit[place] for place in transition.inputs)
-            outputs = twice = 0
-            for place in transition.outputs:
-                twice |= outputs & bit[place]
-                outputs |= bit[place]
-            step = _Step(transition.block, transition.label, inputs, outputs, twice)
-            self._by_bit.setdefault(inputs & -inputs, []).append(step)
 
     def remarks(self) -> list[Remark]:
         """Explores, then judges."""
@@ -112,30 +88,14 @@ class _Exploration:
             key = queue.popleft()
             marking = int.from_bytes(key, "little")
             after: list[Key] = []
-            # the player does what takes no time before it looks at anything else
-            rest = self._first_instant(marking) or marking
-            while rest:
-                first = rest & -rest
-                rest ^= first
-                for step in self._by_bit.get(first, ()):
-                    if step.inputs & ~marking == 0:
-                        self._fire(marking, key, step, after, queue)
+            for step in self._bits.steps(marking):
+                self._fire(marking, key, step, after, queue)
             self._after[key] = after
             if not after and key not in self._ends:
                 self._stuck.append(key)
         return True
 
-    def _first_instant(self, marking: Marking) -> Marking:
-        """The first block that goes on at once, 0 when all take time; a Join counts when it is complete."""
-        rest = marking & self._instant
-        while rest:
-            first = rest & -rest
-            if any(step.inputs & ~marking == 0 for step in self._by_bit.get(first, ())):
-                return first
-            rest ^= first
-        return 0
-
-    def _fire(self, marking: Marking, key: Key, step: _Step, after: list[Key], queue: deque[Key]) -> None:
+    def _fire(self, marking: Marking, key: Key, step: Step, after: list[Key], queue: deque[Key]) -> None:
         self._fired.add(step.block)
         if not step.outputs:
             self._ends.add(key)
@@ -147,24 +107,16 @@ class _Exploration:
             self._two_tokens(key, step, twice)
             return
         result = self._key(rest | step.outputs)
-        self._budget.step(len(self._places))
+        self._budget.pay(_STEP + self._size)
         came = self._came.get(result)
         if came is None:
-            self._budget.state(len(self._places))
+            self._budget.pay(_STATE + self._size)
             came = self._came[result] = (result, key, step.label)
             queue.append(result)
         after.append(came[0])
 
     def _key(self, marking: Marking) -> Key:
         return marking.to_bytes(self._width, "little")
-
-    def _blocks(self, marking: Marking) -> list[str]:
-        """Blocks that hold a token, in the order of their names."""
-        found: set[str] = set()
-        while marking:
-            found.add(self._owner[self._places[(marking & -marking).bit_length() - 1]])
-            marking &= marking - 1
-        return sorted(found)
 
     def _trace(self, key: Key) -> tuple[str, ...]:
         steps: list[str] = []
@@ -174,31 +126,31 @@ class _Exploration:
             _, before, label = self._came[before]
         return tuple(reversed(steps))
 
-    def _two_tokens(self, key: Key, step: _Step, twice: Marking) -> None:
-        block = self._blocks(twice)[0]
+    def _two_tokens(self, key: Key, step: Step, twice: Marking) -> None:
+        block = self._bits.blocks(twice)[0]
         if block not in self._unsafe:
             trace = (*self._trace(key), step.label)
             message = f"{block!r} is entered again while it still runs: expected a Join before it"
             self._unsafe[block] = Remark(block, "error", "two-tokens", message, trace)
 
-    def _cut_short(self, marking: Marking, key: Key, end: _Step) -> None:
-        for block in self._blocks(marking & self._motions & ~end.inputs):
+    def _cut_short(self, marking: Marking, key: Key, end: Step) -> None:
+        for block in self._bits.blocks(marking & self._motions & ~end.inputs):
             message = f"the motion {block!r} can be cut short by the End {end.block!r}"
             trace = (*self._trace(key), end.label)
             self._cut[block] = Remark(block, "warning", "cut-short", message, trace)
-            self._motions &= ~self._bit[block]  # said once
+            self._motions &= ~self._bits.of[block]  # said once
 
     def _deadlocks(self) -> list[Remark]:
         found: dict[str, Remark] = {}
         for key in self._stuck[:STUCK_LIMIT]:
             marking = int.from_bytes(key, "little")
-            for block in self._blocks(marking):
+            for block in self._bits.blocks(marking):
                 if block in found:
                     continue
                 missing = sorted(
                     place.partition("→")[0]
-                    for index, place in enumerate(self._places)
-                    if self._owner[place] == block and not marking >> index & 1
+                    for index, place in enumerate(self._bits.places)
+                    if self._bits.owner[place] == block and not marking >> index & 1
                 )
                 message = (
                     f"deadlock: the Join {block!r} waits for ever for {', '.join(map(repr, missing))}; "
@@ -214,7 +166,7 @@ class _Exploration:
         everywhere = 0
         for key in self._came:
             everywhere |= int.from_bytes(key, "little")
-        reached = set(self._blocks(everywhere))
+        reached = set(self._bits.blocks(everywhere))
         found: list[Remark] = []
         for block in self._mission.blocks.values():
             if block.id not in reached:
@@ -239,7 +191,7 @@ class _Exploration:
                     queue.append(key)
         for key in self._came:
             if key not in can_end:
-                blocks = self._blocks(int.from_bytes(key, "little"))
+                blocks = self._bits.blocks(int.from_bytes(key, "little"))
                 message = (
                     f"once in {', '.join(map(repr, blocks))} no End is ever reached: "
                     "expected every branch to join or end"

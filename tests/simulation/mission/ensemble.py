@@ -98,6 +98,8 @@ class Ensemble:
         self.nodes = {m.platform: Node(m, self.chance) for m in members}
         self.now_ns = S
         self.passages: list[Passage] = []
+        self.cut_off: set[str] = set()
+        """Members that hear nobody and that nobody hears."""
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = count()
 
@@ -140,11 +142,16 @@ class Ensemble:
                 times.setdefault(passage.block, []).append(passage.at_ns)
         return {block: max(found) - min(found) for block, found in times.items()}
 
+    def _apart(self, one: Node, other: Node) -> bool:
+        return one is other or bool(self.cut_off & {one.name, other.name})
+
     def _signs_of_life(self) -> None:
         """Once a second: whose ticks (ten a second) were heard."""
         for node in self.nodes.values():
             for other in self.nodes.values():
-                if other is not node and other.alive and self.chance.random() >= self.world.loss**10:
+                if self._apart(node, other):
+                    continue
+                if other.alive and self.chance.random() >= self.world.loss**10:
                     node.core.alive(other.name, node.now(self.now_ns))
         self.at(self.now_ns + S, self._signs_of_life)
 
@@ -181,7 +188,9 @@ class Ensemble:
 
     def _broadcast(self, node: Node, state: MissionState) -> None:
         for other in self.nodes.values():
-            if other is not node and self.chance.random() >= self.world.loss:
+            if self._apart(node, other):
+                continue
+            if self.chance.random() >= self.world.loss:
                 delay = self.chance.uniform(*self.world.delay_ms)
                 self.at(self.now_ns + round(delay * 1e6), lambda o=other: self._hear(o, node, state))  # type: ignore[misc]  # as above
 

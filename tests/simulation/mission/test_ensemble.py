@@ -6,8 +6,11 @@ from typing import Any
 import pytest
 from tests.simulation.mission.ensemble import Ensemble, S, World, bind, blocks, swarm
 
+from swarmware.mission.check import check_folder
+from swarmware.mission.finding import Finding
+from swarmware.mission.folder import from_files
 from swarmware.mission.soundness import check
-from swarmware.types.mission import Member
+from swarmware.types.mission import Member, MissionFile
 
 SIXTEEN = swarm(5, 10)
 
@@ -156,3 +159,114 @@ def test_random_missions_with_random_faults_never_hang(seed: int) -> None:
         started = any(p.member == node.name and p.block == "@start" for p in ensemble.passages)
         if node.alive and started and node.name != "gcs":
             assert node.landed, f"seed {seed}: {node.name} {outcomes[node.name]}: {node.core.state().text}"
+
+
+@pytest.mark.parametrize("seed", range(13))
+def test_nobody_leaves_a_barrier_more_than_half_a_second_after_the_others(seed: int) -> None:
+    chance = Random(f"cut {seed}")
+    ensemble = ordered(seed, World(loss=0.1), meetings=2)
+    lonely = chance.choice(SIXTEEN).platform
+    at_ns, back_ns = round(chance.uniform(2, 6) * S), round(chance.uniform(1, 4) * S)
+    ensemble.at(at_ns, lambda: ensemble.cut_off.add(lonely))
+    ensemble.at(at_ns + back_ns, lambda: ensemble.cut_off.discard(lonely))
+    ensemble.run(200)
+    assert set(ensemble.outcomes().values()) <= {"done", "aborted"}
+    # half a second, the step of the members' clocks and conversions, and the news of a changed common time
+    assert max(ensemble.spreads_ns().values()) <= 0.6 * S, f"seed {seed}: {ensemble.spreads_ns()}"
+
+
+def wild_mission(chance: Random, member: Member, ids: list[str]) -> str:
+    """Barriers of these ids in any order, several times, some with a time-out, with ways around them."""
+    body: dict[str, Any] = {"s": {"type": "Start", "next": "x0"}, "e": {"type": "End"}}
+    order = ids if chance.random() < 0.6 else chance.sample(ids, len(ids))
+    order = [i for i in order for _ in range(chance.choice([1, 1, 1, 2]))]
+    for n, name in enumerate(order):
+        after = f"x{n + 1}"
+        meet: dict[str, Any] = {"type": "Barrier", "id": name, "next": after}
+        if chance.random() < 0.3:
+            ahead = chance.choice([f"x{k}" for k in range(n + 1, len(order) + 1)] + ["e"])
+            meet |= {"timeout_s": chance.randrange(3, 9), "nextTimeout": ahead}
+        body[f"m{n}"] = meet
+        match chance.randrange(6):
+            case 0:
+                body[f"x{n}"] = {
+                    "type": "DecisionRandom",
+                    "chanceForTrue": 0.5,
+                    "nextIfTrue": f"m{n}",
+                    "nextIfFalse": chance.choice([after, f"m{n}"]),
+                }
+            case _:
+                body[f"x{n}"] = {"type": "Wait", "ms": chance.randrange(10, 1500), "next": f"m{n}"}
+    body[f"x{len(order)}"] = {"type": "Wait", "ms": 10, "next": "e"}
+    return blocks(**body)
+
+
+def wild(seed: int) -> tuple[list[str], list[tuple[str, str, int]]]:
+    """Texts of the roles, and their names, kinds and numbers of members."""
+    chance = Random(f"wild {seed}")
+    ids = [f"m{n}" for n in range(chance.randint(1, 3))]
+    roles = [("ground", "ugv", chance.randint(1, 2)), ("air", "uav", chance.randint(1, 2))]
+    roles = roles[: chance.randint(1, 2)]
+    texts = [wild_mission(chance, Member("x", name, kind), ids) for name, kind, _ in roles]
+    return texts, roles
+
+
+def verdict(texts: list[str], roles: list[tuple[str, str, int]]) -> list[Finding]:
+    manifest = 'name = "wild"\n' + "".join(
+        f'[[roles]]\nname = "{name}"\nfile = "{name}.json"\nkinds = ["{kind}"]\ntake = {take}\n'
+        for name, kind, take in roles
+    )
+    files = [MissionFile(f"{role[0]}.json", text) for role, text in zip(roles, texts, strict=True)]
+    found = check_folder(from_files([MissionFile("mission.toml", manifest), *files], ""))
+    return [finding for finding in found if finding.severity != "warning"]
+
+
+def played(texts: list[str], roles: list[tuple[str, str, int]], seed: int) -> Ensemble:
+    members = tuple(
+        Member(f"{kind}{n}", name, kind) for name, kind, take in roles for n in range(1, take + 1)
+    )
+    ensemble = Ensemble(members, seed, World(loss=0.1))
+    by_role = {role[0]: text for role, text in zip(roles, texts, strict=True)}
+    for member in members:
+        mission = bind(by_role[member.role], member)
+        ensemble.at(S, lambda m=member, b=mission: ensemble.order(m.platform, b))  # type: ignore[misc]  # as above
+    ensemble.run(120)
+    return ensemble
+
+
+def test_ensembles_with_shared_repeated_and_crossed_ids_hang_only_if_the_check_says_so() -> None:
+    sound = refused = hung = 0
+    for seed in range(150):
+        texts, roles = wild(seed)
+        found = verdict(texts, roles)
+        assert all("for ever" in f.message or "never comes" in f.message for f in found), found
+        for throw in range(2):
+            ensemble = played(texts, roles, throw)
+            over = set(ensemble.outcomes().values()) <= {"done", "failed", "aborted"}
+            assert over or found, f"seed {seed}: {ensemble.outcomes()} hangs, and the check found nothing"
+            hung += not over
+        sound += not found
+        refused += any("for ever" in f.message for f in found)
+    # all three kinds are among them, or the test would say nothing
+    assert min(sound, refused, hung) > 10, (sound, refused, hung)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_second_block_of_an_id_is_a_meeting_of_its_own(seed: int) -> None:
+    members = swarm(1, 2)
+    ensemble = Ensemble(members, seed, World(loss=0.1))
+    for slow, member in enumerate(members):
+        text = blocks(
+            s={"type": "Start", "next": "one"},
+            one={"type": "Barrier", "id": "m", "next": "w"},
+            w={"type": "Wait", "s": 4 * slow, "next": "two"},
+            two={"type": "Barrier", "id": "m", "next": "e"},
+            e={"type": "End"},
+        )
+        mission = bind(text, member)
+        ensemble.at(S, lambda m=member, b=mission: ensemble.order(m.platform, b))  # type: ignore[misc]  # as above
+    ensemble.run(60)
+    assert set(ensemble.outcomes().values()) == {"done"}
+    assert max(ensemble.spreads_ns().values()) <= 500_000
+    first, second = (max(p.at_ns for p in ensemble.passages if p.block == block) for block in ("one", "two"))
+    assert second - first >= 4 * (len(members) - 1) * S

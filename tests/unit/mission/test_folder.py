@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from swarmware.errors import ConfigError, MissionError, NotFound
 from swarmware.mission.assign import Platform, assign
 from swarmware.mission.check import check_files, check_folder
+from swarmware.mission.finding import sound
 from swarmware.mission.folder import from_files, read_folder
 from swarmware.types.mission import MissionFile
 
@@ -117,7 +118,9 @@ def test_a_single_file_is_a_mission_for_every_vehicle() -> None:
 
 
 def test_roles_that_fit_together_have_no_findings() -> None:
-    assert check_folder(from_files(files(), "")) == []
+    assert {(f.severity, f.rule) for f in check_folder(from_files(files(), ""))} == {
+        ("warning", "broken-barrier")
+    }
 
 
 @pytest.mark.parametrize(
@@ -167,7 +170,8 @@ def test_a_folder_on_disk_is_checked_like_its_content(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
     (tmp_path / "README.md").write_text("not part of it")
     assert read_folder(tmp_path).hash == from_files(files(), "").hash
-    assert check_files([tmp_path, tmp_path / "mission.toml"]) == []
+    assert check_files([tmp_path, tmp_path / "mission.toml"]) == 2 * check_files([tmp_path])
+    assert sound(check_files([tmp_path]))
     (tmp_path / "control.json").unlink()
     (finding,) = check_files([tmp_path])
     assert "control.json" in finding.message

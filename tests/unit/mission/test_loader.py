@@ -48,7 +48,7 @@ def test_published_missions_of_basic_blocks_are_sound(name: str) -> None:
 
 
 def test_a_published_mission_with_blocks_of_a_ros_plugin_gets_them_named() -> None:
-    found = check_files([PUBLISHED / "mission1.json"])
+    found = [f for f in check_files([PUBLISHED / "mission1.json"]) if f.severity == "error"]
     assert {finding.rule for finding in found} == {"unknown-block"}
     assert [finding.pointer for finding in found] == [
         f"/mission/b{n}/type" for n in (2, 3, 4, 5, 8, 9, 11, 12, 15, 16, 17, 18)

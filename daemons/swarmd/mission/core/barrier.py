@@ -27,7 +27,7 @@ TOLD: Final = 3
 """Of these it keeps telling the newest, for those who come late."""
 
 LATE_NS: Final = 500_000_000
-"""A member that waits and learns so long after the common time that the others have left does not follow them."""
+"""A member that waits, and learns so long after the common time that the others have left, stays behind."""
 
 Key = tuple[str, int]
 

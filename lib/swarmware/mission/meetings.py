@@ -1,0 +1,377 @@
+"""Can an ensemble wait for ever? All that its members may do, reduced to where they meet.
+
+Explored is the product of the members' nets. What a member does between two barriers ends by itself, so only
+its results count; at a barrier it goes on when the barrier opens, breaks or times out. A role that several
+platforms may play is looked at with several members. A state in which nobody can go on, and not all are
+through, hangs.
+"""
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import msgspec
+
+from swarmware.mission.budget import Budget
+from swarmware.mission.catalogue import Barrier
+from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, Mission
+from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Step
+
+AHEAD_LIMIT: Final = 3
+"""Visits of a barrier by which a member is ahead of another, at most: farther ahead is the same."""
+BROKEN: Final = f"{ERROR}:broken"
+
+_STATE: Final = 600
+"""Bytes of a visited state of the ensemble, without its members."""
+_MEMBER: Final = 200
+"""Bytes of a member in it."""
+
+_MOVE: Final = 100
+"""Not memory, but time: a move takes a tenth of what a state does."""
+
+Meeting = tuple[int, int]
+"""A barrier by number, and the visit."""
+State = tuple[Marking, tuple[int, ...]]
+"""A member: where its mission stands (0: it is through, whatever the result), visits of each barrier."""
+Over = tuple[tuple[Meeting, bool], ...]
+"""Meetings that are over while somebody may still come to them, and whether they opened."""
+Everybody = tuple[tuple[tuple[State, ...], ...], Over]
+"""Members by role, in order, because those of one role are interchangeable."""
+Where = tuple[int, int]
+"""Role, and place among its members."""
+Move = tuple[dict[Where, tuple[Marking, Marking]], Over, str]
+"""Who goes where (marking, barriers that were entered), what is over, how it is called."""
+
+
+class Part(msgspec.Struct, frozen=True):
+    """A role that takes part."""
+
+    role: str
+    mission: Mission
+    copies: int
+    """How many members of it are looked at."""
+    station: bool = False
+    """A ground station: once it is gone, a barrier that does not name its role goes on without it."""
+
+
+class Hang(msgspec.Struct, frozen=True):
+    """What can go wrong where members meet."""
+
+    role: str
+    block: str
+    message: str
+    trace: tuple[str, ...]
+
+
+def search(parts: list[Part], budget: Budget) -> Hang | None:
+    """The shortest way into a state that hangs; None when there is none, or the budget is spent."""
+    return _Ensemble(parts, budget).search()
+
+
+class _Role:
+    """A role's net, and what follows in it until the next barrier."""
+
+    def __init__(self, part: Part, numbers: Mapping[str, int], budget: Budget) -> None:
+        self.part = part
+        self.bits = Bits(part.mission)
+        self.gates: dict[Marking, tuple[Block, Barrier, int]] = {
+            self.bits.of[block.id]: (block, block.params, numbers[block.params.id])
+            for block in part.mission.barriers()
+            if isinstance(block.params, Barrier)
+        }
+        self.visited = frozenset(number for _, _, number in self.gates.values())
+        self._barriers = sum(self.gates)
+        self._budget = budget
+        self._results: dict[Marking, tuple[Marking, ...]] = {}
+
+    @property
+    def copies(self) -> int:
+        """Members that are looked at: one, if all of them take the same way until they are through."""
+        if any(barrier.quorum != "all" for _, barrier, _ in self.gates.values()):
+            return self.part.copies
+        seen: set[Marking] = set()
+        queue = [self.bits.start]
+        while queue:
+            ways = {result for result, _ in self.results(queue.pop()) if result}
+            if len(ways) > 1:
+                return self.part.copies
+            for marking in ways - seen:
+                seen.add(marking)
+                gates = self.gates_of(marking)
+                if len(gates) > 1 or next(self.local(marking), None):
+                    return self.part.copies
+                for outcome in (OK, BROKEN, TIMEOUT):
+                    after, _ = self.leave(marking, gates[0], outcome)
+                    if outcome == OK and after:
+                        queue.append(after)
+                    elif after and any(result for result, _ in self.results(after)):
+                        return self.part.copies
+        return 1
+
+    def gates_of(self, marking: Marking) -> list[Marking]:
+        """Places of the barriers at which it waits."""
+        return [place for place in self.gates if marking & place]
+
+    def local(self, marking: Marking) -> Iterator[tuple[Marking, Marking, str]]:
+        """What it may do while it waits at a barrier, too: marking, barriers entered, label."""
+        for step in self.bits.steps(marking):
+            if not step.inputs & self._barriers:
+                for result in self._fire(marking, step):
+                    yield result, step.outputs & self._barriers if result else 0, step.label
+
+    def leave(self, marking: Marking, place: Marking, outcome: str) -> tuple[Marking, Marking]:
+        """It goes on from a barrier: marking and barriers entered."""
+        block = self.gates[place][0]
+        if outcome == BROKEN and not any(edge.outcome == BROKEN for edge in block.edges):
+            # as the player has it: a time-out that came early
+            outcome = TIMEOUT if block.successor(TIMEOUT) else BROKEN
+        target = block.successor(outcome)
+        edges = {edge.outcome for edge in block.edges if edge.target == target}
+        for step in self.bits.steps(place):
+            if step.outcome in edges:
+                return marking & ~place | step.outputs, step.outputs & self._barriers
+        return 0, 0
+
+    def is_under_way(self, marking: Marking) -> bool:
+        """It does not wait at a barrier: whatever the others do, it goes on."""
+        return marking != 0 and not marking & self._barriers
+
+    def results(self, marking: Marking) -> list[tuple[Marking, Marking]]:
+        """Where it may come to wait at barriers, or be through: marking and barriers entered."""
+        if not self.is_under_way(marking):
+            return [(marking, marking & self._barriers)]
+        if marking not in self._results:
+            self._results[marking] = tuple(self._run(marking))
+        return [(result, result & self._barriers) for result in self._results[marking]]
+
+    def _run(self, marking: Marking) -> dict[Marking, None]:
+        found: dict[Marking, None] = {}
+        seen = {marking}
+        queue = [marking]
+        while queue and not self._budget.spent:
+            now = queue.pop()
+            if not now or now & self._barriers:
+                found[now] = None
+                continue
+            for step in self.bits.steps(now):
+                for result in self._fire(now, step):
+                    if result not in seen:
+                        seen.add(result)
+                        queue.append(result)
+                        self._budget.pay(_MEMBER + len(self.bits.places) // PLACES_PER_BYTE)
+        return found
+
+    def _fire(self, marking: Marking, step: Step) -> Iterator[Marking]:
+        yield marking & ~step.inputs | step.outputs if step.outputs else 0
+        block = self.part.mission.blocks[step.block]
+        ways = [f"{ERROR}:{kind}" for kind in block.spec.errors]
+        if block.timeout_s is not None and block.spec.can_time_out:
+            ways.append(TIMEOUT)
+        if any(block.successor(way) is None for way in ways):
+            yield 0  # the mission fails
+
+
+class _Ensemble:
+    """Breadth first over the states of all members together."""
+
+    def __init__(self, parts: list[Part], budget: Budget) -> None:
+        self._names = sorted(
+            {
+                block.params.id
+                for part in parts
+                for block in part.mission.barriers()
+                if isinstance(block.params, Barrier)
+            }
+        )
+        numbers = {name: number for number, name in enumerate(self._names)}
+        self._roles = [_Role(part, numbers, budget) for part in parts]
+        self._budget = budget
+        stations = {part.role for part in parts if part.station}
+        self._strict = {
+            number
+            for role in self._roles
+            for _, barrier, number in role.gates.values()
+            if stations.intersection(barrier.roles)
+        }
+        """Barriers that do not go on without a ground station."""
+        self._came: dict[Everybody, tuple[Everybody | None, str]] = {}
+        self._queue: deque[Everybody] = deque()
+        self._found: Hang | None = None
+
+    def search(self) -> Hang | None:
+        nobody = tuple(0 for _ in self._names)
+        start: Everybody = (
+            tuple(((role.bits.start, nobody),) * role.copies for role in self._roles),
+            (),
+        )
+        self._came[start] = (None, "")
+        self._queue.append(start)
+        while self._queue and self._found is None and not self._budget.spent:
+            now = self._queue.popleft()
+            moves = list(self._moves(now))
+            if not moves and any(marking for members in now[0] for marking, _ in members):
+                return self._explain(now)
+            for move in moves:
+                self._go(now, move)
+        return self._found
+
+    def _moves(self, now: Everybody) -> Iterator[Move]:
+        members, over = now
+        for number, role in enumerate(self._roles):
+            for index, (marking, _) in enumerate(members[number]):
+                if role.is_under_way(marking):
+                    # it depends on nobody, so the order among those under way makes no difference
+                    for result in role.results(marking):
+                        yield {(number, index): result}, over, ""
+                    return
+        waiting: dict[Meeting, list[tuple[int, int, Marking]]] = {}
+        for number, role in enumerate(self._roles):
+            for index, (marking, visits) in enumerate(members[number]):
+                for place in role.gates_of(marking):
+                    barrier = role.gates[place][2]
+                    waiting.setdefault((barrier, visits[barrier]), []).append((number, index, place))
+                for after, entered, label in role.local(marking):
+                    yield {(number, index): (after, entered)}, over, f"{role.part.role}: {label}"
+        for meeting, group in waiting.items():
+            for outcomes, opened, label in self._decisions(now, meeting, group):
+                gone = {
+                    (number, index): self._roles[number].leave(members[number][index][0], place, outcome)
+                    for (number, index, place), outcome in zip(group, outcomes, strict=True)
+                }
+                yield gone, (*over, (meeting, opened)), f"{self._names[meeting[0]]!r} {label}"
+
+    def _decisions(
+        self, now: Everybody, meeting: Meeting, group: list[tuple[int, int, Marking]]
+    ) -> Iterator[tuple[list[str], bool, str]]:
+        """How the meeting may end for those who wait there."""
+        members, over = now
+        barrier, visit = meeting
+        known = dict(over).get(meeting)
+        if known is not None:
+            yield [OK if known else BROKEN] * len(group), known, "was over"
+            return
+        gates = [self._roles[number].gates[place] for number, _, place in group]
+        _, params, _ = gates[0]
+        participants = [
+            state
+            for role, states in zip(self._roles, members, strict=True)
+            if not params.roles or role.part.role in params.roles
+            for state in states
+            if state[0] or not role.part.station or barrier in self._strict
+        ]
+        needed = min(params.quorum, len(participants)) if params.quorum != "all" else len(participants)
+        gone = sum(1 for marking, _ in participants if not marking)
+        ahead = any(marking and visits[barrier] > visit for states in members for marking, visits in states)
+        if len(group) >= needed:
+            yield [OK] * len(group), True, "opened"
+            if params.quorum == "all" and len(participants) > 1:
+                # of those who are alike, one that is late says all
+                alike = {(n, members[n][i]): number for number, (n, i, _) in enumerate(group)}
+                for late in alike.values():
+                    yield (
+                        [BROKEN if n == late else OK for n in range(len(group))],
+                        True,
+                        "opened, one was late",
+                    )
+        elif len(participants) - gone < needed or ahead:
+            yield [BROKEN] * len(group), False, "broke"
+        for first, (block, _, _) in enumerate(gates):
+            if block.timeout_s is not None:
+                yield [TIMEOUT if n == first else BROKEN for n in range(len(group))], False, "timed out"
+
+    def _go(self, now: Everybody, move: Move) -> None:
+        """Into the state after the move."""
+        changed, over, label = move
+        members = [list(states) for states in now[0]]
+        for (number, index), (marking, entered) in changed.items():
+            visits = self._enter(number, marking, entered, members[number][index][1])
+            if visits is None:
+                return
+            members[number][index] = (marking, visits)
+        state = self._normal(members, over)
+        self._budget.pay(_MOVE)
+        if state not in self._came:
+            self._came[state] = (now, label)
+            self._queue.append(state)
+            self._budget.pay(_STATE + _MEMBER * sum(map(len, members)))
+
+    def _enter(
+        self, number: int, marking: Marking, entered: Marking, visits: tuple[int, ...]
+    ) -> tuple[int, ...] | None:
+        """Counts visits; one mission at one barrier twice at the same time is wrong by itself."""
+        if not entered:
+            return visits
+        role = self._roles[number]
+        waits = [role.gates[place] for place in role.gates_of(marking)]
+        counted = list(visits)
+        for place in role.gates_of(entered):
+            block, params, barrier = role.gates[place]
+            counted[barrier] += 1
+            if sum(1 for _, _, other in waits if other == barrier) > 1:
+                message = f"barrier {params.id!r}: two branches wait there at the same time; expected one"
+                self._found = self._found or Hang(role.part.role, block.id, message, ())
+                return None
+        return tuple(counted)
+
+    def _normal(self, members: list[list[State]], over: Over) -> Everybody:
+        """Visits counted from the member that is farthest behind; what nobody can come to is forgotten."""
+        behind: list[int] = []
+        for barrier in range(len(self._names)):
+            live = [
+                visits[barrier]
+                for role, states in zip(self._roles, members, strict=True)
+                if barrier in role.visited
+                for marking, visits in states
+                if marking
+            ]
+            behind.append(min(live, default=0))
+        nobody = tuple(0 for _ in behind)
+        kept = {
+            (barrier, visit - behind[barrier]): opened
+            for (barrier, visit), opened in over
+            if 0 < visit - behind[barrier] <= AHEAD_LIMIT
+        }
+        return (
+            tuple(
+                tuple(
+                    sorted(
+                        (
+                            marking,
+                            tuple(
+                                min(visit - less, AHEAD_LIMIT)
+                                for visit, less in zip(visits, behind, strict=True)
+                            )
+                            if marking
+                            else nobody,
+                        )
+                        for marking, visits in states
+                    )
+                )
+                for states in members
+            ),
+            tuple(sorted(kept.items())),
+        )
+
+    def _explain(self, state: Everybody) -> Hang:
+        waits: list[str] = []
+        first: tuple[str, str] | None = None
+        for role, states in zip(self._roles, state[0], strict=True):
+            for marking, _ in states:
+                for place in role.gates_of(marking):
+                    block, params, _ = role.gates[place]
+                    first = first or (role.part.role, block.id)
+                    words = f"{role.part.role} at {params.id!r} ({block.id})"
+                    if words not in waits:
+                        waits.append(words)
+        steps: list[str] = []
+        before, label = self._came[state]
+        while before is not None:
+            if label:
+                steps.append(label)
+            before, label = self._came[before]
+        role_name, block_id = first or (self._roles[0].part.role, self._roles[0].part.mission.start)
+        message = (
+            f"members can wait for each other for ever: {', '.join(waits)}; "
+            "expected the same barriers in the same order on every way, or a time-out"
+        )
+        return Hang(role_name, block_id, message, tuple(reversed(steps)))
