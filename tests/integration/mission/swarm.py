@@ -153,10 +153,14 @@ class Swarm:
 
     async def until(self, what: Callable[[], bool], timeout_s: float = 30.0) -> None:
         """Waits until it is so; looked at whenever a mission takes a step anywhere."""
-        async with asyncio.timeout(timeout_s):
-            while not what():
-                self.changed.clear()
-                await self.changed.wait()
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not what():
+                    self.changed.clear()
+                    await self.changed.wait()
+        except TimeoutError as error:
+            seen = {m.name: (m.history, list(m.passed)) for m in self.members.values()}
+            raise AssertionError(f"not in {timeout_s:g} s: {seen}") from error
 
     def all_in(self, state: str, *but: str) -> bool:
         return all(m.history[-1:] == [state] for m in self.members.values() if m.name not in but)

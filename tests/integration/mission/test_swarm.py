@@ -122,7 +122,7 @@ async def test_a_navigator_that_is_blocked_ends_in_a_landing_for_all(tmp_path: P
 @on_uvloop
 async def test_the_formation_is_completed_without_the_ground_station(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
-        s["ugv1"].vehicle.took_s = s["uav1"].vehicle.took_s = 0.5
+        s["ugv1"].vehicle.took_s = s["uav1"].vehicle.took_s = 0.2
         assert (await s.ask(TASK, FORMATION, TaskAnswer)).accepted
         await s.until(lambda: "formed" in s["uav1"].passed)
         await s.kill("gcs")
