@@ -85,6 +85,8 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     default: Plain | None = None
     """First value of a setting."""
     description: str = ""
+    confirm: str = ""
+    """What will happen when somebody sets it; an operator is asked before. Empty: nothing to ask."""
 
     def __post_init__(self) -> None:
         try:
@@ -118,6 +120,8 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
             raise ValueError(f"range of {self.path}: {list(self.range)}, expected [least, greatest]")
         if self.kind is not Kind.BRANCH and not self.type:
             raise ValueError(f"type of {self.path}: missing, expected the name of a type")
+        if self.confirm and not self.writable:
+            raise ValueError(f"confirm of {self.path}: nobody may set it; expected access 'rw'")
         if self.link == "tick" and self.kind is not Kind.BOARD:
             raise ValueError(f"link of {self.path}: 'tick' carries boards only, not a {self.kind}")
         if self.kind is Kind.SETTING and self.default is None:

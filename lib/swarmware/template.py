@@ -37,6 +37,7 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     log: Annotated[str, Meta(pattern="^(all|none|[0-9]+([.][0-9]+)?hz)$")] | UnsetType = UNSET
     owner: str | UnsetType = UNSET
     default: Plain | UnsetType = UNSET
+    confirm: str | UnsetType = UNSET
     description: str | UnsetType = UNSET
 
 

@@ -14,6 +14,17 @@ TEXTS: Final = {
         "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
         "end": {"type": "End"}
     }}""",
+    # whatever keeps it from the way back, it lands where it is, and the return has failed
+    "return": """{"mission": {
+        "start": {"type": "Start", "next": "back"},
+        "back": {"type": "Return", "next": "land", "nextError": "down", "nextTimeout": "down"},
+        "land": {"type": "Land", "next": "disarm", "on": {"no_position": "land"}},
+        "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
+        "down": {"type": "Land", "next": "off", "on": {"no_position": "down"}},
+        "off": {"type": "Disarm", "next": "failed", "nextTimeout": "failed", "nextError": "failed"},
+        "end": {"type": "End"},
+        "failed": {"type": "End", "result": "failed"}
+    }}""",
     "hold": """{"mission": {
         "start": {"type": "Start", "next": "hold"},
         "hold": {"type": "Hold", "next": "end"},

@@ -5,10 +5,11 @@ from typing import Any
 
 from swarmd.mission.config import Config
 from swarmd.mission.core.patience import Patience
+from swarmd.mission.home import Home
 from swarmware.errors import Denied, NoAnswer, NotFound, SwarmError
 from swarmware.mission.plugin import BlockError
 from swarmware.module import BoardReader, BoardWriter, Module
-from swarmware.types.vehicle import ArmRequest, Goal, NavError, NavStatus, VehicleState
+from swarmware.types.vehicle import ArmRequest, Goal, NavError, NavStatus, Pose, VehicleState
 
 Settled = Callable[[NavStatus], bool]
 Progress = Callable[[NavStatus], None]
@@ -26,12 +27,16 @@ class Vehicle:
         goal: BoardWriter[Goal],
         status: BoardReader[NavStatus],
         state: BoardReader[VehicleState],
+        pose: BoardReader[Pose],
+        home: Home,
     ) -> None:
         self._module = module
         self._config = config
         self._goal = goal
         self._status = status
         self._state = state
+        self._pose = pose
+        self._home = home
         self._limits_s = {
             NavError.NONE: config.blocked_patience_s,
             NavError.NO_WAY: config.blocked_patience_s,
@@ -48,7 +53,27 @@ class Vehicle:
             "nav/goal", Goal, log="all", description="What the navigator shall reach or keep"
         )
         status = await module.reader("nav/status", NavStatus)
-        return cls(module, config, goal, status, await module.reader("vehicle/state", VehicleState))
+        state = await module.reader("vehicle/state", VehicleState)
+        pose = await module.reader("nav/pose", Pose)
+        home = await Home.open(module, pose)
+        module.start(home.follow(), "home")
+        return cls(module, config, goal, status, state, pose, home)
+
+    @property
+    def flies(self) -> bool:
+        """Whether it can leave the ground."""
+        return self._module.node.config.kind == "uav"
+
+    @property
+    def home(self) -> Pose | None:
+        """Where it was armed, if that is known."""
+        return self._home.place
+
+    @property
+    def height_m(self) -> float:
+        """Above the map's origin, as last known."""
+        pose = self._pose.value
+        return 0.0 if pose is None else pose.z_m
 
     @property
     def landed(self) -> bool:

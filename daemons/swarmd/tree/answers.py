@@ -380,6 +380,7 @@ class Answers:
             resource.log,
             resource.reply,
             resource.description,
+            resource.confirm,
         )
 
 

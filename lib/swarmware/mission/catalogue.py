@@ -102,6 +102,12 @@ class Goto(Params, frozen=True):
     speed_m_s: Speed = 1.5
 
 
+class Return(Params, frozen=True):
+    """Back to the start."""
+
+    speed_m_s: Speed = 2.0
+
+
 class Formation(Params, frozen=True):
     """A slot in a moving shape."""
 
@@ -233,6 +239,16 @@ BLOCKS: Final = (
         errors=_MOVES,
         motion=True,
         aliases=_POINT,
+    ),
+    BlockType(
+        "Return",
+        "Moves at its present height to where it was armed; a landed vehicle that flies stays.",
+        Return,
+        timeout_s=300.0,
+        kinds=VEHICLES,
+        errors=(*_MOVES, "no_home"),
+        motion=True,
+        aliases=_SPEED,
     ),
     BlockType(
         "Formation",

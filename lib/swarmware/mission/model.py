@@ -13,7 +13,7 @@ ERROR: Final = "error"
 CANCELLED: Final = "cancelled"
 """The four ways a block ends; an error says its kind: `error:blocked`."""
 
-ON_FAILURE: Final = ("land", "hold")
+ON_FAILURE: Final = ("land", "hold", "return")
 """Built-in missions that take over when a mission fails."""
 
 

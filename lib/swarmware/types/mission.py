@@ -130,7 +130,7 @@ class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     reason: str
     then: str = ""
-    """Built-in mission that takes over: land | hold; empty: the mission's own `on_failure`."""
+    """Built-in mission that takes over: land | hold | return; empty: the mission's own `on_failure`."""
     epoch: int = 0
     """Only this run; 0: whatever runs."""
 

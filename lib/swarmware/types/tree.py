@@ -112,6 +112,8 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     log: str = "none"
     reply: str = ""
     description: str = ""
+    confirm: str = ""
+    """What will happen when it is set; an operator is asked before."""
 
 
 @register

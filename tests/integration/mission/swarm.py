@@ -62,6 +62,7 @@ class FakeVehicle:
         self.answers: dict[str, str] = {}
         """State by goal kind, where it is not the usual one; after colons the error, and a note."""
         self.refuses_to_arm = False
+        self.landed = True
         self.took_s = 0.05
 
     async def open(self) -> None:
@@ -83,7 +84,7 @@ class FakeVehicle:
         if self.refuses_to_arm:
             raise Denied("safety switch: expected it off")
         self.armed = request.armed
-        state = VehicleState(self.armed, True)
+        state = VehicleState(self.armed, self.landed)
         self._state.write(state)
         return state
 

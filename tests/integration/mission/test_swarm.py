@@ -79,8 +79,10 @@ async def test_nobody_starts_when_one_member_refuses(tmp_path: Path) -> None:
         (refused,) = [order for order in answer.orders if not order.accepted]
         assert refused.platform == "uav2"
         assert "battery > 20 %" in refused.reasons[0]
-        await s.until(lambda: s.all_in("aborted", "uav2"))
-        assert s["uav1"].history == ["ready", "aborted"]
+        await s.until(lambda: s.all_in("idle", "uav2"))
+        assert s["uav1"].history == ["ready", "idle"]
+        state = (await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)).state
+        assert (state.mission, state.text) == ("", "formation was not started: not accepted by uav2")
         assert s["uav1"].kinds == []
         assert s["uav2"].history == []
         # and the swarm is free for the next one
@@ -103,6 +105,25 @@ async def test_an_abort_brings_everybody_down(tmp_path: Path) -> None:
         assert s["uav1"].history == ["ready", "running", "ending", "recovering", "ending", "aborted"]
         assert s["uav1"].kinds[-1] == "hold"
         assert s["uav1"].vehicle.armed
+
+
+@on_uvloop
+async def test_a_return_leads_to_where_the_vehicle_was_armed_and_lands_there(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "uav1", "uav2") as s:
+        for name in ("uav1", "uav2"):
+            s[name].vehicle.landed = False
+        s["uav2"].vehicle.answers["goto"] = "blocked:bad_goal"
+        await s.ask(TASK, MissionTask("hover", files=(hover(60.0),)), TaskAnswer)
+        await s.until(lambda: "a" in s["uav1"].passed)
+        await s.ask("sys/mission/abort", MissionAbort("enough", "return"), AbortAnswer)
+        await s.until(lambda: s["uav1"].history[-1] == "aborted" and s["uav2"].history[-1] == "failed")
+        assert s["uav1"].kinds == ["goto", "land"]
+        back = s["uav1"].vehicle.goals[0]
+        assert (back.x_m, back.y_m, back.z_m, back.speed_m_s) == (0.0, 0.0, 2.0, 2.0)
+        # what keeps it from the way back does not keep it from landing
+        assert s["uav2"].kinds == ["goto", "hold", "land"]
+        assert not s["uav2"].vehicle.armed
+        assert "bad_goal" in (await s.ask("/uav2/sys/mission/status", Empty(), MissionStatus)).state.text
 
 
 @on_uvloop
@@ -202,8 +223,8 @@ async def test_a_vehicle_under_way_lands_when_its_daemon_comes_back(tmp_path: Pa
         for writer in list(member.daemon._writers):
             member.daemon.close_writer(writer)
         member.task = asyncio.create_task(Mission(member.daemon, member.daemon.config).run())
-        await s.until(lambda: member.history[-1] == "aborted")
-        assert member.history[-3:] == ["recovering", "ending", "aborted"]
+        await s.until(lambda: member.history[-1] == "done")
+        assert member.history[-3:] == ["recovering", "ending", "done"]
         assert member.kinds[-1] == "land"
         assert not member.vehicle.armed
 

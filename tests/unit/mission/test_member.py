@@ -95,15 +95,17 @@ def test_nobody_begins_before_all_have_accepted() -> None:
 def test_nobody_begins_when_one_does_not_answer() -> None:
     m = Member1()
     m.order(members=(A, B))
-    assert words(m.core.on_timer(10 * S)) == ["state:aborted"]
-    assert "without b" in m.core.state().text
+    assert words(m.core.on_timer(10 * S)) == ["state:idle"]
+    state = m.core.state()
+    assert state.text == "hop was not started: not all members stand ready: without b"
+    assert (state.mission, state.epoch) == ("", 7), "nothing was played, and of this run everybody knows it"
     assert m.order(now=11 * S)[0] == "state:ready"
 
 
 def test_nobody_begins_when_one_has_aborted() -> None:
     m = Member1()
     m.order(members=(A, B))
-    assert words(m.core.heard("b", MissionState(7, "", "aborted"), (), S)) == ["state:aborted"]
+    assert words(m.core.heard("b", MissionState(7, "", "aborted"), (), S)) == ["state:idle"]
 
 
 def test_a_second_mission_is_refused_while_one_runs() -> None:
@@ -154,14 +156,40 @@ def test_an_abort_cancels_waits_and_does_what_the_operator_says() -> None:
 def test_an_abort_before_the_start_moves_nothing() -> None:
     m = Member1()
     m.order(members=(A, B))
-    assert words(m.core.abort("refused elsewhere", "", S)) == ["state:aborted"]
+    assert words(m.core.abort("refused elsewhere", "", S)) == ["state:idle"]
     assert m.core.deadline_ns() is None
+    assert m.core.state().text == "hop was not started: refused elsewhere"
+
+
+def test_a_landing_that_was_asked_for_before_the_start_is_flown() -> None:
+    m = Member1()
+    m.order(members=(A, B))
+    steps = words(m.core.abort("operator", "land", S))
+    assert steps == ["state:idle", "state:recovering", "start land 1"]
+
+
+def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
+    text = net(
+        s="Start>m",
+        m={"type": "Barrier", "id": "m", "timeout": 5, "next": "e", "nextTimeout": "f"},
+        e="End",
+        f={"type": "End", "result": "failed"},
+    )
+    m = Member1("gcs")
+    m.order(text, members=(A, B))
+    ready = MissionState(7, "01234567", "ready", (), m.core.state().arrivals)
+    m.core.heard("b", ready, (), 0)
+    m.core.on_timer(S)
+    m.core.heard("b", MissionState(7, "01234567", "failed"), (), 2 * S)
+    assert m.phase == "failed"
+    assert m.core.state().text == "came to f: m ended with timeout: without b"
 
 
 def test_an_operator_may_ask_for_a_landing_without_a_mission() -> None:
     m = Member1()
     assert words(m.core.abort("operator", "land", S)) == ["state:recovering", "start land 1"]
-    assert words(m.core.ended(1, "ok", "", S)) == ["state:ending", "state:aborted"]
+    assert words(m.core.ended(1, "ok", "", S)) == ["state:ending", "state:done"]
+    assert (m.core.state().mission, m.core.state().text) == ("land", "operator")
     assert words(Member1().core.abort("operator", "", S)) == []
 
 

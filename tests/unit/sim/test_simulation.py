@@ -140,7 +140,7 @@ def test_what_is_hit_does_not_yield_and_is_told_once() -> None:
 
 def test_a_vehicle_above_an_obstacle_does_not_touch_it() -> None:
     run = Run("uav", start=Pose.planar(0.0, 0.0, 2.0))
-    run.simulation.on_arm(True)
+    run.simulation.vehicle.armed = True
     run.go(5.0, Setpoint(1.0))
     assert run.hits == []
     assert run.samples[-1].truth.x_m > 4.0
@@ -171,3 +171,27 @@ def test_a_long_stall_is_not_simulated_afterwards() -> None:
     run.go(0.02)
     assert run.simulation.stalls == 1
     assert 0 <= run.now_ns - run.samples[-1].stamp_ns < STEP_NS
+
+
+def test_a_kill_stops_the_motors_in_the_air_and_the_vehicle_falls() -> None:
+    run = Run("uav")
+    run.simulation.on_arm(True)
+    run.go(4, Setpoint(0.0, 0.0, 1.5))
+    assert not run.simulation.state().landed
+    with pytest.raises(Denied, match="disarming in the air"):
+        run.simulation.on_arm(False)
+    state = run.simulation.on_kill()
+    assert (state.armed, state.landed) == (False, False)
+    with pytest.raises(Denied, match=r"arming in the air at .* expected a landed vehicle"):
+        run.simulation.on_arm(True)
+    run.go(5, Setpoint(0.0, 0.0, 1.5))
+    assert run.simulation.state().landed
+    assert GROUND in run.hits
+    assert run.simulation.on_arm(True).armed
+
+
+def test_a_kill_on_the_ground_disarms() -> None:
+    run = Run("ugv")
+    run.simulation.on_arm(True)
+    assert run.simulation.on_kill() == run.simulation.state()
+    assert not run.simulation.state().armed

@@ -5,6 +5,7 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from swarmd.mission.blocks.arm import Arm, Disarm
+from swarmd.mission.blocks.back import Return
 from swarmd.mission.blocks.formation import Formation
 from swarmd.mission.blocks.goto import Goto
 from swarmd.mission.blocks.hold import Hold
@@ -13,7 +14,7 @@ from swarmd.mission.blocks.takeoff import Takeoff
 from swarmware.mission.catalogue import BLOCKS, GROUP, BlockType, Catalogue
 from swarmware.mission.plugin import FunctionalBlock
 
-BUILT_IN: Final[tuple[type, ...]] = (Arm, Disarm, Takeoff, Land, Goto, Formation, Hold)
+BUILT_IN: Final[tuple[type, ...]] = (Arm, Disarm, Takeoff, Land, Goto, Return, Formation, Hold)
 
 
 class Plugins:

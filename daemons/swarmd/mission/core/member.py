@@ -60,6 +60,8 @@ class MissionCore:
         self._run: Run | None = None
         self._player: Player | None = None
         self._playing = ""
+        self._title = ""
+        """What the end is told of: the mission, or the built-in one that was asked for by itself."""
         self._barriers: Barriers | None = None
         self._blocks: dict[int, Block] = {}
         """Barriers at which the mission waits, by token."""
@@ -135,7 +137,8 @@ class MissionCore:
         unmet = [c.text for c in run.mission.requires if c.holds(self._lookup) is not True]
         if unmet:
             raise Conflict(f"{self._platform}: requirement {unmet[0]!r} is not met")
-        self._run, self._player, self._playing = run, None, run.name
+        self._run, self._player = run, None
+        self._playing = self._title = run.name
         self._unmet, self._misses, self._ratios = (), {}, {}
         self._barriers = Barriers(
             self._platform,
@@ -244,8 +247,8 @@ class MissionCore:
         if run is None or barriers is None or self._phase is not Phase.READY:
             return
         if outcome != "ok":
-            self._text = f"not all members stand ready: {text}" if text else "not all members stand ready"
-            self._move(Event.ABORTED, now_ns, actions, self._text)
+            reason = f"not all members stand ready: {text}" if text else "not all members stand ready"
+            self._withdraw(reason, now_ns, actions)
             return
         self._move(Event.BEGIN, now_ns, actions)
         barriers.expect_all(now_ns)
@@ -296,16 +299,24 @@ class MissionCore:
         if self._phase in _PLAYING and self._player is not None:
             self._recovery = then
             self._apply(self._player.stop(result, reason, now_ns), now_ns, actions)
-        elif self._phase is Phase.READY:
-            self._text = reason
-            if self._barriers is not None:
-                self._barriers.withdraw(0)
-            self._move(Event.ABORTED, now_ns, actions, reason)
-        elif self._phase is Phase.ENDING:
+            return
+        if self._phase is Phase.ENDING:
             self._recovery = then or self._recovery
-        elif then in self._built_in:
-            self._verdict, self._reason = Event.ABORTED, reason
+            return
+        if self._phase is Phase.READY:
+            self._withdraw(reason, now_ns, actions)
+        if then in self._built_in:
+            # no mission runs that this could abort: the built-in one is all there is
+            self._verdict, self._reason, self._title = Event.DONE, reason, then
             self._recover(then, reason, now_ns, actions)
+
+    def _withdraw(self, reason: str, now_ns: int, actions: list[Action]) -> None:
+        """Drops an order that has not begun: nothing was played, so nothing was aborted."""
+        if self._barriers is not None:
+            self._barriers.withdraw(0)
+        self._text = f"{self._playing} was not started: {reason}"
+        self._move(Event.WITHDRAWN, now_ns, actions, reason)
+        self._playing = ""
 
     def _end(self, result: str, reason: str, now_ns: int, actions: list[Action]) -> None:
         """The player is empty: what now?"""
@@ -322,7 +333,7 @@ class MissionCore:
             # a vehicle that could not be brought to safety: the worst there is to say
             self._verdict, self._reason = Event.FAILED, f"{self._playing}: {reason}; before: {self._reason}"
         self._text = self._reason
-        self._playing = self._run.name if self._run else ""
+        self._playing = self._title
         self._move(self._verdict, now_ns, actions, self._text)
 
     def _recover(self, name: str, reason: str, now_ns: int, actions: list[Action]) -> None:

@@ -32,6 +32,8 @@ class Event(StrEnum):
     FAILED = "failed"
     ABORTED = "aborted"
     RECOVER = "recover"
+    WITHDRAWN = "withdrawn"
+    """The order is taken back before anybody has begun."""
 
 
 TRANSITIONS: Final[dict[tuple[Phase, Event], Phase]] = {
@@ -40,7 +42,7 @@ TRANSITIONS: Final[dict[tuple[Phase, Event], Phase]] = {
     (Phase.FAILED, Event.ORDER): Phase.READY,
     (Phase.ABORTED, Event.ORDER): Phase.READY,
     (Phase.READY, Event.BEGIN): Phase.RUNNING,
-    (Phase.READY, Event.ABORTED): Phase.ABORTED,
+    (Phase.READY, Event.WITHDRAWN): Phase.IDLE,
     (Phase.RUNNING, Event.STOP): Phase.ENDING,
     (Phase.RECOVERING, Event.STOP): Phase.ENDING,
     (Phase.ENDING, Event.DONE): Phase.DONE,

@@ -67,6 +67,8 @@ class Player:
         """Of each barrier, by its id."""
         self._entered: set[str] = set()
         self._result = ("", "")
+        self._cause = ""
+        """What went wrong last, for a mission that then comes to a failed End."""
         self._places: dict[str, frozenset[str]] = {
             join.id: frozenset(
                 join_place(block.id, join.id)
@@ -154,7 +156,8 @@ class Player:
                 case "End":
                     actions.append(Step(block.id, block.type, OK))
                     result = block.params.result if isinstance(block.params, End) else "done"
-                    self._end(result, "" if result == "done" else f"came to {block.id}", now_ns, actions)
+                    why = f": {self._cause}" if self._cause else ""
+                    self._end(result, "" if result == "done" else f"came to {block.id}{why}", now_ns, actions)
                     return
                 case "Join":
                     self._arrived.add(join_place(source, target))
@@ -224,9 +227,11 @@ class Player:
         if self._phase == "ending":
             self._check_empty(actions)
             return
+        reason = f"{block.id} ended with {outcome}" + (f": {text}" if text else "")
+        if outcome != OK:
+            self._cause = reason
         follower = block.successor(outcome)
         if follower is None:
-            reason = f"{block.id} ended with {outcome}" + (f": {text}" if text else "")
             self._end("failed", reason, now_ns, actions)
         else:
             self._enter(block.id, follower, now_ns, actions)

@@ -127,9 +127,16 @@ class Simulation:
         vehicle, least = self.vehicle, self._config.battery.arm_ratio
         if armed and not vehicle.armed and self._battery.ratio < least:
             raise Denied(f"arming: battery at {self._battery.ratio:.0%}, expected {least:.0%} at least")
+        if armed and not vehicle.armed and vehicle.flies and not vehicle.landed:
+            raise Denied(f"arming in the air at {vehicle.pose().z_m:.1f} m: expected a landed vehicle")
         if not armed and vehicle.flies and not vehicle.landed:
             raise Denied(f"disarming in the air at {vehicle.pose().z_m:.1f} m: expected a landed vehicle")
         vehicle.armed = armed
+        return self.state()
+
+    def on_kill(self) -> VehicleState:
+        """Motors off, wherever the vehicle is; in the air it falls."""
+        self.vehicle.armed = False
         return self.state()
 
     def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None:
