@@ -41,9 +41,11 @@ def test_three_nodes_fly_the_formation_and_the_report_has_everything(
     assert found["notifications"] > 1000
     assert found["log_gaps"] == 0
     assert 0 < found["clock_error_us"]["p95"] < 5000, "offsets of seconds are found"
-    for picture in ("paths", "formation-error", "topology", "traffic"):
+    assert [receipt["platform"] for receipt in found["receipts"]] == ["ugv1", "uav1"]
+    assert all(receipt["command_ms"] > receipt["order_ms"] > 0 for receipt in found["receipts"])
+    for picture in ("paths", "formation-error", "command-to-receipt", "topology", "traffic"):
         assert (out / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
-    assert (out / "report.html").read_text().count("data:image/png;base64,") == 4
+    assert (out / "report.html").read_text().count("data:image/png;base64,") == 5
     logs = sorted(out.glob("logs/*/*.mcap"))
     assert {path.parent.name for path in logs} == {"gcs", "ugv1", "uav1"}
     for path in logs:
