@@ -80,6 +80,8 @@ class _Known(msgspec.Struct):
     """Member who said so first, by its place in the order."""
     relayed: bool
     """Heard from another one, so converted more than once."""
+    since_ns: int
+    """When this member learnt it."""
     passed: bool = False
     """This member has gone by it: its outcome is history."""
 
@@ -147,7 +149,7 @@ class Barriers:
             if meeting.leave_ns is None and self._gave_up(meeting):
                 continue
             relayed = meeting.by != self._rank[platform]
-            self._learn((meeting.barrier, meeting.visit), meeting.leave_ns, meeting.by, relayed)
+            self._learn((meeting.barrier, meeting.visit), meeting.leave_ns, meeting.by, relayed, now_ns)
 
     def arrive(self, token: int, gate: Gate, now_ns: int) -> None:
         """This member has come to a barrier."""
@@ -212,13 +214,13 @@ class Barriers:
             if waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
                 return "timeout", self._why(gate, now_ns)
             return "error:broken", self._why(gate, now_ns)
-        late_ns = now_ns - known.leave_ns
-        if late_ns < 0:
+        if known.leave_ns > now_ns:
             return None
         known.passed = True
         # who comes after a quorum has left passes; who waited for all and was cut off must not follow alone
-        if late_ns > LATE_NS and gate.quorum is None and waiting.since_ns <= known.leave_ns:
-            return "error:broken", f"the others left {late_ns / 1e9:.1f} s ago"
+        late = known.since_ns - known.leave_ns > LATE_NS
+        if late and gate.quorum is None and waiting.since_ns <= known.leave_ns:
+            return "error:broken", f"the others left {(now_ns - known.leave_ns) / 1e9:.1f} s ago"
         return "ok", ""
 
     def _judge(self, waiting: _Waiting, now_ns: int) -> None:
@@ -231,15 +233,15 @@ class Barriers:
         key = (gate.barrier, gate.visit)
         if len(there) >= needed:
             if there[0] == self._me:
-                self._learn(key, now_ns + self._lead_ns, self._rank[self._me], relayed=False)
+                self._learn(key, now_ns + self._lead_ns, self._rank[self._me], relayed=False, now_ns=now_ns)
             elif waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
-                self._learn(key, None, self._rank[self._me], relayed=False)
+                self._learn(key, None, self._rank[self._me], relayed=False, now_ns=now_ns)
         elif (
             len(participants) - gone < needed
             or (waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns)
             or self._is_history(gate)
         ):
-            self._learn(key, None, self._rank[self._me], relayed=False)
+            self._learn(key, None, self._rank[self._me], relayed=False, now_ns=now_ns)
 
     def _is_history(self, gate: Gate) -> bool:
         """Somebody is at a later visit of it: how this one went is remembered by nobody any more."""
@@ -251,11 +253,11 @@ class Barriers:
             for arrival in peer.state.arrivals
         )
 
-    def _learn(self, key: Key, leave_ns: int | None, by: int, relayed: bool) -> None:
+    def _learn(self, key: Key, leave_ns: int | None, by: int, relayed: bool, now_ns: int) -> None:
         """Broken wins, so that all go the same way; then what the first member said, at first hand."""
         known = self._known.get(key)
         if known is None:
-            self._known[key] = _Known(leave_ns, by, relayed)
+            self._known[key] = _Known(leave_ns, by, relayed, now_ns)
             while len(self._known) > MEMORY:
                 self._known.popitem(last=False)
         elif known.passed or known.leave_ns is None:
