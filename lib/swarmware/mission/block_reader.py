@@ -19,14 +19,21 @@ from swarmware.mission.source import escape
 _ALWAYS: Final = ("type", "title", "comment")
 _TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
 _ERROR_EDGE: Final = ("nextError", "next_error")
-_TIMEOUT_VALUE: Final = ("timeout", "timeout_s")
+_MILLISECONDS: Final = "timeout"
+"""As in BDL, where every time is in milliseconds."""
+_SECONDS: Final = "timeout_s"
+_TIMEOUT_VALUE: Final = (_MILLISECONDS, _SECONDS)
 _EDGE_KEYS: Final = ("next", "on", *_TIMEOUT_EDGE, *_ERROR_EDGE, *_TIMEOUT_VALUE)
+_SUCCESSORS: Final = {"Decision": ("cases",), "DecisionRandom": ("nextIfTrue", "nextIfFalse")}
+"""Keys for successors that single types have beside the common ones."""
 _WHERE = re.compile(r" - at `\$\.?(?P<key>[^`]*)`$")
 _NUMBER = re.compile(r"[+-]?(\d{1,18}\.?\d{0,18}|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
 _UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
 
 TIMEOUT_LIMIT_S: Final = 86_400.0
 """Longest time-out of a block: a day."""
+TIMEOUT_LEAST_MS: Final = 1_000.0
+"""Shortest time-out in the BDL form: less is a number that somebody meant in seconds."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -59,7 +66,7 @@ class BlockReader:
         self._successors()
         if TIMEOUT in self._edges and timeout_s is None:
             place = self._edges[TIMEOUT].pointer
-            message = "a time-out successor, but no time-out: expected `timeout` in seconds beside it"
+            message = "a time-out successor, but no time-out: expected `timeout_s` in seconds beside it"
             self.remarks.append((place, "timeout", message))
         params = self._params()
         if timeout_s is not None and not any(key in self._body for key in _TIMEOUT_VALUE):
@@ -76,36 +83,56 @@ class BlockReader:
             return self._spec.timeout_s
         key = given[0]
         if len(given) > 1:
-            self._wrong(given[1], "twice", f"the same as {key!r}: expected one of them")
+            self._wrong(given[1], "twice", f"a time-out stands at {key!r} already: expected one of them")
         if not self._spec.can_time_out:
             self._wrong(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
             return None
         value = _number(self._body[key])
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= TIMEOUT_LIMIT_S:
-            message = f"{self._body[key]!r}: expected seconds, above 0, at most {TIMEOUT_LIMIT_S:g}"
-            self._wrong(key, "timeout", message)
-            return self._spec.timeout_s
-        return value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            value = -1.0
+        if key == _SECONDS:
+            if 0 < value <= TIMEOUT_LIMIT_S:
+                return float(value)
+            expected = f"seconds, above 0, at most {TIMEOUT_LIMIT_S:g}"
+        else:
+            if TIMEOUT_LEAST_MS <= value <= TIMEOUT_LIMIT_S * 1000:
+                return float(value) / 1000
+            expected = (
+                f"milliseconds, as in BDL, from {TIMEOUT_LEAST_MS:g} to {TIMEOUT_LIMIT_S * 1000:.0f}, "
+                f"or `{_SECONDS}` in seconds"
+            )
+        self._wrong(key, "timeout", f"{self._body[key]!r}: expected {expected}")
+        return self._spec.timeout_s
 
     def _successors(self) -> None:
+        for key in ("title", "comment"):
+            if not isinstance(self._body.get(key, ""), str):
+                self._wrong(key, "shape", f"expected a text, it is {self._body[key]!r}")
         match self._spec.name:
             case "End":
-                for key in (*_EDGE_KEYS, "cases"):
-                    if key in self._body and key not in _TIMEOUT_VALUE:
+                for key in ("next", *_ERROR_EDGE, *_TIMEOUT_EDGE, "on"):
+                    if key in self._body:
                         self._wrong(key, "edge", "an End has no successor")
+                return
             case "Fork":
                 self._fork()
-            case "Decision":
-                self._cases()
-                self._edge(OK, "next")
-                self._errors()
             case "DecisionRandom":
                 self._edge("true", "nextIfTrue")
                 self._edge("false", "nextIfFalse")
-            case _:
+                if "next" in self._body:
+                    self._wrong("next", "edge", "expected `nextIfTrue` and `nextIfFalse`, no `next`")
+            case name:
+                if name == "Decision":
+                    self._cases()
                 self._edge(OK, "next")
-                self._timeouts()
-                self._errors()
+        for key in _TIMEOUT_EDGE:
+            if key in self._body:
+                self._timeout_edge(self._body[key], key)
+        for key in _ERROR_EDGE:
+            if key in self._body:
+                self._error_edge(ERROR, self._body[key], key)
+        if "on" in self._body:
+            self._on(self._body["on"])
 
     def _fork(self) -> None:
         targets = self._body.get("next")
@@ -150,14 +177,6 @@ class BlockReader:
         else:
             self._wrong(key, "edge", f"expected one block; only a Fork has several, it is {target!r}")
 
-    def _timeouts(self) -> None:
-        for key in _TIMEOUT_EDGE:
-            if key in self._body:
-                self._timeout_edge(self._body[key], key)
-        for key in _ERROR_EDGE:
-            if key in self._body and self._spec.instant:
-                self._wrong(key, "edge", f"a {self._spec.name} cannot fail: expected no `{key}`")
-
     def _timeout_edge(self, target: Any, key: str) -> None:
         if not self._spec.can_time_out:
             self._wrong(key, "edge", f"a {self._spec.name} cannot time out: expected no `{key}`")
@@ -166,33 +185,34 @@ class BlockReader:
         else:
             self._add(TIMEOUT, target, key)
 
-    def _errors(self) -> None:
-        for key in _ERROR_EDGE:
-            if key in self._body:
-                if isinstance(self._body[key], str):
-                    self._add(ERROR, self._body[key], key)
-                else:
-                    self._wrong(key, "edge", f"expected a block, it is {self._body[key]!r}")
-        others = self._body.get("on", {})
+    def _error_edge(self, outcome: str, target: Any, key: str) -> None:
+        if not self._spec.can_fail:
+            self._wrong(key, "edge", f"a {self._spec.name} cannot fail: expected no `{key}`")
+        elif not isinstance(target, str):
+            self._wrong(key, "edge", f"expected a block, it is {target!r}")
+        else:
+            self._add(outcome, target, key)
+
+    def _on(self, others: Any) -> None:
+        if not self._spec.can_time_out and not self._spec.can_fail:
+            self._wrong("on", "edge", f"a {self._spec.name} ends in one way only: expected no `on`")
+            return
         if not isinstance(others, dict):
             self._wrong("on", "edge", 'expected {"timeout": "b7", "<error kind>": "b8"}')
             return
         for word, target in others.items():
             place = f"on/{escape(word)}"
+            kind = word.removeprefix(f"{ERROR}:")
             if word == TIMEOUT:
                 self._timeout_edge(target, place)
-                continue
-            kind = word.removeprefix(f"{ERROR}:")
-            if not isinstance(target, str):
-                self._wrong(place, "edge", f"expected a block, it is {target!r}")
-            elif kind == ERROR:
-                self._add(ERROR, target, place)
+            elif word == ERROR:
+                self._error_edge(ERROR, target, place)
             elif self._known and kind not in self._spec.errors:
-                kinds = (TIMEOUT, ERROR, *self._spec.errors)
+                kinds = (*((TIMEOUT,) if self._spec.can_time_out else ()), ERROR, *self._spec.errors)
                 message = f"a {self._spec.name} does not end with {word!r}; expected {', '.join(kinds)}"
                 self._wrong(place, "edge", message)
             else:
-                self._add(f"{ERROR}:{kind}", target, place)
+                self._error_edge(f"{ERROR}:{kind}", target, place)
 
     def _add(self, outcome: str, target: str, key: str) -> None:
         pointer = f"{self._pointer}/{key}"
@@ -205,8 +225,7 @@ class BlockReader:
     def _params(self) -> Params:
         if not self._known:
             return Nothing()
-        special = {"DecisionRandom": ("nextIfTrue", "nextIfFalse"), "Decision": ("cases",)}
-        edge_keys = {*_ALWAYS, *_EDGE_KEYS, *special.get(self._spec.name, ())}
+        edge_keys = {*_ALWAYS, *_EDGE_KEYS, *_SUCCESSORS.get(self._spec.name, ())}
         aliases = dict(self._spec.aliases)
         raw: dict[str, Any] = {}
         spelled: dict[str, str] = {}

@@ -69,18 +69,20 @@ class Barrier(Params, frozen=True):
 class Wait(Params, frozen=True):
     """A pause; exactly one of the two."""
 
-    ms: Annotated[float, msgspec.Meta(ge=0, le=86_400_000)] | None = None
-    s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] | None = None
+    ms: Annotated[float, msgspec.Meta(ge=0, le=86_400_000)] | msgspec.UnsetType = msgspec.UNSET
+    s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] | msgspec.UnsetType = msgspec.UNSET
 
     def __post_init__(self) -> None:
         """Exactly one unit."""
-        if (self.ms is None) == (self.s is None):
+        if (self.ms is msgspec.UNSET) == (self.s is msgspec.UNSET):
             raise ValueError("expected exactly one of `ms` and `s`")
 
     @property
     def duration_s(self) -> float:
         """Length of the pause."""
-        return self.s if self.s is not None else (self.ms or 0.0) / 1000
+        if not isinstance(self.ms, msgspec.UnsetType):
+            return self.ms / 1000
+        return 0.0 if isinstance(self.s, msgspec.UnsetType) else self.s
 
 
 class Takeoff(Params, frozen=True):
@@ -182,6 +184,11 @@ class BlockType(msgspec.Struct, frozen=True):
     def can_time_out(self) -> bool:
         """Whether a time-out successor makes sense."""
         return not self.instant and self.name != "Wait"
+
+    @property
+    def can_fail(self) -> bool:
+        """Whether an error successor makes sense; a plugin can fail in ways that it does not name."""
+        return bool(self.errors) or not self.control
 
 
 _POINT: Final = (("x", "x_m"), ("y", "y_m"), ("z", "z_m"), ("yaw", "yaw_rad"), ("speed", "speed_m_s"))

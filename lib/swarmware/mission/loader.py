@@ -19,11 +19,10 @@ from swarmware.mission.source import Source, SourceError, escape
 from swarmware.mission.source import parse as parse_source
 from swarmware.types.mission import ParamValue
 
-_TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "priority", "requires")
+_TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "requires")
 
-USER_PRIORITY_LIMIT = 99
-"""Highest priority of a user mission; built-in ones stand above (S2.37)."""
-
+_RESERVED = {"priority": "missions have no queue yet, in which one could go before another"}
+"""Keys of later versions: a mission that relied on them would not do what it says."""
 
 MISTAKES_LIMIT = 100
 """After which the rest of a file is not looked at: nobody reads more, and each costs time."""
@@ -90,8 +89,14 @@ class _Loader:
             self._wrong("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
             return Reading(None, tuple(self._findings))
         for key in top:
-            if key not in _TOP:
+            if key in _RESERVED:
+                message = f"key {key!r}: reserved, not supported yet: {_RESERVED[key]}; expected none"
+                self._wrong(f"/{escape(key)}", "reserved", message)
+            elif key not in _TOP:
                 self._wrong(f"/{escape(key)}", "unknown-key", f"key {key!r}: unknown; {nearest(key, _TOP)}")
+        for key in ("title", "comment", "$schema"):
+            if not isinstance(top.get(key, ""), str):
+                self._wrong(f"/{key}", "shape", f"expected a text, it is {top[key]!r}")
         self._declared = self._params(top.get("params", {}))
         bound = {key: self._substituted(key, value) for key, value in top.items()}
         blocks = self._blocks(bound["mission"])
@@ -102,7 +107,6 @@ class _Loader:
             blocks,
             starts[0] if starts else "",
             self._on_failure(bound.get("on_failure", "land")),
-            self._priority(bound.get("priority", 10)),
             self._requires(bound.get("requires", [])),
         )
         return Reading(mission if starts else None, tuple(self._findings), tuple(self._declared))
@@ -185,12 +189,6 @@ class _Loader:
             self._wrong("/on_failure", "on-failure", f"{raw!r}: expected one of {', '.join(ON_FAILURE)}")
             return "land"
         return str(raw)
-
-    def _priority(self, raw: Any) -> int:
-        if isinstance(raw, int) and not isinstance(raw, bool) and 0 <= raw <= USER_PRIORITY_LIMIT:
-            return raw
-        self._wrong("/priority", "priority", f"{raw!r}: expected a whole number 0 to {USER_PRIORITY_LIMIT}")
-        return 10
 
     def _requires(self, raw: Any) -> tuple[Condition, ...]:
         if not isinstance(raw, list) or not all(isinstance(item, str) for item in raw):

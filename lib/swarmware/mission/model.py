@@ -64,8 +64,6 @@ class Mission(msgspec.Struct, frozen=True):
     blocks: dict[str, Block]
     start: str
     on_failure: str = "land"
-    priority: int = 10
-    """Among user missions; built-in ones have 100 and more."""
     requires: tuple[Condition, ...] = ()
     """Checked before the start and every second."""
 

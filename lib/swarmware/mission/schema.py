@@ -1,16 +1,20 @@
 """The JSON Schema of mission files, made from the block catalogue: for editors and foreign tools."""
 
+from itertools import combinations
 from typing import Any, Final
 
 import msgspec
 
-from swarmware.mission.catalogue import BlockType, Catalogue, built_in
-from swarmware.mission.loader import USER_PRIORITY_LIMIT
+from swarmware.mission.block_reader import TIMEOUT_LEAST_MS, TIMEOUT_LIMIT_S
+from swarmware.mission.catalogue import BlockType, Catalogue, Wait, built_in
 from swarmware.mission.model import ERROR, ON_FAILURE, TIMEOUT
 
 _BLOCK: Final = {"$ref": "#/$defs/block"}
+_ONE: Final = {"anyOf": [_BLOCK, {"type": "array", "items": _BLOCK, "minItems": 1, "maxItems": 1}]}
 _NUMBER_TEXT: Final = {"$ref": "#/$defs/number_text"}
 _REFERENCE: Final = {"$ref": "#/$defs/reference"}
+_TIMEOUT_EDGES: Final = ("nextTimeout", "next_timeout")
+_ERROR_EDGES: Final = ("nextError", "next_error")
 _SHARED: Final = {
     "block": {"type": "string", "description": "Name of a block."},
     "number_text": {
@@ -41,8 +45,7 @@ def mission_schema(catalogue: Catalogue | None = None) -> str:
                 "description": "Parameters and their defaults, used as $param.<name>.",
                 "additionalProperties": {"type": ["number", "string", "boolean", "array"]},
             },
-            "on_failure": {"enum": list(ON_FAILURE)},
-            "priority": {"type": "integer", "minimum": 0, "maximum": USER_PRIORITY_LIMIT},
+            "on_failure": {"anyOf": [{"enum": list(ON_FAILURE)}, _REFERENCE]},
             "requires": {"type": "array", "items": {"type": "string"}},
             "mission": {
                 "type": "object",
@@ -84,7 +87,10 @@ def _block(block: BlockType) -> dict[str, Any]:
             properties[spelling] = value
         if name in own.get("required", ()):
             groups.append({"anyOf": [{"required": [word]} for word in (name, *aliases.get(name, ()))]})
-    required = _successors(block, properties)
+        groups += [_at_most_one((name, *aliases[name]))] if name in aliases else []
+    if block.params is Wait:
+        groups.append({"oneOf": [{"required": ["ms"]}, {"required": ["s"]}]})
+    required = _successors(block, properties, groups)
     return {
         "description": block.purpose,
         "type": "object",
@@ -95,7 +101,12 @@ def _block(block: BlockType) -> dict[str, Any]:
     }
 
 
-def _successors(block: BlockType, properties: dict[str, Any]) -> list[str]:
+def _at_most_one(names: tuple[str, ...]) -> dict[str, Any]:
+    """Spellings of one thing."""
+    return {"not": {"anyOf": [{"required": list(pair)} for pair in combinations(names, 2)]}}
+
+
+def _successors(block: BlockType, properties: dict[str, Any], groups: list[dict[str, Any]]) -> list[str]:
     """Adds the ways out; returns those that must be there."""
     match block.name:
         case "End":
@@ -104,7 +115,7 @@ def _successors(block: BlockType, properties: dict[str, Any]) -> list[str]:
             properties["next"] = {"type": "array", "items": _BLOCK, "minItems": 1, "uniqueItems": True}
             return ["next"]
         case "DecisionRandom":
-            properties |= {"nextIfTrue": _BLOCK, "nextIfFalse": _BLOCK}
+            properties |= {"nextIfTrue": _ONE, "nextIfFalse": _ONE}
             return ["nextIfTrue", "nextIfFalse"]
         case "Decision":
             case = {
@@ -114,19 +125,51 @@ def _successors(block: BlockType, properties: dict[str, Any]) -> list[str]:
                 "properties": {"if": {"type": "string", "description": "A condition."}, "next": _BLOCK},
             }
             properties["cases"] = {"type": "array", "items": case, "minItems": 1}
-    one = {"type": "array", "items": _BLOCK, "minItems": 1, "maxItems": 1}
-    properties["next"] = {"anyOf": [_BLOCK, one]}
-    others = {TIMEOUT: _BLOCK} if block.can_time_out else {}
+    properties["next"] = _ONE
+    others: dict[str, Any] = {}
     if block.can_time_out:
-        properties |= dict.fromkeys(("timeout", "timeout_s"), _lenient({"type": "number"}))
-        properties |= dict.fromkeys(("nextTimeout", "next_timeout"), _BLOCK)
-    if block.errors:
-        properties |= dict.fromkeys(("nextError", "next_error"), _BLOCK)
-        kinds = (ERROR, *block.errors, *(f"{ERROR}:{kind}" for kind in block.errors))
-        others |= dict.fromkeys(kinds, _BLOCK)
+        _timeouts(block, properties, groups)
+        others[TIMEOUT] = _BLOCK
+    if block.can_fail:
+        properties |= dict.fromkeys(_ERROR_EDGES, _BLOCK)
+        groups.append(_one_of_these(_ERROR_EDGES, ERROR))
+        others[ERROR] = _BLOCK
+    for kind in block.errors:
+        others |= {kind: _BLOCK, f"{ERROR}:{kind}": _BLOCK}
     if others:
-        properties["on"] = {"type": "object", "properties": others, "additionalProperties": False}
+        twice = [_at_most_one((kind, f"{ERROR}:{kind}")) for kind in block.errors]
+        properties["on"] = {
+            "type": "object",
+            "properties": others,
+            "additionalProperties": False,
+            **({"allOf": twice} if twice else {}),
+        }
     return ["cases", "next"] if block.name == "Decision" else ["next"]
+
+
+def _timeouts(block: BlockType, properties: dict[str, Any], groups: list[dict[str, Any]]) -> None:
+    milliseconds = {"type": "number", "minimum": TIMEOUT_LEAST_MS, "maximum": TIMEOUT_LIMIT_S * 1000}
+    seconds = {"type": "number", "exclusiveMinimum": 0, "maximum": TIMEOUT_LIMIT_S}
+    properties["timeout"] = {"description": "Milliseconds, as in BDL.", **_lenient(milliseconds)}
+    properties["timeout_s"] = {"description": "Seconds.", **_lenient(seconds)}
+    properties |= dict.fromkeys(_TIMEOUT_EDGES, _BLOCK)
+    groups += [_at_most_one(("timeout", "timeout_s")), _one_of_these(_TIMEOUT_EDGES, TIMEOUT)]
+    if block.timeout_s is None:
+        # without a time-out its successor would never follow
+        value = {"anyOf": [{"required": ["timeout"]}, {"required": ["timeout_s"]}]}
+        groups += [{"if": edge, "then": value} for edge in _spellings(_TIMEOUT_EDGES, TIMEOUT)]
+
+
+def _spellings(keys: tuple[str, ...], outcome: str) -> list[dict[str, Any]]:
+    """A successor for this outcome, each way in which it may be written."""
+    nested = {"required": ["on"], "properties": {"on": {"type": "object", "required": [outcome]}}}
+    return [*({"required": [key]} for key in keys), nested]
+
+
+def _one_of_these(keys: tuple[str, ...], outcome: str) -> dict[str, Any]:
+    """At most one of the spellings of a successor."""
+    pairs = combinations(_spellings(keys, outcome), 2)
+    return {"not": {"anyOf": [{"allOf": list(pair)} for pair in pairs]}}
 
 
 def _lenient(schema: dict[str, Any]) -> dict[str, Any]:

@@ -29,9 +29,9 @@ def hover(seconds: float) -> MissionFile:
         f"""{{"mission": {{
             "s": {{"type": "Start", "next": "arm"}},
             "arm": {{"type": "Arm", "next": "a"}},
-            "a": {{"type": "Barrier", "id": "a", "timeout": 20, "next": "w"}},
+            "a": {{"type": "Barrier", "id": "a", "timeout_s": 20, "next": "w"}},
             "w": {{"type": "Wait", "s": {seconds}, "next": "b"}},
-            "b": {{"type": "Barrier", "id": "b", "timeout": 20, "next": "e"}},
+            "b": {{"type": "Barrier", "id": "b", "timeout_s": 20, "next": "e"}},
             "e": {{"type": "End"}}
         }}}}""",
     )

@@ -23,7 +23,7 @@ def course(member: Member, meetings: int = 4, timeout_s: float = 20.0) -> str:
     for n in range(1, meetings + 1):
         after = f"{first}{n + 1}" if n < meetings else "e"
         late = "e" if ground_station else "l"
-        meet = {"type": "Barrier", "id": f"m{n}", "timeout": timeout_s, "nextTimeout": late}
+        meet = {"type": "Barrier", "id": f"m{n}", "timeout_s": timeout_s, "nextTimeout": late}
         body[f"m{n}"] = {**meet, "next": after}
         if not ground_station:
             body[f"b{n}"] = {"type": "Arm", "next": f"m{n}", "nextError": "l", "nextTimeout": "l"}
@@ -109,7 +109,7 @@ def random_mission(chance: Random, member: Member, meetings: list[str]) -> str:
             case 1:
                 work: dict[str, Any] = {"type": "Arm", "next": f"j{n}"}
                 if chance.random() < 0.7:
-                    work |= {"nextError": f"j{n}", "timeout": 2, "nextTimeout": f"j{n}"}
+                    work |= {"nextError": f"j{n}", "timeout_s": 2, "nextTimeout": f"j{n}"}
                 body[f"x{n}"] = {"type": "Fork", "next": [f"a{n}", f"w{n}"]}
                 body[f"a{n}"] = work
                 body[f"w{n}"] = {"type": "Wait", "ms": chance.randrange(10, 2000), "next": f"j{n}"}
@@ -121,10 +121,10 @@ def random_mission(chance: Random, member: Member, meetings: list[str]) -> str:
                     "nextIfTrue": f"d{n}",
                     "nextIfFalse": f"m{n}",
                 }
-                body[f"d{n}"] = {"type": "Hold", "next": f"m{n}", "nextError": escape, "timeout": 3}
+                body[f"d{n}"] = {"type": "Hold", "next": f"m{n}", "nextError": escape, "timeout_s": 3}
         meet: dict[str, Any] = {"type": "Barrier", "id": meeting, "next": after}
         if chance.random() < 0.7:
-            meet |= {"timeout": chance.randrange(5, 20), "nextTimeout": escape}
+            meet |= {"timeout_s": chance.randrange(5, 20), "nextTimeout": escape}
         body[f"m{n}"] = meet
     body[f"x{len(meetings)}"] = {"type": "Wait", "ms": 10, "next": escape}
     return blocks(**body)

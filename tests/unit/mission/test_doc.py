@@ -20,7 +20,8 @@ def row(block: BlockType) -> str:
     """The block's line of the table."""
     params = []
     for field in msgspec.structs.fields(block.params):
-        default = "" if field.required else f" = {show(field.default)}"
+        optional = field.required or field.default is msgspec.UNSET
+        default = "" if optional else f" = {show(field.default)}"
         params.append(f"`{field.name}{default}`")
     timeout = f"{block.timeout_s:g} s" if block.timeout_s else "–"
     errors = ", ".join(block.errors) or "–"

@@ -47,7 +47,7 @@ def part(*blocks: dict[str, Any], **params: Any) -> str:
     return json.dumps({"mission": body, "params": params}, indent=1)
 
 
-MEET = {"type": "Barrier", "id": "up", "timeout": 9}
+MEET = {"type": "Barrier", "id": "up", "timeout_s": 9}
 LEADER = part(MEET)
 AIR = part(
     {"type": "Takeoff", "alt": "$param.height"},

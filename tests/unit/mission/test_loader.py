@@ -28,7 +28,8 @@ def line(*middle: dict[str, Any], **top: Any) -> str:
     """Start, the blocks one after the other (b1, b2 …), End."""
     blocks: dict[str, Any] = {"b0": {"type": "Start", "next": "b1"}}
     for number, block in enumerate(middle, 1):
-        blocks[f"b{number}"] = {"next": f"b{number + 1}", **block}
+        after = {} if block["type"] == "DecisionRandom" else {"next": f"b{number + 1}"}
+        blocks[f"b{number}"] = {**after, **block}
     blocks[f"b{len(middle) + 1}"] = {"type": "End"}
     return mission(blocks, **top)
 
@@ -82,10 +83,16 @@ def test_short_spellings_mean_the_names_with_units() -> None:
     ],
 )
 def test_a_timeout_successor_has_three_spellings(edges: dict[str, Any]) -> None:
-    text = line({"type": "Barrier", "id": "x", "timeout": "3", **edges})
+    text = line({"type": "Barrier", "id": "x", "timeout": "3000", **edges})
     block = load(text, "m.json", HERE).blocks["b1"]
     assert block.successor("timeout") == "b2"
     assert block.timeout_s == 3.0
+
+
+@pytest.mark.parametrize("timeout", [{"timeout": "30000"}, {"timeout": 30_000}, {"timeout_s": 30}])
+def test_a_time_out_is_in_milliseconds_as_in_bdl_or_says_its_unit(timeout: dict[str, Any]) -> None:
+    text = line({"type": "Arm", **timeout})
+    assert load(text, "m.json", HERE).blocks["b1"].timeout_s == 30.0
 
 
 def test_an_error_takes_its_own_successor_then_the_general_one_never_next() -> None:
@@ -99,6 +106,10 @@ def test_an_error_takes_its_own_successor_then_the_general_one_never_next() -> N
     assert block.successor("error:blocked") == "b2"
     assert block.successor("error:disarmed") == "b3"
     assert block.successor("timeout") is None
+
+
+DECISION = {"type": "Decision", "cases": [{"if": "battery < 30 %", "next": "b2"}]}
+CHANCE = {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": "b2", "nextIfFalse": "b2"}
 
 
 @pytest.mark.parametrize(
@@ -117,8 +128,28 @@ def test_an_error_takes_its_own_successor_then_the_general_one_never_next() -> N
         ({"type": "Takeoff"}, "/mission/b1", "missing required field `altitude_m`"),
         ({"type": "Takeoff", "alt": -3}, "/mission/b1/alt", "> 0"),
         ({"type": "Takeoff", "alt": 3, "altitude": 3}, "/mission/b1/altitude", "same as 'alt'"),
-        ({"type": "Takeoff", "alt": 3, "timeout": 0}, "/mission/b1/timeout", "above 0"),
-        ({"type": "Takeoff", "alt": 3, "timeout": "x"}, "/mission/b1/timeout", "expected seconds"),
+        ({"type": "Takeoff", "alt": 3, "timeout_s": 0}, "/mission/b1/timeout_s", "above 0"),
+        ({"type": "Takeoff", "alt": 3, "timeout_s": "x"}, "/mission/b1/timeout_s", "expected seconds"),
+        ({"type": "Takeoff", "alt": 3, "timeout_s": 90_000}, "/mission/b1/timeout_s", "at most 86400"),
+        ({"type": "Takeoff", "alt": 3, "timeout": 60}, "/mission/b1/timeout", "or `timeout_s` in seconds"),
+        ({"type": "Takeoff", "alt": 3, "timeout": True}, "/mission/b1/timeout", "expected milliseconds"),
+        ({"type": "Takeoff", "alt": 3, "timeout": "x"}, "/mission/b1/timeout", "expected milliseconds"),
+        (
+            {"type": "Takeoff", "alt": 3, "timeout": 3000, "timeout_s": 3},
+            "/mission/b1/timeout_s",
+            "a time-out stands at 'timeout' already",
+        ),
+        ({"type": "Fork", "next": ["b2"], "nextTimeout": "b2"}, "/mission/b1/nextTimeout", "cannot time out"),
+        ({"type": "Fork", "next": ["b2"], "nextError": "b2"}, "/mission/b1/nextError", "cannot fail"),
+        ({"type": "Fork", "next": ["b2"], "on": {"timeout": "b2"}}, "/mission/b1/on", "no `on`"),
+        ({"type": "Join", "on": {"error": "b2"}}, "/mission/b1/on", "no `on`"),
+        ({"type": "Wait", "s": 1, "nextError": "b2"}, "/mission/b1/nextError", "cannot fail"),
+        ({**DECISION, "nextTimeout": "b2"}, "/mission/b1/nextTimeout", "cannot time out"),
+        ({**DECISION, "on": {"timeout": "b2"}}, "/mission/b1/on/timeout", "cannot time out"),
+        ({**DECISION, "on": {"blocked": "b2"}}, "/mission/b1/on/blocked", "expected error, unknown_value"),
+        ({**CHANCE, "nextError": "b2"}, "/mission/b1/nextError", "cannot fail"),
+        ({**CHANCE, "next": "b2"}, "/mission/b1/next", "no `next`"),
+        ({**CHANCE, "nextIfTrue": "b9"}, "/mission/b1/nextIfTrue", "'b9' does not exist"),
         ({"type": "Barrier", "id": "a", "quorum": "most"}, "/mission/b1/quorum", "'most'"),
         ({"type": "Barrier", "id": "a", "quorum": 0}, "/mission/b1/quorum", ">= 1"),
         ({"type": "Barrier", "id": ""}, "/mission/b1/id", "length >= 1"),
@@ -173,7 +204,8 @@ def test_a_mistake_in_a_block_is_named_with_its_place(
         (mission({"b0": {"next": "b1"}}), "/mission/b0", "expected a block"),
         (line(misson=1), "/misson", "nearest known: mission"),
         (line(on_failure="dance"), "/on_failure", "land, hold"),
-        (line(priority=100), "/priority", "0 to 99"),
+        (line(priority=10), "/priority", "reserved, not supported yet"),
+        (line(title=3), "/title", "expected a text"),
         (line(requires="battery"), "/requires", "list of conditions"),
         (line(requires=["battery >"]), "/requires/0", "at its end"),
         (line(params=[]), "/params", "names and default values"),

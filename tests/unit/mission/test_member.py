@@ -18,7 +18,7 @@ from swarmware.types.mission import Member, MissionState
 S = 1_000_000_000
 LAND = load(net(s="Start>land", land={"type": "Land", "next": "e"}, e="End"), "land", Binding())
 HOLD = load(net(s="Start>hold", hold={"type": "Hold", "next": "e"}, e="End"), "hold", Binding())
-ARM = net(s="Start>a", a={"type": "Arm", "next": "e", "timeout": 5}, e="End")
+ARM = net(s="Start>a", a={"type": "Arm", "next": "e", "timeout_s": 5}, e="End")
 A, B = Member("a", "x", "uav"), Member("b", "x", "uav")
 
 
@@ -228,8 +228,8 @@ def test_a_requirement_that_cannot_be_told_is_given_three_checks() -> None:
 @pytest.mark.parametrize(
     ("edges", "expected"),
     [
-        ({"nextTimeout": "t", "timeout": 99}, "start t 2"),
-        ({"nextTimeout": "t", "timeout": 99, "on": {"broken": "b"}}, "start b 2"),
+        ({"nextTimeout": "t", "timeout_s": 99}, "start t 2"),
+        ({"nextTimeout": "t", "timeout_s": 99, "on": {"broken": "b"}}, "start b 2"),
         ({"nextError": "b"}, "start b 2"),
         ({}, "start land 2"),
     ],

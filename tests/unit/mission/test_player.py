@@ -130,7 +130,10 @@ def test_an_error_goes_to_its_successor_or_fails_the_mission(
 def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() -> None:
     p = player(
         net(
-            s="Start>a", a={**ARM, "timeout": 3, "nextTimeout": "x"}, x={"type": "Hold", "next": "e"}, e="End"
+            s="Start>a",
+            a={**ARM, "timeout_s": 3, "nextTimeout": "x"},
+            x={"type": "Hold", "next": "e"},
+            e="End",
         )
     )
     p.start(0)
@@ -140,14 +143,14 @@ def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() 
 
 
 def test_a_time_out_without_a_successor_fails_the_mission() -> None:
-    p = player(net(s="Start>a", a={**ARM, "timeout": 3}, e="End"))
+    p = player(net(s="Start>a", a={**ARM, "timeout_s": 3}, e="End"))
     p.start(0)
     p.on_timer(3 * S)
     assert short(p.on_outcome(1, "cancelled", 3 * S)) == ["failed: a ended with timeout"]
 
 
 def test_a_block_that_does_not_end_when_cancelled_is_abandoned() -> None:
-    p = player(net(s="Start>a", a={**ARM, "timeout": 1}, e="End"))
+    p = player(net(s="Start>a", a={**ARM, "timeout_s": 1}, e="End"))
     p.start(0)
     p.on_timer(S)
     assert p.deadline_ns() == S + CANCEL_NS
