@@ -32,6 +32,20 @@ class Finding(msgspec.Struct, frozen=True):
         return f"{place}:{where} {self.message}{steps}"
 
 
+class Remark(msgspec.Struct, frozen=True):
+    """A finding without its line: the caller knows the file."""
+
+    block: str
+    severity: Severity
+    rule: str
+    message: str
+    trace: tuple[str, ...] = ()
+
+    def finding(self, file: str, line: int, pointer: str) -> Finding:
+        """The finding, with its place."""
+        return Finding(file, line, pointer, self.severity, self.rule, self.message, self.trace)
+
+
 TOO_LARGE: Final = "too-large"
 """Rule of a mission of which the check's budget of memory and time was not enough."""
 

@@ -13,6 +13,9 @@ ERROR: Final = "error"
 CANCELLED: Final = "cancelled"
 """The four ways a block ends; an error says its kind: `error:blocked`."""
 
+STEPS_LIMIT: Final = 1_000
+"""Blocks that the player enters in one event; the check refuses a mission that needs more."""
+
 ON_FAILURE: Final = ("land", "hold", "return")
 """Built-in missions that take over when a mission fails."""
 

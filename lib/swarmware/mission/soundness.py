@@ -7,10 +7,9 @@ end, two tokens in one block, loops that never rest, motions cut short by an End
 from collections import deque
 from typing import Final
 
-import msgspec
-
+from swarmware.mission import instants
 from swarmware.mission.budget import Budget
-from swarmware.mission.finding import TOO_LARGE, Finding, Severity
+from swarmware.mission.finding import TOO_LARGE, Remark
 from swarmware.mission.model import Mission
 from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Step
 
@@ -26,23 +25,9 @@ STUCK_LIMIT: Final = 1_000
 """Deadlocks that are explained: more of them say nothing new."""
 
 
-class Remark(msgspec.Struct, frozen=True):
-    """A finding without its line: the caller knows the file."""
-
-    block: str
-    severity: Severity
-    rule: str
-    message: str
-    trace: tuple[str, ...] = ()
-
-    def finding(self, file: str, line: int, pointer: str) -> Finding:
-        """The finding, with its place."""
-        return Finding(file, line, pointer, self.severity, self.rule, self.message, self.trace)
-
-
 def check(mission: Mission, budget: Budget | None = None) -> list[Remark]:
     """All that is unsound about the mission, counter-examples included."""
-    return [*_restless(mission), *_Exploration(mission, budget or Budget()).remarks()]
+    return [*instants.check(mission), *_Exploration(mission, budget or Budget()).remarks()]
 
 
 class _Exploration:
@@ -198,36 +183,3 @@ class _Exploration:
                 )
                 return [Remark(blocks[0], "error", "never-ends", message, self._trace(key))]
         return []
-
-
-def _restless(mission: Mission) -> list[Remark]:
-    """Loops of nothing but instant blocks: the player would never come back from them."""
-    after = {
-        block.id: [edge.target for edge in block.edges]
-        for block in mission.blocks.values()
-        if block.spec.instant
-    }
-    done: set[str] = set()
-    for root in after:
-        path: list[str] = []
-        stack = [(root, 0)]
-        while stack:
-            block, index = stack.pop()
-            if index == 0:
-                if block in done:
-                    continue
-                path.append(block)
-            targets = [target for target in after[block] if target in after]
-            if index == len(targets):
-                path.pop()
-                done.add(block)
-                continue
-            stack.append((block, index + 1))
-            target = targets[index]
-            if target in path:
-                loop = (*path[path.index(target) :], target)
-                message = f"the loop {' → '.join(loop)} never rests: expected a block in it that takes time"
-                return [Remark(target, "error", "restless-loop", message)]
-            if target not in done:
-                stack.append((target, 0))
-    return []

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmd.mission.checking import refuse
 from swarmware.errors import MissionError
 from swarmware.mission import catalogue
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import Formation, Goto, Takeoff, Wait
 from swarmware.mission.check import check_files, check_text
-from swarmware.mission.finding import Finding
+from swarmware.mission.finding import Finding, sound
 from swarmware.mission.loader import load, read
 
 PUBLISHED = Path(__file__).parents[2] / "data" / "bdl"
@@ -275,10 +276,14 @@ def test_a_mission_shows_which_resources_its_decisions_look_at() -> None:
     assert check_text(text, "m.json", HERE)[1] == []
 
 
-@given(st.text())
-def test_any_text_is_a_mission_or_has_findings(text: str) -> None:
+@given(st.text() | st.text('{}[]:," abmission', max_size=60))
+def test_any_text_is_refused_with_a_place_or_is_a_mission_with_a_start(text: str) -> None:
     reading, found = check_text(text, "m.json", HERE)
-    assert found or reading.mission is not None
+    if reading.mission is None:
+        assert any(finding.severity == "error" for finding in found)
+    else:
+        assert reading.mission.blocks[reading.mission.start].type == "Start"
+    assert all(finding.file == "m.json" and finding.message for finding in found)
 
 
 NAMES = st.sampled_from(["a", "b", "c", "d", "e"])
@@ -296,7 +301,19 @@ BLOCKS = st.builds(
 
 
 @given(st.dictionaries(NAMES, BLOCKS, max_size=5))
-def test_any_graph_of_blocks_is_checked_without_surprise(blocks: dict[str, Any]) -> None:
+def test_a_mission_without_findings_has_a_start_an_end_and_no_successor_that_is_missing(
+    blocks: dict[str, Any],
+) -> None:
     text = json.dumps({"mission": blocks})
     reading, found = check_text(text, "m.json", HERE)
-    assert found or reading.mission is not None
+    if not sound(found):
+        with pytest.raises(MissionError):
+            refuse(tuple(found))
+        return
+    assert reading.mission is not None
+    loaded = reading.mission.blocks
+    kinds = [block.type for block in loaded.values()]
+    assert kinds.count("Start") == 1
+    assert "End" in kinds
+    assert all(loaded[edge.target].type != "Start" for block in loaded.values() for edge in block.edges)
+    assert all(block.edges or block.type == "End" for block in loaded.values())

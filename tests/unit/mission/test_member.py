@@ -171,7 +171,7 @@ def test_a_landing_that_was_asked_for_before_the_start_is_flown() -> None:
 def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
     text = net(
         s="Start>m",
-        m={"type": "Barrier", "id": "m", "timeout": 5, "next": "e", "nextTimeout": "f"},
+        m={"type": "Barrier", "id": "m", "timeout_s": 5, "next": "e", "nextTimeout": "f"},
         e="End",
         f={"type": "End", "result": "failed"},
     )

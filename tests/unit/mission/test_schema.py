@@ -62,7 +62,9 @@ BEYOND_FORM = {"no-such-block", "into-start", "start", "end"}
 """Rules about the graph, which no schema can express."""
 VALIDATOR = jsonschema.Draft202012Validator(json.loads(SHIPPED.read_text()))
 TARGET = st.sampled_from(["a", "b", "c", "d"])
-ANY_TARGET = TARGET | st.lists(TARGET, max_size=3) | st.sampled_from([None, 3, True, {}])
+ANY_TARGET: st.SearchStrategy[Any] = (
+    TARGET | st.lists(TARGET, max_size=3) | st.sampled_from([None, 3, True, {}])
+)
 CASE = st.fixed_dictionaries({"if": st.just("battery < 30 %"), "next": TARGET})
 VALUES: dict[str, st.SearchStrategy[Any]] = {
     **dict.fromkeys(("next", "nextTimeout", "next_timeout", "nextError", "next_error"), ANY_TARGET),

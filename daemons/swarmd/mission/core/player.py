@@ -16,13 +16,11 @@ from swarmd.mission.core.actions import (
 )
 from swarmware.mission.catalogue import Barrier, DecisionRandom, End, Wait
 from swarmware.mission.condition import Lookup
-from swarmware.mission.model import CANCELLED, ERROR, OK, TIMEOUT, Block, Mission
+from swarmware.mission.model import CANCELLED, ERROR, OK, STEPS_LIMIT, TIMEOUT, Block, Mission
 from swarmware.mission.net import join_place
 
 CANCEL_NS: Final = 2_000_000_000
 """A cancelled block that has not ended by then is abandoned."""
-STEPS_LIMIT: Final = 1_000
-"""Instant blocks entered in one event: a sound mission rests long before."""
 
 Phase = Literal["idle", "running", "ending", "over"]
 
