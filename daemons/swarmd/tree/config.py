@@ -47,7 +47,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.1
     """Least time between two notifications of one board, where nothing else is said."""
     lease_s: Annotated[float, msgspec.Meta(ge=1, le=3600)] = 120.0
-    """A subscription that is not renewed ends after this; it is renewed at half of it."""
+    """A subscription of a platform out of reach for so long ends; after half of it that platform asks."""
     retry_s: tuple[Pause, ...] = (0.2, 0.5, 1.0, 2.0, 5.0)
     """Pauses after failures in a row."""
     forget_s: Seconds = 600.0

@@ -1,5 +1,6 @@
 """Mirrors of other platforms' resources that come by notification: rings that we write here."""
 
+from collections.abc import Collection
 from typing import Final
 
 from swarmd.tree.core.mirror import is_news
@@ -8,13 +9,18 @@ from swarmware import names
 from swarmware.errors import SwarmError, WireError
 from swarmware.frame import Codec, Frame, Kind
 from swarmware.node import Node, Publication
-from swarmware.shm.layout import ring_file
+from swarmware.shm.layout import RING_SUFFIX, ring_file, ring_path
+from swarmware.shm.reap import reap_ring
 from swarmware.shm.ring import RingReader
 from swarmware.types.tree import TreeItem
 
 MIRRORED: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM})
-EVENT_SLOTS: Final = 128
-"""Two full notifications: a reader that is woken by one finds all of it."""
+EVENT_SLOTS: Final = 512
+STREAM_SLOTS: Final = 1024
+"""A whole window of notifications may become readable at once: a reader woken by it finds all of it."""
+LARGE_BYTES: Final = 8 * 1024
+LARGE_SLOTS: Final = 128
+"""Of larger items, a window holds no more than that."""
 
 
 class _Mirror:
@@ -43,14 +49,14 @@ class Mirrors:
         if kind not in MIRRORED:
             raise WireError(f"notification of /{platform}/{item.path}: kind {kind.name.lower()}")
         data = wire.encode(_frame(platform, item, kind, codec))  # before a ring is made for it
-        mirror = self._mirror(platform, item.path, kind)
+        mirror = self._mirror(platform, item.path, kind, len(item.data))
         if not is_news(item, mirror.sequence, mirror.stamp_ns):
             return False
         mirror.publication.publish(data)
         mirror.sequence, mirror.stamp_ns = item.sequence, item.stamp_ns
         return True
 
-    def _mirror(self, platform: str, path: str, kind: Kind) -> _Mirror:
+    def _mirror(self, platform: str, path: str, kind: Kind, size: int) -> _Mirror:
         key = (platform, names.check_path(path))
         found = self._open.get(key)
         if found is None:
@@ -59,7 +65,10 @@ class Mirrors:
             if kind is Kind.BOARD:
                 publication = self._node.mirror_writer(platform, path)
             else:
-                publication = self._node.mirror_writer(platform, path, slots=EVENT_SLOTS)
+                slots = STREAM_SLOTS if kind is Kind.STREAM else EVENT_SLOTS
+                if size > LARGE_BYTES:
+                    slots = LARGE_SLOTS
+                publication = self._node.mirror_writer(platform, path, slots=slots)
             found = self._open[key] = _Mirror(publication, sequence, stamp_ns)
         return found
 
@@ -75,10 +84,28 @@ class Mirrors:
             pass  # there is none, or none that can be read
         return -1, -(1 << 63)
 
+    def platforms(self) -> list[str]:
+        """Platforms of which there are mirrors, also from a former start."""
+        try:
+            return sorted(folder.name for folder in self._node.shm_dir.iterdir() if folder.is_dir())
+        except FileNotFoundError:
+            return []
+
+    def keep_only(self, platform: str, paths: Collection[str]) -> None:
+        """Takes the mirrors of everything else of a platform away, also those of a former start.
+
+        What another process writes, as the broker does, is its own to take away.
+        """
+        for key in [key for key in self._open if key[0] == platform and key[1] not in paths]:
+            self._open.pop(key).publication.close()
+        folder = self._node.shm_dir / platform
+        for ring in folder.glob(f"*{RING_SUFFIX}"):
+            if ring_path(ring) not in paths:
+                reap_ring(ring)
+
     def forget(self, platform: str) -> None:
         """Takes the mirrors of a platform away."""
-        for key in [key for key in self._open if key[0] == platform]:
-            self._open.pop(key).publication.close()
+        self.keep_only(platform, ())
 
     def close(self) -> None:
         """Stops writing; what was written last stays readable."""

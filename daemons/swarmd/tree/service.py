@@ -11,7 +11,17 @@ from swarmd.tree import config as own
 from swarmd.tree.answers import Answers
 from swarmd.tree.applications import Applications
 from swarmd.tree.boundary import Boundary
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, Forget, SendNotify, Unwatch, Watch
+from swarmd.tree.core.action import (
+    Action,
+    AskStructure,
+    AskSubscription,
+    Forget,
+    KeepOnly,
+    SendNotify,
+    Unwatch,
+    Watch,
+)
+from swarmd.tree.core.lane import WINDOW
 from swarmd.tree.core.reach import Reach, reachable
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.mirrors import Mirrors
@@ -26,6 +36,8 @@ from swarmware.service import Service
 from swarmware.types.mission import MissionState
 from swarmware.types.net import Neighbours, Routes, TreePlan
 from swarmware.types.tree import (
+    StreamLoss,
+    StreamLosses,
     StructureReply,
     StructureRequest,
     SubscribeReply,
@@ -72,6 +84,7 @@ class Tree(Service):
         self._act_comes = False
         self._closed = False
         self._boundary = Boundary()
+        self._losses = StreamLosses()
         self._at_once = asyncio.Semaphore(AT_ONCE)
         self._mission = 0
         self._asked = self._answered = self._notes = self._values_in = 0
@@ -83,14 +96,18 @@ class Tree(Service):
             stack.callback(self._close)
             self._plan: BoardWriter[TreePlan] = await module.writer("tree/plan", TreePlan, link="request")
             stats = await module.writer("tree/stats", TreeStats, rate_hz=1.0, link="request")
+            losses = await module.writer("tree/losses", StreamLosses, link="request")
+            losses.write(self._losses)
             changes = await module.writer("tree/changes", TreeChange, kind="event", link="request", log="all")
-            notes = await module.inbox("sys/tree/notify", TreeNotify)
+            notes = await module.inbox("sys/tree/notify", TreeNotify, limit=4 * WINDOW)
             neighbours = await module.reader("net/neighbours", Neighbours)
             routes = await module.reader("net/routes", Routes)
             mission = await module.reader("mission/state", MissionState)
             news = asyncio.Event()
             applications = Applications(module.node, news.set)
             stack.callback(applications.close)
+            for platform in self._mirrors.platforms():
+                self._tree.remotes.on_left_behind(platform, module.now_ns())
             # before the first answer: others must not be told of a tree without its applications
             self._take_applications(applications)
             await module.serve(
@@ -109,7 +126,7 @@ class Tree(Service):
                 for board in (neighbours, routes):
                     follow = self._follow_reach(board, neighbours, routes)
                     group.create_task(follow, name=f"tree:{board.path}")
-                group.create_task(self._report(stats, applications, mission), name="tree:stats")
+                group.create_task(self._report(stats, losses, applications, mission), name="tree:stats")
 
     def _close(self) -> None:
         self._closed = True
@@ -146,7 +163,11 @@ class Tree(Service):
         self._settings.publish(leaf.resource for leaf in self._tree.local.index)
 
     async def _report(
-        self, stats: BoardWriter[TreeStats], applications: Applications, mission: BoardReader[MissionState]
+        self,
+        stats: BoardWriter[TreeStats],
+        losses: BoardWriter[StreamLosses],
+        applications: Applications,
+        mission: BoardReader[MissionState],
     ) -> None:
         async for _ in self.module.every(PROBE_S):
             applications.probe()
@@ -156,6 +177,15 @@ class Tree(Service):
                 self._mission = digest
                 self._plan.write(self._tree_plan())
             stats.write(self._stats())
+            lost = StreamLosses(
+                tuple(
+                    StreamLoss(path, platform, items)
+                    for (path, platform), items in sorted(self._tree.held.losses().items())
+                )
+            )
+            if lost != self._losses:
+                self._losses = lost
+                losses.write(lost)
 
     def _stats(self) -> TreeStats:
         tree = self._tree
@@ -269,6 +299,8 @@ class Tree(Service):
             case Unwatch():
                 if tap := self._taps.pop(action.path, None):
                     tap.close()
+            case KeepOnly():
+                self._mirrors.keep_only(action.platform, action.paths)
             case Forget():
                 self._mirrors.forget(action.platform)
 
@@ -277,7 +309,9 @@ class Tree(Service):
         if old is None or old.resource != resource:
             if old is not None:
                 old.close()
-            self._taps[resource.path] = Tap(self.module.node, resource, self._on_value)
+            self._taps[resource.path] = Tap(
+                self.module.node, resource, self._on_value, self._tree.held.on_overrun
+            )
 
     def _on_value(self, item: TreeItem) -> None:
         with self._boundary(f"value of {item.path}"):
@@ -318,7 +352,7 @@ class Tree(Service):
         outcome = await self.module.send(
             path, action.notify, timeout_s=self.config.answer_s, kind=action.kind
         )
-        self._tree.on_notified(action.platform, bool(outcome), self.module.now_ns())
+        self._tree.on_notified(action.platform, action.notify, bool(outcome), self.module.now_ns())
         self._act()
 
     # -- time

@@ -60,8 +60,17 @@ class Peek:
 class Tap:
     """Tells each new value of one own resource, when the doorbell has rung."""
 
-    def __init__(self, node: Node, resource: Resource, tell: Callable[[TreeItem], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        resource: Resource,
+        tell: Callable[[TreeItem], None],
+        overrun: Callable[[str, int], None],
+    ) -> None:
+        """`overrun`: told of items that were overwritten before they could be taken."""
         self.resource = resource
+        self._overrun = overrun
+        self._lost = 0
         self._node = node
         self._tell = tell
         self._path = ring_file(node.shm_dir, resource.path)
@@ -100,6 +109,9 @@ class Tap:
     def _take(self, ring: RingReader) -> None:
         if self._ordered:
             while (data := ring.next()) is not None:
+                if ring.lost != self._lost:
+                    self._overrun(self.resource.path, ring.lost - self._lost)
+                    self._lost = ring.lost
                 self._give(data)
         elif ring.sequence != ring.seen and (data := ring.newest()) is not None:
             self._give(data)

@@ -9,6 +9,7 @@ from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.stream import StreamReader
+from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.ticker import Ticker
 from swarmware.module.writer import BoardWriter, Loan
 
@@ -21,5 +22,6 @@ __all__ = [
     "Meta",
     "Module",
     "StreamReader",
+    "StreamWriter",
     "Ticker",
 ]

@@ -22,6 +22,7 @@ from swarmware.module.foreign import ForeignTime
 from swarmware.module.inbox import Inbox
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.stream import StreamReader
+from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.ticker import Lateness, Ticker
 from swarmware.module.writer import BoardWriter
 from swarmware.node import Node
@@ -248,7 +249,11 @@ class Module:
             slots=slots or (BOARD_SLOTS if board else STREAM_SLOTS),
             slot_bytes=slot_bytes or (BOARD_SLOT_BYTES if board else STREAM_SLOT_BYTES),
         )
-        writer = BoardWriter(self.node, self.app_id, resource, cls, publication)
+        writer: BoardWriter[T]
+        if board:
+            writer = BoardWriter(self.node, self.app_id, resource, cls, publication)
+        else:
+            writer = StreamWriter(self.node, self.app_id, resource, cls, publication, self.foreign)
         self._writers.append(writer)
         self.provide(resource)
         return writer
@@ -265,9 +270,9 @@ class Module:
         description: str = "",
         log: str = "none",
         link: Link = "",
-    ) -> BoardWriter[T]:
+    ) -> StreamWriter[T]:
         """The one writer of a stream or of events: readers get every item, in order."""
-        return await self.writer(
+        writer = await self.writer(
             path,
             cls,
             kind=kind,
@@ -278,6 +283,8 @@ class Module:
             slots=slots,
             slot_bytes=slot_bytes,
         )
+        assert isinstance(writer, StreamWriter)
+        return writer
 
     def close_writer(self, writer: BoardWriter[Any]) -> None:
         """Withdraw one resource before the module ends."""

@@ -36,7 +36,11 @@ class StreamReader(Generic[T]):
         """Who wrote the item given last, and when."""
         self._cls = cls
         self._data_id = data_id
+        self._last: tuple[int, int] | None = None
+        """Of a mirror: its owner's sequence and stamp of the item given last."""
+        self._gaps = 0
         platform, local = split(path)
+        self._foreign = platform is not None
         self._source = Source(node, ring_file(node.shm_dir, local, platform))
         self._run = 0
         self._source.listen()
@@ -45,9 +49,20 @@ class StreamReader(Generic[T]):
 
     @property
     def lost(self) -> int:
-        """Items overwritten before they were read."""
+        """Items that will not be given: overwritten here before they were read, or left out on the way from
+        another platform, as its sequence shows with the item after them."""
         ring = self._source.ring
+        if self._foreign:
+            return self._gaps
         return 0 if ring is None else ring.lost
+
+    def _count_gap(self, sequence: int, stamp_ns: int) -> None:
+        """A sequence that goes on later than the last leaves a gap; one that does not is a new start."""
+        if self._last is not None:
+            last, last_ns = self._last
+            if sequence > last + 1 and stamp_ns >= last_ns:
+                self._gaps += sequence - last - 1
+        self._last = sequence, stamp_ns
 
     def take(self) -> T | None:
         """The next item if there is one; does not wait."""
@@ -62,6 +77,8 @@ class StreamReader(Generic[T]):
                 frame = decode(data)
                 if frame.data_id != self._data_id:
                     raise WireError(f"of another type than {self._cls.__name__}, or of another path")
+                if self._foreign:
+                    self._count_gap(frame.sequence, frame.stamp_ns)
                 value = registry.decode(self._cls, frame.payload, frame.codec)
             except WireError as error:
                 self.refused += 1

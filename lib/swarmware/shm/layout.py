@@ -166,6 +166,11 @@ def ring_file(shm_dir: Path, local_path: str, platform: str | None = None) -> Pa
     return folder / (local_path.replace("/", ".") + RING_SUFFIX)
 
 
+def ring_path(ring: Path) -> str:
+    """Local path of the resource whose ring lies there: the inverse of `ring_file`."""
+    return ring.name.removesuffix(RING_SUFFIX).replace(".", "/")
+
+
 def readers_file(ring: Path) -> Path:
     """Where the table of the readers of a ring lies; it may exist before the ring."""
     return ring.with_suffix(READERS_SUFFIX)

@@ -91,6 +91,14 @@ def _fifos(bells_dir: Path) -> list[Path]:
     return [path for path in _entries(bells_dir) if path.is_fifo()]
 
 
+def reap_ring(path: Path) -> bool:
+    """Remove one ring that no living process writes; whether it is gone now."""
+    try:
+        return _remove_ring(path, even_used=False)
+    except (FileNotFoundError, PermissionError, Denied):
+        return not path.exists()
+
+
 def _remove_ring(path: Path, *, even_used: bool) -> bool:
     fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:

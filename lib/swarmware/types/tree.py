@@ -180,6 +180,24 @@ class TreeStats(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Items from others, and steps of our own work, that failed and were left out."""
 
 
+@register
+class StreamLoss(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Items of one stream or event that one subscriber will never get."""
+
+    path: str
+    platform: str
+    """The subscriber."""
+    items: int
+    """Since the tree service started."""
+
+
+@register
+class StreamLosses(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What subscribers were too slow for, or too far away (board `tree/losses`)."""
+
+    losses: tuple[StreamLoss, ...] = ()
+
+
 # -- between the trees of two platforms
 
 
@@ -284,10 +302,16 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The owner."""
     epoch: Count
     serial: Count
-    """Counts the notifications of one subscription in one epoch: an old one that comes late is known."""
+    """Counts the notifications of one lane in one epoch, without gaps: the receiver takes them in order."""
     items: tuple[TreeItem, ...] = ()
     base: int = 0
     """Digest that the structure had before; 0: no change of the structure in here."""
     digest: int = 0
     structure: bytes = b""
     """As `StructureReply.data` in form 1."""
+    lane: Annotated[int, msgspec.Meta(ge=0, le=1)] = 0
+    """0: boards, events and the structure; 1: streams. Each counts its own serials."""
+    first: Count = 0
+    """Oldest serial of the lane that the owner still sends: what is older came or never will. 0: this one."""
+    lapsed: bool = False
+    """The owner holds no subscription of the receiver any more: nothing but this is in here."""

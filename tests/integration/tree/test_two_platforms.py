@@ -10,8 +10,13 @@ from tests.integration.tree.pair import PATIENCE_S, on_uvloop, platforms, until
 
 from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.resource import Kind, Resource
+<<<<<<< HEAD
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import TreeChange, TreeSet, TreeSetDone, TreeUndo
+=======
+from swarmware.types.scalar import Blob, Float, Int, Text
+from swarmware.types.tree import StreamLosses, TreeChange, TreeSetDone, TreeUndo
+>>>>>>> 8b5ab84 (Tree: a window of notifications in two lanes, no renewals, mirrors go with their resources, losses known at both ends)
 from swarmware.types.vehicle import Goal, Pose
 
 SPEED = Resource(
@@ -62,6 +67,34 @@ async def test_a_subscription_may_come_before_its_resource(tmp_path: Path) -> No
         while len(heard) < 101:
             heard.append((await faults.next(PATIENCE_S)).value)
         assert heard == ["first", *(f"{number}" for number in range(100))]
+
+
+@on_uvloop
+async def test_what_a_stream_loses_on_its_way_is_counted_at_its_reader_and_its_writer(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        scans = await gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
+        scan = await uav.probe.stream_writer("sensor/scan", Blob, link="notify")
+        got = 0
+        async with asyncio.timeout(PATIENCE_S):
+            while not got:
+                scan.write(Blob(bytes(1000)))
+                await asyncio.sleep(0.1)
+                while scans.take() is not None:
+                    got += 1
+            first = scans.meta.sequence - got + 1 if scans.meta is not None else 0
+            # more than its queue, and faster than anybody can take them
+            for _ in range(6000):
+                scan.write(Blob(bytes(1000)))
+            last = scan.sequence
+            while scans.meta is None or scans.meta.sequence < last:
+                await scans.next()
+                got += 1
+            assert scans.lost > 0
+            assert got + scans.lost == last - first + 1
+        told = await uav.probe.reader("tree/losses", StreamLosses)
+        # the reader's own ring may have overrun too: that is not for the writer to know
+        await until(told, lambda _: 0 < scan.losses.get("gcs", 0) <= scans.lost)
+        assert scan.lost == scan.losses["gcs"]
 
 
 @on_uvloop

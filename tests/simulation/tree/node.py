@@ -199,7 +199,7 @@ class Node:
         if self.tree is not None:
             self.do(partial(self.tree.on_subscribed, platform, reply, asked, self._network.now_ns))
 
-    def on_notified(self, platform: str, delivered: bool) -> None:
+    def on_notified(self, platform: str, notify: TreeNotify, delivered: bool) -> None:
         """What became of a notification."""
         if self.tree is not None:
-            self.do(partial(self.tree.on_notified, platform, delivered, self._network.now_ns))
+            self.do(partial(self.tree.on_notified, platform, notify, delivered, self._network.now_ns))

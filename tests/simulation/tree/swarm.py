@@ -129,9 +129,17 @@ class Swarm(VirtualTime):
         for name in gone:
             node.do(partial(tree.on_gone, name, self.now_ns))
         for name, (near, version) in fresh.items():
-            # far away, the version is a rumour that may not have come yet
-            heard = version if near or self._random.random() < 0.5 else None
-            node.do(partial(tree.on_up, name, heard, near, self.now_ns))
+            # far away, the version is a rumour that may not have come yet; it is repeated until it has
+            heard = near or self._random.random() < 0.5
+            node.do(partial(tree.on_up, name, version if heard else None, near, self.now_ns))
+            if not heard:
+                self.after(self._random.uniform(0.5, 3.0), partial(self._rumour, node, life, name))
+
+    def _rumour(self, node: Node, life: int, name: str) -> None:
+        other = self.nodes[name].tree
+        if other is not None and self.radio.way(node.name, name):
+            near = name in self.radio.near[node.name]
+            self._tell(node, life, [], {name: (near, other.local.version)})
 
     # -- messages
 
@@ -192,7 +200,7 @@ class Swarm(VirtualTime):
 
         def finish(delivered: bool) -> None:
             if one.life == life:
-                one.on_notified(platform, delivered)
+                one.on_notified(platform, notify, delivered)
 
         def arrive() -> None:
             arrived = self._arrive(one, platform, notify)

@@ -96,7 +96,7 @@ class Pair:
             case SendNotify(platform, notify):
                 if not lose:
                     self.hear(platform, notify)
-                tree.on_notified(platform, not (lose or lose_answers), now_ns)
+                tree.on_notified(platform, notify, not (lose or lose_answers), now_ns)
 
     def hear(self, platform: str, notify: TreeNotify) -> None:
         """A notification arrives."""

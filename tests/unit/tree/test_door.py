@@ -134,13 +134,13 @@ def sendable(tree: SwarmTree, now_ns: int) -> None:
                 registry.encode(request)
             case SendNotify(platform, notify):
                 registry.decode(TreeNotify, registry.encode(notify))
-                tree.on_notified(platform, notify.serial % 2 == 0, now_ns)
+                tree.on_notified(platform, notify, notify.serial % 2 == 0, now_ns)
     for offer in tree.held.offers():
         registry.encode(offer)
 
 
 @given(st.lists(STEPS, max_size=12))
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=120)
 def test_nothing_that_comes_in_ends_the_tree_or_makes_it_say_what_cannot_be_sent(steps: list[object]) -> None:
     tree, now_ns = core("uav1"), 0
     tree.on_up("uav7", 5, True, 0)

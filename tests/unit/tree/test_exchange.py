@@ -2,10 +2,10 @@
 
 import msgspec
 import pytest
-from tests.unit.tree.pair import LIMITS, POSE, STEP, TEMPLATE, Pair, S, core, pair
+from tests.unit.tree.pair import LIMITS, POSE, STEP, TEMPLATE, Pair, S, core, pair, value
 
 from swarmd.tree.core import structure
-from swarmd.tree.core.action import AskStructure, AskSubscription, Forget, SendNotify
+from swarmd.tree.core.action import AskStructure, AskSubscription, Forget, KeepOnly, SendNotify
 from swarmd.tree.core.structure import Form
 from swarmware.resource import Resource
 from swarmware.types.tree import StructureReply
@@ -22,24 +22,46 @@ def test_neighbours_know_each_other_after_one_exchange_each() -> None:
     assert knows(both, "gcs", "uav1")
     assert knows(both, "uav1", "gcs")
     assert both.said(AskStructure) == 2
-    assert both.said(AskSubscription) == 2
+    assert both.said(AskSubscription) == 0, "nobody wants anything"
 
 
-def test_a_second_visit_costs_a_digest_and_no_structure() -> None:
-    both = pair()
+@pytest.mark.parametrize("patterns", [(), ("/uav1/power/battery",)])
+def test_a_second_visit_costs_nothing_when_nothing_has_changed(patterns: tuple[str, ...]) -> None:
+    both = pair(*patterns)
     both.log.clear()
     for _ in range(2):
         both.trees["gcs"].on_gone("uav1", both.now_ns)
         both.trees["uav1"].on_gone("gcs", both.now_ns)
-        both.now_ns += 5 * S
+        both.wait(20)
         both.meet()
         both.carry()
-    assert both.said(AskStructure) == 0
-    assert both.said(AskSubscription) == 4
+    assert both.log == []
+    both.trees["uav1"].on_value(value("power/battery", 0.5), both.now_ns)
+    both.carry()
+    assert len(both.received["gcs"]) == len(patterns)
+
+
+def test_a_visit_after_half_a_lease_asks_whether_the_subscription_is_held() -> None:
+    both = pair("/uav1/power/battery")
+    both.log.clear()
+    both.trees["gcs"].on_gone("uav1", both.now_ns)
+    both.wait(31)
+    both.meet()
+    both.carry()
     renewal = both.last("gcs", AskSubscription)
     assert isinstance(renewal, AskSubscription)
     assert renewal.request.renew
     assert len(msgspec.msgpack.encode(renewal.request)) < 60
+    assert both.said(AskStructure) == 0
+
+
+def test_a_hello_without_a_version_says_nothing_so_the_visitor_asks() -> None:
+    both = pair()
+    both.log.clear()
+    both.trees["gcs"].on_gone("uav1", both.now_ns)
+    both.trees["gcs"].on_up("uav1", None, True, both.now_ns)
+    both.carry()
+    assert both.said(AskStructure) == 1
 
 
 def test_what_changed_while_they_were_apart_is_asked_for_as_changes() -> None:
@@ -55,7 +77,7 @@ def test_what_changed_while_they_were_apart_is_asked_for_as_changes() -> None:
 
 
 def test_a_new_resource_is_pushed_to_whoever_subscribed() -> None:
-    both = pair()
+    both = pair("/uav1/power/battery")
     both.log.clear()
     both.trees["uav1"].set_applications([STEP], [], 0)
     both.carry()
@@ -65,8 +87,20 @@ def test_a_new_resource_is_pushed_to_whoever_subscribed() -> None:
     assert (both.said(SendNotify), both.said(AskStructure)) == (1, 0)
 
 
-def test_many_changes_of_a_moment_are_one_notification() -> None:
+def test_who_did_not_subscribe_asks_for_a_new_resource_when_the_hello_tells_of_it() -> None:
     both = pair()
+    both.log.clear()
+    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.wait(0.3)
+    assert both.log == []
+    both.meet()
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+    assert both.said(AskStructure) == 1
+
+
+def test_many_changes_of_a_moment_are_one_notification() -> None:
+    both = pair("/uav1/power/battery")
     both.log.clear()
     for number in range(5):
         step = Resource(path=f"plan/step{number}", type="Text", owner="planner")
@@ -78,7 +112,7 @@ def test_many_changes_of_a_moment_are_one_notification() -> None:
 
 
 def test_changes_that_do_not_fit_what_is_held_are_asked_for_again() -> None:
-    both = pair()
+    both = pair("/uav1/power/battery")
     remote = both.trees["gcs"].remotes.get("uav1")
     assert remote is not None
     assert remote.index is not None
@@ -100,6 +134,29 @@ def test_a_version_in_the_hello_that_does_not_fit_is_reason_to_ask() -> None:
     assert both.said(AskStructure) == 1
     gcs.on_up("uav1", uav.local.version ^ 1, True, 0)
     assert both.carry() == 0, "a rumour that was checked already"
+
+
+def test_a_structure_that_comes_back_to_what_was_heard_of_it_before_is_asked_for_again() -> None:
+    both = pair()
+    uav, gcs = both.trees["uav1"], both.trees["gcs"]
+    before = uav.local.version
+    gcs.on_up("uav1", before ^ 1, True, 0)
+    (asked,) = gcs.drain()
+    assert isinstance(asked, AskStructure)
+    gcs.on_up("uav1", before, True, 0)
+    uav.set_applications([STEP], [], 0)
+    gcs.on_structure("uav1", uav.on_structure_asked(asked.request), 0)
+    gcs.on_up("uav1", uav.local.version, True, 0)
+    both.carry()
+    assert knows(both, "gcs", "uav1")
+    gcs.on_up("uav1", before ^ 1, True, 0)
+    both.carry()
+    uav.set_applications([], [], 0)
+    both.wait(20)
+    gcs.on_up("uav1", uav.local.version, True, both.now_ns)
+    both.carry()
+    assert uav.local.version == before
+    assert knows(both, "gcs", "uav1")
 
 
 def test_a_tree_that_started_again_is_noticed_by_its_first_question() -> None:
@@ -146,6 +203,30 @@ def test_nobody_is_asked_who_cannot_be_reached() -> None:
     gcs.on_structure("uav1", None, 0)
     assert gcs.drain() == []
     assert gcs.deadline_ns() == 600 * S
+
+
+def test_what_leaves_a_structure_is_told_so_that_its_mirrors_go() -> None:
+    both = pair("/uav1/plan/*")
+    uav = both.trees["uav1"]
+    first = [action for who, action in both.log if who == "gcs" and isinstance(action, KeepOnly)]
+    assert [action.platform for action in first] == ["uav1"], "mirrors of a former start may be there"
+    uav.set_applications([STEP], [], 0)
+    both.wait(1)
+    both.log.clear()
+    uav.set_applications([], [], both.now_ns)
+    both.wait(20)
+    (kept,) = [action for who, action in both.log if who == "gcs" and isinstance(action, KeepOnly)]
+    assert kept.paths == {resource.path for resource in TEMPLATE}
+
+
+def test_a_platform_whose_mirrors_were_left_behind_is_forgotten_unless_it_comes() -> None:
+    gcs = core("gcs")
+    gcs.remotes.on_left_behind("uav1", 0)
+    gcs.remotes.on_left_behind("uav2", 0)
+    gcs.on_up("uav2", None, True, 1)
+    gcs.drain()
+    gcs.on_timer(600 * S)
+    assert gcs.drain() == [Forget("uav1")]
 
 
 def test_a_platform_that_stays_away_is_forgotten() -> None:
@@ -209,10 +290,10 @@ def test_whole_swarm_follows_everybody() -> None:
     both.meet(near=False)
     both.carry()
     assert knows(both, "gcs", "uav1")
-    assert both.trees["uav1"].held.subscribers() == ["gcs"]
+    assert both.trees["uav1"].held.subscribers() == []
 
 
-def test_who_comes_near_again_is_renewed_although_it_never_went_out_of_reach() -> None:
+def test_who_comes_near_again_is_asked_although_it_never_went_out_of_reach() -> None:
     both = pair()
     both.trees["gcs"].on_up("uav1", None, False, 0)
     both.trees["uav1"].on_gone("gcs", 0)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.tree.core.condition import differs, rule_for
-from swarmd.tree.core.feed import QUEUE_LIMIT, Feed
+from swarmd.tree.core.feed import QUEUE_BYTES, QUEUE_LIMIT, Feed
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
 from swarmware.types.tree import Rule, TreeItem
@@ -16,6 +16,13 @@ from swarmware.types.tree import Rule, TreeItem
 S = 1_000_000_000
 BOARD = Resource(path="power/battery", type="Float")
 EVENT = Resource(path="health/faults", kind=Kind.EVENT, type="Text")
+
+
+def take(one: Feed, now_ns: int, limit: int) -> list[TreeItem]:
+    """Taken, and on its way no more."""
+    taken = one.take(now_ns, limit, 10**9)
+    one.arrived()
+    return taken
 
 
 def packed(value: object) -> bytes:
@@ -73,7 +80,7 @@ def test_the_first_value_is_due_at_once_and_the_same_again_is_no_news() -> None:
     one.offer(item(1.0))
     assert (due := one.due_ns()) is not None
     assert due <= 0
-    assert one.take(0, 9) == [item(1.0)]
+    assert take(one, 0, 9) == [item(1.0)]
     assert one.due_ns() is None
     one.offer(item(1.0, 2))
     assert one.due_ns() is None
@@ -82,18 +89,18 @@ def test_the_first_value_is_due_at_once_and_the_same_again_is_no_news() -> None:
 def test_between_two_notifications_passes_the_least_interval_and_the_newest_value_goes() -> None:
     one = feed(interval_s=0.5)
     one.offer(item(1.0))
-    one.take(0, 9)
+    take(one, 0, 9)
     one.offer(item(2.0, 2))
     one.offer(item(3.0, 3))
     assert one.due_ns() == S // 2
-    assert one.take(S // 2, 9) == [item(3.0, 3)]
+    assert take(one, S // 2, 9) == [item(3.0, 3)]
 
 
 def test_a_rate_is_a_least_interval_and_a_rule_overrides_it() -> None:
     fast = Resource(path="power/battery", type="Float", rate_hz=4.0, link="notify")
     for one, expected in ((feed(fast), S // 4), (feed(fast, min_interval_s=2.0), 2 * S)):
         one.offer(item(1.0))
-        one.take(0, 9)
+        take(one, 0, 9)
         one.offer(item(2.0, 2))
         assert one.due_ns() == expected
 
@@ -101,7 +108,7 @@ def test_a_rate_is_a_least_interval_and_a_rule_overrides_it() -> None:
 def test_a_value_that_came_back_before_it_was_told_is_no_news() -> None:
     one = feed(interval_s=1.0)
     one.offer(item(1.0))
-    one.take(0, 9)
+    take(one, 0, 9)
     one.offer(item(2.0, 2))
     one.offer(item(1.0, 3))
     assert one.due_ns() is None
@@ -110,49 +117,49 @@ def test_a_value_that_came_back_before_it_was_told_is_no_news() -> None:
 def test_the_deadband_counts_from_the_value_sent_last() -> None:
     one = feed(deadband=1.0)
     one.offer(item(0.0))
-    one.take(0, 9)
+    take(one, 0, 9)
     for step in range(1, 4):
         one.offer(item(step * 0.4, step + 1))
-    assert one.take(S, 9)[0].sequence == 4, "0.4 and 0.8 were within the band"
+    assert take(one, S, 9)[0].sequence == 4, "0.4 and 0.8 were within the band"
 
 
 def test_after_the_longest_interval_it_is_told_again() -> None:
     one = feed(max_interval_s=10.0)
     one.offer(item(1.0))
-    one.take(0, 9)
+    take(one, 0, 9)
     assert one.due_ns() == 10 * S
-    assert one.take(10 * S, 9) == [item(1.0)]
+    assert take(one, 10 * S, 9) == [item(1.0)]
     assert one.due_ns() == 20 * S
 
 
 def test_a_board_that_did_not_arrive_is_sent_as_it_is_by_then() -> None:
     one = feed()
     one.offer(item(1.0))
-    lost = one.take(0, 9)
+    lost = take(one, 0, 9)
     one.offer(item(2.0, 2))
     one.put_back(lost)
-    assert one.take(S, 9) == [item(2.0, 2)]
+    assert take(one, S, 9) == [item(2.0, 2)]
 
 
 def test_a_board_that_did_not_arrive_is_sent_although_it_is_what_it_was_before() -> None:
     one = feed()
     one.offer(item(1.0))
-    one.take(0, 9)
+    take(one, 0, 9)
     one.offer(item(2.0, 2))
-    lost = one.take(1, 9)
+    lost = take(one, 1, 9)
     one.offer(item(1.0, 3))
     one.put_back(lost)
-    assert one.take(S, 9) == [item(1.0, 3)], "nobody knows whether 2.0 arrived"
+    assert take(one, S, 9) == [item(1.0, 3)], "nobody knows whether 2.0 arrived"
 
 
 def test_a_subscriber_that_forgot_everything_is_told_again() -> None:
     one = feed(interval_s=5.0)
     one.offer(item(1.0))
-    one.take(0, 9)
+    take(one, 0, 9)
     one.reset()
     assert (due := one.due_ns()) is not None
     assert due < S
-    assert one.take(S, 9) == [item(1.0)]
+    assert take(one, S, 9) == [item(1.0)]
 
 
 def event(sequence: int) -> TreeItem:
@@ -163,10 +170,10 @@ def test_events_go_each_in_order_and_those_that_did_not_arrive_go_first() -> Non
     one = feed(EVENT)
     for sequence in range(1, 6):
         one.offer(event(sequence))
-    lost = one.take(0, 3)
+    lost = take(one, 0, 3)
     assert [each.sequence for each in lost] == [1, 2, 3]
     one.put_back(lost)
-    assert [each.sequence for each in one.take(0, 9)] == [1, 2, 3, 4, 5]
+    assert [each.sequence for each in take(one, 0, 9)] == [1, 2, 3, 4, 5]
     assert one.due_ns() is None
 
 
@@ -174,7 +181,7 @@ def test_equal_events_are_events() -> None:
     one = feed(EVENT, interval_s=0.0)
     one.offer(event(1))
     one.offer(event(2))
-    assert len(one.take(0, 9)) == 2
+    assert len(take(one, 0, 9)) == 2
 
 
 def test_a_queue_without_room_drops_the_oldest_and_counts_them() -> None:
@@ -182,10 +189,32 @@ def test_a_queue_without_room_drops_the_oldest_and_counts_them() -> None:
     for sequence in range(QUEUE_LIMIT + 10):
         one.offer(event(sequence))
     assert one.dropped == 10
-    flight = one.take(0, 50)
+    flight = take(one, 0, 50)
     for sequence in range(QUEUE_LIMIT + 10, QUEUE_LIMIT + 40):
         one.offer(event(sequence))
     one.put_back(flight)
     assert one.dropped == 40
-    kept = [each.sequence for each in one.take(0, 10_000)]
+    kept = [each.sequence for each in take(one, 0, 10_000)]
     assert kept == list(range(40, QUEUE_LIMIT + 40))
+
+
+def test_a_queue_has_a_limit_in_bytes_and_the_newest_always_has_room() -> None:
+    one = feed(EVENT)
+    size = QUEUE_BYTES // 4
+    for sequence in range(9):
+        one.offer(msgspec.structs.replace(event(sequence), data=bytes(size)))
+    assert [each.sequence for each in one.take(0, 99, 2 * size)] == [5, 6]
+    one.offer(msgspec.structs.replace(event(9), data=bytes(2 * QUEUE_BYTES)))
+    assert [each.sequence for each in one.take(0, 99, 1)] == [9]
+    assert one.dropped == 7
+
+
+def test_while_a_value_of_a_board_is_on_its_way_the_next_one_waits() -> None:
+    one = feed(BOARD)
+    one.offer(item(1.0))
+    one.take(0, 9, 999)
+    one.offer(item(2.0, 2))
+    one.offer(item(3.0, 3))
+    assert one.due_ns() is None
+    one.arrived()
+    assert take(one, S, 9) == [item(3.0, 3)]

@@ -33,6 +33,28 @@ def test_an_item_that_fits_no_frame_is_refused_and_makes_no_ring(
     asyncio.run(run())
 
 
+def test_mirrors_of_what_has_gone_are_removed_also_those_of_a_former_start(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with tmp_node(tmp_path) as node:
+            former = Mirrors(node)
+            for path in ("power/battery", "plan/a", "plan/b"):
+                former.write("uav7", value(path, 1.0))
+            former.close()
+            mirrors = Mirrors(node)
+            assert mirrors.platforms() == ["uav7"]
+            mirrors.write("uav7", value("plan/c", 1.0))
+            of_broker = node.mirror_writer("uav7", "nav/pose")
+            mirrors.keep_only("uav7", {"power/battery"})
+            kept = sorted(ring.name for ring in (node.shm_dir / "uav7").glob("*.ring"))
+            assert kept == ["nav.pose.ring", "power.battery.ring"], "the broker's own is still written"
+            of_broker.close(unlink=False)
+            mirrors.forget("uav7")
+            assert list((node.shm_dir / "uav7").glob("*.ring")) == []
+            mirrors.close()
+
+    asyncio.run(run())
+
+
 def test_what_fails_at_the_boundary_is_counted_by_name_and_told_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

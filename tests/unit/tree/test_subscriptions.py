@@ -2,9 +2,9 @@
 
 import msgspec
 import pytest
-from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, Pair, core, pair, value
+from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, Pair, S, core, pair, value
 
-from swarmd.tree.core.action import AskSubscription, SendNotify, Unwatch, Watch
+from swarmd.tree.core.action import SendNotify, Unwatch, Watch
 from swarmd.tree.core.held import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.frame import Kind as FrameKind
@@ -67,16 +67,16 @@ def test_who_subscribes_later_gets_the_value_there_is() -> None:
     assert [item.path for item in three.received["uav2"]] == ["power/battery"]
 
 
-def test_one_notification_at_a_time_and_the_newest_value_in_the_next() -> None:
+def test_one_value_of_a_board_at_a_time_and_the_newest_value_in_the_next() -> None:
     both = pair("/uav1/power/battery")
     uav = both.trees["uav1"]
     battery(both, 0.9)
-    first = uav.drain()
-    assert len(first) == 1
+    (first,) = uav.drain()
+    assert isinstance(first, SendNotify)
     battery(both, 0.8, 2)
     battery(both, 0.7, 3)
     assert uav.drain() == []
-    uav.on_notified("gcs", True, 1)
+    uav.on_notified("gcs", first.notify, True, 1)
     (second,) = uav.drain()
     assert isinstance(second, SendNotify)
     assert [item.sequence for item in second.notify.items] == [3]
@@ -94,14 +94,31 @@ def test_what_was_not_acknowledged_is_sent_again_after_a_pause() -> None:
     assert both.trees["uav1"].held.failures == 1
 
 
+def test_what_is_given_up_holds_up_nothing_behind_it() -> None:
+    both = pair("/uav1/power/battery", "/uav1/health/faults")
+    uav = both.trees["uav1"]
+    uav.on_value(value("health/faults", 1.0, 1, FrameKind.EVENT), both.now_ns)
+    (first,) = uav.drain()
+    both.now_ns += S
+    battery(both, 0.9)
+    (second,) = uav.drain()
+    assert isinstance(first, SendNotify)
+    assert isinstance(second, SendNotify)
+    uav.on_notified("gcs", second.notify, False, both.now_ns)
+    both.now_ns += S
+    uav.on_notified("gcs", first.notify, False, both.now_ns)
+    both.wait(10)
+    assert sorted(got(both)) == [0.9, 1.0]
+
+
 def test_a_late_notification_does_not_undo_a_newer_one() -> None:
     both = pair("/uav1/power/battery")
     battery(both, 0.9)
     (old,) = both.trees["uav1"].drain()
-    both.trees["uav1"].on_notified("gcs", False, 0)
+    assert isinstance(old, SendNotify)
+    both.trees["uav1"].on_notified("gcs", old.notify, False, 0)
     battery(both, 0.8, 2)
     both.wait(2.0)
-    assert isinstance(old, SendNotify)
     both.hear("gcs", old.notify)
     assert got(both) == [0.8]
 
@@ -152,13 +169,11 @@ def test_a_subscriber_that_started_again_is_told_everything_again() -> None:
     assert got(both) == [0.9, 0.9]
 
 
-def test_a_lease_is_renewed_without_its_content_and_holds_through_silence() -> None:
+def test_a_lease_holds_through_silence_without_a_word_while_the_subscriber_is_in_reach() -> None:
     both = pair("/uav1/power/battery")
     both.log.clear()
-    both.wait(300)
-    renewals = [action for who, action in both.log if who == "gcs" and isinstance(action, AskSubscription)]
-    assert 8 <= len(renewals) <= 13
-    assert all(action.request.renew and not action.request.patterns for action in renewals)
+    both.wait(3000)
+    assert both.log == []
     battery(both, 0.9)
     both.carry()
     assert got(both) == [0.9]
@@ -176,6 +191,45 @@ def test_a_lease_that_ran_out_ends_and_a_renewal_of_it_is_answered_by_a_request_
     battery(both, 0.9)
     both.carry()
     assert got(both) == [0.9]
+
+
+def test_who_was_away_for_the_owner_only_is_told_that_its_lease_is_over() -> None:
+    both = pair("/uav1/power/battery")
+    uav = both.trees["uav1"]
+    uav.on_gone("gcs", both.now_ns)
+    both.wait(61)
+    assert uav.held.subscribers() == []
+    uav.on_up("gcs", 1, True, both.now_ns)
+    both.carry(lose=True)
+    assert uav.held.subscribers() == []
+    both.wait(3)
+    assert uav.held.subscribers() == ["gcs"]
+    battery(both, 0.9)
+    both.carry()
+    assert got(both) == [0.9]
+
+
+def test_a_subscription_of_a_former_start_that_nobody_wants_is_taken_back() -> None:
+    both = pair("/uav1/power/battery")
+    both.replace(core("gcs", epoch=5))
+    both.meet()
+    both.carry()
+    assert both.trees["uav1"].held.subscribers() == ["gcs"]
+    battery(both, 0.9)
+    both.carry()
+    assert got(both) == []
+    assert both.trees["uav1"].held.subscribers() == []
+
+
+def test_where_nothing_comes_through_for_a_lease_it_ends_though_nobody_says_that_it_has_gone() -> None:
+    both = pair("/uav1/power/battery")
+    uav = both.trees["uav1"]
+    battery(both, 0.9)
+    for _ in range(100):
+        both.carry(lose=True)
+        both.now_ns += 2 * S
+        uav.on_timer(both.now_ns)
+    assert uav.held.subscribers() == []
 
 
 def test_what_happens_while_the_subscriber_is_away_is_told_when_it_is_back() -> None:

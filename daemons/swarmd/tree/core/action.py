@@ -53,4 +53,11 @@ class Forget(msgspec.Struct, frozen=True, gc=False):
     platform: str
 
 
-Action = AskStructure | AskSubscription | SendNotify | Watch | Unwatch | Forget
+class KeepOnly(msgspec.Struct, frozen=True, gc=False):
+    """These are all resources of a platform: mirrors of others go."""
+
+    platform: str
+    paths: frozenset[str]
+
+
+Action = AskStructure | AskSubscription | SendNotify | Watch | Unwatch | Forget | KeepOnly

@@ -1,5 +1,6 @@
-"""Subscriptions that other platforms hold here: leases, feeds, one notification on its way to each."""
+"""Subscriptions that other platforms hold here: leases, feeds, and what is sent to each."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final
 
@@ -10,7 +11,9 @@ from swarmd.tree.core.condition import check_rule, checked_s, rule_for
 from swarmd.tree.core.feed import BOARDLIKE, Feed
 from swarmd.tree.core.index import Leaf
 from swarmd.tree.core.interest import Wish, subscribable, wish
+from swarmd.tree.core.lane import TOGETHER_NS, Lane, Number
 from swarmd.tree.core.local import LocalTree
+from swarmd.tree.core.subscriber import Subscriber
 from swarmd.tree.core.timers import Timers
 from swarmware.names import check_platform
 from swarmware.resource import Resource
@@ -38,31 +41,6 @@ class Intervals(msgspec.Struct, frozen=True, kw_only=True):
     """Pauses after failures in a row."""
 
 
-class _Subscriber:
-    __slots__ = (
-        "epoch", "failures", "feeds", "flight", "lease_ns", "platform", "quiet_ns", "structure",
-        "structure_ns", "ticks", "told", "up", "wish",
-    )  # fmt: skip
-
-    def __init__(self, platform: str, epoch: int, lease_ns: int) -> None:
-        self.platform = platform
-        self.epoch = epoch
-        self.lease_ns = lease_ns
-        self.wish: Wish = wish(frozenset(), ())
-        self.feeds: dict[str, Feed] = {}
-        self.ticks: tuple[Resource, ...] = ()
-        self.flight: list[tuple[Feed, list[TreeItem]]] | None = None
-        self.told = 0
-        """Digest in the notification on its way; 0: none."""
-        self.structure = 0
-        """Digest of the structure that the subscriber has."""
-        self.structure_ns: int | None = None
-        self.up = True
-        self.failures = 0
-        self.quiet_ns = 0
-        """Nothing is sent before."""
-
-
 class Held:
     """What this platform owes to others."""
 
@@ -73,28 +51,36 @@ class Held:
         self._tree = tree
         self._intervals = intervals
         self._emit = emit
-        self._subscribers: dict[str, _Subscriber] = {}
-        self._by_path: dict[str, dict[str, _Subscriber]] = {}
+        self._subscribers: dict[str, Subscriber] = {}
+        self._by_path: dict[str, dict[str, Subscriber]] = {}
         self._newest: dict[str, TreeItem] = {}
         self._matched: dict[int, tuple[Leaf, ...]] = {}
         self._timers: Timers[str] = Timers()
-        self._serial = 0
+        self._lapsed: dict[str, None] = {}
+        """Platforms whose lease ended while they were away, and that may not know."""
+        self._lost: Counter[tuple[str, str]] = Counter()
         self.plan_count = 0
         """Rises with each change of `offers`."""
         self.notifications = 0
         """Acknowledged by their receivers."""
         self.values = 0
         self.failures = 0
-        self._dropped = 0
 
     # -- what there is
 
     @property
     def dropped(self) -> int:
-        """Events that no queue had room for."""
-        return self._dropped + sum(
-            feed.dropped for one in self._subscribers.values() for feed in one.feeds.values()
-        )
+        """Items of events and streams that no queue had room for."""
+        return self.losses().total()
+
+    def losses(self) -> Counter[tuple[str, str]]:
+        """Of each resource and subscriber, the items that no queue had room for."""
+        lost = self._lost.copy()
+        for one in self._subscribers.values():
+            for path, feed in one.feeds.items():
+                if feed.dropped:
+                    lost[path, one.platform] += feed.dropped
+        return lost
 
     @property
     def feeds(self) -> int:
@@ -131,7 +117,7 @@ class Held:
         held = one is not None and one.wish.digest == request.set_digest
         if request.renew and not held:
             return msgspec.structs.replace(reply, unknown=True)
-        lease_ns = now_ns + round(checked_s("lease_s", request.lease_s, LEASE_MAX_S) * 1e9)
+        lease_span_ns = round(checked_s("lease_s", request.lease_s, LEASE_MAX_S) * 1e9)
         if one is None and len(self._subscribers) >= SUBSCRIBERS_LIMIT:
             return msgspec.structs.replace(reply, unknown=True)
         asked = plan = None
@@ -140,20 +126,23 @@ class Held:
                 check_rule(rule)
             asked = wish(frozenset(request.patterns), request.rules)
             plan = self._plan(asked, {} if one is None else one.feeds)
+        self._lapsed.pop(request.platform, None)
+        if asked is not None and not asked.patterns:
+            if one is not None:
+                self._drop(one)  # it takes its subscription back
+            return reply
         if one is None:
-            one = self._subscribers[request.platform] = _Subscriber(request.platform, request.epoch, lease_ns)
-        one.lease_ns = lease_ns
-        one.up = True
-        one.quiet_ns = one.failures = 0
+            one = self._subscribers[request.platform] = Subscriber(request.platform, request.epoch)
+        one.lease_span_ns = lease_span_ns
+        one.lease_ns = now_ns + lease_span_ns
+        one.hurry()
+        if one.epoch != request.epoch:
+            one.restarted(request.epoch)
         if asked is not None and plan is not None:
             self.plan_count += bool(one.ticks)  # the rules may be others
             one.wish = asked
             self._set_plan(one, *plan)
-        if one.epoch != request.epoch:
-            one.epoch = request.epoch
-            for feed in one.feeds.values():
-                feed.reset()
-        if one.flight is None:
+        if not one.lanes[Number.NEWS].carries_structure:
             one.structure = request.held
         # what it holds is answered here already: it asks by itself when it is not ours
         one.structure_ns = None
@@ -168,40 +157,48 @@ class Held:
 
     def on_up(self, platform: str, now_ns: int) -> None:
         """The platform can be reached."""
+        if platform in self._lapsed:
+            self._tell_lapsed(platform)
         one = self._subscribers.get(platform)
         if one is not None:
-            one.up = True
-            one.quiet_ns = one.failures = 0
+            one.hurry()
             self._flush(one, now_ns)
 
-    def on_gone(self, platform: str) -> None:
+    def on_gone(self, platform: str, now_ns: int) -> None:
         """It cannot be reached: what it holds waits for it as long as its lease runs."""
         one = self._subscribers.get(platform)
-        if one is not None:
+        if one is not None and one.up:
             one.up = False
+            one.lease_ns = now_ns + one.lease_span_ns
+            self._timers.set(platform, one.lease_ns)
 
-    def on_notified(self, platform: str, delivered: bool, now_ns: int) -> None:
-        """What became of the notification on its way."""
-        one = self._subscribers.get(platform)
-        if one is None or one.flight is None:
+    def on_notified(self, platform: str, notify: TreeNotify, delivered: bool, now_ns: int) -> None:
+        """What became of a notification on its way."""
+        if notify.lapsed:
+            if delivered:
+                self._lapsed.pop(platform, None)
+            elif platform in self._lapsed:
+                self._timers.set(platform, now_ns + self._intervals.retry_ns[-1])
             return
-        flight, one.flight = one.flight, None
+        one = self._subscribers.get(platform)
+        if one is None:
+            return
+        lane = one.lanes[Number(notify.lane)]
         if delivered:
-            one.failures = 0
+            flight = lane.delivered(notify.serial, now_ns)
+            if flight is None:
+                return
             self.notifications += 1
-            self.values += sum(len(items) for _, items in flight)
-            if one.told:
-                one.structure = one.told
-        else:
+            self.values += sum(len(items) for _, items in flight.parts)
+            if flight.notify.digest:
+                one.structure = flight.notify.digest
+                if one.structure != self._tree.digest and one.structure_ns is None:
+                    one.structure_ns = now_ns
+        elif lane.failed(notify.serial, now_ns, self._intervals.retry_ns):
             self.failures += 1
-            pauses = self._intervals.retry_ns
-            one.quiet_ns = now_ns + pauses[min(one.failures, len(pauses) - 1)]
-            one.failures += 1
-            for feed, items in flight:
-                feed.put_back(items)
-            if one.told and one.structure_ns is None:
-                one.structure_ns = now_ns
-        one.told = 0
+            if lane.failing_ns is not None and now_ns >= lane.failing_ns + one.lease_span_ns:
+                self._lapse(one)  # nobody says that it has gone, and nothing comes through
+                return
         self._flush(one, now_ns)
 
     # -- from this platform
@@ -224,14 +221,20 @@ class Held:
             one.feeds[item.path].offer(item)
             self._flush(one, now_ns)
 
+    def on_overrun(self, path: str, items: int) -> None:
+        """Items of a watched resource were overwritten before they could be taken."""
+        for one in self._by_path.get(path, {}).values():
+            one.feeds[path].dropped += items
+
     def on_timer(self, now_ns: int) -> None:
         """Leases that ran out, intervals that are over, retries."""
         while (platform := self._timers.pop(now_ns)) is not None:
             one = self._subscribers.get(platform)
             if one is None:
-                continue
-            if now_ns >= one.lease_ns:
-                self._drop(one)
+                if platform in self._lapsed:
+                    self._tell_lapsed(platform)
+            elif not one.up and now_ns >= one.lease_ns:
+                self._lapse(one)
             else:
                 self._flush(one, now_ns)
 
@@ -241,12 +244,22 @@ class Held:
 
     # -- inside
 
-    def _drop(self, one: _Subscriber) -> None:
+    def _lapse(self, one: Subscriber) -> None:
+        """Its lease is over; it is told when it is back, it may think that it still has it."""
+        self._drop(one)
+        if len(self._lapsed) < SUBSCRIBERS_LIMIT:
+            self._lapsed[one.platform] = None
+
+    def _tell_lapsed(self, platform: str) -> None:
+        self._emit(SendNotify(platform, TreeNotify(self._own, self._tree.epoch, 0, lapsed=True)))
+
+    def _drop(self, one: Subscriber) -> None:
         self._set_feeds(one, {})
         self.plan_count += bool(one.ticks)
         del self._subscribers[one.platform]
+        self._timers.drop(one.platform)
 
-    def _set_plan(self, one: _Subscriber, ticks: tuple[Resource, ...], feeds: dict[str, Feed]) -> None:
+    def _set_plan(self, one: Subscriber, ticks: tuple[Resource, ...], feeds: dict[str, Feed]) -> None:
         self.plan_count += ticks != one.ticks
         one.ticks = ticks
         self._set_feeds(one, feeds)
@@ -277,11 +290,11 @@ class Held:
                 feed.offer(newest)
         return ticks, feeds
 
-    def _set_feeds(self, one: _Subscriber, feeds: dict[str, Feed]) -> None:
+    def _set_feeds(self, one: Subscriber, feeds: dict[str, Feed]) -> None:
         before, one.feeds = one.feeds, feeds
         for path, feed in before.items():
             if feeds.get(path) is not feed:
-                self._dropped += feed.dropped
+                self._lost[path, one.platform] += feed.dropped
             if path not in feeds:
                 readers = self._by_path[path]
                 del readers[one.platform]
@@ -298,50 +311,67 @@ class Held:
                 self._newest.pop(path, None)  # of another type, perhaps; the watch tells it anew
             readers[one.platform] = one
 
-    def _flush(self, one: _Subscriber, now_ns: int) -> None:
-        """Send what is due, if nothing is on its way; else come back when it is."""
-        wake_ns = one.lease_ns
-        if one.up and one.flight is None:
-            due_ns = self._due_ns(one)
-            if due_ns is not None and due_ns <= now_ns:
-                self._send(one, now_ns)
-            elif due_ns is not None:
-                wake_ns = min(wake_ns, due_ns)
-        self._timers.set(one.platform, wake_ns)
+    def _flush(self, one: Subscriber, now_ns: int) -> None:
+        """Send what is due; come back when there will be more."""
+        wake_ns = None if one.up else one.lease_ns
+        if one.up:
+            for lane in one.lanes.values():
+                while (due_ns := self._due_ns(one, lane)) is not None and due_ns <= now_ns:
+                    self._send(one, lane, now_ns)
+                if due_ns is not None and (wake_ns is None or due_ns < wake_ns):
+                    wake_ns = due_ns
+        if wake_ns is None:
+            self._timers.drop(one.platform)
+        else:
+            self._timers.set(one.platform, wake_ns)
 
-    def _due_ns(self, one: _Subscriber) -> int | None:
-        dues = [due_ns for feed in one.feeds.values() if (due_ns := feed.due_ns()) is not None]
-        if one.structure_ns is not None:
-            if one.structure == self._tree.digest:
-                one.structure_ns = None
-            else:
-                dues.append(one.structure_ns)
-        return max(min(dues), one.quiet_ns) if dues else None
+    def _due_ns(self, one: Subscriber, lane: Lane) -> int | None:
+        """From when on there is something to send, or to send again."""
+        repeat_ns = lane.due_ns()
+        if repeat_ns is not None:
+            return repeat_ns  # in its order: nothing new overtakes it
+        if not lane.has_room:
+            return None
+        dues = [due_ns for feed in one.of(lane.number) if (due_ns := feed.due_ns()) is not None]
+        if self._owes_structure(one, lane) and one.structure_ns is not None:
+            dues.append(one.structure_ns)
+        if not dues:
+            return None
+        due_ns = max(min(dues), lane.quiet_ns)
+        return max(due_ns, lane.sent_ns + TOGETHER_NS) if lane else due_ns
 
-    def _send(self, one: _Subscriber, now_ns: int) -> None:
-        flight: list[tuple[Feed, list[TreeItem]]] = []
+    def _owes_structure(self, one: Subscriber, lane: Lane) -> bool:
+        if one.structure == self._tree.digest:
+            one.structure_ns = None
+        return one.structure_ns is not None and lane.number is Number.NEWS and not lane.carries_structure
+
+    def _send(self, one: Subscriber, lane: Lane, now_ns: int) -> None:
+        if lane.due_ns() is not None:
+            for notify in lane.repeat(now_ns):
+                self._emit(SendNotify(one.platform, notify))
+            return
+        parts: list[tuple[Feed, list[TreeItem]]] = []
         items: list[TreeItem] = []
         size = 0
-        for feed in one.feeds.values():
+        for feed in one.of(lane.number):
             if len(items) >= ITEMS_LIMIT or size >= BYTES_LIMIT:
                 break
             due_ns = feed.due_ns()
             if due_ns is not None and due_ns <= now_ns:
-                taken = feed.take(now_ns, min(FEED_LIMIT, ITEMS_LIMIT - len(items)))
-                flight.append((feed, taken))
+                taken = feed.take(now_ns, min(FEED_LIMIT, ITEMS_LIMIT - len(items)), BYTES_LIMIT - size)
+                parts.append((feed, taken))
                 items += taken
                 size += sum(len(item.data) for item in taken)
+                one.turn[lane.number] = feed.resource.path
         base = digest = 0
         structure = b""
-        if one.structure_ns is not None and one.structure != self._tree.digest:
+        if self._owes_structure(one, lane):
             # due or not: a value must not come before the resource is known, and the way is paid for
             one.structure_ns = None
             base, digest = one.structure or 1, self._tree.digest
             structure = self._tree.changes_since(one.structure) or b""
-        self._serial += 1
-        one.flight, one.told = flight, digest
-        notify = TreeNotify(self._own, self._tree.epoch, self._serial, tuple(items), base, digest, structure)
-        self._emit(SendNotify(one.platform, notify))
+        notify = TreeNotify(self._own, self._tree.epoch, 0, tuple(items), base, digest, structure)
+        self._emit(SendNotify(one.platform, lane.launch(notify, parts, now_ns)))
 
 
 def _wanted(tree: LocalTree, patterns: tuple[str, ...]) -> Iterable[Leaf]:

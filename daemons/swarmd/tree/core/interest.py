@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from hashlib import blake2b
+from typing import Final
 
 import msgspec
 
@@ -32,6 +33,10 @@ def wish(patterns: frozenset[str], rules: tuple[Rule, ...]) -> Wish:
     ordered = tuple(sorted(patterns))
     mark = blake2b(_encoder.encode((ordered, rules)), digest_size=8).digest()
     return Wish(ordered, rules, int.from_bytes(mark, "little"))
+
+
+NOTHING: Final = wish(frozenset(), ())
+"""Asked of a platform, it takes a subscription back."""
 
 
 def subscribable(item: Leaf, patterns: Iterable[str]) -> bool:

@@ -1,5 +1,6 @@
 """One other platform, as far as it is known here."""
 
+from swarmd.tree.core.arrivals import Arrivals
 from swarmd.tree.core.index import Index, Leaf
 from swarmd.tree.core.interest import Wish, subscribable
 from swarmware.resource import Resource
@@ -9,8 +10,8 @@ class Remote:
     """One other platform."""
 
     __slots__ = (
-        "asked_hint", "asking", "checked", "confirmed", "demanded", "epoch", "failures",
-        "full", "hint", "index", "near", "notify_epoch", "platform", "retired", "serial", "subscribing",
+        "arrivals", "asked_hint", "asking", "checked", "confirmed", "demanded", "epoch", "failures",
+        "full", "gone_ns", "hint", "index", "near", "notify_epoch", "platform", "retired", "subscribing",
         "sure", "told", "up", "wanted_of", "wants", "wish",
     )  # fmt: skip
 
@@ -41,7 +42,10 @@ class Remote:
         """Epoch of the owner and digest of the wish that it holds."""
         self.failures = 0
         self.notify_epoch: int | None = None
-        self.serial = 0
+        self.arrivals: dict[int, Arrivals] = {}
+        """Notifications of each lane in this epoch."""
+        self.gone_ns = 0
+        """When it could be reached last."""
         self.retired: tuple[int, ...] = ()
         self.wants: tuple[Resource, ...] = ()
         self.wanted_of: tuple[int, int] | None = None
@@ -50,6 +54,16 @@ class Remote:
     def digest(self) -> int:
         """Of the structure known here; 0: none."""
         return 0 if self.index is None else self.index.digest
+
+    @property
+    def holds(self) -> bool:
+        """Whether it holds exactly the subscription that is wanted, as far as is known here."""
+        return self.confirmed is not None and self.confirmed == (self.epoch, self.wish.digest)
+
+    @property
+    def owes(self) -> bool:
+        """Whether it must be asked: for what is wanted, or to forget what is wanted no more."""
+        return not self.holds if self.wish.patterns else self.confirmed is not None
 
     def follows(self, item: Leaf) -> bool:
         """Whether the values of one of its resources come here."""

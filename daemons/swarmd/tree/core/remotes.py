@@ -3,14 +3,14 @@
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
-from zlib import crc32
 
 import msgspec
 
 from swarmd.tree.core import structure
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, Forget
+from swarmd.tree.core.action import Action, AskStructure, AskSubscription, Forget, KeepOnly
+from swarmd.tree.core.arrivals import Arrivals
 from swarmd.tree.core.index import Index, Leaf, leaf, pattern
-from swarmd.tree.core.interest import Interests, subscribable
+from swarmd.tree.core.interest import NOTHING, Interests, subscribable
 from swarmd.tree.core.local import LocalTree
 from swarmd.tree.core.remote import Remote
 from swarmd.tree.core.structure import Form, Patches
@@ -30,6 +30,8 @@ from swarmware.types.tree import (
 
 log = logging.getLogger("swarm.tree")
 
+ANOTHER: Final = -1
+"""Digest of a subscription that is not known here."""
 RETIRED: Final = 8
 """Former starts of another tree whose late notifications are known as such."""
 TEMPLATES_LIMIT: Final = 64
@@ -50,7 +52,7 @@ class Patience(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Remotes:
-    """Asks, remembers, subscribes and renews."""
+    """Asks, remembers and subscribes."""
 
     def __init__(
         self,
@@ -97,22 +99,33 @@ class Remotes:
 
     # -- the network
 
-    def on_up(self, platform: str, version: int | None, near: bool) -> None:
+    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> None:
         """Step 1 of S0.54: it can be reached, `near`: directly. `version`: of its tree, if it is known."""
         remote = self._remotes.get(platform)
         if remote is None:
             if len(self._remotes) >= PLATFORMS_LIMIT:
                 return
             remote = self._remotes[platform] = Remote(platform, self._interests.of(platform))
-        if version is not None:
-            remote.hint = version
+        if version is not None or not (remote.up and remote.sure):
+            if version != remote.hint:
+                remote.checked = None  # a structure may come back to what it was
+            remote.hint = version  # what was heard of it before it went may have changed since
         remote.near = near
         if not remote.up:
             remote.up = True
-            remote.sure = False
+            # for half a lease it holds our subscription: a hello with the version we know says all else
+            away = now_ns - remote.gone_ns >= self._patience.lease_ns // 2
+            remote.sure = version is not None and not away and self._same(remote)
             remote.failures = 0
             self._timers.drop((platform, "forget"))
         self._engage(remote)
+
+    def on_left_behind(self, platform: str, now_ns: int) -> None:
+        """There are mirrors of it from a former start: it is forgotten like any that went away."""
+        if platform not in self._remotes and len(self._remotes) < PLATFORMS_LIMIT:
+            remote = self._remotes[platform] = Remote(platform, self._interests.of(platform))
+            remote.gone_ns = now_ns
+            self._timers.set((platform, "forget"), now_ns + self._patience.forget_ns)
 
     def demand(self, platform: str) -> bool:
         """Somebody wants to see its structure; whether an answer may come."""
@@ -129,6 +142,7 @@ class Remotes:
         remote = self._remotes.get(platform)
         if remote is not None and remote.up:
             remote.up = False
+            remote.gone_ns = now_ns
             for what in ("ask", "subscribe"):
                 self._timers.drop((platform, what))
             self._timers.set((platform, "forget"), now_ns + self._patience.forget_ns)
@@ -168,8 +182,12 @@ class Remotes:
         remote.failures = 0
         self._learn(remote, reply.epoch, index)
         remote.demanded = False
-        if not remote.sure or remote.confirmed != (remote.epoch, remote.wish.digest):
+        if remote.confirmed is not None and remote.confirmed[0] != remote.epoch:
+            remote.confirmed = None  # it started again
+        if remote.owes or (remote.wish.patterns and not remote.sure):
             self._subscribe(remote)
+        else:
+            remote.sure = True
         self._check(remote)
 
     def on_subscribed(self, platform: str, reply: SubscribeReply | None, asked: int, now_ns: int) -> None:
@@ -191,11 +209,9 @@ class Remotes:
             else:
                 self._subscribe(remote)
         else:
-            remote.confirmed = (reply.epoch, asked)
-            if asked != remote.wish.digest:
+            remote.confirmed = None if asked == NOTHING.digest else (reply.epoch, asked)
+            if remote.owes:
                 self._subscribe(remote)
-            else:
-                self._timers.set((platform, "subscribe"), now_ns + self._renew_ns(platform))
         remote.told = (reply.epoch, reply.digest)
         self._check(remote)
 
@@ -213,18 +229,28 @@ class Remotes:
             self._timers.set((notify.platform, "forget"), now_ns + self._patience.forget_ns)
         if notify.epoch in remote.retired:
             return []
-        if notify.epoch != remote.notify_epoch:
-            remote.notify_epoch, remote.serial = notify.epoch, 0
-        if notify.serial <= remote.serial:
+        if notify.lapsed:
+            remote.confirmed = None
+            if remote.owes:
+                self._subscribe(remote)
             return []
-        remote.serial = notify.serial
+        if notify.epoch != remote.notify_epoch:
+            remote.notify_epoch, remote.arrivals = notify.epoch, {}
         if notify.epoch != remote.epoch:
             # it started again, and was faster than the answer that tells us so
             remote.told = (notify.epoch, None)
             self._check(remote)
+        arrivals = remote.arrivals.setdefault(notify.lane, Arrivals())
+        return [item for ready in arrivals.take(notify) for item in self._taken(remote, ready)]
+
+    def _taken(self, remote: Remote, notify: TreeNotify) -> list[TreeItem]:
         if notify.base:
             self._on_changes(remote, notify)
         patterns = remote.wish.patterns
+        if notify.items and not patterns and remote.confirmed is None:
+            # a former start of ours wanted them, it still holds that subscription
+            remote.confirmed = (notify.epoch, ANOTHER)
+            self._subscribe(remote)
         return [item for item in notify.items if any(pattern(text).matches(item.path) for text in patterns)]
 
     # -- this platform
@@ -241,7 +267,7 @@ class Remotes:
                     self._subscribe(remote)
 
     def on_timer(self, now_ns: int) -> None:
-        """Retries, renewals, and platforms that have been away too long."""
+        """Retries, and platforms that have been away too long."""
         while (key := self._timers.pop(now_ns)) is not None:
             platform, what = key
             remote = self._remotes.get(platform)
@@ -275,17 +301,24 @@ class Remotes:
             return
         if remote.index is None or not self._fits(remote):
             self._check(remote)
-        elif not remote.sure:
+        elif not remote.sure or remote.owes:
             # a second visit: the renewal tells both digests
             self._subscribe(remote)
         else:
             self._check(remote)
 
+    def _same(self, remote: Remote) -> bool:
+        """Whether its structure is the one we have, and its subscription what we want."""
+        return not remote.owes and remote.index is not None and self._exactly(remote)
+
+    def _exactly(self, remote: Remote) -> bool:
+        return remote.epoch is not None and remote.hint == structure.version(remote.epoch, remote.digest)
+
     def _fits(self, remote: Remote) -> bool:
         """Whether what we know is what was last heard of."""
         if remote.hint is None or remote.hint == remote.checked:
             return remote.index is not None
-        return remote.epoch is not None and remote.hint == structure.version(remote.epoch, remote.digest)
+        return self._exactly(remote)
 
     def _check(self, remote: Remote) -> None:
         """Ask if anything heard since it was last asked speaks of another structure, or of another start."""
@@ -309,15 +342,17 @@ class Remotes:
             self._emit(AskStructure(remote.platform, request))
 
     def _subscribe(self, remote: Remote) -> None:
+        """Ask for what is wanted, or whether it is still held; where nothing is, look at the structure."""
         if not remote.up or remote.subscribing:
             return
-        wish = remote.wish
-        # the last wish is taken back, even where nothing else is wanted any more
-        if not self._keeps_up(remote) and (remote.confirmed is None or remote.confirmed[1] == wish.digest):
+        if not remote.wish.patterns and remote.confirmed is None:
+            if remote.index is not None and not self._exactly(remote):
+                self._ask(remote)
             return
+        wish = remote.wish
         remote.subscribing = True
         self._timers.drop((remote.platform, "subscribe"))
-        renew = remote.confirmed is not None and remote.confirmed == (remote.epoch, wish.digest)
+        renew = remote.holds
         request = SubscribeRequest(
             self._own,
             self._tree.epoch,
@@ -335,11 +370,6 @@ class Remotes:
             pauses = self._patience.retry_ns
             self._timers.set((remote.platform, what), now_ns + pauses[min(remote.failures, len(pauses) - 1)])
             remote.failures += 1
-
-    def _renew_ns(self, platform: str) -> int:
-        # spread, or a swarm that was switched on together renews together for ever
-        share = crc32(f"{self._own} {platform}".encode()) / 0xFFFF_FFFF
-        return int(self._patience.lease_ns * (0.4 + 0.2 * share))
 
     def _built(self, remote: Remote, reply: StructureReply) -> Index | None:
         """The structure that the reply tells; None when it cannot be put together here."""
@@ -371,7 +401,13 @@ class Remotes:
                 remote.retired = (*remote.retired, former)[-RETIRED:]
         if epoch in remote.retired:
             remote.retired = tuple(one for one in remote.retired if one != epoch)
-        remote.epoch, remote.index = epoch, index
+        remote.epoch = epoch
+        self._set_index(remote, index)
+
+    def _set_index(self, remote: Remote, index: Index) -> None:
+        former, remote.index = remote.index, index
+        if former is None or any(item.resource.path not in index for item in former):
+            self._emit(KeepOnly(remote.platform, frozenset(item.resource.path for item in index)))
         self._match(remote)
 
     def _on_changes(self, remote: Remote, notify: TreeNotify) -> None:
@@ -386,8 +422,7 @@ class Remotes:
                 log.warning("structure of %s: %s", remote.platform, error)
             else:
                 if index.digest == notify.digest:
-                    remote.index = index
-                    self._match(remote)
+                    self._set_index(remote, index)
                     return
         self._ask(remote)
 

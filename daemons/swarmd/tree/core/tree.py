@@ -80,13 +80,13 @@ class SwarmTree:
 
     def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> None:
         """A platform can be reached, or the version of its tree or its being near has changed."""
-        self.remotes.on_up(platform, version, near)
+        self.remotes.on_up(platform, version, near, now_ns)
         self.held.on_up(platform, now_ns)
 
     def on_gone(self, platform: str, now_ns: int) -> None:
         """It cannot be reached any more."""
         self.remotes.on_gone(platform, now_ns)
-        self.held.on_gone(platform)
+        self.held.on_gone(platform, now_ns)
 
     def on_structure_asked(self, request: StructureRequest) -> StructureReply:
         """Another tree asks for our structure."""
@@ -111,9 +111,9 @@ class SwarmTree:
         """A notification came; the values that are for mirrors."""
         return self.remotes.on_notify(notify, now_ns)
 
-    def on_notified(self, platform: str, delivered: bool, now_ns: int) -> None:
+    def on_notified(self, platform: str, notify: TreeNotify, delivered: bool, now_ns: int) -> None:
         """What became of `SendNotify`."""
-        self.held.on_notified(platform, delivered, now_ns)
+        self.held.on_notified(platform, notify, delivered, now_ns)
 
     # -- time
 

@@ -1,0 +1,60 @@
+"""The owner's end of a stream or of events: every item, and what did not reach whom."""
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+import msgspec
+
+from swarmware.module.board import BoardReader
+from swarmware.module.foreign import ForeignTime
+from swarmware.module.writer import BoardWriter
+from swarmware.names import data_id
+from swarmware.node import Node, Publication
+from swarmware.resource import Resource
+from swarmware.types.tree import StreamLosses
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+LOSSES = "tree/losses"
+
+
+class StreamWriter(BoardWriter[T]):
+    """Publishes every item of one stream or event of this platform."""
+
+    def __init__(
+        self,
+        node: Node,
+        app_id: int,
+        resource: Resource,
+        cls: type[T],
+        publication: Publication,
+        foreign: ForeignTime,
+    ) -> None:
+        super().__init__(node, app_id, resource, cls, publication)
+        self._node = node
+        self._foreign = foreign
+        self._losses: BoardReader[StreamLosses] | None = None
+
+    @property
+    def losses(self) -> Mapping[str, int]:
+        """Platform → items that it will never get: it, or the way to it, was too slow for too long.
+
+        As the tree of this node counts them since its start, a second late; empty without a tree.
+        """
+        if self._losses is None:
+            identity = data_id(LOSSES, StreamLosses.__name__)
+            self._losses = BoardReader(self._node, LOSSES, StreamLosses, identity, self._foreign)
+        told = self._losses.value or StreamLosses()
+        return {one.platform: one.items for one in told.losses if one.path == self.path}
+
+    @property
+    def lost(self) -> int:
+        """All of `losses`."""
+        return sum(self.losses.values())
+
+    def close(self, *, unlink: bool = True) -> None:
+        """Stop publishing, as the writer of a board does."""
+        if self._losses is not None:
+            self._losses.close()
+            self._losses = None
+        super().close(unlink=unlink)

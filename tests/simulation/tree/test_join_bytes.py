@@ -1,0 +1,167 @@
+"""What it costs to join a swarm, to come back to it, and to be in it: bytes of frames with their headers.
+
+The trees, templates and settings that are shipped; neighbours of one cell, in virtual time.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from swarmd.tree.config import Config
+from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify
+from swarmd.tree.core.tree import SwarmTree
+from swarmware import template
+from swarmware.delivery import with_lifetime
+from swarmware.frame import HEADER_BYTES
+from swarmware.resource import Resource
+from swarmware.testing import VirtualTime
+from swarmware.types import registry
+from swarmware.types.rpc import Ack, Reply
+from swarmware.types.tree import TreeItem
+
+S = 1_000_000_000
+FOLDER = Path(__file__).parents[3] / "share" / "swarm" / "templates"
+TEMPLATES = {name: template.load(name, FOLDER).resources for name in ("gcs", "ugv", "multirotor")}
+EXTENSION_BYTES = len(with_lifetime(1.0))
+ACK_BYTES = HEADER_BYTES + len(registry.encode(Ack(0, "uav10:tree#1", "", 10**15)))
+
+
+class Cell(VirtualTime):
+    """Trees that all hear each other; messages take 5 ms, versions are in every hello."""
+
+    def __init__(self, patterns: dict[str, tuple[str, ...]]) -> None:
+        super().__init__()
+        self.bytes: dict[str, int] = {}
+        self.structure_bytes: dict[str, int] = {}
+        self.trees: dict[str, SwarmTree] = {}
+        self.up: set[str] = set()
+        for index in range(16):
+            kind = "gcs" if index == 0 else "ugv" if index < 6 else "multirotor"
+            name = "gcs" if index == 0 else f"ugv{index}" if index < 6 else f"uav{index}"
+            self._start(name, TEMPLATES[kind], 1000 + index, patterns.get(name, ()))
+
+    def _start(self, name: str, own: tuple[Resource, ...], epoch: int, patterns: tuple[str, ...]) -> None:
+        tree = SwarmTree(name, own, epoch=epoch, limits=Config().limits(), templates=list(TEMPLATES.values()))
+        self.trees[name] = tree
+        self.bytes[name] = self.structure_bytes[name] = 0
+        running = [resource for resource in own if resource.owner]
+        extra = Resource(path=f"app/{name}", type="Text", owner="planner")
+        tree.set_applications([*running, extra], patterns, 0)
+        tree.drain()
+
+    def join(self, name: str) -> None:
+        """It comes into the cell; all hear it, it hears all."""
+        for other in sorted(self.up):
+            for one, two in ((name, other), (other, name)):
+                self._hear(one, two)
+        self.up.add(name)
+
+    def leave(self, name: str) -> None:
+        self.up.discard(name)
+        for other in sorted(self.up):
+            self.trees[name].on_gone(other, self.now_ns)
+            self.trees[other].on_gone(name, self.now_ns)
+
+    def _hear(self, one: str, two: str) -> None:
+        tree = self.trees[one]
+        tree.on_up(two, self.trees[two].local.version, True, self.now_ns)
+        self.act(one)
+
+    def act(self, name: str) -> None:
+        tree = self.trees[name]
+        for action in tree.drain():
+            self.after(0.005, partial(self._carry, name, action))
+        deadline_ns = tree.deadline_ns()
+        if deadline_ns is not None:
+            self.at(deadline_ns + 1, partial(self._timer, name, deadline_ns))
+
+    def _timer(self, name: str, deadline_ns: int) -> None:
+        if self.trees[name].deadline_ns() == deadline_ns:
+            self.trees[name].on_timer(self.now_ns)
+            self.act(name)
+
+    def _count(self, one: str, two: str, size: int) -> None:
+        self.bytes[one] += size
+        self.bytes[two] += size
+
+    def _carry(self, name: str, action: Action) -> None:
+        tree = self.trees[name]
+        match action:
+            case AskStructure(platform, request):
+                reply = self.trees[platform].on_structure_asked(request)
+                self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(request)))
+                answer = registry.encode(Reply(True, registry.encode(reply)))
+                self._count(name, platform, HEADER_BYTES + len(answer))
+                self.structure_bytes[name] += len(reply.data)
+                self.structure_bytes[platform] += len(reply.data)
+                tree.on_structure(platform, reply, self.now_ns)
+                self.act(platform)
+            case AskSubscription(platform, wish):
+                granted = self.trees[platform].on_subscribe_asked(wish, self.now_ns)
+                self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(wish)))
+                answer = registry.encode(Reply(True, registry.encode(granted)))
+                self._count(name, platform, HEADER_BYTES + len(answer))
+                tree.on_subscribed(platform, granted, wish.set_digest, self.now_ns)
+                self.act(platform)
+            case SendNotify(platform, notify):
+                self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(notify)))
+                self._count(name, platform, ACK_BYTES)
+                self.trees[platform].on_notify(notify, self.now_ns)
+                tree.on_notified(platform, notify, True, self.now_ns)
+                self.act(platform)
+        self.act(name)
+
+    def complete(self) -> bool:
+        return all(
+            (remote := self.trees[one].remotes.get(two)) is not None
+            and remote.digest == self.trees[two].local.digest
+            for one in self.up
+            for two in self.up
+            if one != two
+        )
+
+
+def cell(patterns: dict[str, tuple[str, ...]]) -> Cell:
+    found = Cell(patterns)
+    for name in found.trees:
+        found.join(name)
+        found.run_for(1.0)
+    assert found.complete()
+    return found
+
+
+WANTS = {"uav9": ("/*/app/*", "/*/nav/pose"), "gcs": ("/*/app/*",)}
+
+
+@pytest.mark.parametrize("patterns", [{}, WANTS])
+def test_a_second_visit_to_sixteen_nodes_costs_at_most_a_hundred_bytes(
+    patterns: dict[str, tuple[str, ...]],
+) -> None:
+    swarm = cell(patterns)
+    swarm.leave("uav9")
+    swarm.run_for(20)
+    before = swarm.bytes["uav9"]
+    swarm.join("uav9")
+    swarm.run_for(5)
+    assert swarm.complete()
+    assert swarm.bytes["uav9"] - before <= 100
+    swarm.trees["ugv1"].on_value(TreeItem("app/ugv1", 7, 1, 1, 1, b"x"), swarm.now_ns)
+    swarm.act("ugv1")
+    swarm.run_for(1)
+    assert (swarm.bytes["uav9"] - before > 100) is bool(patterns), "its subscription holds"
+
+
+@pytest.mark.parametrize("patterns", [{}, WANTS])
+def test_at_rest_nothing_is_sent_however_long(patterns: dict[str, tuple[str, ...]]) -> None:
+    swarm = cell(patterns)
+    before = dict(swarm.bytes)
+    swarm.run_for(3600)
+    assert swarm.bytes == before
+
+
+def test_to_join_a_swarm_of_sixteen_costs_a_question_and_an_answer_with_each_and_the_structures() -> None:
+    swarm = cell({})
+    assert swarm.structure_bytes["uav15"] <= 2_800
+    # thirty exchanges of some 150 bytes, of which the frames' headers are a hundred
+    assert swarm.bytes["uav15"] - swarm.structure_bytes["uav15"] <= 4_700

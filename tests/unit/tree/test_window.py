@@ -1,0 +1,198 @@
+"""A window of notifications: in order at the subscriber, whatever is lost, late or doubled on the way."""
+
+import random
+from functools import partial
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.unit.tree.pair import S, core
+
+from swarmd.tree.core.action import AskStructure, AskSubscription, SendNotify
+from swarmd.tree.core.arrivals import AHEAD, Arrivals
+from swarmd.tree.core.lane import FLIGHT_BYTES, WINDOW
+from swarmd.tree.core.tree import SwarmTree
+from swarmware.errors import WireError
+from swarmware.frame import Kind as FrameKind
+from swarmware.resource import Kind, Resource
+from swarmware.testing import VirtualSwarm
+from swarmware.types import registry
+from swarmware.types.tree import TreeItem, TreeNotify
+
+LIDAR = Resource(path="sensor/lidar", kind=Kind.STREAM, type="Blob", link="notify", owner="hal")
+SONAR = Resource(path="sensor/sonar", kind=Kind.STREAM, type="Blob", link="notify", owner="hal")
+FAULTS = Resource(path="health/faults", kind=Kind.EVENT, type="Text", owner="health")
+BATTERY = Resource(path="power/battery", type="Float", owner="hal")
+TEMPLATE = (LIDAR, SONAR, FAULTS, BATTERY)
+ITEM = b"x" * 1000
+
+
+def item(path: str, sequence: int, data: bytes = ITEM, kind: FrameKind = FrameKind.STREAM) -> TreeItem:
+    return TreeItem(path, 7, kind, sequence, sequence, data)
+
+
+class Owner:
+    """A tree that notifies a subscriber over messages which take their time, get lost, and are repeated."""
+
+    def __init__(self, net: VirtualSwarm[str]) -> None:
+        self.net = net
+        self.uav = core("uav1", TEMPLATE, templates=(TEMPLATE,))
+        self.gcs = core("gcs", TEMPLATE, templates=(TEMPLATE,))
+        self.got: dict[str, list[int]] = {}
+        self.late_s: list[float] = []
+        self.written_ns: dict[tuple[str, int], int] = {}
+        self.under_way = self.most_under_way = 0
+        self.gcs.set_applications([], ["/uav1/**"], 0)
+        for one, other in ((self.gcs, self.uav), (self.uav, self.gcs)):
+            one.on_up(other.platform, other.local.version, True, 0)
+        for _ in range(4):
+            self._settle(self.gcs, self.uav)
+            self._settle(self.uav, self.gcs)
+        self._arm = net.wake(self.uav.deadline_ns, self._on_timer)
+
+    def _settle(self, one: SwarmTree, other: SwarmTree) -> None:
+        for action in one.drain():
+            match action:
+                case AskStructure(platform, request):
+                    one.on_structure(platform, other.on_structure_asked(request), 0)
+                case AskSubscription(platform, wish):
+                    one.on_subscribed(platform, other.on_subscribe_asked(wish, 0), wish.set_digest, 0)
+
+    def _on_timer(self, now_ns: int) -> None:
+        self.uav.on_timer(now_ns)
+        self._send()
+
+    def write(self, what: TreeItem) -> None:
+        self.written_ns[what.path, what.sequence] = self.net.now_ns
+        self.uav.on_value(what, self.net.now_ns)
+        self._send()
+
+    def _send(self) -> None:
+        for action in self.uav.drain():
+            if isinstance(action, SendNotify):
+                self.under_way += 1
+                self.most_under_way = max(self.most_under_way, self.under_way)
+                self._try(action.notify, self.net.now_ns, 0.15, [False])
+        self._arm()
+
+    def _try(self, notify: TreeNotify, since_ns: int, wait_s: float, done: list[bool]) -> None:
+        """As the post does: again and again until it is acknowledged, or two seconds are over."""
+        net = self.net
+        if done[0]:
+            return
+        if net.now_ns - since_ns >= 2 * S:
+            self._done(notify, False, done)
+            return
+        up = net.link("uav1", "gcs")
+        if up and net.random.random() >= net.loss:
+            net.after(net.random.uniform(*net.delay_s), lambda: self._arrive(notify, done))
+        net.after(wait_s, lambda: self._try(notify, since_ns, min(2 * wait_s, 1.0), done))
+
+    def _arrive(self, notify: TreeNotify, done: list[bool]) -> None:
+        came = registry.decode(TreeNotify, registry.encode(notify))
+        for one in self.gcs.on_notify(came, self.net.now_ns):
+            self.got.setdefault(one.path, []).append(one.sequence)
+            self.late_s.append((self.net.now_ns - self.written_ns[one.path, one.sequence]) / 1e9)
+        if self.net.random.random() >= self.net.loss:
+            self.net.after(self.net.random.uniform(*self.net.delay_s), lambda: self._done(notify, True, done))
+
+    def _done(self, notify: TreeNotify, delivered: bool, done: list[bool]) -> None:
+        if not done[0]:
+            done[0] = True
+            self.under_way -= 1
+            self.uav.on_notified("gcs", notify, delivered, self.net.now_ns)
+            self._send()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("rate_hz", "loss", "share"), [(30, 0.0, 0.99), (30, 0.3, 0.9), (100, 0.3, 0.9), (100, 0.45, 0.7)]
+)
+def test_a_stream_arrives_whole_and_in_order_over_a_lossy_link(
+    seed: int, rate_hz: int, loss: float, share: float
+) -> None:
+    net: VirtualSwarm[str] = VirtualSwarm(seed, loss=loss, delay_s=(0.002, 0.03))
+    owner = Owner(net)
+    count = 20 * rate_hz
+    for number in range(1, count + 1):
+        net.at(round(number / rate_hz * S), partial(owner.write, item("sensor/lidar", number)))
+    net.run_until(20 * S)
+    in_time = len(owner.got["sensor/lidar"])
+    net.run_for(20)
+    assert owner.got["sensor/lidar"] == list(range(1, count + 1))
+    assert owner.uav.held.dropped == 0
+    assert in_time >= count * share
+    assert owner.most_under_way <= 2 * WINDOW
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_outage_of_twenty_seconds_loses_nothing_of_thirty_items_a_second(seed: int) -> None:
+    net: VirtualSwarm[str] = VirtualSwarm(seed, loss=0.1, delay_s=(0.002, 0.03))
+    owner = Owner(net)
+    for number in range(1, 1201):
+        net.at(round(number / 30 * S), partial(owner.write, item("sensor/lidar", number)))
+    net.at(5 * S, lambda: setattr(net, "link", lambda a, b: False))
+    net.at(25 * S, lambda: setattr(net, "link", lambda a, b: True))
+    net.run_until(60 * S)
+    assert owner.got["sensor/lidar"] == list(range(1, 1201))
+
+
+def test_a_busy_stream_starves_neither_another_one_nor_boards_nor_events() -> None:
+    net: VirtualSwarm[str] = VirtualSwarm(1, loss=0.2, delay_s=(0.02, 0.05))
+    owner = Owner(net)
+    for number in range(1, 20_000):
+        net.at(number * S // 2000, partial(owner.write, item("sensor/lidar", number)))
+    for number in range(1, 300):
+        at_ns = number * S // 30
+        net.at(at_ns, partial(owner.write, item("sensor/sonar", number)))
+        net.at(at_ns, partial(owner.write, item("health/faults", number, b"x", FrameKind.EVENT)))
+        battery = item("power/battery", number, bytes([number % 99]), FrameKind.BOARD)
+        net.at(at_ns, partial(owner.write, battery))
+    net.run_until(10 * S)
+    assert len(owner.got["sensor/sonar"]) > 200
+    assert len(owner.got["health/faults"]) > 240
+    assert owner.got["power/battery"][-1] > 270
+    for sequences in owner.got.values():
+        assert sequences == sorted(set(sequences))
+    lost = owner.uav.held.losses()
+    assert set(lost) == {("sensor/lidar", "gcs")}, "the stream beyond its way's capacity, and only that"
+    net.run_for(60)
+    assert lost["sensor/lidar", "gcs"] + len(owner.got["sensor/lidar"]) <= 19_999
+    assert owner.uav.held.losses()["sensor/lidar", "gcs"] + len(owner.got["sensor/lidar"]) == 19_999
+
+
+def test_what_is_under_way_is_bounded_in_number_and_bytes() -> None:
+    net: VirtualSwarm[str] = VirtualSwarm(1, loss=1.0)
+    owner = Owner(net)
+    for number in range(1, 4000):
+        net.at(number * S // 4000, partial(owner.write, item("sensor/lidar", number)))
+    net.run_until(S + S // 2)
+    assert owner.most_under_way * 32_000 <= FLIGHT_BYTES + 2 * 33_000
+
+
+@given(st.randoms(use_true_random=False), st.integers(1, 40), st.integers(1, 5))
+def test_whatever_the_order_and_the_doubles_each_is_taken_once_and_in_order(
+    rnd: random.Random, count: int, copies: int
+) -> None:
+    arrivals = Arrivals()
+    pool = [TreeNotify("uav1", 1, serial, first=1) for serial in range(1, count + 1)] * copies
+    rnd.shuffle(pool)
+    taken = [note.serial for came in pool for note in arrivals.take(came)]
+    assert taken == list(range(1, count + 1))
+
+
+def test_what_the_owner_gave_up_is_not_waited_for() -> None:
+    arrivals = Arrivals()
+    note = TreeNotify("uav1", 1, 5, first=3)
+    assert arrivals.take(note) == []
+    assert arrivals.take(TreeNotify("uav1", 1, 7, first=3)) == []
+    assert [one.serial for one in arrivals.take(TreeNotify("uav1", 1, 8, first=6))] == [5]
+    assert [one.serial for one in arrivals.take(TreeNotify("uav1", 1, 6, first=6))] == [6, 7, 8]
+    assert arrivals.take(note) == []
+
+
+def test_a_serial_beyond_the_window_is_refused_and_takes_no_memory() -> None:
+    with pytest.raises(WireError, match="window"):
+        Arrivals().take(TreeNotify("uav1", 1, 3 + AHEAD, first=3))
+    with pytest.raises(WireError, match="window"):
+        Arrivals().take(TreeNotify("uav1", 1, 2, first=3))
