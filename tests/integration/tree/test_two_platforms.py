@@ -10,13 +10,8 @@ from tests.integration.tree.pair import PATIENCE_S, on_uvloop, platforms, until
 
 from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.resource import Kind, Resource
-<<<<<<< HEAD
-from swarmware.types.scalar import Float, Int, Text
-from swarmware.types.tree import TreeChange, TreeSet, TreeSetDone, TreeUndo
-=======
 from swarmware.types.scalar import Blob, Float, Int, Text
-from swarmware.types.tree import StreamLosses, TreeChange, TreeSetDone, TreeUndo
->>>>>>> 8b5ab84 (Tree: a window of notifications in two lanes, no renewals, mirrors go with their resources, losses known at both ends)
+from swarmware.types.tree import StreamLosses, TreeChange, TreeSet, TreeSetDone, TreeUndo
 from swarmware.types.vehicle import Goal, Pose
 
 SPEED = Resource(
