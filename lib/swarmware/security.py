@@ -32,6 +32,8 @@ KEY_BYTES: Final = 32
 TAG_BYTES: Final = 16
 REPLAY_WINDOW: Final = 64
 """Datagrams that may overtake each other before a late one is refused."""
+SESSIONS_MAX: Final = 4
+"""Sessions of one sender that an opener remembers: the present one and those that claim to follow it."""
 SENDER_LIMIT: Final = 4096
 """Senders remembered by an opener; only those whose seal was good take a place."""
 EPOCHS: Final = 16
@@ -155,8 +157,14 @@ class Refusal(IntEnum):
     """The seal is not of our group, or the bytes were changed."""
     REPLAYED = 4
     """Seen before, or too late to tell."""
-    OLD_SESSION = 5
-    """Of a session before the newest of that sender."""
+
+
+class Opened(msgspec.Struct, frozen=True, gc=False):
+    """A datagram that a member sealed."""
+
+    body: bytes
+    session: int
+    """Of the sender, whose start it names."""
 
 
 class Sealer:
@@ -179,64 +187,90 @@ class Sealer:
         return self._seal(_NONCE.pack(self._sender_hw, sequence), body, clear)
 
 
-class _Sender:
-    __slots__ = ("open", "seen", "session", "top")
+class _Session:
+    __slots__ = ("number", "open", "seen", "top")
 
-    def __init__(self, session: int, key: ChaCha20Poly1305) -> None:
-        self.session = session
+    def __init__(self, number: int, key: ChaCha20Poly1305, sequence: int) -> None:
+        self.number = number
         self.open = key.decrypt
-        self.top = -1
-        self.seen = 0
+        self.top = sequence
+        self.seen = 1
 
 
 class Opener:
-    """Opens what members sealed: once each, in sessions that only rise."""
+    """Opens what members sealed: each datagram once, of the last few sessions of each sender.
+
+    That a seal is good says that a member made it, not when: which session is the present one is
+    for others to find out, and to say by `adopt`.
+    """
 
     def __init__(self, group: GroupKey) -> None:
         self._group = group
-        self._senders: dict[int, _Sender] = {}
+        self._senders: dict[int, list[_Session]] = {}
+        """The adopted session first, then those heard last."""
+        self._adopted: dict[int, int] = {}
 
     def open(
         self, epoch: int, sender_hw: int, session: int | None, sequence: int, clear: bytes, box: bytes
-    ) -> bytes | Refusal:
+    ) -> Opened | Refusal:
         """The body, or why not. `session` is None where the datagram leaves it out."""
         if epoch != self._group.epoch:
             return Refusal.EPOCH
-        sender = self._senders.get(sender_hw)
+        known = self._senders.get(sender_hw)
         if session is None:
-            if sender is None:
+            if not known:
                 return Refusal.UNKNOWN
-        elif sender is None or session > sender.session:
-            return self._open_first(sender_hw, session, sequence, clear, box)
-        elif session < sender.session:
-            return Refusal.OLD_SESSION
-        ahead = sequence - sender.top
-        if ahead <= 0 and (ahead <= -REPLAY_WINDOW or sender.seen >> -ahead & 1):
-            return Refusal.REPLAYED
-        try:
-            body = sender.open(_NONCE.pack(sender_hw, sequence), box, clear)
-        except InvalidTag:
+            for one in known:
+                opened = _open(one, sender_hw, sequence, clear, box)
+                if opened is not Refusal.FORGED:
+                    return opened
             return Refusal.FORGED
-        if ahead > 0:
-            sender.seen = (sender.seen << ahead | 1) & _WINDOW_MASK if ahead < REPLAY_WINDOW else 1
-            sender.top = sequence
-        else:
-            sender.seen |= 1 << -ahead
-        return body
+        for one in known or ():
+            if one.number == session:
+                return _open(one, sender_hw, sequence, clear, box)
+        return self._open_first(sender_hw, session, sequence, clear, box)
+
+    def adopt(self, sender_hw: int, session: int) -> None:
+        """This is the sender's present session: no other takes its place."""
+        self._adopted[sender_hw] = session
+        known = self._senders.get(sender_hw, [])
+        known.sort(key=lambda one: one.number != session)
 
     def _open_first(
         self, sender_hw: int, session: int, sequence: int, clear: bytes, box: bytes
-    ) -> bytes | Refusal:
-        fresh = _Sender(session, _session_key(self._group.key, sender_hw, session))
+    ) -> Opened | Refusal:
+        key = _session_key(self._group.key, sender_hw, session)
         try:
-            body = fresh.open(_NONCE.pack(sender_hw, sequence), box, clear)
+            body = key.decrypt(_NONCE.pack(sender_hw, sequence), box, clear)
         except InvalidTag:
             return Refusal.FORGED
-        fresh.top, fresh.seen = sequence, 1
-        if sender_hw not in self._senders and len(self._senders) >= SENDER_LIMIT:
-            del self._senders[next(iter(self._senders))]
-        self._senders[sender_hw] = fresh
-        return body
+        known = self._senders.get(sender_hw)
+        if known is None:
+            if len(self._senders) >= SENDER_LIMIT:
+                oldest = next(iter(self._senders))
+                del self._senders[oldest]
+                self._adopted.pop(oldest, None)
+            known = self._senders[sender_hw] = []
+        first = 1 if known and known[0].number == self._adopted.get(sender_hw) else 0
+        known.insert(first, _Session(session, key, sequence))
+        del known[SESSIONS_MAX:]
+        return Opened(body, session)
+
+
+def _open(session: _Session, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
+    ahead = sequence - session.top
+    if ahead <= 0 and (ahead <= -REPLAY_WINDOW or session.seen >> -ahead & 1):
+        return Refusal.REPLAYED
+    try:
+        body = session.open(_NONCE.pack(sender_hw, sequence), box, clear)
+    except InvalidTag:
+        return Refusal.FORGED
+    if ahead > 0:
+        session.seen = (session.seen << ahead | 1) & _WINDOW_MASK if ahead < REPLAY_WINDOW else 1
+        session.top = sequence
+    else:
+        session.seen |= 1 << -ahead
+    return Opened(body, session.number)
 
 
 _WINDOW_MASK: Final = (1 << REPLAY_WINDOW) - 1

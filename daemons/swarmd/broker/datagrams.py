@@ -11,6 +11,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.mesh import LinkState
+from swarmd.broker.core.sessions import Outcome, Sessions
 from swarmd.broker.core.station import Arrival, Departure, Station
 from swarmd.broker.core.traffic import EVERYBODY, Counters
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
@@ -23,6 +24,8 @@ DEAF_TICKS: Final = 20
 """Ticks of ours that the group did not bring back, with nobody heard over it: multicast is missing here."""
 PROBE_TICKS: Final = 20
 """Then only every so manieth tick still tries the group."""
+CLAIMANTS_MAX: Final = 16
+CLAIMANT_NS: Final = 3_000_000_000
 SEEDS_S: Final = 30.0
 """Names of seeds are looked up again this often."""
 _UNKNOWN: Final = "?"
@@ -53,9 +56,15 @@ class Datagrams:
         clock: Clock,
         station: Station,
         counters: Counters,
+        sessions: Sessions,
         on_arrival: Callable[[Arrival], None],
+        on_outcome: Callable[[int, Outcome], None],
     ) -> None:
         """Raises: ConfigError when an address or port cannot be used."""
+        self._sessions = sessions
+        self._on_outcome = on_outcome
+        self._claimants: dict[Address, int] = {}
+        """Who wrote to us alone and is not believed yet, and until when our ticks go there."""
         self.by_unicast: set[int] = set()
         """Neighbours whose newest datagram did not come over the group."""
         self._config = config
@@ -80,6 +89,11 @@ class Datagrams:
         """Our own UDP port."""
         return self._udp.port
 
+    @property
+    def has_checks(self) -> bool:
+        """Whether there is something to ask others, or to answer them, about sessions."""
+        return bool(self._sessions.waiting)
+
     async def look_up_seeds(self) -> None:
         """Keeps the addresses of the seeds up to date, for ever."""
         own = {(host, self._udp.port) for host in (LOOPBACK, self._config.bind_address)}
@@ -95,7 +109,12 @@ class Datagrams:
     def tick(self, now_ns: int) -> None:
         """Composes and sends the next tick; one that cannot be composed is counted and left out."""
         try:
-            self._send(self._station.compose(now_ns), now_ns)
+            self._station.reserved_bytes = codec.checks_bytes(self._sessions.waiting)
+            departure = self._station.compose(now_ns)
+            if self._sessions.waiting:
+                tick = msgspec.structs.replace(departure.tick, checks=self._sessions.due(now_ns))
+                departure = msgspec.structs.replace(departure, tick=tick)
+            self._send(departure, now_ns)
         except FAULTS:
             self._counters.failed_ticks += 1
             self._failed("a tick could not be composed")
@@ -140,7 +159,7 @@ class Datagrams:
 
     def _single_nodes(self) -> set[Address]:
         """Seeds and neighbours that the group does not reach."""
-        if not self._seeds and not self.by_unicast:
+        if not self._seeds and not self.by_unicast and not self._claimants:
             return set()
         single: set[Address] = set()
         by_group: set[Address] = set()
@@ -152,34 +171,42 @@ class Datagrams:
             else:
                 by_group.add(neighbour.address)
         single.update(address for address in self._seeds.values() if address not in by_group)
+        now_ns = self._clock.now_ns()
+        self._claimants = {address: end_ns for address, end_ns in self._claimants.items() if end_ns > now_ns}
+        single.update(self._claimants)
         return single
 
     # in
 
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)
-        if sender_hw == self._hardware:
-            self._deaf_ticks = 0  # our own: the group brings datagrams back
+        if sender_hw == self._hardware and self._is_own(data):
+            self._deaf_ticks = 0  # the group brings datagrams back
             return
         if self._hear is not None and sender_hw not in self._hear:
             self._counters.refused.unheard += 1
             return
         try:
             header, start = codec.decode_header(data)
-            body = self._opener.open(
+            opened = self._opener.open(
                 header.epoch, sender_hw, header.session, header.sequence, data[:start], data[start:]
             )
-            if isinstance(body, Refusal):
-                self._refused(sender_hw, body, len(data))
+            if isinstance(opened, Refusal):
+                self._refused(sender_hw, opened, len(data))
                 return
-            tick = codec.decode(body)
+            tick = codec.decode(opened.body)
         except WireError as error:
             self._counters.datagram_received(len(data), _UNKNOWN)
             self._counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
         try:
-            self._take(header, tick, address, rx_mono_ns, by_multicast, len(data))
+            rx_ns = self._clock.from_mono_ns(rx_mono_ns)
+            if not self._is_believed(sender_hw, opened.session, tick, address, by_multicast, rx_ns):
+                self._counters.datagram_received(len(data), _UNKNOWN)
+                return
+            header = msgspec.structs.replace(header, session=opened.session)
+            self._take(header, tick, address, rx_ns, by_multicast, len(data))
         except FAULTS:
             self._counters.refused.failed += 1
             self._failed("a datagram could not be taken")
@@ -189,11 +216,11 @@ class Datagrams:
         header: codec.Header,
         tick: codec.Tick,
         address: Address,
-        rx_mono_ns: int,
+        rx_ns: int,
         by_multicast: bool,
         size: int,
     ) -> None:
-        arrival = self._station.on_datagram(header, tick, address, self._clock.from_mono_ns(rx_mono_ns))
+        arrival = self._station.on_datagram(header, tick, address, rx_ns)
         if arrival is None:
             self._counters.datagram_received(size, _UNKNOWN)
             return
@@ -205,6 +232,33 @@ class Datagrams:
         else:
             self.by_unicast.add(sender_hw)
         self._on_arrival(arrival)
+
+    def _is_own(self, data: bytes) -> bool:
+        """Whether it is ours come back; without a session nobody can tell."""
+        try:
+            session = codec.decode_header(data)[0].session
+        except WireError:
+            return True
+        return session in (None, self._session)
+
+    def _is_believed(
+        self, hw: int, session: int, tick: codec.Tick, address: Address, by_multicast: bool, now_ns: int
+    ) -> bool:
+        outcome = self._sessions.on_datagram(hw, session, tick.checks, now_ns)
+        if outcome.adopted:
+            self._opener.adopt(hw, session)
+        if outcome.soon or outcome.duplicate:
+            self._on_outcome(hw, outcome)
+        if not outcome.believed:
+            refused = self._counters.refused
+            present = self._sessions.present(hw)
+            if present is not None and session < present:
+                refused.old_session += 1
+            else:
+                refused.unproven += 1
+            if not by_multicast and len(self._claimants) < CLAIMANTS_MAX:
+                self._claimants[address] = now_ns + CLAIMANT_NS
+        return outcome.believed
 
     def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:
         refused = self._counters.refused
@@ -219,8 +273,6 @@ class Datagrams:
             refused.forged += 1
         elif refusal is Refusal.UNKNOWN:
             refused.unknown_session += 1
-        elif refusal is Refusal.OLD_SESSION:
-            refused.old_session += 1
         else:
             refused.other_epoch += 1
 

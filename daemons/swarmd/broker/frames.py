@@ -8,6 +8,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.forward import Decision, Forwarder, Step
 from swarmd.broker.core.gate import Gate
 from swarmd.broker.core.queue import Waiting
+from swarmd.broker.core.sessions import Sessions
 from swarmd.broker.core.station import Station
 from swarmd.broker.core.traffic import Channel, Counters
 from swarmd.broker.links.curve import Links, Peer
@@ -16,7 +17,7 @@ from swarmware.appfile import AppTable
 from swarmware.clock import Clock
 from swarmware.delivery import Status, answerable
 from swarmware.errors import Denied, WireError
-from swarmware.frame import HOPS, Frame, Kind, decode, encode
+from swarmware.frame import HOPS, Flag, Frame, Kind, decode, encode
 from swarmware.names import hardware_id
 from swarmware.post import Post
 from swarmware.security import Keys
@@ -37,12 +38,14 @@ class Frames:
         table: AppTable,
         station: Station,
         counters: Counters,
+        sessions: Sessions,
         on_denial: Callable[[Denial], None],
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
         self._keys = keys
         self._table = table
         self._gate = Gate(keys.roster, Access())
+        self._sessions = sessions
         self._on_denial = on_denial
         self._clock = clock
         self._post = post
@@ -66,6 +69,21 @@ class Frames:
             self._counters.requests += 1
         self._onward(frame, decision)
 
+    def prove(self, hw: int, session: int) -> None:
+        """Tells a neighbour our session over a connection that only our key opens."""
+        peer = self._peer(hw)
+        if peer is not None:
+            own_hw = self._station.identity.hw
+            payload = session.to_bytes(8, "little")
+            self._send(peer, Frame(Kind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
+
+    def _take_proof(self, frame: Frame, user: str) -> None:
+        if not user or frame.hops_left != HOPS or self._other_end(frame, user) != frame.sender_hw:
+            self._counters.refused.spoofed += 1
+        elif len(frame.payload) == 8:
+            session = int.from_bytes(frame.payload, "little")
+            self._sessions.on_proof(frame.sender_hw, session, self._clock.now_ns())
+
     def neighbour_gone(self, hw: int) -> None:
         """Frames that waited for it go over another neighbour, or back to their senders."""
         for item in self.links.drop(hw):
@@ -87,6 +105,9 @@ class Frames:
         link = counters.link(user_name, "tcp")
         link.received_frames += 1
         link.received_bytes += len(data)
+        if frame.kind is Kind.HELLO:
+            self._take_proof(frame, user)
+            return
         decision = self._forwarder.from_neighbour(frame, self._other_end(frame, user), self._clock.now_ns())
         if decision.step is Step.DELIVER:
             if not self._may_pass(frame):

@@ -10,6 +10,7 @@ from swarmd.broker import config as settings
 from swarmd.broker.boards import Mirrors, OwnBoards
 from swarmd.broker.core.mesh import LinkChanged, LinkEvent, LinkState, Mesh, RouteChanged
 from swarmd.broker.core.relay import News
+from swarmd.broker.core.sessions import Outcome, Sessions
 from swarmd.broker.core.station import Arrival, Identity, Station
 from swarmd.broker.core.tick import PlatformKind
 from swarmd.broker.core.traffic import Counters
@@ -36,6 +37,8 @@ from swarmware.types.net import (
 )
 from swarmware.types.rpc import Empty
 
+DUPLICATE_NS: Final = 5_000_000_000
+"""A second computer of the same name was not heard for so long: it has gone."""
 PUBLISH_NS: Final = 1_000_000_000
 HURRY_NS: Final = 60_000_000
 """A newcomer is answered within this time, spread by chance: many hear it at once."""
@@ -67,6 +70,7 @@ class Broker(Service):
         self._urgent = False
         self._plan_at = -1
         self._timings: list[TimingSample] = []
+        self._duplicate_ns = 0
         self._counters = Counters()
 
     async def run(self) -> None:
@@ -80,8 +84,18 @@ class Broker(Service):
             config = loopback_only(self.config) if keys.is_open else self.config
             session, quiet_ns = self._session()
             self._station = self._make_station(keys, session, quiet_ns)
+            self._own_session = session
+            sessions = Sessions(node.hardware, session, connections=not keys.is_open)
             self._datagrams = Datagrams(
-                config, keys, session, self._clock, self._station, self._counters, self._arrived
+                config,
+                keys,
+                session,
+                self._clock,
+                self._station,
+                self._counters,
+                sessions,
+                self._arrived,
+                self._on_outcome,
             )
             stack.callback(self._datagrams.close)
             self._frames = Frames(
@@ -92,6 +106,7 @@ class Broker(Service):
                 node.table,
                 self._station,
                 self._counters,
+                sessions,
                 self._denied,
             )
             stack.callback(self._frames.close)
@@ -104,6 +119,7 @@ class Broker(Service):
                 self._station, self._counters, self._frames.links, self._datagrams.by_unicast, self._due_ns
             )
             await self._open_boards()
+            self.health.report("name", description="One computer for each name")
             node.post.set_gateway(self._frames.from_here)
             stack.callback(node.post.set_gateway, None)
             if config.seeds:
@@ -213,7 +229,7 @@ class Broker(Service):
             self._take_plan()
         now_ns = self._clock.now_ns()
         self._own.poll(now_ns)
-        if self._urgent or not station.is_idle(now_ns):
+        if self._urgent or self._datagrams.has_checks or not station.is_idle(now_ns):
             self._urgent = False
             self._datagrams.tick(now_ns)
         if self._timings:
@@ -237,6 +253,9 @@ class Broker(Service):
         if now_ns >= self._publish_ns:
             self._publish_ns = now_ns + PUBLISH_NS
             self._traffic_board.write(self._report.traffic(now_ns))
+        if self._duplicate_ns and now_ns - self._duplicate_ns > DUPLICATE_NS:
+            self._duplicate_ns = 0
+            self.health.report("name")
         self._shape_changed = False
         self._neighbours_board.write(self._report.neighbours(now_ns))
         self._routes_board.write(self._report.routes())
@@ -270,6 +289,35 @@ class Broker(Service):
             self._carry_out(arrival.links, arrival.routes)
         if arrival.stranger or arrival.links:
             self._hurry()
+
+    def _on_outcome(self, hw: int, outcome: Outcome) -> None:
+        """A datagram asked for an answer, or was of a session that is not believed."""
+        if outcome.prove:
+            self._frames.prove(hw, self._own_session)
+        if outcome.duplicate:
+            self._report_duplicate(hw)
+        if outcome.soon:
+            self._station.say_hello()
+            self._hurry()
+
+    def _report_duplicate(self, hw: int) -> None:
+        name = self._station.members.platform(hw)
+        own = hw == self.module.node.hardware
+        if not self._duplicate_ns:
+            log.error(
+                "two computers are named %s: %s; change the platform in node.toml of one of them",
+                name,
+                "this one and another" if own else "both are heard here",
+            )
+        self._duplicate_ns = self._clock.now_ns()
+        self.health.report(
+            "name",
+            "duplicate",
+            level="error" if own else "warn",
+            detail=f"two computers are named {name}",
+            description="One computer for each name",
+            clear_s=5.0,
+        )
 
     def _mirror(self, want: Want, news: News) -> None:
         if self._mirrors.write(want, news):

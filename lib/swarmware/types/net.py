@@ -125,6 +125,7 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Datagrams not sealed by our swarm."""
     replayed: int = 0
     old_session: int = 0
+    """Datagrams of a session before the one that is believed."""
     unknown_session: int = 0
     """The sender's start was not heard yet: normal at the beginning."""
     other_epoch: int = 0
@@ -147,6 +148,8 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Datagrams on which this broker's own code failed; the log has the place."""
     denied: int = 0
     """Messages and requests whose sender's role may not send them."""
+    unproven: int = 0
+    """Datagrams whose sender had not yet answered us, or not proven that it started again."""
 
 
 @register

@@ -19,6 +19,7 @@ from swarmware.names import data_id
 from swarmware.node import Node
 from swarmware.security import make_swarm
 from swarmware.testing import make_node, no_leaks
+from swarmware.types.health import CheckReports
 from swarmware.types.net import Neighbours, Offer, Routes, Traffic, TreePlan, Want
 from swarmware.types.rpc import Empty
 
@@ -64,6 +65,7 @@ class Station:
         self.neighbours: BoardReader[Neighbours] = await self.app.reader("net/neighbours", Neighbours)
         self.routes: BoardReader[Routes] = await self.app.reader("net/routes", Routes)
         self.counters: BoardReader[Traffic] = await self.app.reader("net/traffic", Traffic)
+        self.checks: BoardReader[CheckReports] = await self.app.reader("health/checks/broker", CheckReports)
         self._plan = await self.app.writer("tree/plan", TreePlan)
         await self.start()
 
@@ -119,6 +121,15 @@ class Station:
                 ),
             )
         )
+
+    @property
+    def group_port(self) -> int:
+        return load_service(self.config_dir, "broker", Config).udp_port
+
+    def conditions(self) -> dict[str, str]:
+        """What the broker says of its own health."""
+        table = self.checks.value
+        return {} if table is None else {report.check: report.state for report in table.reports}
 
     async def traffic(self) -> Traffic:
         return await self.app.request("sys/broker/traffic", Empty(), Traffic)

@@ -233,7 +233,12 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
         [other] = table.neighbours
         assert (other.platform, other.unit, other.kind, other.multicast) == ("uav2", "main", "uav", True)
         assert other.transport == "idle"
-        assert other.cost == 256
+
+        def perfect() -> bool:
+            table = pair["uav1"].neighbours.value
+            return table is not None and [n.cost for n in table.neighbours] == [256]
+
+        await pair["uav1"].until(perfect, pair["uav1"].neighbours)
         await pair["uav2"].app.inbox("cmd/note", Text)
         await pair["uav1"].app.send(join("uav2", "cmd/note"), Text(""), timeout_s=10)
 

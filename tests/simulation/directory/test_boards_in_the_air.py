@@ -19,7 +19,7 @@ from swarmd.broker.core.station import Identity, Station
 from swarmd.broker.core.tick import Header, PlatformKind
 from swarmd.broker.core.traffic import Counters
 from swarmware.names import data_id, hardware_id
-from swarmware.security import GroupKey, Opener, Sealer
+from swarmware.security import GroupKey, Opened, Opener, Sealer
 from swarmware.types.net import Offer, TreePlan, Want
 from swarmware.types.vehicle import Pose
 
@@ -113,13 +113,13 @@ class Air:
 
     def receive(self, radio: Radio, data: bytes) -> None:
         header, start = codec.decode_header(data)
-        body = radio.opener.open(
+        opened = radio.opener.open(
             header.epoch, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
         )
-        if not isinstance(body, bytes):
+        if not isinstance(opened, Opened):
             return
         arrival = radio.station.on_datagram(
-            header, codec.decode(body), ("10.0.0.1", 1), self.now_ns + radio.offset_ns
+            header, codec.decode(opened.body), ("10.0.0.1", 1), self.now_ns + radio.offset_ns
         )
         assert arrival is not None
         for want, news in arrival.news:

@@ -5,8 +5,9 @@ import pytest
 from swarmd.broker.config import Config
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.mesh import Mesh
+from swarmd.broker.core.sessions import Sessions, digest
 from swarmd.broker.core.station import Arrival, Identity, Station
-from swarmd.broker.core.tick import Header, PlatformKind, Row, Tick
+from swarmd.broker.core.tick import Check, CheckKind, Header, PlatformKind, Row, Tick
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.datagrams import Datagrams
 from swarmware.clock import Clock
@@ -33,14 +34,23 @@ class Shell:
         config = Config(multicast_group="", bind_address="127.0.0.1")
         keys = Keys.open("uav1")
         self.datagrams = Datagrams(
-            config, keys, 1, Clock(), self.station, self.counters, self.arrivals.append
+            config,
+            keys,
+            1,
+            Clock(),
+            self.station,
+            self.counters,
+            Sessions(hw, 1, connections=False),
+            self.arrivals.append,
+            lambda hw, outcome: None,
         )
         self.peer_hw = hardware_id("uav2")
+        self.tick = Tick(rows=(Row(9, 1, 256),), checks=(Check(CheckKind.ANSWER, hw, digest(1)),))
         self.sealer = Sealer(keys.group, self.peer_hw, 1)
 
     def receive(self, sequence: int) -> None:
         clear = codec.encode_header(Header(0, self.peer_hw, sequence, 0, 1))
-        sealed = self.sealer.seal(sequence, clear, codec.encode(Tick(rows=(Row(9, 1, 256),))))
+        sealed = self.sealer.seal(sequence, clear, codec.encode(self.tick))
         self.datagrams._on_datagram(clear + sealed, ("127.0.0.1", 1), 0, True)  # the socket's door
 
 

@@ -19,7 +19,7 @@ from swarmware import frame as wire
 from swarmware.delivery import with_lifetime
 from swarmware.frame import HOPS, Flag, Frame, Kind
 from swarmware.names import ANY, application_id, data_id, hardware_id
-from swarmware.security import REPLAY_WINDOW, GroupKey, Opener, Sealer
+from swarmware.security import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text
 from swarmware.types.vehicle import Pose
@@ -57,11 +57,11 @@ def test_the_tick_of_the_page_is_the_one_we_send() -> None:
 def test_the_tick_of_the_page_is_one_we_take() -> None:
     data = example("tick-datagram")
     header, start = codec.decode_header(data)
-    body = Opener(GROUP).open(
+    opened = Opener(GROUP).open(
         header.epoch, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
     )
-    assert isinstance(body, bytes)
-    assert codec.decode(body) == tick()
+    assert isinstance(opened, Opened)
+    assert codec.decode(opened.body) == tick()
 
 
 def test_the_frame_of_the_page_is_ours() -> None:

@@ -14,6 +14,8 @@ from swarmd.broker.core.tick import (
     HOPS_MAX,
     INFINITY,
     NO_ECHO,
+    Check,
+    CheckKind,
     Echo,
     Header,
     Hello,
@@ -71,6 +73,7 @@ TICKS = st.builds(
             PAYLOADS,
         )
     ),
+    checks=some(st.builds(Check, U8, U32, U32)),
 )
 HEADERS = st.builds(
     Header, epoch=st.integers(0, 15), sender_hw=U32, sequence=U32, tx_us=U32, session=st.none() | U64
@@ -135,10 +138,11 @@ def test_the_body_is_the_one_of_the_protocol_page() -> None:
         (MemberRow(0x0A0B0C0D, 9, PlatformKind.UAV, "uav2"),),
         (Value(0x01020304, 12_300, True, b"pose"),),
         (Relay(0x0A0B0C0D, 0x01020304, 0x060504030201, 4_000_000, 2, False, b"x"),),
+        (Check(CheckKind.ANSWER, 0x0A0B0C0D, 0x04030201),),
     )
     assert codec.encode(tick) == b"".join(
         (
-            b"\x7f",
+            b"\xff",
             b"\x1c" + struct.pack("<QiHIIBB", 0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, 2, 0),
             b"ugv1",
             b"\x01" + bytes.fromhex("0d0c0b0a 7f 010203 ff"),
@@ -147,6 +151,7 @@ def test_the_body_is_the_one_of_the_protocol_page() -> None:
             b"\x01" + bytes.fromhex("0d0c0b0a 09000000 01 04") + b"uav2",
             b"\x01" + bytes.fromhex("04030201 7b00 84") + b"pose",
             b"\x01" + bytes.fromhex("0d0c0b0a 04030201 010203040506 2880 02 01") + b"x",
+            bytes.fromhex("01 0900 02 0d0c0b0a 01020304"),
         )
     )
 

@@ -17,6 +17,7 @@ from swarmware.security import (
     GroupKey,
     Keys,
     Member,
+    Opened,
     Opener,
     Refusal,
     Roster,
@@ -39,7 +40,8 @@ def sealed(sequence: int, *, session: int = 1, group: GroupKey = GROUP, body: by
 def opened(
     opener: Opener, sequence: int, *, session: int | None = 1, sealed_in: int = 1, epoch: int = 3
 ) -> bytes | Refusal:
-    return opener.open(epoch, HW, session, sequence, CLEAR, sealed(sequence, session=sealed_in))
+    result = opener.open(epoch, HW, session, sequence, CLEAR, sealed(sequence, session=sealed_in))
+    return result.body if isinstance(result, Opened) else result
 
 
 def test_what_a_member_sealed_another_opens() -> None:
@@ -121,13 +123,30 @@ def test_after_one_datagram_with_the_session_others_may_leave_it_out() -> None:
     assert opened(opener, 2, session=None) == b"body"
 
 
-def test_a_new_session_begins_with_any_sequence_and_ends_the_old_one() -> None:
+def test_sessions_of_one_sender_stand_side_by_side_each_with_its_own_numbers() -> None:
     opener = Opener(GROUP)
     opened(opener, 1000)
     assert opened(opener, 1, session=2, sealed_in=2) == b"body"
-    assert opened(opener, 1001) is Refusal.OLD_SESSION
-    assert opened(opener, 1001, session=None) is Refusal.FORGED
+    assert opened(opener, 1001) == b"body"
+    assert opened(opener, 1001) is Refusal.REPLAYED
+    assert opened(opener, 1002, session=None) == b"body"
     assert opened(opener, 2, session=None, sealed_in=2) == b"body"
+    assert opened(opener, 2, session=2, sealed_in=2) is Refusal.REPLAYED
+    last = opener.open(3, HW, None, 3, CLEAR, sealed(3, session=2))
+    assert isinstance(last, Opened)
+    assert last.session == 2
+
+
+def test_no_number_of_other_sessions_displaces_the_adopted_one() -> None:
+    opener = Opener(GROUP)
+    opened(opener, 1000)
+    opener.adopt(HW, 1)
+    for session in range(2, 30):
+        assert opened(opener, 1, session=session, sealed_in=session) == b"body"
+    assert opened(opener, 1001, session=None) == b"body"
+    assert opened(opener, 1000) is Refusal.REPLAYED
+    opener.adopt(HW, 29)
+    assert opened(opener, 2, session=None, sealed_in=29) == b"body"
 
 
 def test_a_forged_new_session_does_not_end_the_old_one() -> None:

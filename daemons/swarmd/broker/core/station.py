@@ -94,6 +94,8 @@ class Station:
         self.bulletin = Bulletin()
         self.relays = Relays()
         self.tcp_port = 0
+        self.reserved_bytes = 0
+        """Of the next body, for what is put into it after it was composed."""
         self._busy_hz = busy_hz
         self._relay_bytes_s = relay_bytes_s
         self._plan = TreePlan(0)
@@ -247,7 +249,7 @@ class Station:
     def compose(self, now_ns: int) -> Departure:
         """The next datagram, the parts in the order of their importance."""
         hello = self._hello(now_ns)
-        room = BODY_LIMIT - 16 - (hello_bytes(hello) if hello is not None else 0)
+        room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         shape = self.mesh.compose(now_ns, min(room, OWN_SHARE), self.busy)
         room -= (
             len(shape.echoes) * ECHO_BYTES + len(shape.rows) * ROW_BYTES + len(shape.requests) * REQUEST_BYTES

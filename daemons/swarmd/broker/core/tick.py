@@ -43,6 +43,9 @@ _MEMBER: Final = struct.Struct("<IIBB")
 _VALUE: Final = struct.Struct("<IHB")
 _RELAY: Final = struct.Struct("<IIIHHBB")
 _EXTRA: Final = struct.Struct("<BH")
+_CHECK: Final = struct.Struct("<BII")
+_CHECKS: Final = 1
+"""Type of the extra part with questions and answers about sessions."""
 
 HEADER_BYTES: Final = _HEADER.size
 SESSION_BYTES: Final = 8
@@ -74,7 +77,7 @@ class Section:
     VALUES: Final = 32
     RELAYS: Final = 64
     EXTRA: Final = 128
-    """Parts of a later version: type, length, bytes; skipped where unknown."""
+    """Type, length, bytes, to the end: what few datagrams have; skipped where unknown."""
 
 
 class PlatformKind(IntEnum):
@@ -150,6 +153,27 @@ class SequenceRequest(NamedTuple):
     """With LOST: the sender itself has no route, so whoever goes through it has none either."""
 
 
+class CheckKind(IntEnum):
+    """What one node has to say of another one's session."""
+
+    QUESTION = 1
+    """Is this your present session? Answer by naming ours."""
+    ANSWER = 2
+    """This is your present session: we hear you now."""
+    PROVE = 3
+    """As QUESTION, and prove it over a connection: we believe another session of yours."""
+
+
+class Check(NamedTuple):
+    """A question or answer about a session."""
+
+    kind: int
+    hw: int
+    """Whom it is for."""
+    digest: int
+    """Of that node's session, BLAKE2b-32."""
+
+
 class MemberRow(msgspec.Struct, frozen=True, gc=False):
     """Name and tree of a node that not all of the sender's neighbours hear."""
 
@@ -195,6 +219,7 @@ class Tick(msgspec.Struct, frozen=True, gc=False):
     members: tuple[MemberRow, ...] = ()
     values: tuple[Value, ...] = ()
     relays: tuple[Relay, ...] = ()
+    checks: tuple[Check, ...] = ()
 
 
 def encode_header(header: Header) -> bytes:
@@ -247,6 +272,11 @@ def relay_bytes(payload: bytes) -> int:
 def member_bytes(member: MemberRow) -> int:
     """Bytes that a member row takes in the body."""
     return _MEMBER.size + len(member.name.encode())
+
+
+def checks_bytes(count: int) -> int:
+    """Bytes that questions and answers about sessions take in the body."""
+    return _EXTRA.size + count * _CHECK.size if count else 0
 
 
 def hello_bytes(hello: Hello) -> int:
@@ -313,6 +343,10 @@ def _encode(tick: Tick) -> bytes:
                 size,
             )
             out += (head, long, relay.payload)
+    if tick.checks:
+        sections |= Section.EXTRA
+        out.append(_EXTRA.pack(_CHECKS, len(tick.checks) * _CHECK.size))
+        out.extend([_CHECK.pack(*check) for check in tick.checks])
     out[0] = bytes((sections,))
     return b"".join(out)
 
@@ -407,14 +441,17 @@ class _Reader:
         members = tuple([self.member() for _ in range(self.count())]) if sections & Section.MEMBERS else ()
         values = tuple([self.value() for _ in range(self.count())]) if sections & Section.VALUES else ()
         relays = tuple([self.relay() for _ in range(self.count())]) if sections & Section.RELAYS else ()
+        checks: tuple[Check, ...] = ()
         if sections & Section.EXTRA:
             while self.at < len(data):
-                _, length = _EXTRA.unpack_from(data, self.at)
+                kind, length = _EXTRA.unpack_from(data, self.at)
                 self.at += _EXTRA.size
-                self.take(length)
+                part = self.take(length)
+                if kind == _CHECKS:
+                    checks = tuple([Check(*check) for check in _CHECK.iter_unpack(part)])
         if self.at != len(data):
             raise WireError(f"tick: {len(data) - self.at} bytes after its last section")
-        return Tick(hello, echoes, rows, requests, members, values, relays)
+        return Tick(hello, echoes, rows, requests, members, values, relays, checks)
 
     def count(self) -> int:
         count = self.data[self.at]

@@ -75,6 +75,7 @@ class Refusals(msgspec.Struct, gc=False):
     no_room: int = 0
     failed: int = 0
     denied: int = 0
+    unproven: int = 0
 
 
 class Counters:

@@ -1,0 +1,215 @@
+"""Which session of a node is the present one: nothing of a node is believed before it has answered us.
+
+A seal proves that a member made a datagram, not when. So whoever is heard is asked, and answers by naming
+our present session, which no record of former datagrams can do. Who follows a session that is believed
+proves itself over a connection that only the platform's own key opens; until then the old one holds.
+"""
+
+from hashlib import blake2b
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.tick import NEVER_NS, Check, CheckKind
+
+ALIVE_NS: Final = 1_500_000_000
+"""A session that was silent for so long has ended: idle nodes tick twice a second, one may be lost."""
+ENDED_NS: Final = 700_000_000
+"""One that was not heard since the other began, for longer than two of its ticks are apart, has ended."""
+AGAIN_NS: Final = 90_000_000
+"""The same question is put this often at most."""
+PROVE_NS: Final = 300_000_000
+FORGET_NS: Final = 10_000_000_000
+"""A session that does not answer is forgotten."""
+CHECKS_MAX: Final = 16
+"""Questions and answers in one datagram; the rest follow in the next."""
+CLAIMS_MAX: Final = 256
+PRESENT_MAX: Final = 4096
+HURRIES: Final = 3
+"""Questions that do not wait for the next tick, per session."""
+
+
+class Outcome(msgspec.Struct, frozen=True, gc=False):
+    """What follows from one datagram."""
+
+    believed: bool
+    """It is of its sender's present session."""
+    adopted: bool = False
+    """From now on."""
+    soon: bool = False
+    """There is something to ask or to answer: do not wait for the next tick."""
+    prove: bool = False
+    """Prove our session to the sender over a connection."""
+    duplicate: bool = False
+    """Two computers use this sender's name at the same time."""
+
+
+class _Claim:
+    __slots__ = ("answered", "asked_ns", "count", "first_ns", "heard_ns", "proven", "session")
+
+    def __init__(self, session: int, now_ns: int) -> None:
+        self.session = session
+        self.first_ns = now_ns
+        self.heard_ns = now_ns
+        self.asked_ns = NEVER_NS
+        self.count = 0
+        self.answered = False
+        self.proven = False
+
+
+class _Present:
+    __slots__ = ("heard_ns", "proven", "session")
+
+    def __init__(self, session: int, proven: bool, now_ns: int) -> None:
+        self.session = session
+        self.proven = proven
+        """Over a connection; an answer alone every member could give."""
+        self.heard_ns = now_ns
+
+
+class Sessions:
+    """The sessions of all nodes that this one hears, and its own."""
+
+    def __init__(self, own_hw: int, own_session: int, *, connections: bool) -> None:
+        """`connections`: whether members can prove themselves over one; not without keys."""
+        self._own_hw = own_hw
+        self._digest = digest(own_session)
+        self._connections = connections
+        self._present: dict[int, _Present] = {}
+        self._claims: dict[tuple[int, int], _Claim] = {}
+        self._answers: dict[int, int] = {}
+        self._questions: dict[int, Check] = {}
+        self._proved_ns: dict[int, int] = {}
+
+    def present(self, hw: int) -> int | None:
+        """The session of a node that is believed."""
+        present = self._present.get(hw)
+        return None if present is None else present.session
+
+    def on_datagram(self, hw: int, session: int, checks: tuple[Check, ...], now_ns: int) -> Outcome:
+        """A datagram with a good seal, perhaps in our own name by somebody else."""
+        answered = prove = soon = False
+        for check in checks:
+            if check.hw != self._own_hw or check.digest != self._digest:
+                continue
+            if check.kind == CheckKind.ANSWER:
+                answered = True
+            elif check.kind in (CheckKind.QUESTION, CheckKind.PROVE):
+                self._answer(hw, session)
+                soon = True
+                prove = prove or check.kind == CheckKind.PROVE
+        if hw == self._own_hw:
+            # another computer with our name; a record of our own former session cannot answer us
+            self._answer(hw, session)
+            return Outcome(False, soon=True, duplicate=answered)
+        present = self._present.get(hw)
+        if present is not None and present.session == session:
+            present.heard_ns = now_ns
+            return Outcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
+        claim = self._claim(hw, session, now_ns)
+        claim.heard_ns = now_ns
+        claim.answered = claim.answered or answered
+        if self._may_follow(present, claim, now_ns):
+            self._adopt(hw, claim, now_ns)
+            return Outcome(True, adopted=True, soon=True, prove=prove and self._may_prove(hw, now_ns))
+        duplicate = self._is_duplicate(present, claim)
+        asked = self._ask(hw, claim, present is not None, now_ns)
+        return Outcome(False, soon=soon or asked, duplicate=duplicate)
+
+    def on_proof(self, hw: int, session: int, now_ns: int) -> None:
+        """A node's connection, which only its own key opens, named its session."""
+        present = self._present.get(hw)
+        if present is not None and present.session == session:
+            present.proven = True
+            return
+        claim = self._claims.get((hw, session))
+        if claim is not None:
+            claim.proven = claim.answered = True
+
+    def due(self, now_ns: int) -> tuple[Check, ...]:
+        """Questions and answers for the next datagram; they are given once."""
+        out = [Check(CheckKind.ANSWER, hw, value) for hw, value in self._answers.items()][:CHECKS_MAX]
+        for check in out:
+            del self._answers[check.hw]
+        questions = list(self._questions.values())[: CHECKS_MAX - len(out)]
+        for check in questions:
+            del self._questions[check.hw]
+        self._forget(now_ns)
+        return (*out, *questions)
+
+    @property
+    def waiting(self) -> int:
+        """Questions and answers that wait for the next datagram."""
+        return min(len(self._answers) + len(self._questions), CHECKS_MAX)
+
+    # -- inside
+
+    def _answer(self, hw: int, session: int) -> None:
+        if len(self._answers) < CLAIMS_MAX:
+            self._answers[hw] = digest(session)
+
+    def _may_prove(self, hw: int, now_ns: int) -> bool:
+        if now_ns - self._proved_ns.get(hw, NEVER_NS) < PROVE_NS:
+            return False
+        self._proved_ns[hw] = now_ns
+        return True
+
+    def _claim(self, hw: int, session: int, now_ns: int) -> _Claim:
+        claim = self._claims.get((hw, session))
+        if claim is None:
+            if len(self._claims) >= CLAIMS_MAX:
+                del self._claims[min(self._claims, key=lambda key: self._claims[key].heard_ns)]
+            claim = self._claims[hw, session] = _Claim(session, now_ns)
+        return claim
+
+    def _may_follow(self, present: _Present | None, claim: _Claim, now_ns: int) -> bool:
+        if not claim.answered:
+            return False
+        if present is None:
+            return True
+        if self._connections:
+            if not claim.proven:
+                return False
+            if not present.proven:
+                return True  # the other one only said so
+        # both proven: the old one must have ended, or there are two computers
+        followed = present.heard_ns <= claim.first_ns
+        return now_ns - present.heard_ns >= (ENDED_NS if followed else ALIVE_NS)
+
+    def _is_duplicate(self, present: _Present | None, claim: _Claim) -> bool:
+        if present is None or present.heard_ns <= claim.first_ns:
+            return False
+        return claim.proven if self._connections else claim.answered
+
+    def _adopt(self, hw: int, claim: _Claim, now_ns: int) -> None:
+        if len(self._present) >= PRESENT_MAX:
+            longest = min(self._present, key=lambda key: self._present[key].heard_ns)
+            del self._present[longest]
+            self._proved_ns.pop(longest, None)
+        self._present[hw] = _Present(claim.session, claim.proven, now_ns)
+        for key in [key for key in self._claims if key[0] == hw]:
+            del self._claims[key]
+        # the answer to it comes with a hello
+        self._questions[hw] = Check(CheckKind.QUESTION, hw, digest(claim.session))
+
+    def _ask(self, hw: int, claim: _Claim, prove: bool, now_ns: int) -> bool:
+        """Whether it is worth a datagram of its own."""
+        if now_ns - claim.asked_ns < AGAIN_NS:
+            return False
+        claim.asked_ns = now_ns
+        claim.count += 1
+        by_connection = prove and self._connections
+        kind = CheckKind.PROVE if by_connection else CheckKind.QUESTION
+        self._questions[hw] = Check(kind, hw, digest(claim.session))
+        self._answer(hw, claim.session)  # it will ask the same
+        return claim.count <= HURRIES
+
+    def _forget(self, now_ns: int) -> None:
+        old = [key for key, claim in self._claims.items() if now_ns - claim.heard_ns > FORGET_NS]
+        for key in old:
+            del self._claims[key]
+
+
+def digest(session: int) -> int:
+    """What questions and answers name a session by."""
+    return int.from_bytes(blake2b(session.to_bytes(8, "little"), digest_size=4).digest(), "little")

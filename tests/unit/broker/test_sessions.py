@@ -1,0 +1,179 @@
+"""Whom a node believes: nobody who has not answered it, no new session that was not proven."""
+
+from typing import Final
+
+import pytest
+
+from swarmd.broker.core.sessions import (
+    ALIVE_NS,
+    CHECKS_MAX,
+    CLAIMS_MAX,
+    PRESENT_MAX,
+    Outcome,
+    Sessions,
+    digest,
+)
+from swarmd.broker.core.tick import Check, CheckKind
+
+MS: Final = 1_000_000
+A, B = 1, 2
+
+
+class Node:
+    """One node's sessions; says what waits in each of its datagrams."""
+
+    def __init__(self, hw: int, session: int, *, keys: bool = True) -> None:
+        self.hw = hw
+        self.session = session
+        self.sessions = Sessions(hw, session, connections=keys)
+
+    def say(self, now_ns: int) -> tuple[int, int, tuple[Check, ...]]:
+        return self.hw, self.session, self.sessions.due(now_ns)
+
+    def hear(self, said: tuple[int, int, tuple[Check, ...]], now_ns: int) -> Outcome:
+        return self.sessions.on_datagram(*said, now_ns)
+
+
+def talk(one: Node, other: Node, start_ns: int, rounds: int = 4, *, prove: bool = True) -> int:
+    """Both tick and hear each other, connections included; the instant after it."""
+    now_ns = start_ns
+    for _ in range(rounds):
+        for speaker, hearer in ((one, other), (other, one)):
+            now_ns += 50 * MS
+            if hearer.hear(speaker.say(now_ns), now_ns).prove and prove:
+                speaker.sessions.on_proof(hearer.hw, hearer.session, now_ns)
+    return now_ns
+
+
+@pytest.mark.parametrize("keys", [True, False])
+def test_two_nodes_believe_each_other_after_one_datagram_each_and_an_answer(keys: bool) -> None:
+    one, other = Node(A, 10, keys=keys), Node(B, 20, keys=keys)
+    first = other.hear(one.say(0), 0)
+    assert (first.believed, first.soon) == (False, True)
+    assert one.hear(other.say(MS), MS).believed
+    assert other.hear(one.say(2 * MS), 2 * MS).believed
+    talk(one, other, 3 * MS)
+    assert one.say(SECOND)[2] == other.say(SECOND)[2] == (), "then they say no more about it"
+
+
+def test_no_record_of_former_datagrams_is_believed_after_a_restart() -> None:
+    dead, receiver = Node(A, 10), Node(B, 20)
+    tape = []
+    for step in range(200):
+        now_ns = step * 100 * MS
+        tape.append(dead.say(now_ns))
+        receiver.hear(tape[-1], now_ns)
+        dead.hear(receiver.say(now_ns), now_ns)
+    assert receiver.sessions.present(A) == 10
+    again = Node(B, 21)
+    for step, said in enumerate(tape * 20):
+        assert not again.hear(said, step * 10 * MS).believed
+        again.say(step * 10 * MS)
+    assert again.sessions.present(A) is None
+
+
+@pytest.mark.parametrize("session", [2**64 - 2, 11, 9, 0])
+def test_another_session_is_believed_when_it_is_proven_and_the_old_one_until_then(session: int) -> None:
+    old, receiver = Node(A, 10), Node(B, 20)
+    now_ns = talk(old, receiver, 0)
+    said_only = Node(A, session)
+    for step in range(100):
+        now_ns += 50 * MS
+        receiver.hear(said_only.say(now_ns), now_ns)
+        said_only.hear(receiver.say(now_ns), now_ns)  # it answers, but has no key to prove itself with
+        if step % 2:
+            assert receiver.hear(old.say(now_ns), now_ns).believed
+    assert receiver.sessions.present(A) == 10
+    restarted = Node(A, session)
+    now_ns += 5000 * MS
+    talk(restarted, receiver, now_ns)
+    assert receiver.sessions.present(A) == session
+
+
+def test_who_proves_itself_displaces_who_was_only_first_to_say_so() -> None:
+    receiver = Node(B, 20)
+    liar, owner = Node(A, 2**64 - 2), Node(A, 10)
+    now_ns = talk(liar, receiver, 0, prove=False)
+    assert receiver.sessions.present(A) == liar.session
+    for _ in range(10):
+        now_ns += 50 * MS
+        receiver.hear(liar.say(now_ns), now_ns)
+        if owner.hear(receiver.say(now_ns), now_ns).prove:
+            receiver.sessions.on_proof(A, owner.session, now_ns)
+        receiver.hear(owner.say(now_ns), now_ns)
+    assert receiver.sessions.present(A) == owner.session
+
+
+@pytest.mark.parametrize("keys", [True, False])
+def test_of_two_computers_with_one_name_one_is_believed_and_the_other_once_it_has_gone(keys: bool) -> None:
+    receiver = Node(B, 20, keys=keys)
+    one, copy = Node(A, 10, keys=keys), Node(A, 30, keys=keys)
+    now_ns = talk(one, receiver, 0)
+    changes, duplicates, before = 0, 0, receiver.sessions.present(A)
+    told = set()
+    for _ in range(200):
+        now_ns += 50 * MS
+        asked = receiver.say(now_ns)
+        for node, other in ((one, copy), (copy, one)):
+            if node.hear(asked, now_ns).prove:
+                receiver.sessions.on_proof(A, node.session, now_ns)
+            said = node.say(now_ns)
+            duplicates += receiver.hear(said, now_ns).duplicate
+            if other.hear(said, now_ns).duplicate:
+                told.add(other.session)
+        changes += receiver.sessions.present(A) != before
+        before = receiver.sessions.present(A)
+    assert changes <= 1
+    assert duplicates > 10
+    assert told == {10, 30}, "both hear that there are two"
+    stays = one if before == copy.session else copy
+    left_ns = now_ns
+    while receiver.sessions.present(A) != stays.session:
+        now_ns += 50 * MS
+        if stays.hear(receiver.say(now_ns), now_ns).prove:
+            receiver.sessions.on_proof(A, stays.session, now_ns)
+        receiver.hear(stays.say(now_ns), now_ns)
+        assert now_ns - left_ns < 2 * ALIVE_NS
+
+
+def test_a_record_of_an_own_former_session_is_no_second_computer() -> None:
+    before, receiver = Node(A, 9), Node(B, 20)
+    talk(before, receiver, 0)
+    now = Node(A, 10)
+    for step in range(50):
+        assert not now.hear((A, 9, (Check(CheckKind.ANSWER, A, digest(9)),)), step * MS).duplicate
+
+
+def test_only_what_names_our_present_session_is_an_answer() -> None:
+    node = Node(A, 10)
+    for check in (
+        Check(CheckKind.ANSWER, A, digest(9)),
+        Check(CheckKind.ANSWER, B, digest(10)),
+        Check(CheckKind.QUESTION, A, digest(10)),
+        Check(99, A, digest(10)),
+    ):
+        assert not node.hear((B, 20, (check,)), 0).believed
+    assert node.hear((B, 20, (Check(CheckKind.ANSWER, A, digest(10)),)), 0).believed
+
+
+def test_a_flood_of_sessions_takes_bounded_room_and_bounded_words() -> None:
+    node = Node(A, 10)
+    answer = (Check(CheckKind.QUESTION, A, digest(10)),)
+    for number in range(3 * CLAIMS_MAX):
+        node.hear((100 + number, 1 + number, answer), number * MS)
+    assert len(node.sessions._claims) <= CLAIMS_MAX
+    assert len(node.say(SECOND)[2]) == CHECKS_MAX
+    assert node.sessions.waiting == CHECKS_MAX
+    believed = (Check(CheckKind.ANSWER, A, digest(10)),)
+    for number in range(PRESENT_MAX + 10):
+        node.hear((10_000 + number, 1, believed), 2 * SECOND + number)
+    assert len(node.sessions._present) == PRESENT_MAX
+
+
+def test_one_session_is_asked_at_its_pace_and_hurries_only_at_first() -> None:
+    node = Node(A, 10)
+    hurried = sum(node.hear((B, 20, ()), step * MS).soon for step in range(0, 10_000, 5))
+    assert hurried == 3
+
+
+SECOND: Final = 1000 * MS
