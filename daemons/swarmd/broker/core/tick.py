@@ -443,6 +443,8 @@ class _Reader:
         relays = tuple([self.relay() for _ in range(self.count())]) if sections & Section.RELAYS else ()
         checks: tuple[Check, ...] = ()
         if sections & Section.EXTRA:
+            if self.at == len(data):
+                raise WireError(f"tick of {len(data)} bytes: its extra parts are missing")
             while self.at < len(data):
                 kind, length = _EXTRA.unpack_from(data, self.at)
                 self.at += _EXTRA.size
