@@ -9,6 +9,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
+from swarmd.broker.core import checks
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.mesh import LinkState
 from swarmd.broker.core.sessions import Outcome, Sessions
@@ -109,7 +110,7 @@ class Datagrams:
     def tick(self, now_ns: int) -> None:
         """Composes and sends the next tick; one that cannot be composed is counted and left out."""
         try:
-            self._station.reserved_bytes = codec.checks_bytes(self._sessions.waiting)
+            self._station.reserved_bytes = checks.body_bytes(self._sessions.waiting)
             departure = self._station.compose(now_ns)
             if self._sessions.waiting:
                 tick = msgspec.structs.replace(departure.tick, checks=self._sessions.due(now_ns))

@@ -4,10 +4,11 @@ import pytest
 
 from swarmd.broker.config import Config
 from swarmd.broker.core import tick as codec
+from swarmd.broker.core.checks import Check, CheckKind
 from swarmd.broker.core.mesh import Mesh
 from swarmd.broker.core.sessions import Sessions, digest
 from swarmd.broker.core.station import Arrival, Identity, Station
-from swarmd.broker.core.tick import Check, CheckKind, Header, PlatformKind, Row, Tick
+from swarmd.broker.core.tick import Header, PlatformKind, Row, Tick
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.datagrams import Datagrams
 from swarmware.clock import Clock

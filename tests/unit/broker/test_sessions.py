@@ -4,6 +4,7 @@ from typing import Final
 
 import pytest
 
+from swarmd.broker.core.checks import Check, CheckKind
 from swarmd.broker.core.sessions import (
     ALIVE_NS,
     CHECKS_MAX,
@@ -13,7 +14,6 @@ from swarmd.broker.core.sessions import (
     Sessions,
     digest,
 )
-from swarmd.broker.core.tick import Check, CheckKind
 
 MS: Final = 1_000_000
 A, B = 1, 2

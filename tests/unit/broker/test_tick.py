@@ -10,12 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core import tick as codec
+from swarmd.broker.core.checks import Check, CheckKind
 from swarmd.broker.core.tick import (
     HOPS_MAX,
     INFINITY,
     NO_ECHO,
-    Check,
-    CheckKind,
     Echo,
     Header,
     Hello,

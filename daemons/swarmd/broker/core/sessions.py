@@ -10,7 +10,8 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import NEVER_NS, Check, CheckKind
+from swarmd.broker.core.checks import Check, CheckKind
+from swarmd.broker.core.tick import NEVER_NS
 
 ALIVE_NS: Final = 1_500_000_000
 """A session that was silent for so long has ended: idle nodes tick twice a second, one may be lost."""

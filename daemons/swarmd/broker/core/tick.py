@@ -9,6 +9,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from swarmd.broker.core import checks
+from swarmd.broker.core.checks import Check
 from swarmware.errors import WireError
 
 NEVER_NS: Final = -(1 << 62)
@@ -43,7 +45,6 @@ _MEMBER: Final = struct.Struct("<IIBB")
 _VALUE: Final = struct.Struct("<IHB")
 _RELAY: Final = struct.Struct("<IIIHHBB")
 _EXTRA: Final = struct.Struct("<BH")
-_CHECK: Final = struct.Struct("<BII")
 _CHECKS: Final = 1
 """Type of the extra part with questions and answers about sessions."""
 
@@ -153,27 +154,6 @@ class SequenceRequest(NamedTuple):
     """With LOST: the sender itself has no route, so whoever goes through it has none either."""
 
 
-class CheckKind(IntEnum):
-    """What one node has to say of another one's session."""
-
-    QUESTION = 1
-    """Is this your present session? Answer by naming ours."""
-    ANSWER = 2
-    """This is your present session: we hear you now."""
-    PROVE = 3
-    """As QUESTION, and prove it over a connection: we believe another session of yours."""
-
-
-class Check(NamedTuple):
-    """A question or answer about a session."""
-
-    kind: int
-    hw: int
-    """Whom it is for."""
-    digest: int
-    """Of that node's session, BLAKE2b-32."""
-
-
 class MemberRow(msgspec.Struct, frozen=True, gc=False):
     """Name and tree of a node that not all of the sender's neighbours hear."""
 
@@ -274,11 +254,6 @@ def member_bytes(member: MemberRow) -> int:
     return _MEMBER.size + len(member.name.encode())
 
 
-def checks_bytes(count: int) -> int:
-    """Bytes that questions and answers about sessions take in the body."""
-    return _EXTRA.size + count * _CHECK.size if count else 0
-
-
 def hello_bytes(hello: Hello) -> int:
     """Bytes that a hello takes in the body."""
     return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode())
@@ -345,8 +320,8 @@ def _encode(tick: Tick) -> bytes:
             out += (head, long, relay.payload)
     if tick.checks:
         sections |= Section.EXTRA
-        out.append(_EXTRA.pack(_CHECKS, len(tick.checks) * _CHECK.size))
-        out.extend([_CHECK.pack(*check) for check in tick.checks])
+        part = checks.encode(tick.checks)
+        out += (_EXTRA.pack(_CHECKS, len(part)), part)
     out[0] = bytes((sections,))
     return b"".join(out)
 
@@ -441,7 +416,7 @@ class _Reader:
         members = tuple([self.member() for _ in range(self.count())]) if sections & Section.MEMBERS else ()
         values = tuple([self.value() for _ in range(self.count())]) if sections & Section.VALUES else ()
         relays = tuple([self.relay() for _ in range(self.count())]) if sections & Section.RELAYS else ()
-        checks: tuple[Check, ...] = ()
+        found: tuple[Check, ...] = ()
         if sections & Section.EXTRA:
             if self.at == len(data):
                 raise WireError(f"tick of {len(data)} bytes: its extra parts are missing")
@@ -450,10 +425,10 @@ class _Reader:
                 self.at += _EXTRA.size
                 part = self.take(length)
                 if kind == _CHECKS:
-                    checks = tuple([Check(*check) for check in _CHECK.iter_unpack(part)])
+                    found = checks.decode(part)
         if self.at != len(data):
             raise WireError(f"tick: {len(data) - self.at} bytes after its last section")
-        return Tick(hello, echoes, rows, requests, members, values, relays, checks)
+        return Tick(hello, echoes, rows, requests, members, values, relays, found)
 
     def count(self) -> int:
         count = self.data[self.at]
