@@ -1,30 +1,76 @@
 """The members of a running mission, as they are heard by the node that was joined."""
 
-import asyncio
-from collections.abc import Coroutine
-from typing import Any, Final
+from typing import Final
+
+import msgspec
 
 from swarmctl.connect import Link
+from swarmctl.observing import either
+from swarmctl.survey import ask_all
 from swarmware import names
 from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.types.mission import MissionState, MissionStatus
 from swarmware.types.rpc import Empty
 
-ENDED: Final = frozenset({"done", "failed", "aborted"})
-BAD: Final = frozenset({"failed", "aborted"})
+NOT_STARTED: Final = "idle"
+"""In a run that was ordered: it was taken back before it began."""
+ENDED: Final = frozenset({"done", "failed", "aborted", NOT_STARTED})
+BAD: Final = ENDED - {"done"}
 SILENT_S: Final = 5.0
 """A member says its state once a second at least; after five of them it is not waited for."""
 
 
-async def running(link: Link) -> tuple[int, tuple[str, ...]]:
-    """The mission of the platform that is asked about: its run, and the members.
+class Ensemble(msgspec.Struct, frozen=True):
+    """A run of a mission and who takes part."""
 
-    Raises: NotFound when it has none.
+    mission: str
+    epoch: int
+    members: tuple[str, ...]
+    kinds: dict[str, str]
+    """Of the members, as far as they are known."""
+    plays: bool
+    """It has not ended for all of them."""
+
+
+async def present(link: Link) -> Ensemble:
+    """The run that is played now, else the newest that was: of the platform that `-n` names, else of any.
+
+    The one that is asked need not be a member itself.
+    Raises: NotFound when there is none.
     """
-    found = await link.ask("sys/mission/status", Empty(), MissionStatus)
-    if found.state.state == "idle":
-        raise NotFound(f"{found.platform}: no mission; expected one that was started")
-    return found.state.epoch, tuple(member.platform for member in found.members) or (found.platform,)
+    states = await _states(link)
+    if link.settings.node:
+        found = await link.ask("sys/mission/status", Empty(), MissionStatus)
+        if not found.state.epoch:
+            raise NotFound(f"{found.platform}: no mission; expected one that was started")
+        return _ensemble(found.state.epoch, {**states, found.platform: found.state}, [found])
+    runs = {state.epoch for state in states.values() if state.epoch}
+    if not runs:
+        raise NotFound(f"{link.here}: no mission is known; expected one that was started")
+    playing = {state.epoch for state in states.values() if state.epoch and state.state not in ENDED}
+    epoch = max(playing or runs)
+    asked = [name for name, state in states.items() if state.epoch == epoch]
+    answers, _ = await ask_all(link, asked, "sys/mission/status", Empty(), MissionStatus)
+    return _ensemble(epoch, states, [answer for answer in answers.values() if answer.state.epoch == epoch])
+
+
+async def _states(link: Link) -> dict[str, MissionState]:
+    """The last word of every platform, also of those that are away."""
+    others = await link.module.readers("/*/mission/state", MissionState)
+    own = await link.module.reader("mission/state", MissionState)
+    found = {name: reader.value for name, reader in others.items()} | {link.here: own.value}
+    return {name: state for name, state in found.items() if state is not None}
+
+
+def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[MissionStatus]) -> Ensemble:
+    inside = {name: state for name, state in states.items() if state.epoch == epoch}
+    kinds = {name: state.kind for name, state in inside.items()}
+    for answer in answers:
+        kinds |= {member.platform: member.kind for member in answer.members}
+    members = tuple(sorted(kinds, key=names.natural))
+    plays = any(state.state not in ENDED for state in inside.values())
+    mission = next((state.mission for state in inside.values() if state.mission), "mission")
+    return Ensemble(mission, epoch, members, kinds, plays)
 
 
 async def follow(link: Link, epoch: int, members: tuple[str, ...]) -> None:
@@ -47,7 +93,7 @@ async def follow(link: Link, epoch: int, members: tuple[str, ...]) -> None:
                 heard[platform] = (stamp_ns, now_ns)
                 silent.discard(platform)
             # a board still shows the run before until its member has taken the order
-            if state is None or state.epoch != epoch or state.state == "idle":
+            if state is None or state.epoch != epoch:
                 pass
             elif platform not in shown or told(state) != told(shown[platform]):
                 shown[platform] = state
@@ -59,15 +105,14 @@ async def follow(link: Link, epoch: int, members: tuple[str, ...]) -> None:
         ended_by = {platform for platform, state in shown.items() if state.state in ENDED}
         if ended_by | silent >= set(members):
             break
-        await _either(own.changed(), others.changed(), timeout_s=1.0)
+        await either(own.changed(), others.changed(), timeout_s=1.0)
     bad = sorted((platform for platform in ended_by if shown[platform].state in BAD), key=names.natural)
     if silent:
         raise Partial(f"mission: {', '.join(sorted(silent, key=names.natural))} fell silent before its end")
     if bad:
-        name = shown[bad[0]].mission
-        raise SwarmError(
-            f"mission {name}: ended badly at {', '.join(f'{p} ({shown[p].state})' for p in bad)}"
-        )
+        name = next((shown[p].mission for p in bad if shown[p].mission), "")
+        how = [f"{p} ({'not started' if shown[p].state == NOT_STARTED else shown[p].state})" for p in bad]
+        raise SwarmError(f"mission {name}: ended badly at {', '.join(how)}")
 
 
 def told(state: MissionState) -> object:
@@ -83,14 +128,3 @@ def _tell(link: Link, platform: str, state: MissionState) -> None:
         link.out.now(
             f"{platform:<8} {state.mission:<12} {state.state:<10} {blocks:<24} {state.text}".rstrip()
         )
-
-
-async def _either(*waits: Coroutine[Any, Any, object], timeout_s: float) -> None:
-    """Returns when the first of them does, or in time; the others are given up."""
-    tasks = [asyncio.ensure_future(wait) for wait in waits]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED, timeout=timeout_s)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)

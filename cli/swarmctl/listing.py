@@ -64,6 +64,14 @@ async def valued(link: Link, path: str) -> list[TreeEntry]:
     return entries
 
 
+async def consequence(link: Link, path: str) -> str:
+    """What the template says will happen when this is set, or a field of it; empty: nothing to ask about."""
+    platform, local = names.split(names.check_path(path.partition(".")[0]))
+    await link.reach(platform or link.here)
+    found = await _pages(link, names.join(platform or link.here, local))
+    return found.entries[0].confirm if found.entries else ""
+
+
 async def _pages(link: Link, pattern: str) -> TreeListing:
     path = f"/{link.here}/sys/tree/list"
     found = await link.ask(path, TreeList(pattern, PAGE), TreeListing)

@@ -97,18 +97,24 @@ def get(ctx: click.Context, key: str) -> None:
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
 @click.argument("key", shell_complete=completing.live_settings)
 @click.argument("value")
+@click.option("--yes", is_flag=True, help="Do not ask where the setting wants it.")
 @click.pass_context
-def set_(ctx: click.Context, key: str, value: str) -> None:
+def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
     """Set a live setting of a platform; it is checked, kept over restarts, and takes effect at once.
 
     Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """
+    from swarmctl.asking import confirm
     from swarmctl.connect import Link, run
+    from swarmctl.listing import consequence
     from swarmctl.reading import write
     from swarmctl.values import brief
 
     async def work(link: Link) -> None:
-        done = await write(link, link.path(f"config/{key}"), value)
+        path = link.path(f"config/{key}")
+        if will := await consequence(link, path):
+            confirm(yes, f"set {path}: {will}")
+        done = await write(link, path, value)
         if link.settings.json:
             link.out.document(done)
         else:

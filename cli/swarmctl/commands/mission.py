@@ -105,19 +105,31 @@ def start(
 ) -> None:
     """Give the swarm one instruction: a mission by name, folder or file.
 
+    It says who would take part, and which known platforms would not and why, and asks.
+
     Example: swarmctl mission start formation --set speed_m_s=1.0 --yes --watch
     """
+    from swarmctl.asking import confirm
     from swarmctl.connect import Link, run
     from swarmctl.ensemble import follow
     from swarmctl.missions import task
     from swarmctl.output import Column
     from swarmware.errors import Partial
-    from swarmware.types.mission import TaskAnswer
+    from swarmware.types.mission import MissionPlan, TaskAnswer
 
     wish = task(mission, members, params)
-    _confirm(yes, f"start {mission}: vehicles will move")
 
     async def work(link: Link) -> None:
+        plan = await link.ask(
+            "sys/mission/plan", wish, MissionPlan, timeout_s=max(link.settings.timeout_s, 15.0)
+        )
+        for left in plan.left_out:
+            link.out.warn(f"{left.platform}: takes no part: {left.why}")
+        without = ", ".join(left.platform for left in plan.left_out)
+        who = ", ".join(member.platform for member in plan.members)
+        confirm(
+            yes, f"start {plan.mission} with {who}{f', without {without}' if without else ''}: they will move"
+        )
         answer = await link.ask(
             "sys/mission/task", wish, TaskAnswer, timeout_s=max(link.settings.timeout_s, 15.0)
         )
@@ -174,59 +186,84 @@ def status(ctx: click.Context) -> None:
 
 
 @cmd.command()
+@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", shell_complete=completing.platforms)
 @click.pass_context
-def watch(ctx: click.Context) -> None:
-    """Follow a mission until it ends, a line for each change of a member.
+def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
+    """Follow a mission until it ends, a line for each change of a member, or of the members that are named.
 
     Example: swarmctl mission watch --json
     """
     from swarmctl.connect import Link, run
-    from swarmctl.ensemble import follow, running
+    from swarmctl.ensemble import follow, present
+    from swarmware.errors import NotFound
 
     async def work(link: Link) -> None:
-        await follow(link, *await running(link))
+        found = await present(link)
+        if strangers := [name for name in platforms if name not in found.members]:
+            members = ", ".join(found.members)
+            raise NotFound(f"{strangers[0]}: no member of {found.mission}; expected some of {members}")
+        await follow(link, found.epoch, platforms or found.members)
 
     run(settings(ctx), work)
 
 
 @cmd.command()
+@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", shell_complete=completing.platforms)
 @click.option("--reason", default="operator", help="Why; it stands in every log.")
-@click.option("--then", type=click.Choice(["land", "hold"]), default="land", help="What takes over.")
+@click.option(
+    "--then", type=click.Choice(["land", "hold", "return"]), default="land", help="What takes over."
+)
 @click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option(
+    "--timeout",
+    "wait_s",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0, min_open=True),
+    default=120.0,
+    help="Longest wait until it is seen to be done; default: 120.",
+)
 @click.pass_context
-def abort(ctx: click.Context, reason: str, then: str, yes: bool) -> None:
-    """Stop the running mission at all members.
+def abort(
+    ctx: click.Context, platforms: tuple[str, ...], reason: str, then: str, yes: bool, wait_s: float
+) -> None:
+    """Stop the running mission at all its members, or only at those that are named (also by -n).
+
+    It follows them until each was seen to land, to hold or to return.
 
     Example: swarmctl mission abort --then hold --yes
     """
+    from swarmctl.asking import confirm
     from swarmctl.connect import Link, run
-    from swarmware.errors import NotFound, Partial
-    from swarmware.types.mission import AbortAnswer, MissionAbort
-
-    _confirm(yes, f"abort the mission, then {then}")
+    from swarmctl.ensemble import present
+    from swarmctl.manoeuvres import manoeuvre
+    from swarmctl.observing import judge
+    from swarmctl.vehicles import choose, is_station
+    from swarmware.errors import NotFound
+    from swarmware.types.mission import MissionAbort
 
     async def work(link: Link) -> None:
-        answer = await link.ask("sys/mission/abort", MissionAbort(reason, then), AbortAnswer)
-        if link.settings.json:
-            link.out.document(answer)
+        one = link.settings.node and not await is_station(link, link.settings.node)
+        if platforms or one:
+            chosen = await choose(link, platforms)
+            said = f"abort the mission at {', '.join(chosen)} alone, then {then}; where others wait for it"
+            confirm(yes, f"{said} they take their alternative")
         else:
-            link.out.text(f"told: {', '.join(answer.told) or 'nobody'}")
-        if not answer.told and not answer.silent:
-            raise NotFound(f"{link.platform}: no mission to abort; expected one that runs")
-        if answer.silent:
-            raise Partial(f"abort: no acknowledgement from {', '.join(answer.silent)}")
+            found = await present(link)
+            if not found.plays:
+                raise NotFound(
+                    f"no mission runs at {', '.join(found.members)}; expected one"
+                    " (`swarmctl land --all` lands whatever flies)"
+                )
+            chosen = {name: found.kinds[name] for name in found.members}
+            confirm(yes, f"abort {found.mission} at {', '.join(chosen)}, then {then}")
+        seen = await manoeuvre(link, MissionAbort(reason, then), chosen, wait_s)
+        if link.settings.json:
+            told = [one.platform for one in seen if one.reached]
+            silent = [one.platform for one in seen if not one.reached]
+            link.out.document({"told": told, "silent": silent, "vehicles": seen})
+        judge("abort", seen)
 
     run(settings(ctx), work)
-
-
-def _confirm(yes: bool, what: str) -> None:
-    import sys
-
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise click.UsageError(f"{what}: expected --yes, because nobody can be asked here")
-    click.confirm(f"{what}. Go on?", abort=True, err=True)
 
 
 def _rows(found: "MissionStatus") -> "list[tuple[str, MissionState]]":

@@ -137,17 +137,24 @@ def get(ctx: click.Context, path: str, fresh: bool) -> None:
 @click.argument("path", shell_complete=completing.resources(VALUED | {"command"}, "w"))
 @click.argument("value")
 @click.option("--if-version", "version", type=int, metavar="N", help="Only if it still has this version.")
+@click.option("--yes", is_flag=True, help="Do not ask where the resource wants it, such as for arming.")
 @click.pass_context
-def set_(ctx: click.Context, path: str, value: str, version: int | None) -> None:
+def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bool) -> None:
     """Set a resource, or one of its fields; the owner checks type, range and right.
+
+    Where its template says that setting it needs a confirmation, it is asked for.
 
     Example: swarmctl tree set /uav1/config/navigator/altitude_kp 1.5
     """
+    from swarmctl.asking import confirm
     from swarmctl.connect import Link, run
+    from swarmctl.listing import consequence
     from swarmctl.reading import write
     from swarmctl.values import brief
 
     async def work(link: Link) -> None:
+        if will := await consequence(link, link.path(path)):
+            confirm(yes, f"set {link.path(path)}: {will}")
         done = await write(link, link.path(path), value, version)
         if link.settings.json:
             link.out.document(done)

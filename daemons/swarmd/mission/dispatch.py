@@ -12,12 +12,15 @@ from swarmd.mission.store import Store
 from swarmware.clock import utc_ns
 from swarmware.errors import NotFound, SwarmError
 from swarmware.mission.assign import Cast, Part, Platform, assign
+from swarmware.mission.catalogue import VEHICLES
 from swarmware.mission.folder import Folder, content_hash, files_hash, from_files
 from swarmware.module import BoardWriter, Module
-from swarmware.names import join
+from swarmware.names import join, natural
 from swarmware.types.mission import (
+    LeftOut,
     MissionAbort,
     MissionOrder,
+    MissionPlan,
     MissionReceipt,
     MissionTask,
     OrderReceipt,
@@ -53,7 +56,19 @@ class Dispatcher:
         self._accept = accept
         """Takes this platform's own order, without a network."""
 
-    async def task(self, task: MissionTask, platforms: list[Platform], instructed_ns: int) -> TaskAnswer:
+    async def plan(self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut]) -> MissionPlan:
+        """Who would play what.
+
+        Raises: as `task`.
+        """
+        folder = await self._checked(task)
+        cast = assign(folder, self._chosen(task, platforms), task.params)
+        left_out = _left_out(task, cast, platforms, absent)
+        return MissionPlan(folder.manifest.name, folder.hash, cast.members, left_out)
+
+    async def task(
+        self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut], instructed_ns: int
+    ) -> TaskAnswer:
         """Checks the mission, orders it from all members at once, and takes it back unless all accept.
 
         Raises: MissionError, NotFound, ConfigError; then no order has left.
@@ -78,7 +93,8 @@ class Dispatcher:
             await self.abort(
                 tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
             )
-        return TaskAnswer(name, folder.hash, epoch, accepted, tuple(receipts), cast.left_out, instructed_ns)
+        left_out = _left_out(task, cast, platforms, absent)
+        return TaskAnswer(name, folder.hash, epoch, accepted, tuple(receipts), left_out, instructed_ns)
 
     async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
         """Tells all these platforms to stop; those that did not acknowledge."""
@@ -164,3 +180,16 @@ class Dispatcher:
             # the own one crossed no link: it would flatter the figure
             self._receipts.write(found)
         return found
+
+
+def _left_out(
+    task: MissionTask, cast: Cast, platforms: list[Platform], absent: list[LeftOut]
+) -> tuple[LeftOut, ...]:
+    """Whoever is known and takes no part; nobody is missed where the instruction names the members."""
+    if task.members:
+        return ()
+    kinds = {platform.name: platform.kind for platform in platforms}
+    # a ground station has nothing to fly: nobody misses it
+    spare = [name for name in cast.left_out if kinds[name] in VEHICLES]
+    found = [*(LeftOut(name, f"no role for a {kinds[name]}") for name in spare), *absent]
+    return tuple(sorted(found, key=lambda left: natural(left.platform)))

@@ -15,8 +15,9 @@ from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
 from swarmd.mission.core.admission import Admission
 from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS, Announcer
+from swarmd.mission.core.census import Census
 from swarmd.mission.core.member import MissionCore
-from swarmd.mission.core.phases import Phase
+from swarmd.mission.core.phases import REST, Phase
 from swarmd.mission.core.run import Limits
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.runner import Runner
@@ -28,13 +29,16 @@ from swarmware.mission.assign import Platform
 from swarmware.mission.catalogue import VEHICLES
 from swarmware.module import BoardReader, BoardSet, BoardWriter, Inbox, Meta, Module
 from swarmware.names import hardware_id
+from swarmware.security import read_roster
 from swarmware.service import Service
 from swarmware.types.mission import (
     AbortAnswer,
+    LeftOut,
     Meeting,
     MissionAbort,
     MissionList,
     MissionOrder,
+    MissionPlan,
     MissionProgress,
     MissionReceipt,
     MissionState,
@@ -118,8 +122,7 @@ class Mission(Service):
         )
         self._dispatcher = Dispatcher(module, self.config, self._store, self._checker, receipts, self._accept)
         self._others: BoardSet[MissionState] = await module.readers("/*/mission/state", MissionState)
-        self._heard: dict[str, tuple[MissionState, int]] = {}
-        self._reached: dict[str, int] = {}
+        self._census = Census(module.platform, round(self.config.lost_after_s * 1e9), self._roster())
         self._routes: BoardReader[Routes] = await module.reader("net/routes", Routes)
         self._aborts: Inbox[MissionAbort] = await module.inbox(ABORT_PATH, MissionAbort)
         await self._serve()
@@ -135,6 +138,13 @@ class Mission(Service):
             self._on_task,
             reply=TaskAnswer,
             description="One instruction to the swarm: a mission, by name or by content",
+        )
+        await module.serve(
+            "sys/mission/plan",
+            MissionTask,
+            self._on_plan,
+            reply=MissionPlan,
+            description="Who would play what, and which known platforms take no part",
         )
         await module.serve(
             "sys/mission/abort",
@@ -183,9 +193,15 @@ class Mission(Service):
         return received_ns + order.expires_ns - order.issued_ns if local_ns is None else local_ns
 
     async def _on_task(self, task: MissionTask, meta: Meta) -> TaskAnswer:
-        platforms = [Platform(self.module.platform, self._kind)]
-        platforms += [Platform(name, state.kind) for name, state in self._present().items()]
-        return await self._dispatcher.task(task, platforms, self._instructed_ns(meta))
+        return await self._dispatcher.task(task, self._platforms(), self._absent(), self._instructed_ns(meta))
+
+    async def _on_plan(self, task: MissionTask, meta: Meta) -> MissionPlan:
+        return await self._dispatcher.plan(task, self._platforms(), self._absent())
+
+    def _platforms(self) -> list[Platform]:
+        """This one and all that were heard of lately."""
+        others = (Platform(name, state.kind) for name, state in self._present().items())
+        return [Platform(self.module.platform, self._kind), *others]
 
     def _instructed_ns(self, meta: Meta) -> int:
         """When the instruction was given at this platform, or arrived here from another one."""
@@ -193,8 +209,11 @@ class Mission(Service):
         return min(meta.stamp_ns, now_ns) if meta.sender_hw == self.module.node.hardware else now_ns
 
     async def _on_abort(self, order: MissionAbort, meta: Meta) -> AbortAnswer:
-        members = tuple(member.platform for member in self._core.members)
-        told = members or (self.module.platform, *self._present())
+        states = {self.module.platform: self._now_state(), **self._present()}
+        told = tuple(name for name, state in states.items() if state.state not in REST)
+        if self._core.phase not in REST:
+            told = tuple(member.platform for member in self._core.members)
+        told = told or tuple(states)
         silent = await self._dispatcher.abort(told, order)
         return AbortAnswer(tuple(name for name in told if name not in silent), silent)
 
@@ -235,7 +254,8 @@ class Mission(Service):
             reader = self._others[platform]
             state, meta = reader.value, reader.meta
             if state is not None and meta is not None:
-                self._heard[platform] = (state, now_ns)
+                # a board may be what a platform that is long away said last
+                self._census.heard(platform, state, now_ns - round(max(reader.age_s or 0.0, 0.0) * 1e9))
                 meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
                 actions += self._core.heard(platform, state, meetings, now_ns)
         return actions
@@ -257,7 +277,7 @@ class Mission(Service):
                 now_ns = self.module.now_ns()
                 for route in routes.routes:
                     self._core.alive(route.platform, now_ns)
-                    self._reached[route.platform] = now_ns
+                    self._census.reached(route.platform, now_ns)
 
     async def _check_stored(self) -> None:
         """The verdicts are there before the first instruction, whose orders then leave at once."""
@@ -326,10 +346,20 @@ class Mission(Service):
         return msgspec.structs.replace(self._core.state(), kind=self._kind)
 
     def _present(self) -> dict[str, MissionState]:
-        """Other platforms with a mission daemon that were heard of lately."""
-        oldest_ns = self.module.now_ns() - round(self.config.lost_after_s * 1e9)
-        return {
-            name: state
-            for name, (state, at_ns) in self._heard.items()
-            if max(at_ns, self._reached.get(name, at_ns)) >= oldest_ns
-        }
+        return self._census.present(self.module.now_ns())
+
+    def _absent(self) -> list[LeftOut]:
+        return self._census.absent(self.module.now_ns())
+
+    def _roster(self) -> frozenset[str]:
+        """Members of the swarm, also those that were never heard of; none without keys."""
+        node = self.module.node
+        keys = node.config_dir / node.config.keys_dir  # an absolute one stays what it is
+        if not (keys / "roster.json").is_file():
+            return frozenset()
+        try:
+            roster = read_roster(keys / "roster.json", (keys / "root.pub").read_bytes())
+        except (SwarmError, OSError) as error:
+            log.warning("roster: %s", error)
+            return frozenset()
+        return frozenset(member.platform for member in roster.valid())

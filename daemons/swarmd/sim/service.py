@@ -161,6 +161,8 @@ class Motors:
         return state
 
     def _sender(self, meta: Meta) -> str:
+        if meta.sender is not None:
+            return str(meta.sender)
         if meta.sender_hw == self._module.node.hardware:
             return self._module.platform
         conversion = self._module.foreign.conversion(meta.sender_hw)

@@ -63,6 +63,34 @@ class OrderReceipt(msgspec.Struct, frozen=True):
 
 
 @register
+class Member(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A member of the ensemble."""
+
+    platform: str
+    role: str
+    kind: str
+
+
+@register
+class LeftOut(msgspec.Struct, frozen=True):
+    """A known platform that would take no part."""
+
+    platform: str
+    why: str
+
+
+@register
+class MissionPlan(msgspec.Struct, frozen=True):
+    """Who would play what if an instruction were given now (`sys/mission/plan`); nothing is ordered."""
+
+    mission: str
+    hash: str
+    members: tuple[Member, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    """Empty as well where the instruction itself names who takes part."""
+
+
+@register
 class TaskAnswer(msgspec.Struct, frozen=True):
     """What became of an instruction."""
 
@@ -72,19 +100,10 @@ class TaskAnswer(msgspec.Struct, frozen=True):
     accepted: bool
     """All members accepted; otherwise nobody started."""
     orders: tuple[OrderReceipt, ...]
-    left_out: tuple[str, ...] = ()
-    """Known platforms that no role wanted."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Known platforms that take no part, and why."""
     instructed_ns: int = 0
     """Ground station's hardware clock when the instruction was given there, or arrived from elsewhere."""
-
-
-@register
-class Member(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A member of the ensemble."""
-
-    platform: str
-    role: str
-    kind: str
 
 
 @register

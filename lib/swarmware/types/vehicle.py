@@ -198,7 +198,7 @@ class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     what: str
     """arm | disarm | kill."""
     by: str
-    """Platform of the sender, as its frames say; its hardware id where it is not known."""
+    """`operator@gcs` where the connection proved it, else the platform that its frames name."""
     height_m: float
     """Above the map's origin, when it came."""
     reason: str = ""

@@ -126,6 +126,18 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
         assert partial.document["silent"] == ["uav2"]
         assert ctl("tree get '/*/nav/pose.x_m'").code == 3
         assert ctl("health ls").code == 3
+        while "without uav2" not in (start := ctl("mission start formation")).err:
+            assert start.code == 2, "known to be away is one second, lost for a mission three"
+        assert "uav2: takes no part: lost: not heard of for" in start.err
+        assert "without uav2: they will move: expected --yes" in start.err
+        landed = ctl("land --all --json")
+        assert landed.code == 3
+        assert {v["platform"]: v["ok"] for v in landed.document["vehicles"]} == {
+            "uav1": True,
+            "uav2": False,
+            "ugv1": True,
+        }
+        assert ctl("land uav2").code == 4
     finally:
         os.kill(lab.pid("uav2"), signal.SIGCONT)
     while ctl("link ls -n uav2 --timeout 1").code:

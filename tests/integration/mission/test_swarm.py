@@ -3,6 +3,7 @@
 import asyncio
 from pathlib import Path
 
+import msgspec
 import pytest
 from tests.integration.mission.swarm import on_uvloop, swarm
 
@@ -12,6 +13,7 @@ from swarmware.types.mission import (
     MissionAbort,
     MissionFile,
     MissionList,
+    MissionPlan,
     MissionStatus,
     MissionTask,
     TaskAnswer,
@@ -265,6 +267,26 @@ async def test_an_instruction_that_makes_no_sense_reaches_nobody(
             await s.ask(TASK, task, TaskAnswer)
         assert s.orders == []
         assert s["ugv1"].history == []
+
+
+@on_uvloop
+async def test_a_plan_says_who_is_left_out_and_why_and_orders_nothing(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "uav1", "ugv1") as s:
+        one = MissionTask("hover", files=(hover(0.1),))
+        plan = await s.ask("sys/mission/plan", one, MissionPlan)
+        assert [member.platform for member in plan.members] == ["uav1", "ugv1"]
+        assert not plan.left_out, "a ground station has nothing to fly"
+        await s.kill("ugv1")
+        async with asyncio.timeout(10):
+            while len(plan.left_out) < 1:
+                plan = await s.ask("sys/mission/plan", one, MissionPlan)
+        assert plan.left_out[-1].platform == "ugv1"
+        assert "lost: not heard of for" in plan.left_out[-1].why
+        named = msgspec.structs.replace(one, members=("uav1",))
+        assert (await s.ask("sys/mission/plan", named, MissionPlan)).left_out == ()
+        assert s["uav1"].history == []
+        answer = await s.ask(TASK, one, TaskAnswer)
+        assert [left.platform for left in answer.left_out] == ["ugv1"]
 
 
 @on_uvloop

@@ -179,7 +179,10 @@ def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
     m.order(text, members=(A, B))
     ready = MissionState(7, "01234567", "ready", (), m.core.state().arrivals)
     m.core.heard("b", ready, (), 0)
-    m.core.on_timer(S)
+    deadline = m.core.deadline_ns()
+    assert deadline is not None
+    m.core.on_timer(deadline)
+    assert m.phase == "running"
     m.core.heard("b", MissionState(7, "01234567", "failed"), (), 2 * S)
     assert m.phase == "failed"
     assert m.core.state().text == "came to f: m ended with timeout: without b"

@@ -22,6 +22,10 @@ class Phase(StrEnum):
     ABORTED = "aborted"
 
 
+REST: Final = frozenset({Phase.IDLE, Phase.DONE, Phase.FAILED, Phase.ABORTED})
+"""Nothing is played."""
+
+
 class Event(StrEnum):
     """What moves it on."""
 

@@ -1,0 +1,78 @@
+"""`swarmctl hold`, `land` and `return`: what vehicles can do by themselves, on command."""
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from swarmctl import completing
+from swarmctl.lazy import Command
+from swarmctl.settings import settings
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def _options(wait_s: float) -> Decorator:
+    """What these commands have in common."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for decorator in (
+            click.argument("platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completing.platforms),
+            click.option("--all", "everything", is_flag=True, help="Every vehicle that is known."),
+            click.option("--reason", default="operator", help="Why; it stands in every log."),
+            click.option(
+                "--timeout",
+                "wait_s",
+                metavar="SECONDS",
+                type=click.FloatRange(min=0, min_open=True),
+                default=wait_s,
+                help=f"Longest wait until it is seen to be done; default: {wait_s:g}.",
+            ),
+            click.pass_context,
+        ):
+            function = decorator(function)
+        return function
+
+    return decorate
+
+
+def _run(
+    ctx: click.Context, then: str, platforms: tuple[str, ...], everything: bool, reason: str, wait_s: float
+) -> None:
+    from swarmctl.connect import Link, run
+    from swarmctl.manoeuvres import command
+
+    async def work(link: Link) -> None:
+        await command(link, then, platforms, wait_s, reason, everything=everything)
+
+    run(settings(ctx), work)
+
+
+@click.command(cls=Command)
+@_options(15.0)
+def hold(ctx: click.Context, **options: Any) -> None:
+    """Have vehicles stop and keep their place; a mission of theirs ends. Names may be patterns: 'uav*'.
+
+    Example: swarmctl hold uav1
+    """
+    _run(ctx, "hold", **options)
+
+
+@click.command(cls=Command)
+@_options(120.0)
+def land(ctx: click.Context, **options: Any) -> None:
+    """Have vehicles land where they are and disarm; ground vehicles stop. A mission of theirs ends.
+
+    Example: swarmctl land --all
+    """
+    _run(ctx, "land", **options)
+
+
+@click.command(cls=Command, name="return")
+@_options(420.0)
+def return_(ctx: click.Context, **options: Any) -> None:
+    """Have vehicles go back to where they were armed, land there and disarm. A mission of theirs ends.
+
+    Example: swarmctl return uav1 uav2 --timeout 120
+    """
+    _run(ctx, "return", **options)

@@ -1,0 +1,107 @@
+"""`swarmctl arm`, `disarm` and `kill`: the motors."""
+
+import click
+
+from swarmctl import completing
+from swarmctl.lazy import Command
+from swarmctl.settings import settings
+
+_WAIT_S = 10.0
+
+
+@click.command(cls=Command)
+@click.argument("platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completing.platforms)
+@click.option("--all", "everything", is_flag=True, help="Every vehicle that is known.")
+@click.option("--yes", is_flag=True, help="Do not ask; motors may turn.")
+@click.option(
+    "--timeout",
+    "wait_s",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0, min_open=True),
+    default=_WAIT_S,
+    help=f"Longest wait until it is seen to be done; default: {_WAIT_S:g}.",
+)
+@click.pass_context
+def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: bool, wait_s: float) -> None:
+    """Arm vehicles on the ground, after a question that names them. Names may be patterns: 'uav*'.
+
+    Example: swarmctl arm uav1 --yes
+    """
+    from swarmctl.asking import confirm
+    from swarmctl.connect import Link, run
+    from swarmctl.motors import ARM, command
+    from swarmctl.vehicles import choose
+    from swarmware.types.vehicle import ArmRequest
+
+    async def work(link: Link) -> None:
+        chosen = await choose(link, platforms, everything=everything)
+        confirm(yes, f"arm {', '.join(chosen)}: motors may turn")
+        await command(link, "arm", ARM, ArmRequest(True), chosen, wait_s)
+
+    run(settings(ctx), work)
+
+
+@click.command(cls=Command)
+@click.argument("platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completing.platforms)
+@click.option("--all", "everything", is_flag=True, help="Every vehicle that is known.")
+@click.option(
+    "--timeout",
+    "wait_s",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0, min_open=True),
+    default=_WAIT_S,
+    help=f"Longest wait until it is seen to be done; default: {_WAIT_S:g}.",
+)
+@click.pass_context
+def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wait_s: float) -> None:
+    """Disarm vehicles that are on the ground; one in the air refuses. Names may be patterns: 'uav*'.
+
+    Example: swarmctl disarm --all
+    """
+    from swarmctl.connect import Link, run
+    from swarmctl.motors import ARM, command
+    from swarmctl.vehicles import choose
+    from swarmware.types.vehicle import ArmRequest
+
+    async def work(link: Link) -> None:
+        chosen = await choose(link, platforms, everything=everything)
+        await command(link, "disarm", ARM, ArmRequest(False), chosen, wait_s)
+
+    run(settings(ctx), work)
+
+
+@click.command(cls=Command)
+@click.argument("platform", shell_complete=completing.platforms)
+@click.option(
+    "--confirm", "again", metavar="PLATFORM", default="", help="The same name again, instead of typing it."
+)
+@click.option("--reason", default="operator", help="Why; it stands in every log.")
+@click.option(
+    "--timeout",
+    "wait_s",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0, min_open=True),
+    default=_WAIT_S,
+    help=f"Longest wait until it is seen to be done; default: {_WAIT_S:g}.",
+)
+@click.pass_context
+def kill(ctx: click.Context, platform: str, again: str, reason: str, wait_s: float) -> None:
+    """Stop the motors of one vehicle at once, also in the air: it falls. Its name is asked for twice.
+
+    Needs neither its mission nor its navigator. There is no --yes and no pattern.
+
+    Example: swarmctl kill uav1 --confirm uav1
+    """
+    from swarmctl.asking import confirm_by_name
+    from swarmctl.connect import Link, run
+    from swarmctl.motors import KILL, command
+    from swarmware import names
+    from swarmware.types.vehicle import KillRequest
+
+    names.check_platform(platform)
+    confirm_by_name(platform, again, f"kill {platform}: motors off, in the air it falls")
+
+    async def work(link: Link) -> None:
+        await command(link, "kill", KILL, KillRequest(platform, reason), {platform: ""}, wait_s)
+
+    run(settings(ctx), work)

@@ -1,0 +1,113 @@
+"""The operator's hand on single vehicles, answered with what was seen of them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from tests.integration.cli.conftest import Ctl, Lab
+
+UP = {
+    "s": {"type": "Start", "next": "a"},
+    "a": {"type": "Arm", "next": "t"},
+    "t": {"type": "Takeoff", "altitude_m": 3, "speed_m_s": 2, "next": "w"},
+    "w": {"type": "Wait", "s": 120, "next": "l"},
+    "l": {"type": "Land", "next": "d"},
+    "d": {"type": "Disarm", "next": "e"},
+    "e": {"type": "End"},
+}
+
+
+def node(ctl: Ctl, name: str) -> dict[str, Any]:
+    found: dict[str, Any] = next(n for n in ctl("node ls --json").document["nodes"] if n["platform"] == name)
+    return found
+
+
+def test_arming_asks_shows_and_is_audited(ctl: Ctl) -> None:
+    asked = ctl("arm uav1")
+    assert asked.code == 2
+    assert "arm uav1: motors may turn: expected --yes" in asked.err
+    assert node(ctl, "uav1")["armed"] is False
+
+    done = ctl("arm 'ua*1' --yes")
+    assert done.code == 0, done.err
+    assert done.out.startswith("uav1 landed")
+    assert " armed after " in done.out
+    while not (shown := node(ctl, "uav1"))["armed"]:
+        pass
+    assert (shown["mode"], shown["battery_ratio"] > 0.5, abs(shown["height_m"]) < 1) == ("auto", True, True)
+    assert node(ctl, "gcs")["armed"] is None
+    assert {"MODE", "ARMED", "BATTERY"} < set(ctl("node ls").out.splitlines()[0].split())
+
+    hazard = ctl("""tree set /uav1/sys/vehicle/arm.armed true""")
+    assert hazard.code == 2
+    assert "/uav1/sys/vehicle/arm.armed: motors may turn: expected --yes" in hazard.err
+    assert ctl("""tree set /uav1/sys/vehicle/kill '{"platform": "uav1"}'""").code == 2
+    assert ctl("disarm uav1 uav2 --json").document["vehicles"][0]["armed"] is False
+    assert ctl("disarm uav1").out.startswith("uav1 landed")
+    orders: list[dict[str, Any]] = []
+    while [order["what"] for order in orders] != ["arm", "disarm", "disarm"]:
+        orders = [line["value"] for line in ctl("log query /uav1/vehicle/orders --json").lines[-3:]]
+    assert all(order["by"].endswith("gcs") and order["refused"] == "" for order in orders)
+
+
+def test_who_is_not_named_or_not_there_or_no_vehicle_is_refused(ctl: Ctl) -> None:
+    for command in ("hold", "land", "return", "disarm", "arm --yes"):
+        assert ctl(command).code == 2, command
+        assert ctl(f"{command} uav1 --all").code == 2, command
+        missing = ctl(f"{command} 'uav7*'")
+        assert (missing.code, "no vehicle matches" in missing.err) == (6, True), missing.err
+        station = ctl(f"{command} gcs")
+        assert (station.code, "a ground station; expected a vehicle" in station.err) == (7, True), station.err
+    assert ctl("kill nobody --confirm nobody").code == 6
+
+
+def test_vehicles_in_the_air_are_held_returned_and_killed_one_by_one(
+    lab: Lab, ctl: Ctl, tmp_path: Path
+) -> None:
+    (tmp_path / "up.json").write_text(json.dumps({"mission": UP}))
+    assert ctl("mission abort --yes").code == 6, "none runs yet"
+    start = f"mission start {tmp_path}/up.json --member uav1 --member uav2"
+    asked = ctl(start)
+    assert asked.code == 2
+    assert "start up with uav1, uav2: they will move" in asked.err
+    assert ctl(f"{start} --yes").code == 0
+    while node(ctl, "uav1")["height_m"] < 2.5 or node(ctl, "uav2")["height_m"] < 2.5:
+        pass
+    assert ctl("mission watch uav7").code == 6
+
+    # the ground station is no member, and the mission is found all the same
+    with lab.started("mission watch --json") as watch:
+        assert watch.stdout is not None
+        seen = {json.loads(watch.stdout.readline())["platform"] for _ in range(2)}
+        assert seen == {"uav1", "uav2"}
+        watch.kill()
+
+    refused = ctl("disarm uav1")
+    assert (refused.code, "disarming in the air" in refused.err) == (5, True)
+    held = ctl("hold uav1")
+    assert held.code == 0, held.err
+    assert held.out.startswith("uav1 holding ")
+    assert " armed after " in held.out
+    states = ctl("mission status --json").document["others"]
+    assert (states["uav1"]["state"], states["uav2"]["state"]) == ("aborted", "running")
+
+    assert ctl("mission abort -n uav2 --then return").code == 2
+    back = ctl("mission abort -n uav2 --then return --yes --json")
+    assert back.code == 0, back.err
+    (one,) = back.document["vehicles"]
+    assert (one["platform"], one["ok"], one["armed"], one["mission"]) == ("uav2", True, False, "aborted")
+    assert one["from_home_m"] < 3
+    assert ctl("tree get /uav1/mission/state.state").out == "aborted\n"
+
+    assert ctl("kill uav1").code == 2
+    assert ctl("kill uav1 --confirm uav2").code == 2
+    assert node(ctl, "uav1")["armed"] is True
+    killed = ctl("kill uav1 --confirm uav1 --reason test --json")
+    assert killed.code == 0, killed.err
+    assert killed.document["vehicles"][0]["armed"] is False
+    down = ctl("land --all")
+    assert down.code == 0, down.err
+    assert [line.split()[1] for line in sorted(down.out.splitlines())] == ["landed", "landed", "stopped"]
+    while "kill" not in (log := ctl("log query /uav1/vehicle/orders --json").out):
+        pass
+    assert '"reason":"test"' in log

@@ -1,0 +1,112 @@
+"""When a command to a vehicle counts as carried out, and how the result reads."""
+
+import math
+
+import pytest
+
+from swarmctl.observing import BUILT_IN, Course, Seen, Sight, judge
+from swarmware.errors import NoAnswer, Partial, SwarmError
+from swarmware.types.mission import MissionState
+from swarmware.types.vehicle import NavStatus, Pose, VehicleState
+
+S = 1_000_000_000
+DOWN = VehicleState(False, True)
+UP = VehicleState(True, False)
+HOLDING = NavStatus(3, "holding")
+
+
+def sight(
+    state: str = "done",
+    vehicle: VehicleState | None = DOWN,
+    kind: str = "uav",
+    nav: NavStatus | None = HOLDING,
+    pose: Pose | None = Pose.planar(0.0, 0.0),  # noqa: B008 - frozen
+    home: Pose | None = None,
+) -> Sight:
+    return Sight(kind, MissionState(7, "00112233", state), vehicle, nav, pose, home)
+
+
+@pytest.mark.parametrize(
+    ("command", "seen", "done"),
+    [
+        ("land", sight(), True),
+        ("land", sight(vehicle=UP), False),
+        ("land", sight(vehicle=VehicleState(True, True)), False),
+        ("land", sight(vehicle=None), False),
+        ("land", sight(kind="ugv", pose=Pose.planar(0, 0, velocity_m_s=(2.0, 0.0, 0.0))), False),
+        ("land", sight(kind="ugv"), True),
+        ("hold", sight(vehicle=UP), True),
+        ("hold", sight(vehicle=UP, pose=None), False),
+        ("hold", sight(vehicle=UP, nav=NavStatus(3, "moving")), False),
+        ("hold", sight(vehicle=UP, pose=Pose.planar(0, 0, 5, velocity_m_s=(2.0, 0.0, 0.0))), False),
+        ("hold", sight(), True),
+        ("return", sight(home=Pose.planar(1.0, 0.0)), True),
+        ("return", sight(home=Pose.planar(9.0, 0.0)), False),
+        ("return", sight(vehicle=UP, home=Pose.planar(1.0, 0.0)), False),
+    ],
+)
+def test_what_is_seen_decides_whether_it_is_done(command: str, seen: Sight, done: bool) -> None:
+    assert BUILT_IN[command](seen) is done
+
+
+def test_nothing_is_concluded_from_what_was_said_before_the_command() -> None:
+    course = Course(5, BUILT_IN["land"])
+    assert course.verdict(sight(), 5, 0) is None
+    assert course.verdict(sight(), 6, 1) is True
+
+
+def test_a_mission_that_still_plays_is_waited_for() -> None:
+    course = Course(5, BUILT_IN["land"])
+    for state in ("ready", "running", "ending", "recovering"):
+        assert course.verdict(sight(state), 6, 100 * S) is None
+
+
+def test_an_old_failure_is_not_the_answer_to_a_new_command() -> None:
+    course = Course(5, BUILT_IN["land"])
+    up = sight("failed", vehicle=UP)
+    assert course.verdict(up, 6, 0) is None
+    assert course.verdict(sight("recovering", vehicle=UP), 7, S) is None
+    assert course.verdict(sight("done"), 8, 9 * S) is True
+
+
+def test_a_vehicle_that_stays_up_after_its_mission_ended_has_failed() -> None:
+    course = Course(5, BUILT_IN["land"])
+    up = sight("failed", vehicle=UP)
+    assert course.verdict(up, 6, 0) is None
+    assert course.verdict(up, 7, 4 * S) is False
+
+
+def test_a_ground_station_has_only_to_stop() -> None:
+    course = Course(5, BUILT_IN["land"])
+    assert course.verdict(sight("running", vehicle=None, kind="gcs"), 6, 0) is None
+    assert course.verdict(sight("aborted", vehicle=None, kind="gcs"), 7, 0) is True
+
+
+def test_a_vehicle_is_described_as_it_is_seen() -> None:
+    assert sight().words() == "landed 0.0 m disarmed"
+    high = Pose.planar(0, 0, 8.04)
+    assert sight(vehicle=UP, pose=high).words() == "holding 8.0 m armed"
+    assert sight(vehicle=UP, pose=high, nav=NavStatus(3, "moving")).words() == "flying 8.0 m armed"
+    assert sight(kind="ugv").words() == "stopped 0.0 m disarmed"
+    assert sight(vehicle=None).words() == "not seen"
+    assert math.isinf(sight(pose=None).speed_m_s)
+
+
+def seen(platform: str, ok: bool, reached: bool = True, text: str = "") -> Seen:
+    return Seen(platform, ok, reached, "landed", 1.0, text=text)
+
+
+@pytest.mark.parametrize(
+    ("found", "error"),
+    [
+        ([seen("a", True), seen("b", False, False, "no answer")], Partial),
+        ([seen("a", False, False, "no answer")], NoAnswer),
+        ([seen("a", False, True, "not seen to be done within 5 s")], NoAnswer),
+        ([seen("a", False, True, "land ended: blocked")], SwarmError),
+    ],
+)
+def test_the_result_is_an_exit_code(found: list[Seen], error: type[SwarmError]) -> None:
+    with pytest.raises(error) as raised:
+        judge("land", found)
+    assert type(raised.value) is error
+    judge("land", [seen("a", True)])
