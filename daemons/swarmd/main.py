@@ -3,6 +3,7 @@
 import argparse
 import os
 import sys
+from functools import partial
 from pathlib import Path
 
 from swarmware import __version__
@@ -72,15 +73,23 @@ def _run(config_dir: Path, names: list[str]) -> int:
 
 
 def _node(config_dir: Path) -> int:
+    from swarmd.parent import Parent
     from swarmware.config import load_node
+    from swarmware.errors import ConfigError
+    from swarmware.service.births import GUARD, launch, settled, spawn_missing
+    from swarmware.service.lives import Lives
 
     node = load_node(config_dir)
+    services = list(node.services)
     if node.processes == "one":
-        return _run(config_dir, list(node.services))
-    if "guard" not in node.services:
-        from swarmware.errors import ConfigError
-
+        start = partial(launch, services, config_dir, speaks=True)
+        return Parent(start, node.platform, shared=False, lives=Lives()).run()
+    if GUARD not in services:
         raise ConfigError(
             f'{config_dir}/node.toml: processes = "per-daemon" needs the guard, which starts the others'
         )
-    return _run(config_dir, ["guard"])
+    start = partial(spawn_missing, GUARD, config_dir, node.run_path)
+    try:
+        return Parent(start, node.platform, shared=True, lives=Lives()).run()
+    finally:
+        settled(GUARD, node.run_path)

@@ -33,7 +33,7 @@ from swarmware.frame import Frame, Kind
 from swarmware.names import ANY
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, Doorbell
-from swarmware.shm.layout import readers_file
+from swarmware.shm.layout import readers_folder
 from swarmware.shm.ring import RingReader, RingWriter
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose
@@ -71,9 +71,9 @@ class RingEnd:
         self.pulls = BellPulls(folder / "bells")
         mine, self.theirs = folder / f"{side}.ring", folder / f"{1 - side}.ring"
         self.writer = RingWriter(mine, slots=4, slot_bytes=size)
-        self.bells = Bells(readers_file(mine), self.pulls)
+        self.bells = Bells(readers_folder(mine), self.pulls)
         self.doorbell = Doorbell(folder / "bells")
-        with Bells(readers_file(self.theirs), self.pulls) as bells:
+        with Bells(readers_folder(self.theirs), self.pulls) as bells:
             bells.add(self.doorbell.name)
         self.reader: RingReader | None = None
         self.running = True

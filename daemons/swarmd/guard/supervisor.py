@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Protocol
 
 from swarmware.errors import NotFound
-from swarmware.service.child import Child, newborn, settled, spawn
+from swarmware.service.births import newborn, settled, spawn
+from swarmware.service.child import Child
 
 log = logging.getLogger("swarm.guard")
 

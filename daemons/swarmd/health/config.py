@@ -84,7 +84,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     hung_s: Annotated[float, msgspec.Meta(ge=1.5, le=600)] = 4.0
     """An application without a beat for so long is hung; a beat comes every second."""
     restart_guard: bool = True
-    """Whether a guard that died or hangs is started again; never where systemd does it (guard.toml)."""
+    """Whether a guard that hangs is killed, so that it is started again; never where systemd does it."""
     sensors: tuple[str, ...] = ("sensor/*", "nav/pose")
     """Patterns of the resources whose validity is in the state of the platform."""
     ignore: tuple[str, ...] = ("app/**", "health/**")

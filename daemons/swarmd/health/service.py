@@ -1,23 +1,25 @@
 """The monitor's shell: looks at shared memory, hears of deaths, publishes state and faults."""
 
 import asyncio
+import os
+import signal
+from contextlib import suppress
 from typing import Any
 
 from swarmd.health import config as settings
 from swarmd.health.core.apps import DIED, HUNG
 from swarmd.health.core.monitor import MonitorCore, Present
-from swarmd.health.guardian import NAME as GUARD
-from swarmd.health.guardian import Guardian
 from swarmd.health.journal import JournalFile
 from swarmware import template
 from swarmware.appfile import AppEntry, AppTable
+from swarmware.appfile.trace import died
 from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
 from swarmware.master.deaths import Deaths
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
 from swarmware.node.node import APPS_TABLE
 from swarmware.service import Service
-from swarmware.shm.owner import start_ticks
+from swarmware.service.births import GUARD
 from swarmware.types import registry
 from swarmware.types.health import (
     CheckRegistration,
@@ -66,7 +68,6 @@ class Health(Service):
         self._boards: dict[str, BoardReader[Any]] = {}
         self._reports_at: dict[str, int] = {}
         self._deaths = Deaths(self._on_death)
-        self._guardian = Guardian(node, enabled=config.restart_guard)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
         self._guard_board: BoardReader[GuardStatus] | None = None
         self._shown: HealthState | None = None
@@ -101,7 +102,7 @@ class Health(Service):
         node.watch(self)
         try:
             self.poll()
-            await self._find_guard()
+            self._guard_board = await module.reader("guard/status", GuardStatus)
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._look(), name="health: look")
                 group.create_task(self._take_registrations(inbox), name="health: registrations")
@@ -109,7 +110,6 @@ class Health(Service):
             node.unwatch(self)
             node.unlisten(node.shm_dir / APPS_TABLE)
             self._deaths.close()
-            self._guardian.close()
 
     def _expect(self) -> None:
         node = self.module.node.config
@@ -119,12 +119,6 @@ class Health(Service):
             self.module.log.warning("template: %s; sensors are judged when they appear", error)
             return
         self._core.expect(found.resources)
-
-    async def _find_guard(self) -> None:
-        status = self._guard_board = await self.module.reader("guard/status", GuardStatus)
-        there_is_one = GUARD in {entry.name for entry in self._entries.values()} or status.alive
-        if not there_is_one and (before := status.value) is not None:
-            self._guardian.on_missing(before)
 
     def _node_stops(self) -> bool:
         """Services end one after the other: what depends on one that has ended is not to blame."""
@@ -153,8 +147,6 @@ class Health(Service):
             self._core.on_present(
                 Present(app_id, entry.name, entry.pid, entry.started_ns, entry.provides), now_ns
             )
-            if entry.name == GUARD:
-                self._guardian.on_present(entry)
         self._deaths.watch({entry.pid for entry in present.values()})
         self._publish(now_ns)
 
@@ -171,14 +163,10 @@ class Health(Service):
         del self._entries[entry.id]
         status = self._status(entry.name)
         said_so = status is not None and status.pid == entry.pid and status.state == "stopping"
-        if said_so or start_ticks(entry.pid) == entry.pid_start:
+        if said_so or not died(self.module.node.run_dir, entry):
             self._core.on_left(entry.id, now_ns)
-            if entry.name == GUARD:
-                self._guardian.on_left()
         else:
             self._core.on_died(entry.id, now_ns)
-            if entry.name == GUARD:
-                self._guardian.on_died()
 
     # -- looks
 
@@ -235,13 +223,23 @@ class Health(Service):
                 before = app.state
                 self._core.on_status(app, status, now_ns)
                 if app.name == GUARD and app.state == HUNG and before != HUNG:
-                    self._guardian.on_hung(app.pid)
+                    self._end_guard(app.pid)
             if app.name == GUARD:
                 guard = app
         if guard is None:
             self._core.guard = "absent"
         else:
             self._core.guard = "hung" if guard.state == HUNG else "alive"
+
+    def _end_guard(self, pid: int) -> None:
+        """It does not beat: only SIGKILL ends a process that is stopped; then any daemon starts it again."""
+        node = self.module.node
+        entry = next((one for one in self._entries.values() if one.name == GUARD), None)
+        alone = entry is not None and entry.config.get("supervisor", "self") == "self"
+        if self.config.restart_guard and alone and node.config.processes == "per-daemon":
+            self.module.log.warning("guard: no beat, pid %d is killed", pid)
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
 
     def _look_at_values(self, now_ns: int) -> None:
         for rule in self._core.limits():

@@ -10,7 +10,7 @@ from swarmware.frame import Codec, Frame
 from swarmware.node import Node
 from swarmware.resource import Kind as ResourceKind
 from swarmware.resource import Resource
-from swarmware.shm.layout import readers_file, ring_file
+from swarmware.shm.layout import readers_folder, ring_file
 from swarmware.shm.ring import RingReader
 from swarmware.types import registry
 from swarmware.types.tree import TreeItem
@@ -76,7 +76,7 @@ class Tap:
         self._path = ring_file(node.shm_dir, resource.path)
         self._ordered = resource.kind in _ORDERED
         self._ring: RingReader | None = None
-        node.listen(readers_file(self._path))
+        node.listen(readers_folder(self._path))
         node.watch(self)
         # of events, only those from now on; of a board, what there is
         self._open(after=None)
@@ -137,7 +137,7 @@ class Tap:
     def close(self) -> None:
         """Looks no more."""
         self._node.unwatch(self)
-        self._node.unlisten(readers_file(self._path))
+        self._node.unlisten(readers_folder(self._path))
         if self._ring is not None:
             self._ring.close()
             self._ring = None

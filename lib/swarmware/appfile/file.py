@@ -5,7 +5,9 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from swarmware.appfile import trace
 from swarmware.appfile.entry import AppEntry, decode, encode
+from swarmware.appfile.trace import folder
 from swarmware.clock import utc_ns
 from swarmware.errors import Conflict, Denied, WireError
 from swarmware.names import check_application
@@ -16,11 +18,6 @@ LOCK_WAIT_S = 0.1
 """Others hold the lock of a free file only to probe it, some 10 µs."""
 INSTANCES = 64
 """Instances of one application that look for a number before it is a mistake."""
-
-
-def folder(run_dir: Path) -> Path:
-    """Where the application files of a node are."""
-    return run_dir / "apps"
 
 
 class AppFile:
@@ -60,6 +57,7 @@ class AppFile:
             path = self._folder / f"{name}#{number}.toml"
             fd = _lock(path)
             if fd is not None:
+                trace.forget(path)
                 return fd, path, number
         which = f"{name}#{instance}" if instance is not None else f"every instance of {name}"
         raise Conflict(f"{self._folder}: {which} runs already; expected a free instance number")

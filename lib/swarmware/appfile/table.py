@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from swarmware.appfile.entry import AppEntry, Served, decode
-from swarmware.appfile.file import folder
+from swarmware.appfile.trace import folder
 from swarmware.errors import WireError
 from swarmware.names import natural
 from swarmware.shm.lock import held_by_other
@@ -58,8 +58,14 @@ class AppTable:
             known = self._files.get(name)
             try:
                 fd = os.open(self._folder / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-            except OSError:
+            except FileNotFoundError:
                 continue  # it left a moment ago
+            except OSError:
+                # no descriptor is free, or it is no file: whoever was known is not dead for that
+                self._folder_ns = 0
+                if known is not None:
+                    yield name, known
+                continue
             try:
                 if not held_by_other(fd):
                     continue

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from swarmware.appfile import AppEntry, AppTable
-from swarmware.appfile.file import folder
+from swarmware.appfile.trace import folder, set_aside
 from swarmware.clock import Clock
 from swarmware.errors import Conflict
 from swarmware.frame import Frame, Kind, encode
@@ -222,7 +222,7 @@ class Master:
                 path.unlink(missing_ok=True)
 
     def _tidy(self) -> bool:
-        """Removes the files of dead applications; True when there were some."""
+        """Sets the files of dead applications aside; True when there were some."""
         removed = False
         for path in folder(self._home.run_dir).glob("*.toml"):
             try:
@@ -231,7 +231,7 @@ class Master:
                 continue  # gone, or none of ours
             try:
                 if try_lock(fd) and stands_at(fd, path):
-                    path.unlink(missing_ok=True)
+                    set_aside(path)
                     removed = True
             finally:
                 os.close(fd)

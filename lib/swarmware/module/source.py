@@ -6,7 +6,7 @@ from pathlib import Path
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module.wakeup import Patience, Wakeup
 from swarmware.node import Node
-from swarmware.shm.layout import readers_file
+from swarmware.shm.layout import readers_folder
 from swarmware.shm.ring import RingReader
 
 log = logging.getLogger("swarm.module")
@@ -59,7 +59,7 @@ class Source:
         """Have the doorbell rung; look at the ring after this, not before."""
         if not self._listening:
             self._listening = True
-            self._node.listen(readers_file(self._path))
+            self._node.listen(readers_folder(self._path))
             self._node.watch(self)
 
     async def wait(self, patience: Patience) -> bool:
@@ -74,7 +74,7 @@ class Source:
         if self._listening:
             self._listening = False
             self._node.unwatch(self)
-            self._node.unlisten(readers_file(self._path))
+            self._node.unlisten(readers_folder(self._path))
         if self.ring is not None:
             self.ring.close()
             self.ring = None

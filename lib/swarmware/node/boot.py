@@ -7,6 +7,7 @@ import fcntl
 import os
 from pathlib import Path
 
+from swarmware.appfile.trace import DEAD_SUFFIX
 from swarmware.clock import utc_ns
 from swarmware.errors import Denied
 from swarmware.shm.lock import try_lock
@@ -41,7 +42,7 @@ class Boot:
 
     def _sweep(self) -> None:
         reap(self._shm_dir, self._run_dir)
-        for folder, pattern in (("apps", "*.toml"), ("p", "*.sock")):
+        for folder, pattern in (("apps", "*.toml"), ("apps", f"*{DEAD_SUFFIX}"), ("p", "*.sock")):
             for path in (self._run_dir / folder).glob(pattern):
                 path.unlink(missing_ok=True)
 

@@ -2,14 +2,17 @@
 
 import asyncio
 import contextlib
+import logging
 import os
 from collections import Counter
 from pathlib import Path
 from typing import ClassVar, Final, Protocol, Self
+from weakref import WeakSet
 
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock, utc_ns
 from swarmware.config import DEFAULT_DIR, NodeConfig, load_node
+from swarmware.errors import SwarmError
 from swarmware.master import Master
 from swarmware.names import hardware_id
 from swarmware.node.boot import Boot
@@ -24,9 +27,14 @@ APPS_TABLE: Final = "apps.readers"
 """Bells of those who want to know when applications come, go or change."""
 MIRRORS_TABLE: Final = "mirrors.readers"
 """Bells of those who want to know when a mirror of another platform's resource appears."""
+TEND_S: Final = 1.0
+"""How often a process looks whether its files in shared memory are as it made them."""
 MIRROR_SLOTS: Final = 4
 MIRROR_SLOT_BYTES: Final = 256
 """A header and a packed pose or a few numbers; a mirror grows by itself."""
+
+
+log = logging.getLogger("swarm.node")
 
 
 class Watcher(Protocol):
@@ -79,6 +87,7 @@ class Node:
         self._users = 0
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
+        self._complained = ""
         self._loop = asyncio.get_running_loop()
         self._boot = Boot(self.run_dir, self.shm_dir)
         self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._boot.boot_id)
@@ -95,7 +104,9 @@ class Node:
         )
         self._apps_bells = Bells(self.shm_dir / APPS_TABLE, self.pulls)
         self._mirror_bells = Bells(self.shm_dir / MIRRORS_TABLE, self.pulls)
+        self._publications: WeakSet[Publication] = WeakSet()
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
+        self._tending = self._loop.call_later(TEND_S, self._tend)
         self.master = Master(self, config.unit, self.shm_dir / APPS_TABLE)
         self.watch(self.master)
 
@@ -133,8 +144,11 @@ class Node:
         """Enter this process's doorbell in a table of readers; once for all who ask."""
         self._listens[readers] += 1
         if self._listens[readers] == 1:
-            with Bells(readers, self.pulls) as bells:
-                bells.add(self.doorbell.name)
+            self._enter(readers)
+
+    def _enter(self, readers: Path) -> None:
+        with Bells(readers, self.pulls) as bells:
+            bells.add(self.doorbell.name)
 
     def unlisten(self, readers: Path) -> None:
         """Undo `listen`."""
@@ -148,6 +162,32 @@ class Node:
         self.doorbell.drain()
         for watcher in tuple(self._watchers):
             watcher.poll()
+
+    # -- self-healing
+
+    def _tend(self) -> None:
+        """Looks after what this process has in shared memory: others may have damaged or removed it."""
+        self._tending = self._loop.call_later(TEND_S, self._tend)
+        for publication in list(self._publications):
+            try:
+                if publication.tend():
+                    log.warning("%s: damaged or removed; replaced", publication.path)
+            except (OSError, SwarmError) as error:
+                self._complain(f"{publication.path}: damaged or removed, and cannot be replaced: {error}")
+        missing = [readers for readers in self._listens if not (readers / self.doorbell.name).exists()]
+        for readers in missing:
+            try:
+                self._enter(readers)
+                log.warning("%s: our entry was removed; entered again", readers)
+            except (OSError, SwarmError) as error:
+                self._complain(f"{readers}: our entry was removed, and cannot be made again: {error}")
+        if missing:
+            self._on_bell()  # what was written meanwhile has rung for nobody
+
+    def _complain(self, text: str) -> None:
+        if text != self._complained:  # once, not every second
+            self._complained = text
+            log.error("%s", text)
 
     # -- news for others
 
@@ -163,7 +203,9 @@ class Node:
         Raises: RingBusy when another process writes it.
         """
         ring = ring_file(self.shm_dir, path, platform)
-        return Publication(ring, self.pulls, slots=slots, slot_bytes=slot_bytes)
+        made = Publication(ring, self.pulls, slots=slots, slot_bytes=slot_bytes)
+        self._publications.add(made)
+        return made
 
     def mirror_writer(
         self, platform: str, path: str, *, slots: int = MIRROR_SLOTS, slot_bytes: int = MIRROR_SLOT_BYTES
@@ -186,6 +228,7 @@ class Node:
         for readers in list(self._listens):
             self._listens[readers] = 1
             self.unlisten(readers)
+        self._tending.cancel()
         self._loop.remove_reader(self.doorbell.fd)
         self.post.close()
         self._apps_bells.close()

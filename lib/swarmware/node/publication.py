@@ -6,8 +6,9 @@ from typing import Final
 from swarmware.errors import OutOfRange
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls
-from swarmware.shm.layout import MAX_SLOT_BYTES, readers_file
+from swarmware.shm.layout import MAX_SLOT_BYTES, readers_folder
 from swarmware.shm.ring import RingWriter
+from swarmware.shm.ringfile import Heritage
 
 ALIGN: Final = 256
 """Slots grow in steps of this many bytes."""
@@ -23,7 +24,9 @@ class Publication:
         self._mode = mode
         self._slots = slots
         self._ring = RingWriter(path, slots=slots, slot_bytes=slot_bytes, mode=mode)
-        self._bells = Bells(readers_file(path), pulls)
+        self._heritage: Heritage | None = None
+        """Of a damaged ring that could not be replaced yet."""
+        self._bells = Bells(readers_folder(path), pulls)
         self._bells.ring()  # readers may have been waiting for a writer to come
 
     @property
@@ -33,6 +36,8 @@ class Publication:
 
     def publish(self, data: bytes) -> int:
         """Publish one encoded frame and wake its readers; returns the ring sequence."""
+        if self._heritage is not None:
+            self._replace()
         if len(data) > self._ring.slot_bytes:
             self._grow(len(data))
         sequence = self._ring.write(data)
@@ -41,6 +46,8 @@ class Publication:
 
     def loan(self, length: int) -> memoryview:
         """The bytes of the next frame, to be filled in place; nothing is visible before `publish_loan`."""
+        if self._heritage is not None:
+            self._replace()
         if length > self._ring.slot_bytes:
             self._grow(length)
         return self._ring.loan(length)
@@ -63,6 +70,29 @@ class Publication:
         self._ring = RingWriter(
             self.path, slots=self._slots, slot_bytes=min(slot_bytes, MAX_SLOT_BYTES), mode=self._mode
         )
+
+    def tend(self) -> bool:
+        """Replaces the ring if somebody has damaged or removed its file; True: it was.
+
+        Raises: as the constructor; it is then tried again with the next frame.
+        """
+        if self._heritage is None:
+            if self._ring.intact():
+                return False
+            self._heritage = self._ring.discard()
+        self._replace()
+        return True
+
+    def _replace(self) -> None:
+        self._ring = RingWriter(
+            self.path,
+            slots=self._slots,
+            slot_bytes=self._ring.slot_bytes,
+            mode=self._mode,
+            heritage=self._heritage,
+        )
+        self._heritage = None
+        self._bells.ring()
 
     def close(self, *, unlink: bool = True) -> None:
         """Stop writing; without `unlink` the newest frames stay readable until the node ends."""

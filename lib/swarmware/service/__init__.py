@@ -1,8 +1,20 @@
 """Services: one class with `run()`, alone in a process or with others (S1.3, S1.12), and what runs them.
 
-Here live the base class, its runner and the words with systemd; no daemon.
+Here live the base class, its runner, the words with systemd and what keeps processes running; no daemon.
+`Service` is loaded when it is asked for: the parent of a node's processes stays small.
 """
 
-from swarmware.service.service import Service
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from swarmware.service.service import Service
 
 __all__ = ["Service"]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Service":
+        from swarmware.service.service import Service
+
+        return Service
+    raise AttributeError(f"module 'swarmware.service' has no attribute {name!r}")

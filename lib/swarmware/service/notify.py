@@ -35,6 +35,10 @@ class Notifier:
         """A line for `systemctl status`."""
         self._send(f"STATUS={text}")
 
+    def restarted(self, count: int, reason: str) -> None:
+        """The process that does the job ended and is started again."""
+        self._send(f"STATUS=restart {count}: {reason}\nX_RESTARTS={count}\nX_REASON={reason}")
+
     def stopping(self) -> None:
         """It ends on purpose."""
         self._send("STOPPING=1\nSTATUS=stopping")

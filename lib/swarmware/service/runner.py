@@ -15,7 +15,9 @@ import uvloop
 from swarmware import config
 from swarmware.errors import SwarmError
 from swarmware.node import Node
+from swarmware.service.births import GUARD
 from swarmware.service.find import find
+from swarmware.service.guardwatch import GuardWatch
 from swarmware.service.host import Host, Prepared
 from swarmware.service.notify import Notifier
 from swarmware.service.slow import warn_if_slow
@@ -73,11 +75,14 @@ async def _serve(host: Host, notifier: Notifier, asked: asyncio.Event) -> int:
     running = asyncio.create_task(host.run(), name="services")
     ending = asyncio.create_task(asked.wait(), name="signals")
     speaking = asyncio.create_task(_speak(host, notifier), name="supervisor")
+    others = [speaking, ending]
+    if host.node.config.processes == "per-daemon" and GUARD not in host.names:
+        others.append(asyncio.create_task(GuardWatch(host.node).run(), name="guard watch"))
     try:
         await asyncio.wait([running, ending], return_when=asyncio.FIRST_COMPLETED)
-        notifier.stopping()
         if running.done():
             return _say_why(running)
+        notifier.stopping()
         log.info("stopping: %s", ", ".join(host.names))
         drain_s = max(DRAIN_S, host.stop_s)  # the guard waits for the services it has started
         try:
@@ -86,9 +91,9 @@ async def _serve(host: Host, notifier: Notifier, asked: asyncio.Event) -> int:
             log.warning("services did not finish within %s s", drain_s)
         return 0
     finally:
-        for task in (speaking, ending, running):
+        for task in (*others, running):
             task.cancel()
-        await asyncio.wait([speaking, ending, running], timeout=DRAIN_S)
+        await asyncio.wait([*others, running], timeout=DRAIN_S)
 
 
 async def _speak(host: Host, notifier: Notifier) -> None:

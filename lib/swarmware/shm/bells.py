@@ -1,18 +1,16 @@
 """The bells of a ring: wakes all who read it, and lets readers be woken."""
 
-import contextlib
+import sys
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from swarmware.errors import Conflict, NotFound, WireError
+from swarmware.errors import WireError
 from swarmware.shm.doorbell import NAME, BellPulls
 from swarmware.shm.fence import Fence
 from swarmware.shm.layout import RingFull
-from swarmware.shm.readers import ENTRIES, ReadersTable, locked_table, open_table
-
-LOCK_WAIT_S = 0.25
-"""Others hold the lock for some 50 µs; one that was stopped with it in hand must not stop us too."""
+from swarmware.shm.readers import ENTRIES, ReadersFolder, open_readers
+from swarmware.shm.ringfile import file_errors
 
 
 class Bells:
@@ -20,24 +18,23 @@ class Bells:
 
     A reader adds the name of its doorbell, once for all readers of the ring in its process, and looks at the
     ring only after that. A writer calls `ring()` after each frame, and after taking over.
-    `path`: the table, `readers_file(ring)`; neither it nor the ring need be there yet.
+    `path`: the folder, `readers_folder(ring)`; neither it nor the ring need be there yet.
     """
 
     def __init__(self, path: Path, pulls: BellPulls) -> None:
         self.path = path
         self._pulls = pulls
-        self._table: ReadersTable | None = None
-        self._seen = 0
+        self._folder: ReadersFolder | None = None
         self._names: tuple[str, ...] = ()
         self._fence = Fence()
 
     def ring(self) -> None:
         """Wake every reader, waiting for none. Those who are gone are dropped.
 
-        Raises: Denied, WireError, RingFull, and only when the table is new or has changed.
+        Raises: Denied, WireError, RingFull, and only when the folder is missing.
         """
-        self._fence()  # the frame must be visible before the table is looked at, or a new reader misses both
-        if self._table is None or self._table.generation != self._seen:
+        self._fence()  # the frame must be visible before the folder is looked at, or a new reader misses both
+        if self._folder is None or self._folder.changed():
             self._look()
         ring = self._pulls.ring
         dead = [name for name in self._names if not ring(name)]
@@ -47,62 +44,70 @@ class Bells:
     def add(self, name: str) -> None:
         """Have the doorbell rung from now on; adding it twice is the same as once.
 
-        Raises: RingFull when living readers have all entries, Conflict when the table stays locked.
+        Raises: RingFull when living readers of this user have all entries, Denied.
         """
         if not NAME.match(name):
             raise WireError(f"{self.path}: {name!r} cannot name a doorbell, expected {NAME.pattern}")
-        with locked_table(self.path, LOCK_WAIT_S, create=True) as table:
-            if name not in table.names() and not table.put(name):
-                for other in table.names():
+        with file_errors(self.path):
+            folder = self._open()
+            while not folder.add(name):
+                self.close()
+                folder = self._open()
+            if self._crowded(folder):
+                for other in folder.names(sys.maxsize):
                     if not self._pulls.ring(other):
-                        table.clear(other)
-                if not table.put(name):
-                    raise RingFull(f"{self.path}: {ENTRIES} processes read this ring, expected no more")
+                        folder.remove(other)
+                if self._crowded(folder):
+                    folder.remove(name)
+                    raise RingFull(
+                        f"{self.path}: {ENTRIES} processes of this user read this ring, expected no more"
+                    )
         self._fence()
 
     def remove(self, name: str) -> None:
-        """Have the doorbell rung no more.
-
-        Raises: Conflict when the table stays locked.
-        """
-        with contextlib.suppress(NotFound), locked_table(self.path, LOCK_WAIT_S, create=False) as table:
-            table.clear(name)
+        """Have the doorbell rung no more."""
+        folder = open_readers(self.path, create=False)
+        if folder is not None:
+            folder.remove(name)
+            folder.close()
 
     def names(self) -> tuple[str, ...]:
-        """The doorbells in the table, those of the dead included until the next `ring()`."""
+        """The doorbells in the folder, those of the dead included until the next `ring()`."""
         self._look()
         return self._names
 
+    @staticmethod
+    def _crowded(folder: ReadersFolder) -> bool:
+        folder.names()
+        return folder.crowded
+
+    def _open(self) -> ReadersFolder:
+        if self._folder is None:
+            self._folder = open_readers(self.path, create=True)
+            assert self._folder is not None
+        return self._folder
+
     def _look(self) -> None:
-        """Read the table again; map it first if need be, and make it if it is missing."""
-        while True:
-            if self._table is None or self._table.gone:
-                self.close()
-                self._table = open_table(self.path)
-                if self._table is None:
-                    with locked_table(self.path, LOCK_WAIT_S, create=True):
-                        continue
-            seen = self._table.generation
-            self._fence()
-            names = self._table.names()
-            if not self._table.gone:
-                self._seen, self._names = seen, names
-                return
+        """Lists the folder, opening the one that is at the path now if the old one has left it."""
+        if self._folder is not None and self._folder.gone:
+            self.close()
+        self._names = self._open().names()
 
     def _drop(self, dead: list[str]) -> None:
-        """Forget doorbells that nobody hears; clean the table too if that needs no waiting."""
+        """Forget doorbells that nobody hears."""
         self._names = tuple(name for name in self._names if name not in dead)
-        with contextlib.suppress(Conflict, NotFound), locked_table(self.path, 0.0, create=False) as table:
-            for name in dead:
-                if not self._pulls.ring(name):  # a new process may have taken the name meanwhile
-                    table.clear(name)
+        folder = self._open()
+        for name in dead:
+            folder.remove(name)
+            if self._pulls.ring(name):  # a new process has taken the name meanwhile
+                folder.add(name)
 
     def close(self) -> None:
-        """Let go of the table; entries stay until removed, or until their owners are gone."""
+        """Let go of the folder; entries stay until removed, or until their owners are gone."""
         self._names = ()
-        if self._table is not None:
-            self._table.close()
-            self._table = None
+        if self._folder is not None:
+            self._folder.close()
+            self._folder = None
 
     def __enter__(self) -> Self:
         return self

@@ -171,6 +171,6 @@ def ring_path(ring: Path) -> str:
     return ring.name.removesuffix(RING_SUFFIX).replace(".", "/")
 
 
-def readers_file(ring: Path) -> Path:
-    """Where the table of the readers of a ring lies; it may exist before the ring."""
+def readers_folder(ring: Path) -> Path:
+    """Where the readers of a ring are entered; it may exist before the ring."""
     return ring.with_suffix(READERS_SUFFIX)

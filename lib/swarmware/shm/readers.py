@@ -1,176 +1,131 @@
-"""The table of readers: a small file beside a ring that names the doorbells of those who read it.
+"""The readers of a ring: a folder beside it with an empty file for each doorbell to be rung.
 
-Readers write it under its lock, the writer only looks at it: one word, the generation, tells it of a change.
-It may be there before the ring: so a reader waits for a writer to come.
+Nothing is mapped and nothing is locked: an entry is there or not, whoever is killed when. The folder is
+sticky: who may read the ring may add an entry, and take away only his own. It may be there before the ring:
+so a reader waits for a writer to come.
 """
 
 import contextlib
-import mmap
+import errno
 import os
-from collections.abc import Iterator
+import stat
+from collections import Counter
 from pathlib import Path
+from typing import Final
 
-from swarmware.errors import Conflict, NotFound, WireError
+from swarmware.clock import utc_ns
+from swarmware.errors import WireError
 from swarmware.shm.doorbell import NAME
-from swarmware.shm.lock import is_regular, lock_within, stands_at
 from swarmware.shm.ringfile import file_errors
 
-MAGIC = int.from_bytes(b"SWBELLS\0", "little")
-VERSION = 1
-FILE_BYTES = 4096
-MODE = 0o660
-"""The one file in shared memory that readers write: who may read the ring may be woken by it."""
-ENTRIES = 64
+MODE: Final = 0o1770
+"""The one place in shared memory that readers write."""
+ENTRIES: Final = 64
+"""Doorbells of one user that are rung; more are a mistake, or an attack."""
+GRANULE_NS: Final = 20_000_000
+"""Two changes of a folder may bear the same time if they are closer: twice the longest tick of a kernel."""
 
-_MAGIC, _VERSION, _GENERATION, _GONE = range(4)
-_HEADER_BYTES, _NAME_BYTES = 64, 48
-_ENTRY_BYTES = 8 + _NAME_BYTES
-"""An entry: the length of the name as a word, 0 when free; then the name."""
-_STARTS = tuple(_HEADER_BYTES + i * _ENTRY_BYTES for i in range(ENTRIES))
+ATTEMPTS: Final = 100
+"""Each one is lost to another process that made or removed the folder meanwhile."""
+
+_MAKE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+_FLAGS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
-class ReadersTable:
-    """A mapped table. Changing it needs the lock, reading does not.
+class ReadersFolder:
+    """The open folder of a ring's readers. Raises: OSError."""
 
-    A name is written before its length, the generation after both: whoever reads a half-written table sees
-    the generation change later, and reads again.
-    """
+    def __init__(self, path: Path) -> None:
+        self._fd = os.open(path, _FLAGS)
+        self._seen_ns = -1
+        self.crowded = False
+        """Whether the last listing found more entries of this user than are rung."""
+        status = os.fstat(self._fd)
+        if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) != MODE:
+            os.fchmod(self._fd, MODE)  # just made: the umask has its say in mkdir
 
-    def __init__(self, fd: int, path: Path) -> None:
-        """Raises: WireError when the file is no table, or not complete yet."""
-        if not is_regular(fd) or os.fstat(fd).st_size != FILE_BYTES:
-            raise WireError(f"{path}: not a table of readers, expected a file of {FILE_BYTES} bytes")
-        self._map = mmap.mmap(fd, FILE_BYTES, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
-        self._words = memoryview(self._map).cast("Q")
-        if self._words[_MAGIC] != MAGIC or self._words[_VERSION] != VERSION:
-            self.close()
-            raise WireError(
-                f"{path}: not a table of readers of layout {VERSION}, expected SWBELLS at its start"
-            )
-
-    @property
-    def generation(self) -> int:
-        """Another number after every change."""
-        return self._words[_GENERATION]
+    def changed(self) -> bool:
+        """Whether it has to be listed (again)."""
+        return os.fstat(self._fd).st_mtime_ns != self._seen_ns
 
     @property
     def gone(self) -> bool:
-        """Whether the file has left its path, or is about to."""
-        return self._words[_GONE] != 0
+        """Whether it has left its path."""
+        return os.fstat(self._fd).st_nlink == 0
 
-    def names(self) -> tuple[str, ...]:
-        """The names in the table; what cannot be a name is passed over."""
+    def names(self, limit: int = ENTRIES) -> tuple[str, ...]:
+        """The doorbells in it; what cannot be one, or is beyond the limit of one user, is passed over."""
+        at_ns = os.fstat(self._fd).st_mtime_ns
         found = []
-        for start in _STARTS:
-            length = self._words[start // 8]
-            if 0 < length < _NAME_BYTES:
-                name = self._map[start + 8 : start + 8 + length].decode("ascii", "replace")
-                if NAME.match(name):
-                    found.append(name)
+        of_user: Counter[int] = Counter()
+        with os.scandir(self._fd) as entries:
+            for entry in entries:
+                if NAME.match(entry.name):
+                    with contextlib.suppress(FileNotFoundError):
+                        user = entry.stat(follow_symlinks=False).st_uid
+                        of_user[user] += 1
+                        if of_user[user] <= limit:
+                            found.append(entry.name)
+        self.crowded = of_user[os.geteuid()] > ENTRIES
+        # one that is added in this very moment may not change the time: look again next time
+        self._seen_ns = at_ns if utc_ns() - at_ns > GRANULE_NS else -1
         return tuple(found)
 
-    def put(self, name: str) -> bool:
-        """Take a free entry; False when there is none."""
-        for start in _STARTS:
-            if not 0 < self._words[start // 8] < _NAME_BYTES:
-                self._map[start + 8 : start + _ENTRY_BYTES] = name.encode("ascii").ljust(_NAME_BYTES, b"\0")
-                self._words[start // 8] = len(name)
-                self._changed()
-                return True
-        return False
+    def add(self, name: str) -> bool:
+        """Enter a doorbell; False when the folder has been removed meanwhile."""
+        try:
+            with contextlib.suppress(FileExistsError):
+                os.close(os.open(name, _MAKE, 0o600, dir_fd=self._fd))
+            os.utime(self._fd)  # also when the entry was there: the writer may have dropped it
+        except FileNotFoundError:
+            return False
+        return True
 
-    def clear(self, name: str) -> None:
-        """Free the entry of a name, if it has one."""
-        for start in _STARTS:
-            length = self._words[start // 8]
-            if length == len(name) and self._map[start + 8 : start + 8 + length] == name.encode("ascii"):
-                self._words[start // 8] = 0
-                self._changed()
-
-    def retire(self) -> None:
-        """Tell all who have it mapped that the file is leaving its path."""
-        self._words[_GONE] = 1
-        self._changed()
-
-    def revive(self) -> None:
-        """Take back what a reaper said that was killed before it removed the file."""
-        if self.gone:
-            self._words[_GONE] = 0
-            self._changed()
-
-    def _changed(self) -> None:
-        self._words[_GENERATION] = (self._words[_GENERATION] + 1) % (1 << 64)
+    def remove(self, name: str) -> None:
+        """Take an entry away, if it is ours to take."""
+        with contextlib.suppress(FileNotFoundError, PermissionError):
+            os.unlink(name, dir_fd=self._fd)
 
     def close(self) -> None:
-        self._words.release()
-        self._map.close()
+        """Let go of the folder."""
+        os.close(self._fd)
 
 
-def open_table(path: Path) -> ReadersTable | None:
-    """The complete table at the path, without its lock; None when it is missing, unfinished or leaving."""
-    try:
-        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return None
-    try:
-        table = ReadersTable(fd, path)
-    except WireError:
-        return None
-    finally:
-        os.close(fd)
-    if table.gone:
-        table.close()
-        return None
-    return table
+def open_readers(path: Path, *, create: bool) -> ReadersFolder | None:
+    """The folder at the path, made if it is missing, or None; what else stands there gives way to it.
 
-
-@contextlib.contextmanager
-def locked_table(path: Path, timeout_s: float, *, create: bool) -> Iterator[ReadersTable]:
-    """The table at the path for changing; unmapped at the end.
-
-    Raises: Conflict when it stays locked, NotFound when it is missing and not to be made, WireError.
+    Raises: Denied, WireError, RingFull.
     """
-    fd = _lock(path, timeout_s, create=create)
+    with file_errors(path):
+        for _ in range(ATTEMPTS):
+            try:
+                return ReadersFolder(path)
+            except FileNotFoundError:
+                if not create:
+                    return None
+                _make(path)
+            except OSError as error:
+                if error.errno not in {errno.ENOTDIR, errno.ELOOP} or not path.parent.is_dir():
+                    raise
+                with contextlib.suppress(FileNotFoundError):
+                    path.unlink()  # a file or a link: nothing of ours
+    raise WireError(f"{path}: other processes keep making and removing it")
+
+
+def _make(path: Path) -> None:
+    path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
+    with contextlib.suppress(FileExistsError):
+        path.mkdir()
+
+
+def remove_readers(path: Path) -> bool:
+    """Removes the folder with what is in it; False when a reader has come meanwhile."""
+    for entry in list(path.iterdir()):
+        entry.unlink(missing_ok=True)
     try:
-        table = ReadersTable(fd, path)
-        try:
-            table.revive()
-            yield table
-        finally:
-            table.close()
-    finally:
-        os.close(fd)
-
-
-def _lock(path: Path, timeout_s: float, *, create: bool) -> int:
-    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-    while True:
-        try:
-            with file_errors(path):
-                if create:
-                    path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
-                fd = os.open(path, flags | os.O_CREAT if create else flags, MODE)
-        except NotFound:
-            if create:
-                continue  # the folder was removed behind our back
+        path.rmdir()
+    except OSError as error:
+        if error.errno != errno.ENOTEMPTY:
             raise
-        try:
-            if not lock_within(fd, timeout_s):
-                raise Conflict(f"{path}: locked for more than {timeout_s} s, expected a moment")
-            if stands_at(fd, path):
-                with file_errors(path):
-                    _complete(fd)
-                kept, fd = fd, -1
-                return kept
-        finally:
-            if fd >= 0:
-                os.close(fd)
-
-
-def _complete(fd: int) -> None:
-    """Make an empty file, or one whose maker was killed, a table; leave any other as it is."""
-    if is_regular(fd) and os.fstat(fd).st_size <= FILE_BYTES and not any(os.pread(fd, 8, 0)):
-        os.posix_fallocate(fd, 0, FILE_BYTES)
-        os.fchmod(fd, MODE)
-        os.pwrite(fd, VERSION.to_bytes(8, "little"), _VERSION * 8)
-        os.pwrite(fd, MAGIC.to_bytes(8, "little"), _MAGIC * 8)  # last: from here on it is a table
+        return False
+    return True

@@ -14,7 +14,7 @@ from swarmware.errors import Conflict, Denied, NotFound, WireError
 from swarmware.shm import layout
 from swarmware.shm.doorbell import folder_lock, open_bell
 from swarmware.shm.lock import try_lock
-from swarmware.shm.readers import locked_table
+from swarmware.shm.readers import remove_readers
 from swarmware.shm.ringfile import unlink_ring
 
 BELLS_FOLDER = "bells"
@@ -47,9 +47,11 @@ def remove_all(shm_dir: Path, run_dir: Path) -> Reaped:
 
 
 def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
-    paths = [path for folder in _folders(shm_dir) for path in _entries(folder) if _is_file(path)]
-    rings = [path for path in paths if path.name.endswith((layout.RING_SUFFIX, _UNFINISHED))]
-    tables = [path for path in paths if path.name.endswith(layout.READERS_SUFFIX)]
+    paths = [path for folder in _folders(shm_dir) for path in _entries(folder)]
+    rings = [
+        path for path in paths if path.name.endswith((layout.RING_SUFFIX, _UNFINISHED)) and _is_file(path)
+    ]
+    tables = [path for path in paths if _is_table(path)]
     removed: list[Path] = []
     denied: list[Path] = []
     # tables after rings: a ring still there then has a living writer
@@ -73,7 +75,12 @@ def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
 
 def _folders(shm_dir: Path) -> tuple[Path, ...]:
     """The folder of the node's own rings, then those of its mirrors, one per platform."""
-    return (shm_dir, *(path for path in _entries(shm_dir) if path.is_dir() and not path.is_symlink()))
+    inner = (path for path in _entries(shm_dir) if path.is_dir() and not path.is_symlink())
+    return (shm_dir, *(path for path in inner if not _is_table(path)))
+
+
+def _is_table(path: Path) -> bool:
+    return path.name.endswith(layout.READERS_SUFFIX) and path.is_dir() and not path.is_symlink()
 
 
 def _entries(folder: Path) -> list[Path]:
@@ -110,21 +117,22 @@ def _remove_ring(path: Path, *, even_used: bool) -> bool:
 
 
 def _remove_table(path: Path, bells_dir: Path, *, even_used: bool) -> bool:
-    with locked_table(path, 0.0, create=False) as table:
-        if not even_used:
-            alive = False
-            for name in table.names():
-                fd = open_bell(bells_dir / name)
-                if fd is None:
-                    table.clear(name)
-                else:
-                    os.close(fd)
-                    alive = True
-            if alive or path.with_suffix(layout.RING_SUFFIX).exists():
-                return False
-        table.retire()
-        path.unlink()
+    if even_used:
+        return remove_readers(path)
+    alive = False
+    for entry in _entries(path):
+        fd = open_bell(bells_dir / entry.name)
+        if fd is None:
+            entry.unlink(missing_ok=True)
+        else:
+            os.close(fd)
+            alive = True
+    if alive or path.with_suffix(layout.RING_SUFFIX).exists():
+        return False
+    with contextlib.suppress(OSError):  # a reader has come meanwhile
+        path.rmdir()
         return True
+    return False
 
 
 def _remove_bell(path: Path, *, even_used: bool) -> bool:

@@ -43,13 +43,23 @@ class RingWriter:
     Raises: RingBusy when a living process writes it, RingFull without room, OutOfRange beyond the limits.
     """
 
-    def __init__(self, path: Path, *, slots: int, slot_bytes: int, mode: int = 0o640) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        slots: int,
+        slot_bytes: int,
+        mode: int = 0o640,
+        heritage: ringfile.Heritage | None = None,
+    ) -> None:
         self.path = path
         self.slots = slots
         self.slot_bytes = slot_bytes
         geometry = Geometry(slots, slot_bytes)
-        self._map, self.taken_over = ringfile.claim(path, geometry, mode)
+        self._map, self.taken_over = ringfile.claim(path, geometry, mode, heritage)
         self._words = memoryview(self._map).cast("Q")
+        self._lineage = self._words[layout.W_LINEAGE]
+        self._file = path.lstat()
         self._stride = geometry.stride
         self._checked = geometry.checked
         self._sequence = self._words[_NEWEST]
@@ -143,6 +153,41 @@ class RingWriter:
         if self._loan is not None:
             raise Conflict(f"{self.path}: a slot is on loan, expected publish() or abandon() first")
         raise OutOfRange(f"{self.path}: a frame of {length} bytes, expected 0 to {self.slot_bytes}")
+
+    def intact(self) -> bool:
+        """Whether the file at the path is still this one, whole, with our header: nobody damaged it."""
+        if self._map.closed:
+            return True
+        try:
+            found = self.path.lstat()
+        except OSError:
+            return False
+        if not os.path.samestat(found, self._file) or self._cut():
+            return False
+        words = self._words
+        return (
+            words[layout.W_NONCE] == self.nonce
+            and words[_MOVED] == 0
+            and words[_NEWEST] == self._sequence
+            and words[layout.W_STATIC_CRC] == layout.static_crc(words)
+        )
+
+    def _cut(self) -> bool:
+        """Whether the file at the path has lost pages: to touch the map of such a file ends a process."""
+        try:
+            found = self.path.lstat()
+        except OSError:
+            return False
+        return os.path.samestat(found, self._file) and found.st_size != len(self._map)
+
+    def discard(self) -> ringfile.Heritage:
+        """Let go of a damaged file; what a new writer in its place needs to go on."""
+        self.abandon()
+        if not self._cut():
+            self._words[_MOVED] = 1  # no longer at its path: readers that have it mapped must open again
+        self._words.release()
+        _close(self._map)
+        return self._lineage, self._sequence
 
     def close(self, *, unlink: bool = False) -> None:
         """Stop writing. The newest frames stay readable unless the file is unlinked."""

@@ -49,10 +49,16 @@ def open_reading(path: Path) -> int:
         return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
-def claim(path: Path, geometry: Geometry, mode: int) -> tuple[mmap.mmap, bool]:
+Heritage = tuple[int, int]
+"""Lineage and newest sequence of a ring that is replaced."""
+
+
+def claim(
+    path: Path, geometry: Geometry, mode: int, heritage: Heritage | None = None
+) -> tuple[mmap.mmap, bool]:
     """Become the one writer of the ring at the path; True: an earlier ring goes on in place.
 
-    The lock belongs to the map and goes with it.
+    The lock belongs to the map and goes with it. `heritage`: of a damaged ring, by its own writer.
     Raises: RingBusy, RingFull, Denied.
     """
     geometry.check(path)
@@ -61,10 +67,12 @@ def claim(path: Path, geometry: Geometry, mode: int) -> tuple[mmap.mmap, bool]:
             path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
             old_fd = _lock_existing(path)
             try:
-                ring = None if old_fd is None else _take_over(old_fd, path, geometry)
+                ring = None
+                if old_fd is not None and heritage is None:
+                    ring = _take_over(old_fd, path, geometry)
                 if ring is not None:
                     return ring, True
-                ring = _make(path, geometry, mode, old_fd)
+                ring = _make(path, geometry, mode, old_fd, heritage)
                 if ring is not None:
                     return ring, False
             finally:
@@ -155,7 +163,9 @@ def _newest_complete(ring: mmap.mmap, words: memoryview, geometry: Geometry) -> 
     )
 
 
-def _make(path: Path, geometry: Geometry, mode: int, old_fd: int | None) -> mmap.mmap | None:
+def _make(
+    path: Path, geometry: Geometry, mode: int, old_fd: int | None, heritage: Heritage | None
+) -> mmap.mmap | None:
     """A new ring at the path, or in the place of the locked old one; None: somebody was faster."""
     unfinished = path.with_name(path.name + layout.UNFINISHED_SUFFIX)
     fd = os.open(unfinished, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, mode)
@@ -168,9 +178,11 @@ def _make(path: Path, geometry: Geometry, mode: int, old_fd: int | None) -> mmap
             unfinished.unlink()
             return None
         try:
-            ring = _fill(fd, geometry, mode, old_fd)
+            if heritage is None:
+                heritage = (secrets.randbits(64), 0) if old_fd is None else _heritage(old_fd)
+            ring = _fill(fd, geometry, mode, heritage)
             if old_fd is not None:
-                mark_moved(old_fd)
+                os.pwrite(old_fd, b"\1", layout.W_MOVED * 8)  # damaged or not: its readers must open again
             unfinished.rename(path)
         except OSError:
             unfinished.unlink()
@@ -184,20 +196,20 @@ def _vacant(path: Path, old_fd: int | None) -> bool:
     return not path.exists() if old_fd is None else stands_at(old_fd, path)
 
 
-def _fill(fd: int, geometry: Geometry, mode: int, old_fd: int | None) -> mmap.mmap:
+def _fill(fd: int, geometry: Geometry, mode: int, heritage: Heritage) -> mmap.mmap:
     os.ftruncate(fd, 0)  # what a maker killed here before left behind
     os.posix_fallocate(fd, 0, geometry.file_bytes)  # a full file system is an error now, not a SIGBUS later
     os.fchmod(fd, mode)
     ring = _map(fd, geometry.file_bytes)
     words = memoryview(ring).cast("Q")
-    lineage, first = (secrets.randbits(64), 0) if old_fd is None else _heritage(old_fd)
+    lineage, first = heritage
     layout.write_header(words, geometry, nonce=secrets.randbits(64), lineage=lineage, first=first)
     layout.write_owner(words, Owner.current())
     words.release()
     return ring
 
 
-def _heritage(old_fd: int) -> tuple[int, int]:
+def _heritage(old_fd: int) -> Heritage:
     """Lineage and newest sequence of the ring that is replaced; a new lineage if it is none or damaged."""
     header = os.pread(old_fd, layout.HEADER_BYTES, 0)
     words = memoryview(header.ljust(layout.HEADER_BYTES, b"\0")).cast("Q")

@@ -4,7 +4,8 @@ import asyncio
 from pathlib import Path
 
 from swarmd.guard.supervisor import Systemd
-from swarmware.service.child import Child, newborn, spawn
+from swarmware.service.births import newborn, spawn
+from swarmware.service.child import Child
 from swarmware.testing import make_node, no_leaks
 
 

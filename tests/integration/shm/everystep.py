@@ -22,7 +22,7 @@ from types import CodeType, FrameType
 from swarmware.errors import NotFound
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, Doorbell
-from swarmware.shm.layout import CHECKED_SLOT_BYTES, readers_file, ring_file
+from swarmware.shm.layout import CHECKED_SLOT_BYTES, readers_folder, ring_file
 from swarmware.shm.reap import BELLS_FOLDER, reap, remove_all
 from swarmware.shm.ring import RingReader, RingWriter
 
@@ -193,14 +193,14 @@ class Add(Case):
 
     def do(self) -> Callable[[], object]:
         doorbell = Doorbell(self.folder / BELLS_FOLDER)
-        bells = Bells(readers_file(self.path), self.pulls)
+        bells = Bells(readers_folder(self.path), self.pulls)
         return lambda: bells.add(doorbell.name)
 
     def check(self, *, killed: bool) -> None:
         with (
             Doorbell(self.folder / BELLS_FOLDER) as doorbell,
-            Bells(readers_file(self.path), self.pulls) as writer,
-            Bells(readers_file(self.path), self.pulls) as reader,
+            Bells(readers_folder(self.path), self.pulls) as writer,
+            Bells(readers_folder(self.path), self.pulls) as reader,
         ):
             writer.ring()
             reader.add(doorbell.name)
@@ -216,7 +216,7 @@ class AddAtWriter(Add):
 
     def prepare(self) -> None:
         self.doorbell = Doorbell(self.folder / BELLS_FOLDER)
-        self.writer = Bells(readers_file(self.path), self.pulls)
+        self.writer = Bells(readers_folder(self.path), self.pulls)
         self.writer.add(self.doorbell.name)
         self.writer.ring()
 
@@ -232,7 +232,7 @@ class AddAtWriter(Add):
 class Remove(AddAtWriter):
     def do(self) -> Callable[[], object]:
         doorbell = Doorbell(self.folder / BELLS_FOLDER)
-        bells = Bells(readers_file(self.path), self.pulls)
+        bells = Bells(readers_folder(self.path), self.pulls)
         bells.add(doorbell.name)
         return lambda: bells.remove(doorbell.name)
 
@@ -241,7 +241,7 @@ class RingDead(AddAtWriter):
     """The child is a writer that drops a reader which is gone."""
 
     def do(self) -> Callable[[], object]:
-        bells = Bells(readers_file(self.path), self.pulls)
+        bells = Bells(readers_folder(self.path), self.pulls)
         bells.add("17-0")
         return bells.ring
 
@@ -269,7 +269,7 @@ class Reap(RingCase):
         super().prepare()
         RingWriter(ring_file(self.folder, "nav/pose", "uav1"), slots=4, slot_bytes=SMALL).close()
         self.path.with_name("x.ring.new").write_bytes(bytes(100))
-        self.table = readers_file(self.path)
+        self.table = readers_folder(self.path)
         self.writer = Bells(self.table, self.pulls)
         self.writer.add("17-0")
         (self.folder / BELLS_FOLDER).mkdir(exist_ok=True)

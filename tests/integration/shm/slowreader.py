@@ -5,14 +5,14 @@ from pathlib import Path
 
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, Doorbell
-from swarmware.shm.layout import readers_file
+from swarmware.shm.layout import readers_folder
 from swarmware.shm.ring import RingReader
 
 
 def main() -> None:
     path = Path(sys.argv[1])
     folder = path.parent / "bells"
-    with Doorbell(folder) as doorbell, Bells(readers_file(path), BellPulls(folder)) as bells:
+    with Doorbell(folder) as doorbell, Bells(readers_folder(path), BellPulls(folder)) as bells:
         bells.add(doorbell.name)
         with RingReader(path, after=0) as reader:
             print("ready", flush=True)

@@ -13,7 +13,7 @@ import pytest
 from swarmware.errors import NotFound
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, Doorbell
-from swarmware.shm.layout import RingBusy, readers_file, ring_file
+from swarmware.shm.layout import RingBusy, readers_folder, ring_file
 from swarmware.shm.reap import BELLS_FOLDER, reap
 from swarmware.shm.ring import RingReader, RingWriter
 
@@ -82,7 +82,7 @@ def test_a_writer_killed_in_a_tight_loop_leaves_whole_frames_and_its_successor_g
     chance = random.Random(slot_bytes)
     path = ring_file(folder, "nav/pose")
     pulls = BellPulls(folder / BELLS_FOLDER)
-    with Doorbell(folder / BELLS_FOLDER) as doorbell, Bells(readers_file(path), pulls) as bells:
+    with Doorbell(folder / BELLS_FOLDER) as doorbell, Bells(readers_folder(path), pulls) as bells:
         bells.add(doorbell.name)
         writers.start(path, slot_bytes, manner)
         assert doorbell.wait(30)  # registered before there was a ring
@@ -128,7 +128,7 @@ def test_a_stopped_reader_stops_nobody_and_counts_what_it_missed(folder: Path) -
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
     with (
         RingWriter(path, slots=16, slot_bytes=64) as writer,
-        Bells(readers_file(path), pulls) as bells,
+        Bells(readers_folder(path), pulls) as bells,
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
     ):
         assert process.stdout is not None
@@ -152,7 +152,7 @@ def test_a_doorbell_of_a_killed_reader_is_dropped_by_the_writer(folder: Path) ->
     path = ring_file(folder, "nav/pose")
     pulls = BellPulls(folder / BELLS_FOLDER)
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
-    with RingWriter(path, slots=4, slot_bytes=64), Bells(readers_file(path), pulls) as bells:
+    with RingWriter(path, slots=4, slot_bytes=64), Bells(readers_folder(path), pulls) as bells:
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == "ready\n"
@@ -233,7 +233,7 @@ def test_a_second_process_is_told_who_writes_and_may_after_its_death(folder: Pat
     path = ring_file(folder, "nav/pose")
     with Doorbell(folder / BELLS_FOLDER) as doorbell:
         pulls = BellPulls(folder / BELLS_FOLDER)
-        with Bells(readers_file(path), pulls) as bells:
+        with Bells(readers_folder(path), pulls) as bells:
             bells.add(doorbell.name)
         writers.start(path, 64, "write")
         assert doorbell.wait(30)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls
-from swarmware.shm.layout import readers_file
+from swarmware.shm.layout import readers_folder
 from swarmware.shm.ring import RingWriter
 
 MOST_FRAMES = 3_000_000
@@ -25,7 +25,7 @@ def frame(number: int, slot_bytes: int) -> bytes:
 
 
 def write(path: Path, slots: int, slot_bytes: int, manner: str) -> None:
-    bells = Bells(readers_file(path), BellPulls(path.parent / "bells"))
+    bells = Bells(readers_folder(path), BellPulls(path.parent / "bells"))
     writer = RingWriter(path, slots=slots, slot_bytes=slot_bytes)
     for number in range(writer.sequence + 1, writer.sequence + MOST_FRAMES):
         data = frame(number, slot_bytes)

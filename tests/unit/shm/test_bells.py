@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.errors import Conflict, WireError
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, Doorbell, open_bell
 from swarmware.shm.layout import RingFull
-from swarmware.shm.readers import ENTRIES, locked_table, open_table
+from swarmware.shm.readers import ENTRIES
 
 
 @pytest.fixture
@@ -138,7 +137,7 @@ def test_sixty_four_processes_may_read_and_the_dead_make_room(others: Bells, fol
     doorbells = [Doorbell(folder) for _ in range(ENTRIES + 1)]
     for doorbell in doorbells[:ENTRIES]:
         others.add(doorbell.name)
-    with pytest.raises(RingFull, match="64 processes read this ring"):
+    with pytest.raises(RingFull, match="64 processes of this user read this ring"):
         others.add(doorbells[ENTRIES].name)
     doorbells[5].close()
     others.add(doorbells[ENTRIES].name)
@@ -148,7 +147,7 @@ def test_sixty_four_processes_may_read_and_the_dead_make_room(others: Bells, fol
         doorbell.close()
 
 
-def test_a_table_locked_by_a_stopped_process_stops_neither_writer_nor_reader(
+def test_a_folder_locked_by_a_stopped_process_stops_neither_writer_nor_reader(
     bells: Bells, others: Bells, folder: Path
 ) -> None:
     with Doorbell(folder) as living, Doorbell(folder) as dead:
@@ -160,55 +159,73 @@ def test_a_table_locked_by_a_stopped_process_stops_neither_writer_nor_reader(
         fd = os.open(bells.path, os.O_RDONLY)
         fcntl.flock(fd, fcntl.LOCK_EX)
         bells.ring()
-        bells.ring()
         assert living.drain()
-        with pytest.raises(Conflict, match=r"locked for more than 0\.25 s"):
-            others.add(dead.name)
+        assert others.names() == (living.name,)
+        with Doorbell(folder) as third:
+            others.add(third.name)
+            bells.ring()
+            assert third.drain()
         os.close(fd)
-        assert dead.name in others.names()
+
+
+def test_a_folder_that_left_its_path_is_opened_again(bells: Bells, others: Bells, doorbell: Doorbell) -> None:
+    bells.ring()
+    bells.path.rmdir()
+    others.add(doorbell.name)
+    bells.ring()
+    assert doorbell.drain()
+
+
+def test_every_reader_that_comes_within_a_tick_of_the_kernel_is_woken(
+    bells: Bells, others: Bells, folder: Path
+) -> None:
+    doorbells = [Doorbell(folder) for _ in range(40)]
+    for doorbell in doorbells:
+        others.add(doorbell.name)
         bells.ring()
-        others.add(living.name)
+        assert doorbell.drain()
+    for doorbell in doorbells:
+        doorbell.close()
 
 
-def test_a_table_that_left_its_path_is_opened_again(bells: Bells, others: Bells, doorbell: Doorbell) -> None:
-    bells.ring()
-    with locked_table(bells.path, 1.0, create=False) as table:
-        table.retire()
-        bells.path.unlink()
-    others.add(doorbell.name)
-    bells.ring()
-    assert doorbell.drain()
-
-
-def test_a_table_whose_reaper_died_half_way_is_used_again(
-    bells: Bells, others: Bells, doorbell: Doorbell
+def test_a_name_that_the_writer_has_dropped_is_rung_again_when_it_is_entered_again(
+    bells: Bells, others: Bells, folder: Path
 ) -> None:
+    with Doorbell(folder) as first:
+        others.add(first.name)
     bells.ring()
-    with locked_table(bells.path, 1.0, create=False) as table:
-        table.retire()
-    assert open_table(bells.path) is None
-    bells.ring()
-    others.add(doorbell.name)
-    bells.ring()
-    assert doorbell.drain()
+    with Doorbell(folder) as second:
+        assert second.name == first.name
+        (bells.path / second.name).touch()  # as if dropping it had failed
+        others.add(second.name)
+        bells.ring()
+        assert second.drain()
 
 
-def test_a_table_whose_maker_died_half_way_is_completed(
-    bells: Bells, doorbell: Doorbell, others: Bells
-) -> None:
-    bells.path.write_bytes(bytes(100))
-    others.add(doorbell.name)
-    bells.ring()
-    assert doorbell.drain()
-
-
-def test_removing_from_a_table_that_is_gone_makes_none(bells: Bells, doorbell: Doorbell) -> None:
+def test_removing_from_a_folder_that_is_gone_makes_none(bells: Bells, doorbell: Doorbell) -> None:
     bells.remove(doorbell.name)
     assert not bells.path.exists()
 
 
-def test_a_foreign_file_is_refused_not_overwritten(bells: Bells) -> None:
-    bells.path.write_bytes(b"somebody's notes")
-    with pytest.raises(WireError, match="not a table of readers"):
-        bells.ring()
-    assert bells.path.read_bytes() == b"somebody's notes"
+@pytest.mark.parametrize("kind", ["empty", "garbage", "table of an older version", "link", "fifo"])
+def test_what_stands_in_the_place_of_the_folder_gives_way_to_it(
+    tmp_path: Path, bells: Bells, doorbell: Doorbell, others: Bells, kind: str
+) -> None:
+    target = tmp_path / "target"
+    target.write_bytes(b"untouched")
+    match kind:
+        case "link":
+            bells.path.symlink_to(target)
+        case "fifo":
+            os.mkfifo(bells.path)
+        case "empty":
+            bells.path.touch()
+        case "garbage":
+            bells.path.write_bytes(os.urandom(4096))
+        case _:
+            bells.path.write_bytes(b"SWBELLS\0".ljust(4096, b"\0"))
+    bells.ring()
+    others.add(doorbell.name)
+    bells.ring()
+    assert doorbell.drain()
+    assert target.read_bytes() == b"untouched"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from swarmware.errors import Conflict
-from swarmware.shm import doorbell, readers, ringfile
+from swarmware.shm import doorbell, ringfile
 from swarmware.shm import reap as reaping
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, Doorbell
@@ -114,25 +114,14 @@ def test_the_reaper_leaves_a_ring_made_after_it_looked(
     fresh[0].close()
 
 
-def test_a_reader_that_locked_a_table_just_removed_uses_the_one_at_the_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reader_whose_folder_is_removed_while_it_enters_uses_the_one_at_the_path(tmp_path: Path) -> None:
     path = tmp_path / "a.readers"
     with Doorbell(tmp_path / "bells") as bell:
         pulls = BellPulls(tmp_path / "bells")
         with Bells(path, pulls) as writer, Bells(path, pulls) as reader:
             writer.ring()
-            pending = [True]
-
-            def late(fd: int, timeout_s: float) -> bool:
-                if pending:
-                    pending.pop()
-                    with readers.locked_table(path, 1.0, create=False) as table:
-                        table.retire()
-                        path.unlink()
-                return lock_within(fd, timeout_s)
-
-            monkeypatch.setattr(readers, "lock_within", late)
+            assert reader.names() == ()  # it has the folder open
+            path.rmdir()
             reader.add(bell.name)
             writer.ring()
             assert bell.drain()

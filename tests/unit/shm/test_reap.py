@@ -7,7 +7,7 @@ import pytest
 
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, Doorbell
-from swarmware.shm.layout import readers_file, ring_file
+from swarmware.shm.layout import readers_folder, ring_file
 from swarmware.shm.reap import BELLS_FOLDER, reap, remove_all
 from swarmware.shm.ring import RingReader, RingWriter
 
@@ -58,18 +58,18 @@ def test_a_table_stays_while_its_ring_lives_or_a_reader_waits(shm_dir: Path, run
     )
     dead = Doorbell(run_dir / BELLS_FOLDER)
     for path in (written, awaited, forgotten):
-        with Bells(readers_file(path), pulls) as bells:
+        with Bells(readers_folder(path), pulls) as bells:
             bells.add(dead.name)
     with RingWriter(written, slots=4, slot_bytes=64), Doorbell(run_dir / BELLS_FOLDER) as doorbell:
-        with Bells(readers_file(awaited), pulls) as bells:
+        with Bells(readers_folder(awaited), pulls) as bells:
             bells.add(doorbell.name)
         dead.close()
-        assert reap(shm_dir, run_dir).removed == (readers_file(forgotten),)
-        with Bells(readers_file(awaited), pulls) as bells:
+        assert reap(shm_dir, run_dir).removed == (readers_folder(forgotten),)
+        with Bells(readers_folder(awaited), pulls) as bells:
             assert bells.names() == (doorbell.name,)
             bells.ring()
             assert doorbell.drain()
-    assert set(reap(shm_dir, run_dir).removed) == {written, readers_file(written), readers_file(awaited)}
+    assert set(reap(shm_dir, run_dir).removed) == {written, readers_folder(written), readers_folder(awaited)}
     assert names(shm_dir) == []
     pulls.close()
 
@@ -129,7 +129,7 @@ def test_the_end_of_a_node_removes_everything_and_the_folders(shm_dir: Path, run
         RingWriter(ring, slots=4, slot_bytes=64),
         RingReader(ring) as reader,
         Doorbell(run_dir / BELLS_FOLDER) as doorbell,
-        Bells(readers_file(ring), pulls) as bells,
+        Bells(readers_folder(ring), pulls) as bells,
     ):
         bells.add(doorbell.name)
         assert len(remove_all(shm_dir, run_dir).removed) == 3

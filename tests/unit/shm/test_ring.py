@@ -489,6 +489,6 @@ class Model(RuleBasedStateMachine):
 TestModel = Model.TestCase
 
 
-def test_the_readers_file_stands_beside_its_ring() -> None:
+def test_the_readers_folder_stands_beside_its_ring() -> None:
     ring = ring_file(Path("/shm"), "nav/pose")
-    assert layout.readers_file(ring) == Path("/shm/nav.pose.readers")
+    assert layout.readers_folder(ring) == Path("/shm/nav.pose.readers")

@@ -1,0 +1,107 @@
+"""Processes of services that were started and have not joined the node yet: one note each.
+
+Spawned, never forked: a fork would keep the locks of its parent. In a session of its own, so that a signal
+to the terminal or the end of the supervisor does not reach it.
+"""
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Final
+
+from swarmware.shm.lock import held_by_other, lock_within
+from swarmware.shm.owner import start_ticks
+
+FOLDER: Final = "births"
+"""In the run directory."""
+NODE_SOCKET: Final = "SWARMD_NODE_SOCKET"
+"""Environment: where the parent of the node's processes listens; all inherit it, the guard uses it."""
+BEAT_S: Final = 4.0
+"""A process that speaks to the parent gives a sign of life twice in this time."""
+GUARD: Final = "guard"
+LOCK_WAIT_S: Final = 2.0
+"""A start takes some milliseconds; others wait for it to see whether they are still needed."""
+_OURS: Final = frozenset({"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", "MAINPID"})
+"""Words between this process and its own supervisor."""
+
+
+def launch(names: list[str], config_dir: Path, *, speaks: bool) -> int:
+    """Starts `swarmd run NAMES` in a session of its own; its pid. Output goes where ours goes.
+
+    `speaks`: it tells the parent of the node's processes that it is ready and alive, if there is one.
+    """
+    command = [sys.executable, "-m", "swarmd", "run", *names, "--config", str(config_dir)]
+    environment = {key: value for key, value in os.environ.items() if key not in _OURS}
+    if speaks and NODE_SOCKET in environment:
+        environment["NOTIFY_SOCKET"] = environment[NODE_SOCKET]
+        environment["WATCHDOG_USEC"] = str(round(BEAT_S * 1e6))
+    # SIGINT and SIGTERM may be ignored or blocked here; a new process must not inherit that
+    return os.posix_spawn(
+        sys.executable,
+        command,
+        environment,
+        file_actions=[(os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0)],
+        setsid=True,
+        setsigmask=[],
+        setsigdef=[signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGCHLD, signal.SIGPIPE],
+    )
+
+
+def spawn(name: str, config_dir: Path, run_dir: Path) -> int:
+    """Starts the process of one service, and notes its start; its pid."""
+    pid = launch([name], config_dir, speaks=name == GUARD)
+    note(name, pid, run_dir)
+    return pid
+
+
+def note(name: str, pid: int, run_dir: Path) -> None:
+    """Writes down that this process was started for the service."""
+    folder = run_dir / FOLDER
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    (folder / name).write_text(f"{pid} {start_ticks(pid)}\n", encoding="ascii")
+
+
+def newborn(name: str, run_dir: Path) -> int:
+    """pid of a process that was started for this service and still runs; 0: none.
+
+    A supervisor killed right after a start leaves a process that has no application file yet.
+    """
+    try:
+        pid, started = map(int, (run_dir / FOLDER / name).read_text("ascii").split())
+    except (OSError, ValueError):
+        return 0
+    return pid if start_ticks(pid) == started != 0 else 0
+
+
+def settled(name: str, run_dir: Path) -> None:
+    """The service has joined the node, or its process has ended: the note of its start has served."""
+    (run_dir / FOLDER / name).unlink(missing_ok=True)
+
+
+def spawn_missing(name: str, config_dir: Path, run_dir: Path) -> int:
+    """Starts the service unless it runs or is being started, whoever else tries the same; pid, or 0.
+
+    Raises: OSError.
+    """
+    folder = run_dir / FOLDER
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        if not lock_within(fd, LOCK_WAIT_S) or newborn(name, run_dir) or _joined(name, run_dir):
+            return 0
+        return spawn(name, config_dir, run_dir)
+    finally:
+        os.close(fd)
+
+
+def _joined(name: str, run_dir: Path) -> bool:
+    """Whether its first instance holds its application file."""
+    try:
+        fd = os.open(run_dir / "apps" / f"{name}#1.toml", os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        return held_by_other(fd)
+    finally:
+        os.close(fd)

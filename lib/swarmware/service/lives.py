@@ -1,0 +1,42 @@
+"""When a process that ended is started again: with a back-off and a limit for those that do not last."""
+
+from typing import Final
+
+PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
+"""Before the first, second, … restart in a row; the last one from then on."""
+SETTLED_S: Final = 10.0
+"""A process that ran for so long after it was ready is restarted without a pause again."""
+LIMIT: Final = 20
+"""Restarts in a row after which it is given up."""
+
+
+class Lives:
+    """The lives of one process, one after the other."""
+
+    def __init__(
+        self, *, pauses_s: tuple[float, ...] = PAUSES_S, settled_s: float = SETTLED_S, limit: int = LIMIT
+    ) -> None:
+        self._pauses_s = pauses_s
+        self._settled_ns = round(settled_s * 1e9)
+        self._limit = limit
+        self._ready_ns: int | None = None
+        self._in_a_row = 0
+        self.restarts = 0
+        """In all."""
+
+    def on_ready(self, now_ns: int) -> None:
+        """The present process does its job."""
+        self._ready_ns = now_ns
+
+    def on_end(self, now_ns: int, *, killed: bool) -> float | None:
+        """Seconds to wait before the next start; None: given up.
+
+        `killed`: ended by SIGKILL from outside, which says nothing about the process if it was ready.
+        """
+        ready_ns, self._ready_ns = self._ready_ns, None
+        settled = ready_ns is not None and (killed or now_ns - ready_ns >= self._settled_ns)
+        self._in_a_row = 1 if settled else self._in_a_row + 1
+        if self._in_a_row > self._limit:
+            return None
+        self.restarts += 1
+        return self._pauses_s[min(self._in_a_row, len(self._pauses_s)) - 1]

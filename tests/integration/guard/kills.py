@@ -1,0 +1,232 @@
+"""Kills daemons of a node together, or damages what they share, again and again; seconds until it is whole.
+
+`python -m tests.integration.guard.kills --count 200 --seed 7` prints the distribution; exit code 1 when a
+trial took longer than the limit, or the node did not come back.
+"""
+
+import argparse
+import asyncio
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from swarmware.appfile import AppEntry, scan
+from swarmware.errors import NoAnswer, NotFound, WireError
+from swarmware.module import Module
+from swarmware.shm.ring import RingReader
+from swarmware.testing import make_node, spawn
+from swarmware.types.health import GuardStatus
+from swarmware.types.system import AppStatus
+
+SERVICES: Final = (
+    *("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger"),
+    *("hal", "sim", "navigator"),
+)
+LIMIT_S: Final = 5.0
+PATIENCE_S: Final = 60.0
+LOOK_S: Final = 0.01
+BEAT_S: Final = 1.2
+"""Every daemon looks at everything that it shares at least once in this time."""
+
+
+class Harm(NamedTuple):
+    """What a trial did."""
+
+    what: str
+    killed: frozenset[int] = frozenset()
+    """Processes that have to be replaced."""
+
+
+Trial = Callable[[Path, random.Random], Harm]
+"""Does its harm to the node of a root folder."""
+
+
+def living(root: Path) -> dict[str, AppEntry]:
+    """Daemons of the node by name."""
+    return {entry.name: entry for entry in scan(root / "uav1/run") if entry.name in SERVICES}
+
+
+def kill(root: Path, names: list[str]) -> Harm:
+    """SIGKILL to all of them, at once."""
+    entries = living(root)
+    killed = frozenset(entries[name].pid for name in names)
+    for pid in killed:
+        os.kill(pid, signal.SIGKILL)
+    return Harm("+".join(names), killed)
+
+
+def guard_and_health(root: Path, chance: random.Random) -> Harm:
+    """With nobody else, or a third."""
+    rest = [name for name in SERVICES if name not in {"guard", "health"}]
+    return kill(root, ["guard", "health", *chance.sample(rest, chance.randrange(2))])
+
+
+def some(root: Path, chance: random.Random) -> Harm:
+    """Two or three of any."""
+    return kill(root, chance.sample(SERVICES, chance.choice((2, 3))))
+
+
+def guard_and_another(root: Path, chance: random.Random) -> Harm:
+    """The guard and one or two others, not health."""
+    rest = [name for name in SERVICES if name not in {"guard", "health"}]
+    return kill(root, ["guard", *chance.sample(rest, chance.choice((1, 2)))])
+
+
+def everybody(root: Path, chance: random.Random) -> Harm:
+    """All of them at once."""
+    return kill(root, chance.sample(SERVICES, len(SERVICES)))
+
+
+def _shared(root: Path, suffix: str, chance: random.Random) -> Path:
+    return chance.choice(sorted((root / "uav1/shm").rglob(f"*{suffix}")))
+
+
+def cut_ring(root: Path, chance: random.Random) -> Harm:
+    """Every process that looks at it ends by SIGBUS."""
+    path = _shared(root, ".ring", chance)
+    os.truncate(path, chance.choice((0, 100, 4096)))
+    return Harm(f"cut {path.name}")
+
+
+def garble_ring(root: Path, chance: random.Random) -> Harm:
+    """Random bytes for its header."""
+    path = _shared(root, ".ring", chance)
+    with path.open("r+b") as file:
+        file.write(chance.randbytes(256))
+    return Harm(f"garbled {path.name}")
+
+
+def remove_ring(root: Path, chance: random.Random) -> Harm:
+    """Under its living writer."""
+    path = _shared(root, ".ring", chance)
+    path.unlink()
+    return Harm(f"removed {path.name}")
+
+
+def harm_readers(root: Path, chance: random.Random) -> Harm:
+    """Of all tables at once."""
+    for path in (root / "uav1/shm").rglob("*.readers"):
+        if path.is_dir():
+            for name in path.iterdir():
+                name.unlink()
+        else:
+            os.truncate(path, 0)
+    return Harm("all tables of readers emptied")
+
+
+def nested_application(root: Path, chance: random.Random) -> Harm:
+    """The file of one application cannot be read, and two daemons are killed."""
+    path = root / "uav1/run/apps/planner#1.toml"
+    path.write_text("config = " + "[" * 5000 + "]" * 5000 + "\n", "utf-8")
+    harm = some(root, chance)
+    return Harm(f"{harm.what} beside an unreadable file", harm.killed)
+
+
+TRIALS: Final[tuple[Trial, ...]] = (
+    guard_and_health,
+    guard_and_another,
+    some,
+    everybody,
+    cut_ring,
+    garble_ring,
+    remove_ring,
+    harm_readers,
+    nested_application,
+)
+
+
+def unreadable(root: Path) -> set[str]:
+    """Rings that a new reader would refuse."""
+    found = set()
+    for path in (root / "uav1/shm").rglob("*.ring"):
+        try:
+            RingReader(path).close()
+        except NotFound:
+            continue  # it left this moment
+        except WireError:
+            found.add(path.name)
+    return found
+
+
+@asynccontextmanager
+async def node(root: Path) -> AsyncIterator[Path]:
+    """All daemons, a process each; its configuration folder."""
+    config = make_node(root, services={name: {} for name in SERVICES}, processes="per-daemon")
+    async with spawn(config, ready_s=PATIENCE_S):
+        await whole(root, config, time.monotonic())
+        yield config
+
+
+async def whole(root: Path, config: Path, began_s: float, killed: frozenset[int] = frozenset()) -> float:
+    """Seconds until every daemon lives, beats and is known by the guard to run, and every ring is readable.
+
+    Raises: NoAnswer.
+    """
+    missing: set[str] = set()
+    async with Module("probe", config_dir=config) as module:
+        guard = await module.reader("guard/status", GuardStatus)
+        beats = {name: await module.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
+        while time.monotonic() - began_s < PATIENCE_S:
+            found = living(root)
+            status = guard.value
+            known = {one.name: one.pid for one in status.services if one.state == "running"} if status else {}
+            known["guard"] = found["guard"].pid if "guard" in found else 0
+            missing = {
+                name
+                for name in SERVICES
+                if name not in found
+                or found[name].pid in killed
+                or known.get(name) != found[name].pid
+                or (beat := beats[name].value) is None
+                or (beat.pid, beat.state) != (found[name].pid, "running")
+            }
+            missing |= unreadable(root)
+            if not missing:
+                return time.monotonic() - began_s
+            await asyncio.sleep(LOOK_S)
+    raise NoAnswer(f"node: not whole after {PATIENCE_S} s: {missing}")
+
+
+async def run(root: Path, trials: list[Trial], seed: int, say: Callable[[str], None]) -> list[float]:
+    """Each trial on the same node; the seconds it took."""
+    chance = random.Random(seed)
+    took: list[float] = []
+    async with node(root) as config:
+        for trial in trials:
+            began_s = time.monotonic()
+            harm = trial(root, chance)
+            if not harm.killed:
+                await asyncio.sleep(BEAT_S)  # what is to die of a damage dies when it looks at it
+            took.append(await whole(root, config, began_s, harm.killed))
+            say(f"{took[-1]:6.2f} s  {harm.what}")
+    return took
+
+
+def main() -> int:
+    """The command line."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--count", type=int, default=100)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--only", choices=[trial.__name__ for trial in TRIALS])
+    given = options.parse_args()
+    kinds = [trial for trial in TRIALS if given.only in {None, trial.__name__}]
+    trials = [kinds[number % len(kinds)] for number in range(given.count)]
+    with tempfile.TemporaryDirectory(prefix="sw") as folder:
+        took = sorted(asyncio.run(run(Path(folder), trials, given.seed, print)))
+    slow = sum(one > LIMIT_S for one in took)
+    print(
+        f"{len(took)} trials: p50 {took[len(took) // 2]:.2f} s, p95 {took[int(len(took) * 0.95)]:.2f} s, "
+        f"max {took[-1]:.2f} s; {slow} over {LIMIT_S:g} s"
+    )
+    return 1 if slow else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

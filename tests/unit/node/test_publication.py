@@ -1,0 +1,82 @@
+"""A ring whose file is damaged or removed under its living writer is replaced by it; readers go on."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmware.node.publication import Publication
+from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.ring import RingReader
+
+
+@pytest.fixture
+def publication(tmp_path: Path) -> Iterator[Publication]:
+    pulls = BellPulls(tmp_path / "bells")
+    made = Publication(tmp_path / "nav.pose.ring", pulls, slots=4, slot_bytes=64)
+    yield made
+    made.close()
+    pulls.close()
+
+
+def test_a_whole_ring_is_left_alone(publication: Publication) -> None:
+    publication.publish(b"one")
+    before = publication.path.stat().st_ino
+    assert not publication.tend()
+    assert publication.path.stat().st_ino == before
+
+
+def cut(path: Path) -> None:
+    os.truncate(path, 100)
+
+
+def grow(path: Path) -> None:
+    os.truncate(path, 8192)
+
+
+def garble(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.write(os.urandom(64))
+
+
+def swap(path: Path) -> None:
+    other = path.with_name("other")
+    other.write_bytes(path.read_bytes())
+    other.rename(path)
+
+
+def mark(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.seek(16)
+        file.write(b"\1")
+
+
+@pytest.mark.parametrize("harm", [cut, grow, garble, swap, mark, Path.unlink])
+def test_a_damaged_ring_is_replaced_and_its_sequence_goes_on(
+    publication: Publication, harm: Callable[[Path], None]
+) -> None:
+    publication.publish(b"one")
+    publication.publish(b"two")
+    harm(publication.path)
+    assert publication.tend()
+    assert not publication.tend()
+    with RingReader(publication.path, after=2) as reader:
+        assert publication.publish(b"three") == 3
+        assert reader.next() == b"three"
+        assert reader.lost == 0
+
+
+@pytest.mark.parametrize("harm", [grow, swap, mark, Path.unlink])
+def test_a_reader_of_the_old_file_is_sent_to_the_new_one(
+    publication: Publication, harm: Callable[[Path], None]
+) -> None:
+    publication.publish(b"one")
+    reader = RingReader(publication.path)
+    harm(publication.path)
+    publication.tend()
+    publication.publish(b"two")
+    assert reader.moved
+    reader = reader.reopen()
+    assert (reader.newest(), reader.next()) == (b"two", b"two")
+    reader.close()
