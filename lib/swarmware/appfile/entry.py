@@ -77,8 +77,6 @@ def decode(data: bytes, source: str) -> AppEntry:
         return msgspec.convert(document.toml(text, source, finite=False), AppEntry)
     except (ValueError, msgspec.ValidationError, ConfigError) as error:
         raise WireError(f"{source}: no application file: {error}") from error
-    except RecursionError:
-        raise WireError(f"{source}: no application file: nested too deeply") from None
 
 
 def _plain(value: Any) -> Any:

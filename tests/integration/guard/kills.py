@@ -6,12 +6,14 @@ trial took longer than the limit, or the node did not come back.
 
 import argparse
 import asyncio
+import fcntl
 import os
 import random
 import signal
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -122,9 +124,10 @@ def harm_readers(root: Path, chance: random.Random) -> Harm:
 
 
 def nested_application(root: Path, chance: random.Random) -> Harm:
-    """The file of one application cannot be read, and two daemons are killed."""
+    """A living application has a file that cannot be read, and two or three daemons are killed."""
     path = root / "uav1/run/apps/planner#1.toml"
-    path.write_text("config = " + "[" * 5000 + "]" * 5000 + "\n", "utf-8")
+    text = "config = " + "[" * 5000 + "]" * 5000 + "\n"
+    path.write_text(f"{text}# crc32 {zlib.crc32(text.encode()):08x}\n", "utf-8")
     harm = some(root, chance)
     return Harm(f"{harm.what} beside an unreadable file", harm.killed)
 
@@ -161,7 +164,9 @@ async def node(root: Path) -> AsyncIterator[Path]:
     config = make_node(root, services={name: {} for name in SERVICES}, processes="per-daemon")
     async with spawn(config, ready_s=PATIENCE_S):
         await whole(root, config, time.monotonic())
-        yield config
+        with (root / "uav1/run/apps/planner#1.toml").open("w") as held:
+            fcntl.flock(held, fcntl.LOCK_EX)  # an application that lives; what its file says comes later
+            yield config
 
 
 async def whole(root: Path, config: Path, began_s: float, killed: frozenset[int] = frozenset()) -> float:
