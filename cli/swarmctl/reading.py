@@ -53,7 +53,7 @@ async def newest(link: Link, path: str, *, fresh: bool = False) -> TreeValue:
     """
     ask = f"/{link.here}/sys/tree/get"
     found = await link.ask(ask, TreeGet(path, fresh), TreeValue, about=path)
-    if found.source != "mirror" or (found.age_s is not None and found.age_s < YOUNG_S):
+    if found.source != "mirror" or found.quality == "lost" or (found.age_s or YOUNG_S) < YOUNG_S:
         return found
     try:
         return await link.ask(ask, TreeGet(path, True), TreeValue, about=path)

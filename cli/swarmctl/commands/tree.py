@@ -102,11 +102,18 @@ def get(ctx: click.Context, path: str, fresh: bool) -> None:
 
     name, _, fields = path.partition(".")
 
+    def warn_lost(link: Link, readings: list[Reading]) -> None:
+        for reading in readings:
+            if reading.quality == "lost":
+                age = "of unknown age" if reading.age_s is None else f"{reading.age_s:.0f} s old"
+                link.out.warn(f"{reading.path}: lost; this is the last value, {age}")
+
     def shown(reading: Reading) -> str:
         return brief(reading.value) + (f" {reading.unit}" if reading.unit and not fields else "")
 
     async def one(link: Link) -> None:
         found = await read(link, link.path(name), fields, fresh=fresh)
+        warn_lost(link, [found])
         if link.settings.json:
             link.out.document(found)
             return
@@ -117,6 +124,7 @@ def get(ctx: click.Context, path: str, fresh: bool) -> None:
     async def many(link: Link) -> None:
         entries = await valued(link, name)
         found, errors = await read_all(link, [entry.path for entry in entries], fields, fresh=fresh)
+        warn_lost(link, found)
         if link.settings.json:
             link.out.document({"values": found})
         else:

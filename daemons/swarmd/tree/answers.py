@@ -150,6 +150,8 @@ class Answers:
         mirrored = None if request.fresh else self._mirrored(platform, local)
         if mirrored is not None and (mirrored.quality == Quality.LIVE or not self._reachable(platform)):
             return mirrored
+        if not self._reachable(platform):
+            raise NoAnswer(f"{request.path}: {platform} cannot be reached, and no value of it was kept here")
         # the owner knows best, also which of its paths may have been meant
         found = await self._module.request(
             f"/{platform}/sys/tree/get", TreeGet(local), TreeValue, timeout_s=self._answer_s
@@ -183,11 +185,18 @@ class Answers:
         frame = self._peek.frame(local, platform)
         if frame is None:
             return None
-        return self._value(names.join(platform, local), leaf, frame, self._age_s(frame), "mirror", None)
+        return self._value(
+            names.join(platform, local), leaf, frame, self._age_s(frame, platform), "mirror", None
+        )
 
-    def _age_s(self, frame: Frame) -> float | None:
+    def _age_s(self, frame: Frame, platform: str) -> float | None:
+        now_ns = self._module.now_ns()
         stamp_ns = self._module.foreign.to_local(frame.sender_hw, frame.stamp_ns)
-        return None if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
+        if stamp_ns is not None:
+            return (now_ns - stamp_ns) / 1e9
+        remote = self._tree.remotes.get(platform)
+        # its clock is forgotten: the value is at least as old as the silence
+        return None if remote is None or remote.up else (now_ns - remote.gone_ns) / 1e9
 
     def _value(
         self, path: str, leaf: Leaf, frame: Frame, age_s: float | None, source: str, version: int | None
@@ -361,7 +370,7 @@ class Answers:
         frame = None
         if resource.kind not in _VALUELESS:
             frame = self._peek.frame(resource.path, None if own else platform)
-        age_s = None if frame is None else self._age_s(frame)
+        age_s = None if frame is None else self._age_s(frame, platform)
         reachable = self._reachable(platform)
         return TreeEntry(
             names.join(platform, resource.path),

@@ -1,6 +1,6 @@
 """Settings of the tree (services/tree.toml)."""
 
-from typing import Annotated
+from typing import Annotated, Final
 
 import msgspec
 
@@ -8,9 +8,11 @@ from swarmd.tree.core.held import Intervals
 from swarmd.tree.core.local import Timing
 from swarmd.tree.core.remotes import Patience
 from swarmd.tree.core.tree import Limits
-from swarmware.names import Pattern
+from swarmware.names import Pattern, check_path
 from swarmware.types.tree import Rule
 
+KEPT: Final = ("nav/pose", "power/battery", "vehicle/state", "mission/state")
+"""At a ground station: where a lost vehicle was, how much energy it had, what it was doing."""
 Seconds = Annotated[float, msgspec.Meta(ge=0, le=86_400)]
 Pause = Annotated[float, msgspec.Meta(gt=0, le=600)]
 
@@ -56,12 +58,23 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Longest wait for the answer of another tree."""
     whole_swarm: bool = False
     """Keep up with the trees of all platforms; else of neighbours, and of those that somebody here reads."""
+    keep: tuple[str, ...] | None = None
+    """Local paths of every other platform whose newest value is kept, once a second, for the case that the
+    platform is lost; left out: pose, battery and state at a ground station, nothing on a vehicle."""
     rules: tuple[RuleConfig, ...] = ()
     """The first that matches a path holds for it."""
 
     def __post_init__(self) -> None:
         if not self.retry_s:
             raise ValueError("retry_s: empty; expected at least one pause")
+        for path in self.keep or ():
+            check_path(path)
+
+    def kept(self, kind: str) -> tuple[str, ...]:
+        """What is kept at a node of this kind."""
+        if self.keep is not None:
+            return self.keep
+        return KEPT if kind == "gcs" else ()
 
     def limits(self) -> Limits:
         """The same for the core."""

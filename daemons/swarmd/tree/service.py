@@ -74,6 +74,7 @@ class Tree(Service):
             limits=config.limits(),
             templates=_templates(folder),
             rules=[rule.rule() for rule in config.rules],
+            keep=config.kept(node.config.kind),
         )
         self._peek = Peek(node.shm_dir)
         self._mirrors = Mirrors(node)

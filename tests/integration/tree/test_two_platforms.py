@@ -6,13 +6,22 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.tree.pair import PATIENCE_S, on_uvloop, platforms, until
+from tests.integration.tree.pair import PATIENCE_S, SERVICES, on_uvloop, platforms, until
 
-from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
+from swarmware.errors import (
+    Conflict,
+    Denied,
+    InvalidInput,
+    NoAnswer,
+    NotFound,
+    OutOfRange,
+    SwarmError,
+    TypeMismatch,
+)
 from swarmware.resource import Kind, Resource
 from swarmware.types.scalar import Blob, Float, Int, Text
 from swarmware.types.tree import StreamLosses, TreeChange, TreeSet, TreeSetDone, TreeUndo
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.vehicle import Goal, Pose, VehicleState
 
 SPEED = Resource(
     path="config/planner/speed_m_s",
@@ -268,3 +277,37 @@ async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path
         await until(mirror, lambda value: value.value == "turn left")
         assert (await gcs.set(f"/uav1/{SPEED.path}", 3.5)).version == 1
         assert (await gcs.get(f"/uav1/{SPEED.path}")).source == "asked"
+
+
+@on_uvloop
+async def test_what_a_killed_platform_said_last_stays_readable_with_its_age(tmp_path: Path) -> None:
+    keep = {"keep": ["nav/pose", "vehicle/state"]}
+    async with platforms(tmp_path, "uav1", "gcs", tree=keep, start=False) as (uav, gcs):
+        process = await uav.start(*SERVICES)
+        await gcs.start(*SERVICES)
+        pose = await uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
+        state = await uav.probe.writer("vehicle/state", VehicleState, link="notify")
+        state.write(VehicleState(True, False))
+        async with asyncio.timeout(PATIENCE_S):
+            quality, number = "", 0
+            while quality not in {"live", "stale"}:  # no timesync runs here: its clock is not known
+                number += 1
+                pose.write(Pose(float(number), 0.0))
+                await asyncio.sleep(0.1)
+                found = await gcs.list("/uav1/nav/pose")
+                quality = found["/uav1/nav/pose"].quality if found else ""
+        await gcs.until_listed(
+            "/uav1/vehicle/state", lambda entry: entry is not None and entry.quality == "live"
+        )
+        process.signal(signal.SIGKILL)
+        await process.wait()
+        await gcs.until_listed("/uav1/nav/pose", lambda entry: entry is not None and entry.quality == "lost")
+        last = await gcs.get("/uav1/nav/pose")
+        assert (last.quality, last.source) == ("lost", "mirror")
+        assert 0 < msgspec.msgpack.decode(last.data, type=Pose).x_m <= number
+        assert last.age_s is not None, "no clock is known, but how long it has been silent"
+        assert last.age_s > 0
+        told = msgspec.msgpack.decode((await gcs.get("/uav1/vehicle/state")).data, type=VehicleState)
+        assert told.armed
+        with pytest.raises(NoAnswer, match="uav1 cannot be reached"):
+            await gcs.get("/uav1/net/traffic")

@@ -7,6 +7,7 @@ from tests.unit.tree.pair import LIMITS, POSE, STEP, TEMPLATE, Pair, S, core, pa
 from swarmd.tree.core import structure
 from swarmd.tree.core.action import AskStructure, AskSubscription, Forget, KeepOnly, SendNotify
 from swarmd.tree.core.structure import Form
+from swarmd.tree.core.tree import SwarmTree
 from swarmware.resource import Resource
 from swarmware.types.tree import StructureReply
 
@@ -203,6 +204,19 @@ def test_nobody_is_asked_who_cannot_be_reached() -> None:
     gcs.on_structure("uav1", None, 0)
     assert gcs.drain() == []
     assert gcs.deadline_ns() == 600 * S
+
+
+def test_a_lost_platform_whose_values_are_kept_is_not_forgotten() -> None:
+    gcs = SwarmTree("gcs", TEMPLATE, epoch=1, limits=LIMITS, keep=["nav/pose"])
+    both = Pair(gcs, core("uav1"))
+    both.meet()
+    both.carry()
+    assert both.trees["uav1"].held.offers()[0].min_interval_ms == 1000
+    gcs.on_gone("uav1", 0)
+    gcs.on_timer(10_000 * S)
+    remote = gcs.remotes.get("uav1")
+    assert remote is not None
+    assert remote.index is not None
 
 
 def test_what_leaves_a_structure_is_told_so_that_its_mirrors_go() -> None:

@@ -71,3 +71,14 @@ def test_what_is_no_pattern_is_named_and_the_rest_counts() -> None:
 )
 def test_values_move_by_interest(resource: Resource, patterns: tuple[str, ...], expected: bool) -> None:
     assert subscribable(leaf(resource), patterns) is expected
+
+
+def test_what_is_kept_is_wanted_of_everybody_slowly_unless_an_application_reads_it() -> None:
+    found = Interests("gcs", [RULE], ["nav/pose", "power/battery"])
+    slow = Rule("nav/pose", min_interval_s=1.0)
+    assert found.of("uav1").patterns == ("nav/pose", "power/battery")
+    assert found.of("uav1").rules == (RULE, slow, Rule("power/battery", min_interval_s=1.0))
+    found.set_patterns(["/uav1/power/*"])
+    assert found.of("uav1").rules == (RULE, slow)
+    assert found.of("uav1").patterns == ("nav/pose", "power/*")
+    assert found.of("uav2").patterns == ("nav/pose", "power/battery")

@@ -16,6 +16,8 @@ from swarmware.types.tree import Rule
 _encoder = msgspec.msgpack.Encoder()
 
 ANYTHING = "**"
+KEEP_S: Final = 1.0
+"""Between two values that are kept for the case that their platform is lost, and that nobody reads."""
 
 
 class Wish(msgspec.Struct, frozen=True):
@@ -56,9 +58,11 @@ def subscribable(item: Leaf, patterns: Iterable[str]) -> bool:
 class Interests:
     """Patterns of this platform's applications, by the platforms they name."""
 
-    def __init__(self, own: str, rules: Iterable[Rule]) -> None:
+    def __init__(self, own: str, rules: Iterable[Rule], keep: Iterable[str] = ()) -> None:
+        """`keep`: local paths of every other platform that are wanted also when no application reads them."""
         self._own = own
         self._rules = tuple(rules)
+        self.keep = tuple(keep)
         self._by_platform: dict[str, frozenset[str]] = {}
         self.refused: dict[str, str] = {}
         """Text of an application that is no pattern → what is wrong with it."""
@@ -90,8 +94,10 @@ class Interests:
         for text, locals_ in self._by_platform.items():
             if text == platform or pattern(text).matches(platform):
                 found |= locals_
-        rules = self._rules if found else ()
-        return wish(found, rules)
+        kept = [path for path in self.keep if not any(pattern(text).matches(path) for text in found)]
+        found |= frozenset(kept)
+        slow = tuple(Rule(path, min_interval_s=KEEP_S) for path in kept)
+        return wish(found, (*self._rules, *slow) if found else ())
 
     def texts(self) -> Mapping[str, frozenset[str]]:
         """Platform pattern → local patterns."""

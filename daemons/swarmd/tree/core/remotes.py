@@ -103,7 +103,7 @@ class Remotes:
         """Step 1 of S0.54: it can be reached, `near`: directly. `version`: of its tree, if it is known."""
         remote = self._remotes.get(platform)
         if remote is None:
-            if len(self._remotes) >= PLATFORMS_LIMIT:
+            if len(self._remotes) >= PLATFORMS_LIMIT and not self._make_room():
                 return
             remote = self._remotes[platform] = Remote(platform, self._interests.of(platform))
         if version is not None or not (remote.up and remote.sure):
@@ -274,9 +274,9 @@ class Remotes:
             if remote is None:
                 continue
             if what == "forget":
-                del self._remotes[platform]
-                self.plan_count += bool(remote.wants)
-                self._emit(Forget(platform))
+                # where last values are kept, a platform that was lost is what they are kept for
+                if not self._interests.keep or remote.index is None:
+                    self._forget(remote)
             elif what == "ask":
                 self._ask(remote)
             else:
@@ -287,6 +287,18 @@ class Remotes:
         return self._timers.next_ns()
 
     # -- inside
+
+    def _forget(self, remote: Remote) -> None:
+        del self._remotes[remote.platform]
+        self.plan_count += bool(remote.wants)
+        self._emit(Forget(remote.platform))
+
+    def _make_room(self) -> bool:
+        """Forget the platform that has been away longest; False when none is away."""
+        away = [remote for remote in self._remotes.values() if not remote.up]
+        if away:
+            self._forget(min(away, key=lambda remote: remote.gone_ns))
+        return bool(away)
 
     def _keeps_up(self, remote: Remote) -> bool:
         """Whether its tree is to be followed, and not only looked at when somebody asks for it."""

@@ -41,6 +41,7 @@ class SwarmTree:
         limits: Limits,
         templates: Iterable[Iterable[Resource]] = (),
         rules: Iterable[Rule] = (),
+        keep: Iterable[str] = (),
     ) -> None:
         """`epoch`: another number at each start. `templates`: that both sides can be expected to know."""
         self._actions: list[Action] = []
@@ -48,7 +49,7 @@ class SwarmTree:
         template = tuple(template)
         self.platform = platform
         self.local = LocalTree(template, epoch, limits.timing)
-        self.interests = Interests(platform, rules)
+        self.interests = Interests(platform, rules, keep)
         self.held = Held(platform, self.local, limits.intervals, emit)
         self.remotes = Remotes(
             self.local, platform, self.interests, (template, *templates), limits.patience, emit
