@@ -71,9 +71,14 @@ class Vehicle:
 
     @property
     def height_m(self) -> float:
-        """Above the map's origin, as last known."""
+        """Above the map's origin, as last known.
+
+        Raises: BlockError no_position when it never was.
+        """
         pose = self._pose.value
-        return 0.0 if pose is None else pose.z_m
+        if pose is None:
+            raise BlockError("no_position", "its height is not known")
+        return pose.z_m
 
     @property
     def landed(self) -> bool:

@@ -15,6 +15,8 @@ GROUP: Final = "swarmware.blocks"
 
 VEHICLES: Final = ("uav", "ugv", "usv")
 """Platform kinds that move."""
+FLYING: Final = "uav"
+"""The kind that leaves the ground."""
 
 Points = tuple[tuple[float, ...], ...]
 """Positions in the map frame, metres."""
@@ -98,7 +100,8 @@ class Goto(Params, frozen=True):
 
     x_m: Metres
     y_m: Metres
-    z_m: Metres = 0.0
+    z_m: Metres | None = None
+    """Without it a vehicle that flies keeps its height."""
     yaw_rad: Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)] | None = None
     """Heading at the end; without it the vehicle arrives as it comes."""
     speed_m_s: Speed = 1.5

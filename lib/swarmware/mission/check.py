@@ -8,7 +8,7 @@ from swarmware.errors import ConfigError, NotFound
 from swarmware.mission import soundness
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
-from swarmware.mission.catalogue import Catalogue, built_in, installed
+from swarmware.mission.catalogue import FLYING, Catalogue, built_in, installed
 from swarmware.mission.ensemble import Role, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
@@ -45,13 +45,18 @@ def check_text(
     binding: Binding,
     catalogue: Catalogue | None = None,
     budget: Budget | None = None,
+    *,
+    flies: bool | None = None,
 ) -> tuple[Reading, list[Finding]]:
-    """One member's mission: what was read, and everything that is wrong with it."""
+    """One member's mission: what was read, and everything that is wrong with it.
+
+    `flies`: a vehicle that leaves the ground may play it; None: as the binding's kind says.
+    """
     reading = read(text, file, binding, catalogue or built_in())
     findings = list(reading.findings)
     mission = reading.mission
     if mission is not None and not any(finding.rule in _GRAPH_RULES for finding in findings):
-        remarks = soundness.check(mission, budget)
+        remarks = soundness.check(mission, budget, flies=binding.kind == FLYING if flies is None else flies)
         if remarks:
             source = parse_source(text, file)
             for remark in remarks:
@@ -72,7 +77,7 @@ def check_folder(
         text = folder.texts[role.file]
         file = folder.place(role.file)
         binding = folder.example(role)
-        reading, found = check_text(text, file, binding, catalogue, budget)
+        reading, found = check_text(text, file, binding, catalogue, budget, flies=FLYING in role.kinds)
         findings += found
         used.update(reading.params)
         if reading.mission is not None:

@@ -138,6 +138,7 @@ class Bits:
     def blocks(self, marking: Marking) -> list[str]:
         """Blocks that hold a token, in the order of their names."""
         found: set[str] = set()
+        marking &= (1 << len(self.places)) - 1
         while marking:
             found.add(self.owner[self.places[(marking & -marking).bit_length() - 1]])
             marking &= marking - 1

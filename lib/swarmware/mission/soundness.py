@@ -7,7 +7,7 @@ end, two tokens in one block, loops that never rest, motions cut short by an End
 from collections import deque
 from typing import Final
 
-from swarmware.mission import instants
+from swarmware.mission import flight, instants
 from swarmware.mission.budget import Budget
 from swarmware.mission.finding import TOO_LARGE, Remark
 from swarmware.mission.model import Mission
@@ -25,20 +25,26 @@ STUCK_LIMIT: Final = 1_000
 """Deadlocks that are explained: more of them say nothing new."""
 
 
-def check(mission: Mission, budget: Budget | None = None) -> list[Remark]:
-    """All that is unsound about the mission, counter-examples included."""
-    return [*instants.check(mission), *_Exploration(mission, budget or Budget()).remarks()]
+def check(mission: Mission, budget: Budget | None = None, *, flies: bool = False) -> list[Remark]:
+    """All that is unsound about the mission, counter-examples included.
+
+    `flies`: a vehicle that leaves the ground may play it.
+    """
+    budget = budget or Budget()
+    under = flight.below_ground(mission) if flies else []
+    return [*instants.check(mission), *under, *_Exploration(mission, budget, flies=flies).remarks()]
 
 
 class _Exploration:
     """Breadth first over the markings, so counter-examples are shortest."""
 
-    def __init__(self, mission: Mission, budget: Budget) -> None:
+    def __init__(self, mission: Mission, budget: Budget, *, flies: bool) -> None:
         self._mission = mission
         self._bits = bits = Bits(mission)
         self._budget = budget
         self._size = len(bits.places) // PLACES_PER_BYTE
-        self._width = len(bits.places) // 8 + 1
+        self._width = len(bits.places) // 8 + 1  # the bit for the air included
+        self._flight = flight.Flight(mission, bits, flies=flies)
         self._motions = sum(bits.of[block.id] for block in mission.blocks.values() if block.spec.motion)
         first = self._key(bits.start)
         self._came: dict[Key, tuple[Key, Key | None, str]] = {first: (first, None, "")}
@@ -59,11 +65,12 @@ class _Exploration:
                 f"too large to check: not all of more than {len(self._came)} states were looked at; "
                 "expected fewer blocks that run at the same time"
             )
+            found += self._flight.remarks()
             return [*found, Remark(self._mission.start, "unknown", TOO_LARGE, message)]
         if not self._unsafe:
             found += self._dead()
             found += self._endless()
-        return [*found, *self._cut.values()]
+        return [*found, *self._flight.remarks(), *self._cut.values()]
 
     def _explore(self) -> bool:
         queue = deque(self._came)
@@ -73,6 +80,7 @@ class _Exploration:
             key = queue.popleft()
             marking = int.from_bytes(key, "little")
             after: list[Key] = []
+            self._flight.look(marking, lambda key=key: self._trace(key))  # type: ignore[misc]  # the default binds the value now
             for step in self._bits.steps(marking):
                 self._fire(marking, key, step, after, queue)
             self._after[key] = after
@@ -84,6 +92,7 @@ class _Exploration:
         self._fired.add(step.block)
         if not step.outputs:
             self._ends.add(key)
+            self._flight.end(step.block, marking, lambda: (*self._trace(key), step.label))
             self._cut_short(marking, key, step)
             return
         rest = marking & ~step.inputs
@@ -91,14 +100,15 @@ class _Exploration:
         if twice:
             self._two_tokens(key, step, twice)
             return
-        result = self._key(rest | step.outputs)
-        self._budget.pay(_STEP + self._size)
-        came = self._came.get(result)
-        if came is None:
-            self._budget.pay(_STATE + self._size)
-            came = self._came[result] = (result, key, step.label)
-            queue.append(result)
-        after.append(came[0])
+        for marking_after in self._flight.after(step, rest | step.outputs):
+            result = self._key(marking_after)
+            self._budget.pay(_STEP + self._size)
+            came = self._came.get(result)
+            if came is None:
+                self._budget.pay(_STATE + self._size)
+                came = self._came[result] = (result, key, step.label)
+                queue.append(result)
+            after.append(came[0])
 
     def _key(self, marking: Marking) -> Key:
         return marking.to_bytes(self._width, "little")

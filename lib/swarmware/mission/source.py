@@ -131,15 +131,21 @@ def _line(text: str, offset: int) -> int:
 def _duplicate(text: str, file: str, key: str) -> Finding:
     walk = _Walk(text)
     pointer, offset = walk.duplicate or ("", 0)
-    message = f"key {key!r} stands there twice: expected once"
-    return Finding(file, _line(text, offset), pointer, "error", "duplicate-key", message)
+    message = f"key {_printable(key)!r} stands there twice: expected once"
+    return Finding(file, _line(text, offset), _printable(pointer), "error", "duplicate-key", message)
 
 
 def _constant(text: str, file: str, name: str) -> Finding:
     walk = _Walk(text)
     offset = walk.constants.get(name, 0)
     message = f"{name} is no JSON: expected a finite number"
-    return Finding(file, _line(text, offset), walk.pointer_at(offset), "error", "syntax", message)
+    pointer = _printable(walk.pointer_at(offset))
+    return Finding(file, _line(text, offset), pointer, "error", "syntax", message)
+
+
+def _printable(text: str) -> str:
+    """The text with halves of surrogate pairs, which no file and no message can hold, written out."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 class _Walk:
@@ -180,7 +186,10 @@ class _Walk:
         found = _STRING.match(self._text, at)
         if found is None:  # the C parser has read past it already, so only a text cut by hand gets here
             return "", len(self._text)
-        return str(json.loads(found[0])), found.end()
+        try:
+            return str(json.loads(found[0], strict=False)), found.end()
+        except ValueError:  # the parser has stopped before it, so nobody has looked at its escapes yet
+            return found[0][1:-1], found.end()
 
     def _object(self, at: int, pointer: str, depth: int) -> int:
         at = self._skip(at + 1)

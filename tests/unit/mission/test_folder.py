@@ -119,7 +119,8 @@ def test_a_single_file_is_a_mission_for_every_vehicle() -> None:
 
 def test_roles_that_fit_together_have_no_findings() -> None:
     assert {(f.severity, f.rule) for f in check_folder(from_files(files(), ""))} == {
-        ("warning", "broken-barrier")
+        ("warning", "broken-barrier"),
+        ("warning", "ends-in-the-air"),
     }
 
 

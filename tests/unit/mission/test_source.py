@@ -4,6 +4,7 @@ import contextlib
 import json
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,6 +33,11 @@ def test_a_missing_place_has_the_line_of_its_parent() -> None:
         ('{"a": 1}\n x', 2, "", "no JSON"),
         ('{"a": 1,}', 1, "", "no JSON"),
         ('{"a": "\\ud800"}', 0, "", "surrogate"),
+        ('{"a": Infinity,\n "b\x01": 1}', 1, "/a", "Infinity"),
+        ('{"a": NaN, "b": "\\x", "c": "\\u12"}', 1, "/a", "NaN"),
+        ('[{"a": 1, "a": 2}, "b\x02", "\\q"', 1, "/0/a", "twice"),
+        ('{"\\ud800": NaN}', 1, "/\\ud800", "NaN"),
+        ('{"\\ud800": 1, "\\ud800": 2}', 1, "/\\ud800", "twice"),
         ("[" * 40 + "]" * 40, 0, "", "nested"),
         ("[" * 200_000, 0, "", "nested"),
         ("1" * 5000, 0, "", "no JSON"),
@@ -46,6 +52,46 @@ def test_what_is_no_strict_json_is_refused_with_its_place(
     finding = caught.value.finding
     assert (finding.line, finding.pointer) == (line, pointer)
     assert word in finding.message
+
+
+PIECES = st.sampled_from(
+    [
+        "Infinity",
+        "-Infinity",
+        "NaN",
+        '"a": 1',
+        '"a"',
+        "\x01",
+        '"\x02"',
+        '"\\x"',
+        '"\\u12"',
+        '"\\ud800"',
+        "{",
+        "}",
+        "[",
+        "]",
+        ",",
+        ":",
+        "1e400",
+        "-",
+        "1" * 5000,
+        "\n",
+        '"',
+        "\\",
+    ]
+)
+
+
+@given(
+    st.lists(PIECES, max_size=12).map("".join)
+    | st.lists(PIECES, max_size=8).map(lambda p: "{" + ", ".join(p))
+)
+def test_any_pieces_of_bad_json_are_json_or_our_error_with_a_line(text: str) -> None:
+    try:
+        parse(text, "m.json")
+    except SourceError as error:
+        assert 0 <= error.finding.line <= text.count("\n") + 1
+        assert msgspec.msgpack.encode(error.finding)
 
 
 @given(st.text())

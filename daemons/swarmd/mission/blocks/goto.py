@@ -14,18 +14,20 @@ class Goto:
     async def run(self, context: Context) -> None:
         """Until it is there."""
         params: catalogue.Goto = context.params
+        vehicle = context.vehicle
+        z_m = params.z_m if params.z_m is not None else vehicle.height_m if vehicle.flies else 0.0
         way = Way()
 
         def progress(status: NavStatus) -> None:
             context.report(way.ratio(status), f"{status.distance_m:.1f} m to go")
 
-        await context.vehicle.move(
+        await vehicle.move(
             "goto",
             _arrived,
             progress,
             x_m=params.x_m,
             y_m=params.y_m,
-            z_m=params.z_m,
+            z_m=z_m,
             yaw_rad=params.yaw_rad,
             speed_m_s=params.speed_m_s,
         )

@@ -1,0 +1,151 @@
+"""Heights, take-off and landing, one motion at a time: what a vehicle that flies must not be told to do."""
+
+import asyncio
+from typing import Any
+
+import pytest
+from tests.unit.mission.nets import choice, net
+
+from swarmd.mission.blocks.goto import Goto
+from swarmware.mission import catalogue
+from swarmware.mission.binding import Binding
+from swarmware.mission.check import check_folder, check_text
+from swarmware.mission.finding import Finding
+from swarmware.mission.folder import from_files
+from swarmware.mission.plugin import BlockError
+from swarmware.types.mission import MissionFile
+
+
+def go(after: str, **more: Any) -> dict[str, Any]:
+    return {"type": "Goto", "x": 5, "y": 0, "next": after, **more}
+
+
+UP = {"type": "Takeoff", "alt": 5}
+HOP = net(s="Start>t", t={**UP, "next": "g"}, g=go("l"), l="Land>e", e="End")
+
+
+def found(text: str, kind: str = "uav") -> list[Finding]:
+    return check_text(text, "m.json", Binding(f"{kind}1", kind))[1]
+
+
+def rules(text: str, kind: str = "uav") -> list[tuple[str, str, str]]:
+    return [(f.severity, f.rule, f.pointer.removeprefix("/mission/")) for f in found(text, kind)]
+
+
+def test_up_there_and_down_again_is_sound() -> None:
+    assert rules(HOP) == []
+    assert rules(HOP.replace('"x": 5', '"x": 5, "z": 8')) == []
+
+
+@pytest.mark.parametrize("z_m", [-3, 0])
+def test_a_height_in_the_ground_is_refused(z_m: float) -> None:
+    text = HOP.replace('"x": 5', f'"x": 5, "z": {z_m}')
+    assert rules(text) == [("error", "below-ground", "g")]
+    assert f"at a height of {z_m} m" in found(text)[0].message
+
+
+def test_a_ground_vehicle_has_no_height() -> None:
+    text = net(s="Start>g", g=go("e", z=0), e="End")
+    assert rules(text, "ugv") == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        net(s="Start>g", g=go("l"), l="Land>e", e="End"),
+        net(s="Start>d", d=choice("t", "g"), t={**UP, "next": "g"}, g=go("l"), l="Land>e", e="End"),
+        net(s="Start>t", t={**UP, "next": "g", "nextError": "g"}, g=go("l"), l="Land>e", e="End"),
+        net(s="Start>t", t={**UP, "next": "k"}, k="Land>g", g=go("l"), l="Land>e", e="End"),
+        net(s="Start>g", g={"type": "Formation", "leader": "ugv1", "next": "l"}, l="Land>e", e="End"),
+    ],
+    ids=["never", "perhaps not", "it failed", "landed again", "formation"],
+)
+def test_a_motion_that_can_begin_before_the_take_off_is_refused(text: str) -> None:
+    assert rules(text) == [("error", "not-in-the-air", "g")]
+    assert found(text)[0].trace
+
+
+def test_an_end_in_the_air_is_a_warning_unless_the_mission_failed() -> None:
+    text = net(s="Start>t", t={**UP, "next": "e"}, e="End")
+    assert rules(text) == [("warning", "ends-in-the-air", "e")]
+    failed = net(s="Start>t", t={**UP, "next": "e"}, e={"type": "End", "result": "failed"})
+    assert rules(failed) == []
+    unsure = net(
+        s="Start>t", t={**UP, "next": "l"}, l={"type": "Land", "next": "e", "nextError": "e"}, e="End"
+    )
+    assert rules(unsure) == [("warning", "ends-in-the-air", "e")]
+
+
+@pytest.mark.parametrize("kind", ["uav", "ugv"])
+def test_two_motions_at_once_are_one_too_many(kind: str) -> None:
+    before = {"t": {**UP, "next": "f"}} if kind == "uav" else {}
+    text = net(
+        s="Start>t" if before else "Start>f",
+        **before,
+        f="Fork>a,b",
+        a=go("j"),
+        b="Hold>j",
+        j="Join>l",
+        l="Land>e",
+        e="End",
+    )
+    (finding,) = found(text, kind)
+    assert (finding.severity, finding.rule) == ("error", "two-motions")
+    assert "'a' and 'b' can move the vehicle at once" in finding.message
+
+
+def test_a_role_that_a_flying_vehicle_may_play_is_checked_as_one() -> None:
+    text = net(s="Start>g", g=go("e"), e="End")
+    for kinds, errors in (('["ugv"]', []), ('["ugv", "uav"]', ["not-in-the-air"])):
+        manifest = f'name = "x"\n[[roles]]\nname = "a"\nfile = "a.json"\nkinds = {kinds}\n'
+        files = [MissionFile("mission.toml", manifest), MissionFile("a.json", text)]
+        assert [f.rule for f in check_folder(from_files(files, "")) if f.severity == "error"] == errors
+
+
+class Vehicle:
+    """Takes goals."""
+
+    def __init__(self, height_m: float | None, *, flies: bool = True) -> None:
+        self._height_m = height_m
+        self.flies = flies
+        self.goals: list[dict[str, Any]] = []
+
+    @property
+    def height_m(self) -> float:
+        if self._height_m is None:
+            raise BlockError("no_position", "unknown")
+        return self._height_m
+
+    async def move(self, kind: str, *_: Any, **fields: Any) -> None:
+        self.goals.append({"kind": kind, **fields})
+
+
+class Context:
+    def __init__(self, vehicle: Vehicle, params: catalogue.Goto) -> None:
+        self.vehicle = vehicle
+        self.params = params
+
+
+@pytest.mark.parametrize(
+    ("z_m", "vehicle", "expected"),
+    [
+        (None, Vehicle(7.5), 7.5),
+        (3.0, Vehicle(7.5), 3.0),
+        (3.0, Vehicle(None), 3.0),
+        (None, Vehicle(None, flies=False), 0.0),
+    ],
+)
+def test_a_goto_without_a_height_keeps_the_height(
+    z_m: float | None, vehicle: Vehicle, expected: float
+) -> None:
+    params = catalogue.Goto(x_m=1, y_m=2, z_m=z_m)
+    asyncio.run(Goto().run(Context(vehicle, params)))  # type: ignore[arg-type]  # as much of a context as it needs
+    assert [goal["z_m"] for goal in vehicle.goals] == [expected]
+
+
+def test_a_goto_without_a_height_fails_when_nobody_knows_the_height() -> None:
+    vehicle = Vehicle(None)
+    with pytest.raises(BlockError) as caught:
+        asyncio.run(Goto().run(Context(vehicle, catalogue.Goto(x_m=1, y_m=2))))  # type: ignore[arg-type]  # as above
+    assert caught.value.kind == "no_position"
+    assert vehicle.goals == []
