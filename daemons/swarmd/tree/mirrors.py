@@ -10,7 +10,7 @@ from swarmware.errors import SwarmError, WireError
 from swarmware.frame import Codec, Frame, Kind
 from swarmware.node import Node, Publication
 from swarmware.shm.layout import RING_SUFFIX, ring_file, ring_path
-from swarmware.shm.reap import reap_ring
+from swarmware.shm.reap import mirror_folders, reap_ring
 from swarmware.shm.ring import RingReader
 from swarmware.types.tree import TreeItem
 
@@ -86,10 +86,7 @@ class Mirrors:
 
     def platforms(self) -> list[str]:
         """Platforms of which there are mirrors, also from a former start."""
-        try:
-            return sorted(folder.name for folder in self._node.shm_dir.iterdir() if folder.is_dir())
-        except FileNotFoundError:
-            return []
+        return [folder.name for folder in mirror_folders(self._node.shm_dir)]
 
     def keep_only(self, platform: str, paths: Collection[str]) -> None:
         """Takes the mirrors of everything else of a platform away, also those of a former start.

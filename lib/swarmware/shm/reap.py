@@ -74,9 +74,14 @@ def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
 
 
 def _folders(shm_dir: Path) -> tuple[Path, ...]:
-    """The folder of the node's own rings, then those of its mirrors, one per platform."""
+    """The folder of the node's own rings, then those of its mirrors."""
+    return (shm_dir, *mirror_folders(shm_dir))
+
+
+def mirror_folders(shm_dir: Path) -> list[Path]:
+    """The folders of a node's mirrors, one per platform and of its name."""
     inner = (path for path in _entries(shm_dir) if path.is_dir() and not path.is_symlink())
-    return (shm_dir, *(path for path in inner if not _is_table(path)))
+    return [path for path in inner if not _is_table(path)]
 
 
 def _is_table(path: Path) -> bool:
