@@ -217,6 +217,8 @@ def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
     async def work(link: Link) -> None:
         target = names.check_platform(platform or link.platform)
         limits = await link.ask(f"/{target}/sys/broker/set_channel", wish, ChannelLimits)
+        for path in limits.unlimited:
+            link.out.warn(f"/{target}/{path}: not limited, each item of it is promised")
         traffic = await link.ask(f"/{target}/sys/broker/traffic", Empty(), Traffic)
         if not any(Pattern(local).matches(one.channel) for one in traffic.channels):
             link.out.warn(f"{target} has sent nothing yet that matches {local}; the limit stands for later")

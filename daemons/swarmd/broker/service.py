@@ -6,6 +6,8 @@ import logging
 import random
 from typing import ClassVar, Final
 
+import msgspec
+
 from swarmd.broker import config as settings
 from swarmd.broker.boards import Mirrors, OwnBoards
 from swarmd.broker.core.mesh import LinkChanged, LinkEvent, LinkState, Mesh, RouteChanged
@@ -19,8 +21,10 @@ from swarmd.broker.frames import Frames
 from swarmd.broker.links.udp import loopback_only
 from swarmd.broker.report import Report
 from swarmware.clock import utc_ns
-from swarmware.errors import Denied, OutOfRange
+from swarmware.errors import Denied, InvalidInput, OutOfRange
 from swarmware.module import Module
+from swarmware.names import Pattern
+from swarmware.resource import Kind, Resource
 from swarmware.security import Keys, next_session
 from swarmware.service import Service
 from swarmware.types.net import (
@@ -50,6 +54,9 @@ _SEQUENCE_NS: Final = 100_000_000
 """Sequence numbers start at the wall clock in ticks of 10 Hz: above those of a former session."""
 _NOTICED_NS: Final = 1_500_000_000
 """Until then everybody has noticed that a former session ended, with default timeouts."""
+
+PROMISED: Final = frozenset({Kind.STREAM, Kind.EVENT})
+"""Kinds of which every item is promised: no limit leaves any out."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -190,6 +197,10 @@ class Broker(Service):
         self._traffic_board = await module.writer(
             "net/traffic", Traffic, rate_hz=1, link="request", log="1hz", description="Counters in bytes"
         )
+        self._limits_board = await module.writer(
+            "net/limits", ChannelLimits, link="request", description="Limits of rates in force"
+        )
+        self._limits_board.write(ChannelLimits())
         self._denials = await module.stream_writer(
             "net/denials", Denial, kind="event", log="all", description="Who asked for what it may not"
         )
@@ -209,7 +220,10 @@ class Broker(Service):
 
     async def _step(self) -> None:
         now_ns = self._clock.now_ns()
+        version = self._station.channels.version
         self._carry_out(*self._station.on_timer(now_ns))
+        if self._station.channels.version != version:
+            self._limits_board.write(self._station.channels.limits(now_ns))
         if now_ns >= self._due_ns:
             self._tick()
         if now_ns >= self._publish_ns or self._shape_changed:
@@ -360,6 +374,22 @@ class Broker(Service):
             raise OutOfRange(f"max_hz {request.max_hz}: expected 0..1000, or none to take the limit away")
         if not 0 <= request.for_s <= 86_400:
             raise OutOfRange(f"for_s {request.for_s}: expected 0..86400 seconds")
+        matching = self._matching(request.pattern)
+        unlimited = [resource.path for resource in matching if resource.kind in PROMISED]
+        if request.max_hz is not None and unlimited and len(unlimited) == len(matching):
+            raise InvalidInput(
+                f"pattern {request.pattern!r}: matches only {', '.join(unlimited[:3])}, of which each item is"
+                " promised; expected boards: the rate of a stream is its owner's to set"
+            )
         now_ns = self._clock.now_ns()
         self._station.channels.set(request, now_ns)
-        return self._station.channels.limits(now_ns)
+        limits = self._station.channels.limits(now_ns)
+        self._limits_board.write(limits)
+        return msgspec.structs.replace(limits, unlimited=tuple(unlimited))
+
+    def _matching(self, text: str) -> list[Resource]:
+        """Resources of the applications here whose path matches."""
+        pattern = Pattern(text)
+        table = self.module.node.table
+        table.refresh()
+        return [each for entry in table for each in entry.provides if pattern.matches(each.path)]

@@ -34,7 +34,7 @@ from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
 from swarmware.resource import Resource
 from swarmware.service import Service
 from swarmware.types.mission import MissionState
-from swarmware.types.net import Neighbours, Routes, TreePlan
+from swarmware.types.net import ChannelLimits, Neighbours, Routes, TreePlan
 from swarmware.types.tree import (
     StreamLoss,
     StreamLosses,
@@ -104,6 +104,7 @@ class Tree(Service):
             neighbours = await module.reader("net/neighbours", Neighbours)
             routes = await module.reader("net/routes", Routes)
             mission = await module.reader("mission/state", MissionState)
+            limits = await module.reader("net/limits", ChannelLimits)
             news = asyncio.Event()
             applications = Applications(module.node, news.set)
             stack.callback(applications.close)
@@ -124,6 +125,7 @@ class Tree(Service):
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._follow_applications(applications, news), name="tree:apps")
                 group.create_task(self._follow_notes(notes), name="tree:notes")
+                group.create_task(self._follow_limits(limits), name="tree:limits")
                 for board in (neighbours, routes):
                     follow = self._follow_reach(board, neighbours, routes)
                     group.create_task(follow, name=f"tree:{board.path}")
@@ -230,6 +232,13 @@ class Tree(Service):
                 with self._boundary(f"reach of {platform}"):
                     self._tree.on_up(platform, reach.version, reach.near, now_ns)
         self._act()
+
+    async def _follow_limits(self, board: BoardReader[ChannelLimits]) -> None:
+        while True:
+            limits = await board.changed()
+            with self._boundary("limits of rates"):
+                self._tree.held.set_limits(limits.limits, self.module.now_ns())
+            self._act()
 
     async def _follow_notes(self, notes: Inbox[TreeNotify]) -> None:
         async for note in notes:

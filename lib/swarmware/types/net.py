@@ -287,6 +287,8 @@ class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class ChannelLimits(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All limits in force, the newest first: the first that matches counts."""
+    """All limits in force, the newest first: the first that matches counts (board `net/limits`)."""
 
     limits: tuple[ChannelLimit, ...] = ()
+    unlimited: tuple[str, ...] = ()
+    """Answer to a change: streams and events that match and go on as before, each item is promised."""

@@ -19,6 +19,7 @@ from swarmware.errors import (
     TypeMismatch,
 )
 from swarmware.resource import Kind, Resource
+from swarmware.types.net import ChannelLimits, SetChannel
 from swarmware.types.scalar import Blob, Float, Int, Text
 from swarmware.types.tree import StreamLosses, TreeChange, TreeSet, TreeSetDone, TreeUndo
 from swarmware.types.vehicle import Goal, Pose, VehicleState
@@ -311,3 +312,30 @@ async def test_what_a_killed_platform_said_last_stays_readable_with_its_age(tmp_
         assert told.armed
         with pytest.raises(NoAnswer, match="uav1 cannot be reached"):
             await gcs.get("/uav1/net/traffic")
+
+
+@on_uvloop
+async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_streams_are_refused(
+    tmp_path: Path,
+) -> None:
+    async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
+        fuel = await gcs.probe.reader("/uav1/power/fuel", Float)
+        board = await uav.probe.writer("power/fuel", Float)
+        await uav.probe.stream_writer("sensor/scan", Blob)
+        board.write(Float(0.9))
+        await until(fuel, lambda value: value.value == 0.9)
+
+        async def limit(pattern: str, max_hz: float | None) -> ChannelLimits:
+            there = "/uav1/sys/broker/set_channel"
+            return await gcs.probe.request(there, SetChannel(pattern, max_hz), ChannelLimits, timeout_s=5)
+
+        with pytest.raises(InvalidInput, match="sensor/scan, of which each item is promised"):
+            await limit("sensor/scan", 1.0)
+        stopped = await uav.probe.reader("net/limits", ChannelLimits)
+        assert "sensor/scan" in (await limit("**", 0.0)).unlimited
+        await until(stopped, lambda limits: [one.max_hz for one in limits.limits] == [0.0])
+        board.write(Float(0.8))
+        with pytest.raises(NoAnswer):
+            await fuel.changed(1.0)
+        await limit("**", None)
+        await until(fuel, lambda value: value.value == 0.8)

@@ -9,7 +9,7 @@ from swarmd.tree.core.held import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
-from swarmware.types.net import Offer, Want
+from swarmware.types.net import ChannelLimit, Offer, Want
 from swarmware.types.tree import Rule, SubscribeRequest, TreeItem, TreeNotify
 
 
@@ -321,3 +321,23 @@ def test_a_pattern_that_is_none_is_refused() -> None:
     with pytest.raises(InvalidInput):
         core("uav1").on_subscribe_asked(request, 0)
     assert FAULTS.link == "notify"
+
+
+def test_an_operators_limit_holds_for_notified_boards_and_not_for_events() -> None:
+    both = pair("/uav1/power/battery", "/uav1/health/faults")
+    uav = both.trees["uav1"]
+    uav.held.set_limits((ChannelLimit("power/*", 0.5), ChannelLimit("**", 0.0)), both.now_ns)
+    for sequence in range(1, 41):
+        battery(both, float(sequence), sequence)
+        uav.on_value(value("health/faults", 0.0, sequence, FrameKind.EVENT), both.now_ns)
+        both.wait(0.1)
+    taken = [item for item in both.received["gcs"] if item.path == "power/battery"]
+    assert [item.sequence for item in taken] == [1, 20, 40], "the newest every two seconds"
+    assert len(both.received["gcs"]) - len(taken) == 40
+    uav.held.set_limits((ChannelLimit("**", 0.0),), both.now_ns)
+    battery(both, 99.0, 99)
+    both.wait(100)
+    assert both.received["gcs"][-1].sequence != 99
+    uav.held.set_limits((), both.now_ns)
+    both.carry()
+    assert both.received["gcs"][-1].sequence == 99

@@ -19,8 +19,8 @@ class Feed:
     """A board: the newest value when it is worth it. Events and streams: each one, in order."""
 
     __slots__ = (
-        "_interval_ns", "_newest", "_pending", "_queue", "_repeat_ns", "_sent", "_sent_ns", "_size",
-        "_under_way", "boardlike", "dropped", "resource", "rule",
+        "_interval_ns", "_limit_ns", "_newest", "_pending", "_queue", "_repeat_ns", "_sent", "_sent_ns",
+        "_size", "_under_way", "boardlike", "dropped", "resource", "rule",
     )  # fmt: skip
 
     def __init__(self, resource: Resource, rule: Rule, default_interval_ns: int) -> None:
@@ -32,6 +32,8 @@ class Feed:
             wanted_ns = max(default_interval_ns, round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0)
         self._interval_ns = wanted_ns
         self._repeat_ns = _ns(rule.max_interval_s) if self.boardlike else 0
+        self._limit_ns: int | None = 0
+        """Between two values, whatever the subscriber asks for; None: nothing is sent."""
         self._newest: TreeItem | None = None
         self._pending: TreeItem | None = None
         self._queue: deque[TreeItem] = deque()
@@ -44,6 +46,11 @@ class Feed:
         """A board: the next value waits for the acknowledgement of this one, and is then the newest."""
         self.dropped = 0
         """Items for which the queue had no room."""
+
+    def limit(self, max_hz: float | None) -> None:
+        """An operator's limit; None: none. Events and streams have none: each item of them is promised."""
+        if self.boardlike:
+            self._limit_ns = 0 if max_hz is None else None if max_hz <= 0 else round(1e9 / max_hz)
 
     def offer(self, item: TreeItem) -> None:
         """A value of the resource."""
@@ -75,12 +82,12 @@ class Feed:
 
     def due_ns(self) -> int | None:
         """From when on there is something to send."""
-        if self._under_way:
+        if self._under_way or self._limit_ns is None:
             return None
         if self._pending is not None or self._queue:
-            return self._sent_ns + self._interval_ns
+            return self._sent_ns + max(self._interval_ns, self._limit_ns)
         if self._repeat_ns and self._newest is not None:
-            return self._sent_ns + self._repeat_ns
+            return self._sent_ns + max(self._repeat_ns, self._limit_ns)
         return None
 
     def take(self, now_ns: int, limit: int, room: int) -> list[TreeItem]:

@@ -9,7 +9,7 @@ import msgspec
 from swarmd.tree.core.action import Action, SendNotify, Unwatch, Watch
 from swarmd.tree.core.condition import check_rule, checked_s, rule_for
 from swarmd.tree.core.feed import BOARDLIKE, Feed
-from swarmd.tree.core.index import Leaf
+from swarmd.tree.core.index import Leaf, pattern
 from swarmd.tree.core.interest import Wish, subscribable, wish
 from swarmd.tree.core.lane import TOGETHER_NS, Lane, Number
 from swarmd.tree.core.local import LocalTree
@@ -17,7 +17,7 @@ from swarmd.tree.core.subscriber import Subscriber
 from swarmd.tree.core.timers import Timers
 from swarmware.names import check_platform
 from swarmware.resource import Resource
-from swarmware.types.net import Offer
+from swarmware.types.net import ChannelLimit, Offer
 from swarmware.types.tree import SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 ITEMS_LIMIT: Final = 64
@@ -56,6 +56,7 @@ class Held:
         self._newest: dict[str, TreeItem] = {}
         self._matched: dict[int, tuple[Leaf, ...]] = {}
         self._timers: Timers[str] = Timers()
+        self._limits: tuple[ChannelLimit, ...] = ()
         self._lapsed: dict[str, None] = {}
         """Platforms whose lease ended while they were away, and that may not know."""
         self._lost: Counter[tuple[str, str]] = Counter()
@@ -221,6 +222,17 @@ class Held:
             one.feeds[item.path].offer(item)
             self._flush(one, now_ns)
 
+    def set_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> None:
+        """What operators set for the rates of resources, the first that matches counts."""
+        self._limits = limits
+        for one in self._subscribers.values():
+            for path, feed in one.feeds.items():
+                feed.limit(self._max_hz(path))
+            self._flush(one, now_ns)
+
+    def _max_hz(self, path: str) -> float | None:
+        return next((one.max_hz for one in self._limits if pattern(one.pattern).matches(path)), None)
+
     def on_overrun(self, path: str, items: int) -> None:
         """Items of a watched resource were overwritten before they could be taken."""
         for one in self._by_path.get(path, {}).values():
@@ -285,6 +297,7 @@ class Held:
                 feeds[resource.path] = old
                 continue
             feed = feeds[resource.path] = Feed(resource, rule, self._intervals.min_interval_ns)
+            feed.limit(self._max_hz(resource.path))
             newest = self._newest.get(resource.path)
             if newest is not None and feed.boardlike:
                 feed.offer(newest)
