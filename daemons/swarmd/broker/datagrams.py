@@ -11,6 +11,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmd.broker.core import checks
 from swarmd.broker.core import tick as codec
+from swarmd.broker.core.admission import Admission
 from swarmd.broker.core.mesh import LinkState
 from swarmd.broker.core.sessions import Outcome, Sessions
 from swarmd.broker.core.station import Arrival, Departure, Station
@@ -78,6 +79,10 @@ class Datagrams:
         self._session = session
         self._sealer = Sealer(keys.group, self._hardware, session)
         self._opener = Opener(keys.group)
+        members = None if keys.roster is None else keys.roster.valid()
+        self._admission = Admission(
+            None if members is None else {hardware_id(member.platform) for member in members}
+        )
         self._hear = frozenset(hardware_id(name) for name in config.hear_only) or None
         self._deaf_ticks = 0
         self._faults = 0
@@ -187,16 +192,22 @@ class Datagrams:
         if self._hear is not None and sender_hw not in self._hear:
             self._counters.refused.unheard += 1
             return
+        if not self._admission.may_open(address, sender_hw, rx_mono_ns):
+            self._counters.refused.flooded += 1
+            return
         try:
             header, start = codec.decode_header(data)
             opened = self._opener.open(
                 header.epoch, sender_hw, header.session, header.sequence, data[:start], data[start:]
             )
             if isinstance(opened, Refusal):
+                if opened is not Refusal.REPLAYED:
+                    self._admission.bad(address)
                 self._refused(sender_hw, opened, len(data))
                 return
             tick = codec.decode(opened.body)
         except WireError as error:
+            self._admission.bad(address)
             self._counters.datagram_received(len(data), _UNKNOWN)
             self._counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
@@ -206,6 +217,7 @@ class Datagrams:
             if not self._is_believed(sender_hw, opened.session, tick, address, by_multicast, rx_ns):
                 self._counters.datagram_received(len(data), _UNKNOWN)
                 return
+            self._admission.good(address)
             header = msgspec.structs.replace(header, session=opened.session)
             self._take(header, tick, address, rx_ns, by_multicast, len(data))
         except FAULTS:

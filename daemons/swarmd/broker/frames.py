@@ -108,7 +108,13 @@ class Frames:
         if frame.kind is Kind.HELLO:
             self._take_proof(frame, user)
             return
-        decision = self._forwarder.from_neighbour(frame, self._other_end(frame, user), self._clock.now_ns())
+        now_ns = self._clock.now_ns()
+        decision = self._forwarder.from_neighbour(
+            frame,
+            self._other_end(frame, user),
+            now_ns,
+            direct=self._station.is_direct(frame.sender_hw, now_ns),
+        )
         if decision.step is Step.DELIVER:
             if not self._may_pass(frame):
                 return

@@ -150,6 +150,9 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Messages and requests whose sender's role may not send them."""
     unproven: int = 0
     """Datagrams whose sender had not yet answered us, or not proven that it started again."""
+    flooded: int = 0
+    """Datagrams left out before their seal was looked at: of strangers, or from where too many bad ones
+    came; not counted as received."""
 
 
 @register

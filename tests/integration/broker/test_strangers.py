@@ -3,15 +3,17 @@
 import asyncio
 import shutil
 import socket
+from contextlib import ExitStack
 from pathlib import Path
 
 import msgspec
 import pytest
 import zmq
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from tests.integration.broker.swarm import Station, free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
 
 from swarmd.broker.config import Config
+from swarmd.broker.links.tcp_count import HALF_OPEN_MAX
 from swarmware.delivery import Status
 from swarmware.errors import Denied
 from swarmware.frame import Frame, Kind, encode
@@ -116,6 +118,88 @@ async def test_a_member_cannot_start_frames_in_the_name_of_another(tmp_path: Pat
             traffic = await cell["uav1"].until_counted(lambda traffic: traffic.refused.spoofed == 1)
         assert len(box) == 0
         assert traffic.received_frames == 1
+
+
+@on_uvloop
+async def test_a_member_cannot_bring_frames_of_a_direct_neighbour_either(tmp_path: Path) -> None:
+    names = ("uav1", "uav2", "gcs")
+    tcp_port = free_port(socket.SOCK_STREAM)
+    async with swarm(tmp_path, *names, settings={"uav1": {"tcp_port": tcp_port}}) as cell:
+        await cell["uav1"].until_up("uav2", "gcs")
+        box = await cell["uav1"].app.inbox("cmd/note", Text)
+        sequence = 0
+        keys = Keys.load(tmp_path / "keys" / "uav2", "uav2")
+        server = keys.curve_of("uav1")
+        assert server is not None
+        loop = asyncio.get_running_loop()
+        with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+            dealer.setsockopt(zmq.LINGER, 0)
+            dealer.setsockopt(zmq.CURVE_SERVERKEY, server)
+            dealer.setsockopt(zmq.CURVE_PUBLICKEY, keys.curve_public)
+            dealer.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)
+            dealer.connect(f"tcp://127.0.0.1:{tcp_port}")
+            end_s = loop.time() + PATIENCE_S
+            while (await cell["uav1"].traffic()).refused.spoofed == 0:
+                assert loop.time() < end_s
+                sequence += 1
+                brought = Frame(
+                    Kind.MESSAGE,
+                    data_id("cmd/note", "Text"),
+                    hardware_id("gcs"),
+                    1,
+                    hardware_id("uav1"),
+                    sequence=sequence,
+                    hops_left=23,
+                    payload=b"\x91\xa4fake",
+                )
+                dealer.send(encode(brought))
+                await asyncio.sleep(0.2)
+            taken = len(box)
+            for _ in range(5):
+                sequence += 1
+                brought.sequence = sequence
+                dealer.send(encode(brought))
+            await cell["uav1"].until_counted(lambda traffic: traffic.refused.spoofed >= 6)
+            assert len(box) == taken
+        assert await cell["gcs"].app.send("/uav1/cmd/note", Text("mine"), timeout_s=10)
+
+
+@on_uvloop
+async def test_a_flood_of_a_stranger_costs_no_link(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        await pair["uav1"].until_up("uav2")
+        address = ("239.83.87.1", pair["uav1"].group_port)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+            for index in range(20_000):
+                hw = hardware_id("uav2") if index % 2 else index
+                sock.sendto(b"\x54\x20" + hw.to_bytes(4, "little") + bytes(200), address)
+                if index % 50 == 0:
+                    await asyncio.sleep(0.002)
+        traffic = await pair["uav1"].until_counted(lambda traffic: traffic.refused.flooded > 5000)
+        assert pair["uav1"].states() == {"uav2": "up"}
+        assert traffic.refused.unknown_session + traffic.refused.forged < 2000
+
+
+@on_uvloop
+async def test_connections_that_show_no_key_are_limited_and_members_come_through(tmp_path: Path) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    async with swarm(tmp_path, "uav1", "uav2", settings={"uav1": {"tcp_port": port}}) as pair:
+        await pair["uav2"].until_up("uav1")
+        box = await pair["uav1"].app.inbox("cmd/note", Text)
+        with ExitStack() as held:
+            for _ in range(HALF_OPEN_MAX + 100):
+                sock = held.enter_context(socket.socket())
+                sock.setblocking(False)
+                await asyncio.get_running_loop().sock_connect(sock, ("127.0.0.1", port))
+            traffic = await pair["uav1"].until_counted(
+                lambda traffic: traffic.refused.denied_connections >= 90
+            )
+            assert traffic.refused.denied_connections <= 100
+            for number in range(3):  # a member that connects is turned away with the rest, and comes again
+                outcome = await pair["uav2"].app.send("/uav1/cmd/note", Text(str(number)), timeout_s=15)
+                assert outcome, outcome
+        assert len(box) == 3
 
 
 @on_uvloop

@@ -24,7 +24,7 @@ class Step(IntEnum):
     LOOPED = 5
     """Came round again with fewer hops left."""
     SPOOFED = 6
-    """Says that it starts at the neighbour it came from, but has another sender."""
+    """Must have come from its sender itself, and came from another member."""
 
 
 class Decision(msgspec.Struct, frozen=True, gc=False):
@@ -69,9 +69,15 @@ class Forwarder:
         """A frame that waited for a neighbour which is gone."""
         return self._onward(frame, False, now_ns)
 
-    def from_neighbour(self, frame: Frame, neighbour_hw: int | None, now_ns: int) -> Decision:
-        """A frame from a link; `neighbour_hw`: the member at its other end, None where nobody can tell."""
-        if frame.hops_left >= HOPS and neighbour_hw is not None and frame.sender_hw != neighbour_hw:
+    def from_neighbour(
+        self, frame: Frame, neighbour_hw: int | None, now_ns: int, *, direct: bool = False
+    ) -> Decision:
+        """A frame from a link; `neighbour_hw`: the member at its other end, None where nobody can tell.
+
+        `direct`: its origin is so near that it sends to us itself; then nobody else brings its frames.
+        """
+        starts_here = frame.hops_left >= HOPS or direct
+        if starts_here and neighbour_hw is not None and frame.sender_hw != neighbour_hw:
             return _SPOOFED
         if frame.sender_hw == self._own_hw:
             return _LOOPED

@@ -6,10 +6,10 @@ import msgspec
 
 from swarmd.broker.core.bulletin import Bulletin
 from swarmd.broker.core.channel import Channels
-from swarmd.broker.core.directory import RouteChanged
+from swarmd.broker.core.directory import HYSTERESIS, RouteChanged
 from swarmd.broker.core.members import Members, wire_name
 from swarmd.broker.core.mesh import LinkChanged, LinkState, Mesh, Timing
-from swarmd.broker.core.neighbour import CLOCK_HIGH_MAX, Neighbour
+from swarmd.broker.core.neighbour import CLOCK_HIGH_MAX, PERFECT, Neighbour
 from swarmd.broker.core.pace import IDLE_HZ, tick_hz
 from swarmd.broker.core.relay import News, Relays
 from swarmd.broker.core.tick import (
@@ -37,6 +37,11 @@ that its neighbours, who expect more of it, may miss one datagram."""
 OWN_SHARE: Final = 700
 """Bytes of a datagram's body that echoes, rows and own boards may take together before relays and
 names get their turn; a board that is larger than what is left waits for a datagram of its own."""
+DIRECT_COST: Final = 2 * PERFECT - 2 * HYSTERESIS
+"""Two hops cost two perfect links at least, and a node leaves them for one that is better by more than the
+hysteresis; once more that much, because both ends judge the link from samples of their own."""
+DIRECT_NS: Final = 5_000_000_000
+"""By then both ends have judged the link from the same datagrams, and chosen their ways."""
 _FORGET_NS: Final = 10_000_000_000
 _FIRST_DATAGRAM_BYTES: Final = 150.0
 
@@ -307,3 +312,16 @@ class Station:
         """Whether both directions to a neighbour work."""
         neighbour = self.mesh.neighbours.get(hw)
         return neighbour is not None and neighbour.state is LinkState.UP
+
+    def is_direct(self, hw: int, now_ns: int) -> bool:
+        """Whether a node surely sends to us itself: every way over another one would cost it more.
+
+        Not in the first seconds: until then it may still use the way that it had before.
+        """
+        neighbour = self.mesh.neighbours.get(hw)
+        return (
+            neighbour is not None
+            and neighbour.state is LinkState.UP
+            and neighbour.cost <= DIRECT_COST
+            and now_ns - neighbour.since_ns >= DIRECT_NS
+        )

@@ -76,6 +76,7 @@ class Refusals(msgspec.Struct, gc=False):
     failed: int = 0
     denied: int = 0
     unproven: int = 0
+    flooded: int = 0
 
 
 class Counters:

@@ -198,8 +198,8 @@ class Links:
 
     @property
     def denied(self) -> int:
-        """Handshakes of strangers."""
-        return self._zap.denied
+        """Connections of strangers: with a wrong key, or one too many without any."""
+        return self._zap.denied + self.count.shut
 
     def make_socket(self, kind: int) -> Socket:
         """A socket that neither waits nor hoards."""
@@ -266,7 +266,7 @@ class Links:
 
     def _on_router_event(self, event: int, value: int) -> None:
         if event == zmq.EVENT_ACCEPTED:
-            self.count.add(value)
+            self.count.accept(value)
         elif event in (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL):
             self.broken_handshakes += 1
 

@@ -1,0 +1,58 @@
+"""Which datagrams are worth a look at their seal: members' first, the rest within a budget."""
+
+from collections.abc import Collection
+from typing import Final
+
+STRANGERS_S: Final = 10
+"""Datagrams a second of senders that are not on the roster: a unit of a member may be among them."""
+FAILURES_S: Final = 50
+"""Bad datagrams a second from one address; then it is left out until the second is over."""
+ALL_FAILURES_S: Final = 500
+"""Bad datagrams a second from everywhere; then only addresses with good ones are looked at."""
+GOOD_MAX: Final = 4096
+_SECOND_NS: Final = 1_000_000_000
+
+Address = tuple[str, int]
+
+
+class Admission:
+    """Counts by seconds; forgets the addresses of bad datagrams with each."""
+
+    def __init__(self, members: Collection[int] | None) -> None:
+        """`members`: hardware ids on the roster; None without one."""
+        self._members = None if members is None else frozenset(members)
+        self._second = 0
+        self._strangers = 0
+        self._failures = 0
+        self._by_address: dict[Address, int] = {}
+        self._good: dict[Address, int] = {}
+        """Addresses of members, and the second of their last good datagram."""
+
+    def may_open(self, address: Address, sender_hw: int, now_ns: int) -> bool:
+        """Whether to spend cryptography on it."""
+        second = now_ns // _SECOND_NS
+        if second != self._second:
+            self._second = second
+            self._strangers = self._failures = 0
+            self._by_address.clear()
+        if self._by_address.get(address, 0) >= FAILURES_S:
+            return False
+        if address in self._good:
+            return True
+        if self._failures >= ALL_FAILURES_S:
+            return False
+        if self._members is not None and sender_hw not in self._members:
+            self._strangers += 1
+            return self._strangers <= STRANGERS_S
+        return True
+
+    def good(self, address: Address) -> None:
+        """A datagram of a member came from there."""
+        if address not in self._good and len(self._good) >= GOOD_MAX:
+            del self._good[min(self._good, key=lambda key: self._good[key])]
+        self._good[address] = self._second
+
+    def bad(self, address: Address) -> None:
+        """One that nobody of the swarm sealed came from there."""
+        self._failures += 1
+        self._by_address[address] = self._by_address.get(address, 0) + 1
