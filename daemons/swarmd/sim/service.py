@@ -1,27 +1,21 @@
 """The simulation's shell: set-points in, truth and sensors out, at fixed instants."""
 
 import asyncio
-import logging
 import random
 import re
-from collections.abc import Callable
 from typing import ClassVar, Final
-
-import msgspec
 
 from swarmd.sim import config as settings
 from swarmd.sim.core.simulation import Sample, Simulation
+from swarmd.sim.motors import Motors
 from swarmware.config import load
-from swarmware.errors import Denied
-from swarmware.module import BoardReader, BoardWriter, Meta, Module
+from swarmware.module import BoardReader, BoardWriter, Module
 from swarmware.service import Service
 from swarmware.types.vehicle import (
-    ArmRequest,
     BatteryState,
     Collision,
     GnssFix,
     Imu,
-    KillRequest,
     MotorOrder,
     Pose,
     Range,
@@ -58,7 +52,7 @@ class Sim(Service):
         outputs = Outputs(module, self.config, flies=simulation.vehicle.flies)
         await outputs.open()
 
-        await Motors(module, simulation, outputs).serve()
+        await Motors(module, simulation, outputs.vehicle, outputs.orders).serve()
         await self._loop(simulation, outputs)
 
     async def _last(self, start: Pose) -> tuple[Pose, bool]:
@@ -105,68 +99,6 @@ class Sim(Service):
             due_ns = simulation.deadline_ns()
             # the event loop counts milliseconds and rounds down: asked for exactly, it would come too early
             await asyncio.sleep(max(0, (due_ns or begin_ns) - now_ns() + _MS_NS) // _MS_NS / 1000)
-
-
-class Motors:
-    """Takes the requests to the motors, which need neither a mission nor a navigator; each one is audited."""
-
-    def __init__(self, module: Module, simulation: Simulation, outputs: "Outputs") -> None:
-        self._module = module
-        self._simulation = simulation
-        self._outputs = outputs
-
-    async def serve(self) -> None:
-        """From now on."""
-        serve = self._module.serve
-        await serve(
-            "sys/vehicle/arm",
-            ArmRequest,
-            self._arm,
-            reply=VehicleState,
-            description="Arm or disarm the motors",
-        )
-        await serve(
-            "sys/vehicle/kill",
-            KillRequest,
-            self._kill,
-            reply=VehicleState,
-            description="Motors off, also in the air",
-        )
-
-    def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
-        what = "arm" if request.armed else "disarm"
-        return self._done(what, "", meta, lambda: self._simulation.on_arm(request.armed))
-
-    def _kill(self, request: KillRequest, meta: Meta) -> VehicleState:
-        return self._done("kill", request.reason, meta, lambda: self._killed(request.platform))
-
-    def _killed(self, named: str) -> VehicleState:
-        if named != self._module.platform:
-            raise Denied(f"kill of {named!r}: this is {self._module.platform}; expected its own name")
-        return self._simulation.on_kill()
-
-    def _done(self, what: str, reason: str, meta: Meta, do: Callable[[], VehicleState]) -> VehicleState:
-        by = self._sender(meta)
-        order = MotorOrder(what, by, round(self._simulation.vehicle.pose().z_m, 2), reason)
-        try:
-            state = do()
-        except Denied as error:
-            self._outputs.orders.write(msgspec.structs.replace(order, refused=str(error)))
-            self._module.log.warning("%s by %s: refused: %s", what, by, error)
-            raise
-        self._outputs.vehicle.write(state)
-        self._outputs.orders.write(order)
-        level = logging.WARNING if what == "kill" else logging.INFO
-        self._module.log.log(level, "%s by %s %s", what, by, reason)
-        return state
-
-    def _sender(self, meta: Meta) -> str:
-        if meta.sender is not None:
-            return str(meta.sender)
-        if meta.sender_hw == self._module.node.hardware:
-            return self._module.platform
-        conversion = self._module.foreign.conversion(meta.sender_hw)
-        return f"{meta.sender_hw:08x}" if conversion is None else conversion.platform
 
 
 class Outputs:

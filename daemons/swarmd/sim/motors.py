@@ -1,0 +1,80 @@
+"""The vehicle's own end of arm, disarm and kill."""
+
+import logging
+from collections.abc import Callable
+
+import msgspec
+
+from swarmd.sim.core.simulation import Simulation
+from swarmware.errors import Denied
+from swarmware.module import BoardWriter, Meta, Module
+from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, VehicleState
+
+
+class Motors:
+    """Takes the requests to the motors, which need neither a mission nor a navigator; each one is audited."""
+
+    def __init__(
+        self,
+        module: Module,
+        simulation: Simulation,
+        state: BoardWriter[VehicleState],
+        orders: BoardWriter[MotorOrder],
+    ) -> None:
+        self._module = module
+        self._simulation = simulation
+        self._state = state
+        self._orders = orders
+
+    async def serve(self) -> None:
+        """From now on."""
+        serve = self._module.serve
+        await serve(
+            "sys/vehicle/arm",
+            ArmRequest,
+            self._arm,
+            reply=VehicleState,
+            description="Arm or disarm the motors",
+        )
+        await serve(
+            "sys/vehicle/kill",
+            KillRequest,
+            self._kill,
+            reply=VehicleState,
+            description="Motors off, also in the air",
+        )
+
+    def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
+        what = "arm" if request.armed else "disarm"
+        return self._done(what, "", meta, lambda: self._simulation.on_arm(request.armed))
+
+    def _kill(self, request: KillRequest, meta: Meta) -> VehicleState:
+        return self._done("kill", request.reason, meta, lambda: self._killed(request.platform))
+
+    def _killed(self, named: str) -> VehicleState:
+        if named != self._module.platform:
+            raise Denied(f"kill of {named!r}: this is {self._module.platform}; expected its own name")
+        return self._simulation.on_kill()
+
+    def _done(self, what: str, reason: str, meta: Meta, do: Callable[[], VehicleState]) -> VehicleState:
+        by = self._sender(meta)
+        order = MotorOrder(what, by, round(self._simulation.vehicle.pose().z_m, 2), reason)
+        try:
+            state = do()
+        except Denied as error:
+            self._orders.write(msgspec.structs.replace(order, refused=str(error)))
+            self._module.log.warning("%s by %s: refused: %s", what, by, error)
+            raise
+        self._state.write(state)
+        self._orders.write(order)
+        level = logging.WARNING if what == "kill" else logging.INFO
+        self._module.log.log(level, "%s by %s %s", what, by, reason)
+        return state
+
+    def _sender(self, meta: Meta) -> str:
+        if meta.sender is not None:
+            return str(meta.sender)
+        if meta.sender_hw == self._module.node.hardware:
+            return self._module.platform
+        conversion = self._module.foreign.conversion(meta.sender_hw)
+        return f"{meta.sender_hw:08x}" if conversion is None else conversion.platform
