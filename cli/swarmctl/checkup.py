@@ -5,7 +5,7 @@ import shutil
 import socket
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, Literal
 
@@ -13,15 +13,20 @@ import msgspec
 
 from swarmctl.lab import record
 from swarmware.appfile import AppTable
-from swarmware.config import load_node, share_dir
-from swarmware.errors import SwarmError
+from swarmware.config import load_node, load_service, share_dir
+from swarmware.errors import ConfigError, SwarmError
+from swarmware.record.address import password_in, without_password
 from swarmware.security import Keys
+from swarmware.service.find import find
 from swarmware.shm.reap import reap
 
 SOCKET_PATH_BYTES: Final = 107
 """Longest path of a Unix socket (sun_path without its zero)."""
 SHM_LOW_BYTES: Final = 64 << 20
 DISK_LOW_BYTES: Final = 512 << 20
+
+DATABASE_S: Final = 2.0
+"""A server on the same network answers within milliseconds."""
 
 Verdict = Literal["ok", "warning", "error"]
 
@@ -167,8 +172,41 @@ def _node(folder: Path, fix: bool) -> Iterator[Result]:
         yield Result(
             "remains", "ok", "what dead processes left was removed" if fix else "nobody lives here", fixed=fix
         )
+    yield from _settings(folder, node.services)
     yield _keys(node.keys_dir, node.platform)
     yield _disk(node.data_path)
+
+
+def _settings(folder: Path, services: Iterable[str]) -> Iterator[Result]:
+    """Files below services/: whether they fit, and whether the logger's database answers."""
+    for name in services:
+        try:
+            config = load_service(folder, name, find(name).Config)
+        except SwarmError as error:
+            yield Result(f"{name}.toml", "error", str(error), "correct the file")
+            continue
+        if uri := getattr(config, "mongodb_uri", ""):
+            yield _database(folder / "services" / f"{name}.toml", uri)
+
+
+def _database(path: Path, uri: str) -> Result:
+    from swarmware.record.mongo import MongoStore
+
+    try:
+        store = MongoStore(uri, timeout_s=DATABASE_S)
+    except ConfigError as error:
+        return Result("mongodb", "error", f"{path}: {error}", "correct the address; the local log goes on")
+    if password_in(uri) and path.stat().st_mode & 0o007:
+        text = f"{path}: everybody can read the password in it"
+        store.close()
+        return Result("mongodb", "warning", text, f"chgrp swarm {path} && chmod 0640 {path}")
+    try:
+        store.ping()
+    except SwarmError as error:
+        return Result("mongodb", "warning", str(error), "start the server; the ring keeps the log meanwhile")
+    finally:
+        store.close()
+    return Result("mongodb", "ok", f"{without_password(uri)} answers")
 
 
 def _keys(directory: str, platform: str) -> Result:

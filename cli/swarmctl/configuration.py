@@ -9,6 +9,7 @@ import msgspec
 from swarmware import document
 from swarmware.config import NodeConfig, load_node, load_service
 from swarmware.errors import NotFound
+from swarmware.record.address import without_password
 from swarmware.service.find import find, installed
 
 
@@ -46,7 +47,7 @@ def _keys(service: str, path: Path, config: Any, defaults: Any) -> Iterator[Sett
     standard = dict(_flat("", msgspec.to_builtins(defaults)))
     for key, value in _flat("", msgspec.to_builtins(config)).items():
         origin = str(path) if key in written and value != standard.get(key) else "default"
-        yield Setting(service, key, msgspec.json.encode(value).decode(), origin)
+        yield Setting(service, key, without_password(msgspec.json.encode(value).decode()), origin)
 
 
 def _flat(prefix: str, value: Any) -> dict[str, Any]:

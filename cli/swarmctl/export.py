@@ -52,6 +52,7 @@ def _jsonl(entries: Iterator[Entry], target: str) -> int:
                 "stamp_ns": entry.stamp_ns,
                 "path": entry.topic,
                 "type": entry.type,
+                **({"sender": entry.sender} if entry.sender else {}),
                 "value": entry.plain(),
             }
             file.write(msgspec.json.encode(line).decode() + "\n")

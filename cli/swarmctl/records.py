@@ -7,6 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from swarmctl.connect import config_dir
 from swarmctl.lab import record as labs
 from swarmctl.output import Output
@@ -14,11 +16,19 @@ from swarmctl.quantities import span_s
 from swarmctl.settings import Settings
 from swarmctl.values import brief
 from swarmware.clock import utc_ns
-from swarmware.config import load_node
-from swarmware.errors import InvalidInput, NotFound
+from swarmware.config import load_node, load_service
+from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.names import Pattern
+from swarmware.record.address import database_in
 from swarmware.record.entry import Entry
 from swarmware.record.query import FolderSource, Query, Source
+
+
+class LoggerAddress(msgspec.Struct, frozen=True):
+    """What of logger.toml says where the logs go."""
+
+    mongodb_uri: str = ""
+    mongodb_database: str = "swarm"
 
 
 @contextmanager
@@ -27,7 +37,8 @@ def source(settings: Settings, options: Mapping[str, Any]) -> Iterator[Source]:
     if options.get("mongodb"):
         from swarmware.record.mongo import MongoStore
 
-        store = MongoStore(options["mongodb"], options["database"], timeout_s=settings.timeout_s)
+        uri, name = database(settings, options["mongodb"], options.get("database") or "")
+        store = MongoStore(uri, name, timeout_s=settings.timeout_s)
         try:
             yield store
         finally:
@@ -44,6 +55,38 @@ def source(settings: Settings, options: Mapping[str, Any]) -> Iterator[Source]:
             yield SpoolSource(file, spool)
         return
     yield FolderSource(folders(settings, options.get("folder")))
+
+
+def database(settings: Settings, uri: str, name: str) -> tuple[str, str]:
+    """Address and name of the database: as asked for, else where the lab or the node writes to.
+
+    Raises: NotFound when `-` was asked for and nothing is forwarded.
+    """
+    written_uri, written = _forwarded(settings)
+    if uri == "-":
+        if not written_uri:
+            raise NotFound("--mongodb -: the logs go to no database; expected a lab with --mongodb, or a URI")
+        uri = written_uri
+    return uri, name or database_in(uri) or written or "swarm"
+
+
+def _forwarded(settings: Settings) -> tuple[str, str]:
+    """Where the logs of the lab, or of the node, are forwarded to; empty when nowhere."""
+    if settings.config_dir is None:
+        try:
+            lab = labs.find(settings.lab)
+        except NotFound:
+            if settings.lab:
+                raise
+        else:
+            return lab.mongodb_uri, lab.mongodb_database if lab.mongodb_uri else ""
+    try:
+        folder = config_dir(settings)
+        load_node(folder)
+    except SwarmError:
+        return "", ""  # no node here: the address says everything
+    found = load_service(folder, "logger", LoggerAddress)
+    return found.mongodb_uri, found.mongodb_database if found.mongodb_uri else ""
 
 
 def folders(settings: Settings, folder: str | None) -> list[Path]:
@@ -118,11 +161,23 @@ def show(out: Output, entry: Entry) -> None:
                 "type": entry.type,
                 "queue": entry.queue,
                 "sequence": entry.sequence,
+                **({"sender": entry.sender} if entry.sender else {}),
                 "value": entry.plain(),
             }
         )
         return
-    out.now(f"{iso(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}")
+    sender = f"  from {entry.sender}" if entry.sender else ""
+    out.now(f"{iso(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}{sender}")
+
+
+def refuse_losses(found: Source) -> None:
+    """Says what of the record could not be read.
+
+    Raises: Partial when there is something.
+    """
+    if losses := found.losses():
+        more = f"; and {len(losses) - 3} more" if len(losses) > 3 else ""
+        raise Partial(f"the record is not whole: {'; '.join(losses[:3])}{more}")
 
 
 def iso(instant_utc_ns: int) -> str:

@@ -17,8 +17,12 @@ def _source_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
     for option in (
         click.option("--dir", "folder", metavar="DIR", help="A folder of segments, or a report's folder."),
         click.option("--spool", metavar="FILE", help="A stream of MessagePack; `-` for stdin."),
-        click.option("--mongodb", metavar="URI", help="The database instead of local segments."),
-        click.option("--database", default="swarm", show_default=True, help="Name of the database."),
+        click.option(
+            "--mongodb",
+            metavar="URI",
+            help="The database instead of local segments; `-`: where they go.",
+        ),
+        click.option("--database", metavar="NAME", help="Of the database; else the one the logs go to."),
     ):
         function = option(function)
     return function
@@ -64,7 +68,8 @@ def query(ctx: click.Context, /, **options: Any) -> None:
             records.show(out, entry)
             count += 1
     if not count:
-        out.say("no entry matches")
+        out.say(found.nothing() or "no entry matches")
+    records.refuse_losses(found)
 
 
 @cmd.command()
@@ -111,6 +116,7 @@ def export(ctx: click.Context, /, form: str, target: str, **options: Any) -> Non
     with records.source(settings(ctx), options) as found:
         count = write(found.entries(records.query(settings(ctx), options)), form, target)
     Output(settings(ctx)).say(f"{count} entries to {target}")
+    records.refuse_losses(found)
 
 
 @cmd.command()
@@ -145,5 +151,6 @@ def stats(ctx: click.Context, /, strict: bool, **options: Any) -> None:
             Column("SPAN s", right=True),
         ]
         out.table(columns, rows)
+    records.refuse_losses(found)
     if strict and (missing := sum(queue.missing for queue in queues)):
         raise Partial(f"log: {missing} entries are missing; expected none")

@@ -11,7 +11,7 @@ from typing import Final, TypeVar
 import msgspec
 
 from swarmctl.connect import Link, connect
-from swarmctl.lab import folders, host, load, upkeep
+from swarmctl.lab import database, folders, host, load, upkeep
 from swarmctl.lab.facts import Facts, NodeFacts
 from swarmctl.lab.folders import RADIUS_M, Wish
 from swarmctl.lab.host import Busy, Host
@@ -64,6 +64,7 @@ def main(wish: Wish, duration_s: float, out_dir: Path, out: Output, *, strict: b
 
     Raises: SwarmError when the swarm does not come up or does not take the mission.
     """
+    database.examine(wish.mongodb_uri, out)
     prepare(out_dir)
     here = host.describe()
     started_utc_ns = time.time_ns()

@@ -72,6 +72,7 @@ def make(wish: Wish) -> LabRecord:
             multicast_group=_group(),
             udp_port=_free_port(),
             mongodb_uri=wish.mongodb_uri,
+            mongodb_database=f"swarm_{folder.name}" if wish.mongodb_uri else "",
             nodes=tuple(_node(folder, member, member.platform in separate) for member in who),
         )
         record.save(lab)
@@ -197,11 +198,12 @@ def _services(lab: LabRecord, node: NodeRecord) -> dict[str, dict[str, Any]]:
     if node.platform == LIDAR:
         settings["hal"] = {"drivers": ["sim", "system", "replay"]}
     if lab.mongodb_uri:
-        settings["logger"] = {"mongodb_uri": lab.mongodb_uri, "mongodb_database": f"swarm_{lab.name}"}
+        settings["logger"] = {"mongodb_uri": lab.mongodb_uri, "mongodb_database": lab.mongodb_database}
     return settings
 
 
 def _toml(path: Path, data: dict[str, Any]) -> None:
+    path.touch(mode=0o600)  # the address of the database may have a password in it
     path.write_text(tomli_w.dumps(data), "utf-8")
 
 

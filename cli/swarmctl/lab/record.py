@@ -89,6 +89,8 @@ class LabRecord(msgspec.Struct, frozen=True, kw_only=True):
     multicast_group: str
     udp_port: int
     mongodb_uri: str = ""
+    mongodb_database: str = ""
+    """Where the logs go; empty: they stay on the nodes."""
     ready_s: float = 0.0
     """From the first start of a process until the whole swarm knew itself; 0: not yet."""
     nodes: tuple[NodeRecord, ...]
@@ -152,6 +154,7 @@ def save(record: LabRecord) -> None:
     """Writes lab.json; readers see the old one or the new one."""
     path = Path(record.folder) / FILE
     fresh = path.with_suffix(".new")
+    fresh.touch(mode=0o600)  # the address of the database may have a password in it
     fresh.write_bytes(msgspec.json.format(msgspec.json.encode(record), indent=1))
     fresh.replace(path)
 

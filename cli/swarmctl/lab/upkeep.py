@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
 from swarmctl.connect import connect
-from swarmctl.lab import folders, listing, plan
+from swarmctl.lab import database, folders, listing, plan
 from swarmctl.lab.capacity import Capacity
 from swarmctl.lab.folders import Wish
 from swarmctl.lab.record import LabRecord
@@ -102,6 +102,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
 
 def main(wish: Wish, out: Output, *, detach: bool) -> None:
     """`lab up`."""
+    database.examine(wish.mongodb_uri, out)
     running = RunningLab(folders.make(wish))
     left_running = False
     try:

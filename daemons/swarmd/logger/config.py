@@ -25,6 +25,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     mongodb_database: str = "swarm"
     queue_size: Annotated[int, msgspec.Meta(ge=100)] = 1_000_000
     """Slots of each circular queue in MongoDB."""
+    queue_bytes: Annotated[int, msgspec.Meta(ge=1 << 20)] = 64 << 20
+    """Bytes of each of these queues; its oldest entries go first."""
     forward_batch: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 1000
     """Entries written to MongoDB at a time."""
     retry_s: Annotated[float, msgspec.Meta(gt=0, le=600)] = 2.0

@@ -2,7 +2,7 @@
 
 from itertools import islice
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 from swarmware.record.cursor import Cursor
 from swarmware.record.entry import Entry
@@ -10,6 +10,8 @@ from swarmware.record.ring import segments
 from swarmware.record.segment import SegmentReader
 from swarmware.types import registry
 from swarmware.types.log import LogGap
+
+OVERWRITTEN: Final = "ring overwritten"
 
 
 class Store(Protocol):
@@ -78,7 +80,7 @@ class Forwarder:
                 entries, complete = [], True  # the ring overwrote it while we read
             if entries:
                 sequences = dict(cursor.sequences)
-                documents = self._with_gaps(entries, sequences)
+                documents = self._with_gaps(entries, sequences, "damaged" if reader.damaged else OVERWRITTEN)
                 moved = Cursor(number, reader.offset, sequences)
                 self._store.write(documents, self._platform, moved)
                 self._cursor = moved
@@ -103,22 +105,22 @@ class Forwarder:
         paths = segments(self._directory)
         return bool(paths) and int(paths[-1].stem) > number
 
-    def _with_gaps(self, entries: list[Entry], sequences: dict[str, int]) -> list[Entry]:
+    def _with_gaps(self, entries: list[Entry], sequences: dict[str, int], where: str) -> list[Entry]:
         out: list[Entry] = []
         for entry in entries:
             expected = sequences.get(entry.queue, 0) + 1
             if entry.sequence > expected:
-                out.append(self._gap(entry, expected, sequences))
+                out.append(self._gap(entry, expected, sequences, where))
             sequences[entry.queue] = max(entry.sequence, expected - 1)
             out.append(entry)
         return out
 
-    def _gap(self, entry: Entry, expected: int, sequences: dict[str, int]) -> Entry:
+    def _gap(self, entry: Entry, expected: int, sequences: dict[str, int], where: str) -> Entry:
         missing = entry.sequence - expected
         self.gaps += missing
         queue = f"{self._platform}:upload:gaps"
         sequences[queue] = sequences.get(queue, 0) + 1
-        gap = LogGap("ring overwritten", entry.queue, "", missing, expected, entry.sequence - 1)
+        gap = LogGap(where, entry.queue, "", missing, expected, entry.sequence - 1)
         return Entry(
             queue,
             sequences[queue],

@@ -1,25 +1,35 @@
 """The logger's shell: looks at shared memory, hands batches to the disk, forwards to MongoDB."""
 
 import asyncio
+import errno
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Final
 
 from swarmd.logger import config as settings
 from swarmd.logger.book import GAPS, Batch, Book
-from swarmd.logger.core import Plan
+from swarmd.logger.core import Plan, Track
 from swarmd.logger.forward import Forwarder
 from swarmd.logger.taps import Tap
 from swarmware import template
 from swarmware.appfile import AppTable
 from swarmware.clock import utc_ns
-from swarmware.errors import SwarmError
+from swarmware.delivery import sender_of
+from swarmware.errors import ConfigError, Denied, SwarmError
+from swarmware.frame import Frame
 from swarmware.module import BoardWriter, Meta, Module
-from swarmware.resource import Resource
+from swarmware.record.address import password_in
+from swarmware.resource import Kind, Resource
 from swarmware.service import Service
 from swarmware.types.log import LogGap, LogStats, LogStatsRequest
 
 log = logging.getLogger("swarm.logger")
+
+DISK: Final = "disk"
+MONGODB: Final = "mongodb"
+PASSWORD: Final = "mongodb_password"
+"""Names of the conditions that `swarmctl health` shows."""
 
 
 class Logger(Service):
@@ -54,10 +64,12 @@ class Logger(Service):
         """Samples, writes and forwards until cancelled."""
         loop = asyncio.get_running_loop()
         self._book = await loop.run_in_executor(
-            self._disk, Book, self.directory, self.module.platform, self.config
+            self._disk, Book, self.directory, self.module.platform, self.config, self._node.clock.boot_id
         )
         if self._book.repaired_bytes:
             log.warning("the last run did not end: %d bytes were half-written", self._book.repaired_bytes)
+        self._tell_damage(self._book)
+        self.health.report(DISK, description="The disk takes the log")
         stats = await self.module.writer(
             "log/stats", LogStats, rate_hz=1.0, link="request", description="How the logger does"
         )
@@ -81,10 +93,22 @@ class Logger(Service):
             self._look()
             await self._write(self._book)
 
+    def _tell_damage(self, book: Book) -> None:
+        now_ns, wall_ns = self.module.now_ns(), utc_ns()
+        for hole in book.holes:
+            gap = LogGap("damaged", hole.queue, "", hole.last - hole.first + 1, hole.first, hole.last)
+            self._batch.gaps.append((gap, now_ns, wall_ns))
+        for path in book.set_aside:
+            log.warning("%s: nothing in it can be read, it was set aside", path)
+            self._batch.gaps.append((LogGap("damaged", "", path.name, 0), now_ns, wall_ns))
+
     def _end(self, book: Book) -> None:
-        if self._batch:
-            book.write(self._batch)
-        book.close()
+        try:
+            if self._batch:
+                book.write(self._batch)
+            book.close()
+        except OSError as error:
+            log.error("%s: %d bytes of the log are lost: %s", self.directory, book.waiting, error.strerror)
 
     async def _sample(self, book: Book, stats: BoardWriter[LogStats]) -> None:
         every = max(1, round(self.config.flush_s / self.config.period_s))
@@ -106,7 +130,10 @@ class Logger(Service):
         assert self._book is not None
         opened, closed = self._plan.update(self._resources())
         for path in closed:
-            self._taps.pop(path).close()
+            tap = self._taps.pop(path)
+            if tap.track.every:
+                self._take_all(tap)  # what its writer left in its last period
+            tap.close()
         now_ns = self.module.now_ns()
         for track in opened:
             # a stamp from the future is one of another boot, whose clock began elsewhere
@@ -127,14 +154,32 @@ class Logger(Service):
         for track in self._plan.tracks:
             tap = self._taps[track.path]
             if track.every:
-                frames, lost = tap.all()
-                self._batch.frames += [(track, frame, wall_ns) for frame in frames]
-                if lost:
-                    assert self._book is not None
-                    gap = LogGap("ring", self._book.queue(track), track.path, lost)
-                    self._batch.gaps.append((gap, now_ns, wall_ns))
+                self._take_all(tap)
             elif self._plan.due(track.path, now_ns) and (frame := tap.newest()) is not None:
-                self._batch.frames.append((track, frame, wall_ns))
+                self._batch.frames.append((track, frame, wall_ns, ""))
+
+    def _take_all(self, tap: Tap) -> None:
+        frames, lost = tap.all()
+        wall_ns = utc_ns()
+        self._batch.frames += [
+            (tap.track, frame, wall_ns, self._sender(tap.track, frame)) for frame in frames
+        ]
+        if lost:
+            assert self._book is not None
+            gap = LogGap("ring", self._book.queue(tap.track), tap.track.path, lost)
+            self._batch.gaps.append((gap, self.module.now_ns(), wall_ns))
+
+    def _sender(self, track: Track, frame: Frame) -> str:
+        if track.kind is not Kind.COMMAND:
+            return ""
+        proven = sender_of(frame.extension)
+        if proven is not None:
+            return str(proven)
+        if frame.sender_hw != self._node.hardware:
+            return f"{frame.sender_hw:08x}"
+        entry = self._table.application(frame.sender_app)
+        # a command of the operator may have ended before the logger looks
+        return f"{entry.id if entry is not None else f'{frame.sender_app:08x}'}@{self._node.platform}"
 
     async def _write(self, book: Book) -> None:
         batch, self._batch = self._batch, Batch()
@@ -143,17 +188,33 @@ class Logger(Service):
         try:
             await asyncio.get_running_loop().run_in_executor(self._disk, book.write, batch)
         except OSError as error:
-            log.error("the disk did not take %d entries: %s", len(batch.frames), error)
-            gap = LogGap("disk", "", "", len(batch.frames))
-            self._batch.gaps.append((gap, self.module.now_ns(), utc_ns()))
+            state = "full" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "failing"
+            self.health.report(
+                DISK, state, level="warn", detail=f"{self.directory}: {error.strerror or error}"
+            )
             return
+        self.health.report(DISK)
         self._written.set()
 
     async def _forward(self) -> None:
         from swarmware.record.mongo import MongoStore
 
         config = self.config
-        store = MongoStore(config.mongodb_uri, config.mongodb_database, queue_size=config.queue_size)
+        self.health.report(MONGODB, description="Forwarding to MongoDB")
+        self._warn_of_open_password()
+        try:
+            store = MongoStore(
+                config.mongodb_uri,
+                config.mongodb_database,
+                queue_size=config.queue_size,
+                queue_bytes=config.queue_bytes,
+            )
+        except ConfigError as error:
+            # the local log does not depend on it
+            log.error("%s: forwarding is off", error)
+            self._mongodb = f"off: {error}"
+            self.health.report(MONGODB, "misconfigured", level="warn", detail=str(error))
+            return
         forwarder = Forwarder(self.directory, self.module.platform, store, config.forward_batch)
         self._forwarder = forwarder
         with ThreadPoolExecutor(1, thread_name_prefix="log-mongodb") as thread:
@@ -165,18 +226,26 @@ class Logger(Service):
             finally:
                 store.close()
 
+    def _warn_of_open_password(self) -> None:
+        path = self._node.config_dir / "services" / "logger.toml"
+        open_to_all = path.exists() and path.stat().st_mode & 0o007
+        if password_in(self.config.mongodb_uri) and open_to_all:
+            log.warning("%s: everybody can read the password in it; expected mode 0640, group swarm", path)
+            self.health.report(
+                PASSWORD, "readable", level="warn", detail=f"{path}: expected mode 0640, group swarm"
+            )
+
     async def _forward_once(self, forwarder: Forwarder, thread: ThreadPoolExecutor) -> bool:
         """Whether there may be more to forward at once."""
         try:
             stored = await asyncio.get_running_loop().run_in_executor(thread, forwarder.step)
-        except SwarmError as error:
-            if self._mongodb != f"away: {error}":
-                log.warning("forwarding waits: %s", error)
+        except (SwarmError, OSError) as error:
+            state = "denied" if isinstance(error, Denied) else "unreachable"
+            self.health.report(MONGODB, state, level="warn", detail=str(error))
             self._mongodb = f"away: {error}"
             await asyncio.sleep(self.config.retry_s)
             return True
-        if self._mongodb != "connected":
-            log.info("forwarding to MongoDB")
+        self.health.report(MONGODB)
         self._mongodb = "connected"
         return stored > 0
 

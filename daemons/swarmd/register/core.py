@@ -33,11 +33,12 @@ class RegisterCore:
         self._held[unit] = _Held(table, now_ns)
         return True
 
-    def on_heard(self, platform: str, now_ns: int) -> None:
-        """The platform lives, though its table has not changed."""
-        for (name, _), held in self._held.items():
-            if name == platform:
-                held.heard_ns = now_ns
+    def on_heard(self, platform: str, now_ns: int) -> bool:
+        """The platform lives, though its table has not changed; False when no table of it is known."""
+        known = [held for (name, _), held in self._held.items() if name == platform]
+        for held in known:
+            held.heard_ns = now_ns
+        return bool(known)
 
     def on_timer(self, now_ns: int) -> list[str]:
         """Platforms that are forgotten now."""

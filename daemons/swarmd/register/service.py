@@ -52,16 +52,29 @@ class Register(Service):
             module.node.master.no_longer_prefer()
 
     async def _follow(self, tables: BoardSet[ApplicationTable]) -> None:
+        pause_s = min(FORGET_CHECK_S, self.config.forget_s / 4)
         while True:
             try:
-                for platform in await tables.changed(timeout_s=FORGET_CHECK_S):
+                for platform in await tables.changed(timeout_s=pause_s):
                     table = tables[platform].value
                     if table is not None and table.platform == platform:
                         self._core.on_table(table, self.module.now_ns())
             except NoAnswer:
                 pass
+            self._hear(tables)
             for platform in self._core.on_timer(self.module.now_ns()):
                 self.module.log.info("%s: not heard of for %.0f s, forgotten", platform, self.config.forget_s)
+
+    def _hear(self, tables: BoardSet[ApplicationTable]) -> None:
+        """Platforms with a route live, whether their applications change or not."""
+        routes = self._routes.value if self._routes is not None else None
+        now_ns = self.module.now_ns()
+        for route in routes.routes if routes is not None else ():
+            if self._core.on_heard(route.platform, now_ns) or route.platform not in tables:
+                continue
+            table = tables[route.platform].value  # it was forgotten, and is back as it was
+            if table is not None and table.platform == route.platform:
+                self._core.on_table(table, now_ns)
 
     def _apps(self, _: Empty, __: Meta) -> RegisterReply:
         own = self.module.node.master.table(full=True)

@@ -9,6 +9,7 @@ import msgspec
 from swarmware.delivery import Outcome, Status
 from swarmware.errors import NoAnswer, WireError
 from swarmware.frame import Frame
+from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Patience, Wakeup
 from swarmware.node import Node
@@ -25,7 +26,9 @@ FAIR: Final = 64
 class Inbox(Generic[T]):
     """`async for message in inbox`."""
 
-    def __init__(self, node: Node, app: str, path: str, cls: type[T], limit: int) -> None:
+    def __init__(
+        self, node: Node, app: str, path: str, cls: type[T], limit: int, accepted: Accepted | None = None
+    ) -> None:
         self.path = path
         self.meta: Meta | None = None
         """Who sent the message given last, and when."""
@@ -35,6 +38,7 @@ class Inbox(Generic[T]):
         self._where = f"{node.platform}:{app}"
         self._cls = cls
         self._limit = limit
+        self._accepted = accepted
         self._queue: deque[tuple[T, Meta]] = deque()
         self._wakeup = Wakeup()
         self._run = 0
@@ -52,6 +56,8 @@ class Inbox(Generic[T]):
             self.refused += 1
             return Outcome(Status.REFUSED, self._where, str(error))
         self._queue.append((value, Meta.of(frame)))
+        if self._accepted is not None:
+            self._accepted.take(frame)
         self._wakeup.notify()
         return Outcome(Status.DELIVERED, self._where, received_ns=self._node.clock.now_ns())
 

@@ -16,6 +16,7 @@ from swarmware.delivery import Outcome, Status, with_lifetime
 from swarmware.errors import Conflict, InvalidInput, NotFound, OutOfRange, TypeMismatch, from_kind
 from swarmware.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, Kind
 from swarmware.module import inbox as inbox_module
+from swarmware.module.accepted import acceptance
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.foreign import ForeignTime
@@ -337,7 +338,7 @@ class Module:
         Raises: Conflict when another application has it.
         """
         local = self._own(path)
-        box = Inbox(self.node, self.id, local, cls, limit)
+        box = Inbox(self.node, self.id, local, cls, limit, acceptance(self.node, local, self._track))
         served = self._claim(local, cls, "message", "", description)
         self.node.post.serve_messages(served.data_id, self.app_id, box.put)
         return box
@@ -459,7 +460,7 @@ class Module:
         local = self._own(path)
         reply_name = registry.type_name(reply) if reply is not None else ""
         served = self._claim(local, cls, "request", reply_name, description)
-        server = Server(local, cls, handler, self.start)
+        server = Server(local, cls, handler, self.start, acceptance(self.node, local, self._track))
         self.node.post.serve_requests(served.data_id, self.app_id, server.on_request)
 
     async def request(

@@ -9,6 +9,7 @@ import msgspec
 
 from swarmware.errors import KINDS, SwarmError
 from swarmware.frame import Frame
+from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
 from swarmware.types import registry
 from swarmware.types.rpc import Reply
@@ -27,11 +28,19 @@ log = logging.getLogger("swarm.rpc")
 class Server:
     """Serves the requests of one path."""
 
-    def __init__(self, path: str, cls: type[msgspec.Struct], handler: Handler, start: Start) -> None:
+    def __init__(
+        self,
+        path: str,
+        cls: type[msgspec.Struct],
+        handler: Handler,
+        start: Start,
+        accepted: Accepted | None = None,
+    ) -> None:
         self.path = path
         self._cls = cls
         self._handler = handler
         self._start = start
+        self._accepted = accepted
         self._in_work = 0
 
     def on_request(self, frame: Frame, respond: Callable[[Reply], None]) -> None:
@@ -41,6 +50,8 @@ class Server:
             return
         try:
             request = registry.decode(self._cls, frame.payload, frame.codec)
+            if self._accepted is not None:
+                self._accepted.take(frame)
             result = self._handler(request, Meta.of(frame))
         except Exception as error:  # noqa: BLE001 - the RPC server: whatever a handler does, the caller is told
             respond(self._failed(error))

@@ -28,6 +28,8 @@ class Entry(msgspec.Struct, frozen=True, gc=False):
     """Wall clock of the logger, for people."""
     payload: bytes
     """MessagePack of the type."""
+    sender: str = ""
+    """Who sent it, of commands: `swarmctl#1@gcs`, or the role and platform that its connection proved."""
 
     @property
     def topic(self) -> str:
@@ -44,7 +46,7 @@ class Entry(msgspec.Struct, frozen=True, gc=False):
     def plain(self) -> Any:
         """The payload as dictionaries and lists with field names, for people, JSON and databases."""
         value = self.value()
-        return plain(value) if value is not None else list_or_none(self.payload)
+        return plain(value if value is not None else list_or_none(self.payload))
 
 
 def list_or_none(payload: bytes) -> Any:
@@ -65,6 +67,8 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, bytes | memoryview):
         return f"{len(value)} bytes"
+    if isinstance(value, msgspec.msgpack.Ext):
+        return f"{len(bytes(value.data))} bytes"
     return value
 
 

@@ -11,7 +11,7 @@ import msgspec
 from swarmware import names
 from swarmware.errors import NotFound
 from swarmware.record.entry import Entry
-from swarmware.record.ring import segments
+from swarmware.record.ring import segments, set_aside
 from swarmware.record.segment import SegmentReader
 
 
@@ -52,12 +52,21 @@ class Source(Protocol):
         """Entries that answer the query, by UTC."""
         ...
 
+    def losses(self) -> list[str]:
+        """What could not be read while entries were given, each with its place."""
+        ...
+
+    def nothing(self) -> str:
+        """Why there is no entry at all, when the place itself is the reason; else empty."""
+        ...
+
 
 class FolderSource:
     """Entries in folders of segments: a node's ring, or the logs of a report."""
 
     def __init__(self, directories: Iterable[Path]) -> None:
         self.directories = tuple(directories)
+        self._damage: dict[Path, str] = {}
         for directory in self.directories:
             if not directory.is_dir():
                 raise NotFound(f"log folder {directory}: no such directory; expected one with .mcap segments")
@@ -65,13 +74,42 @@ class FolderSource:
     def entries(self, query: Query) -> Iterator[Entry]:
         """Entries that answer the query, by UTC."""
         wanted = Filter(query)
-        runs = [filter(wanted, _folder(directory)) for directory in self.directories]
+        self._damage = {
+            path: "nothing in it can be read"
+            for directory in self.directories
+            for path in set_aside(directory)
+        }
+        runs = [filter(wanted, self._folder(directory)) for directory in self.directories]
         merged = heapq.merge(*runs, key=_by_utc)
         if query.limit is None:
             return iter(merged)
         if query.newest:
             return iter(sorted(heapq.nlargest(query.limit, merged, key=_by_utc), key=_by_utc))
         return islice(merged, query.limit)
+
+    def losses(self) -> list[str]:
+        """Segments of which a part could not be read."""
+        return [f"{path}: {what}" for path, what in sorted(self._damage.items())]
+
+    def nothing(self) -> str:
+        """Says when there are no segments."""
+        if any(segments(directory) for directory in self.directories):
+            return ""
+        return f"nothing is recorded in {', '.join(map(str, self.directories)) or 'any folder'}"
+
+    def _folder(self, directory: Path) -> Iterator[Entry]:
+        for path in segments(directory):
+            reader = SegmentReader(path)
+            try:
+                yield from reader.entries()
+            except FileNotFoundError:
+                continue  # the ring needed its room while we read: its oldest segment
+            except OSError as error:
+                self._damage[path] = f"cannot be read: {error.strerror}"
+                continue
+            if reader.damaged:
+                places = "1 place" if reader.damaged == 1 else f"{reader.damaged} places"
+                self._damage[path] = f"{places} damaged, {reader.damaged_bytes} bytes passed over"
 
 
 class Filter:
@@ -124,8 +162,3 @@ def stats(entries: Iterable[Entry]) -> list[QueueStats]:
 
 def _by_utc(entry: Entry) -> int:
     return entry.utc_ns
-
-
-def _folder(directory: Path) -> Iterator[Entry]:
-    for path in segments(directory):
-        yield from SegmentReader(path).entries()

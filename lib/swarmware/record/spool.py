@@ -45,6 +45,14 @@ class SpoolSource:
             return iter(deque(found, maxlen=query.limit))
         return islice(found, query.limit)
 
+    def losses(self) -> list[str]:
+        """None: an answer is whole, or an error."""
+        return []
+
+    def nothing(self) -> str:
+        """A stream may be empty."""
+        return ""
+
     def _read(self) -> Iterator[Entry]:
         unpacker = msgpack.Unpacker(self._file, max_buffer_size=4 * PAYLOAD_LIMIT, strict_map_key=False)
         number = 1
@@ -61,7 +69,7 @@ class SpoolSource:
 
 
 def _entry(value: Any, number: int) -> Entry:
-    if isinstance(value, dict) and value.keys() == set(_KEYS):
+    if isinstance(value, dict) and value.keys() | {"sender"} == set(_KEYS):
         found = Entry(**value)
         if all(isinstance(getattr(found, key), kind) for key, kind in Entry.__annotations__.items()):
             return found

@@ -10,7 +10,7 @@ class LogGap(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Entries that are missing: a gap is a row of the log, never silence (event `log/gaps`)."""
 
     where: str
-    """ring (shared memory overran) | disk | ring overwritten | upload."""
+    """ring (shared memory overran) | disk (full) | damaged (on the disk) | ring overwritten."""
     queue: str
     """Queue that misses them."""
     path: str

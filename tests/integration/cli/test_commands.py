@@ -36,7 +36,15 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
                 {"broker", "tree", "sim"} <= {a["name"] for a in d["units"][0]["table"]["applications"]}
             ),
         ),
-        ("app ls --all", lambda d: "gcs" in platforms(u["table"] for u in d["units"])),
+        (
+            "app ls --all",
+            lambda d: (
+                {u["table"]["platform"]: u["hops"] for u in d["units"]} == {n: int(n != "gcs") for n in NODES}
+                and all(
+                    {"broker", "tree"} <= {a["name"] for a in u["table"]["applications"]} for u in d["units"]
+                )
+            ),
+        ),
         ("tree ls /uav1", lambda d: len(d["entries"]) > 50 and d["more"] == 0),
         (
             "tree ls '/*/nav/pose'",

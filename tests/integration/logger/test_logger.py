@@ -9,7 +9,9 @@ from swarmware.module import BoardWriter, Module
 from swarmware.record.query import FolderSource, Query
 from swarmware.testing import make_node, spawn
 from swarmware.types.log import LogGap, LogStats, LogStatsRequest
+from swarmware.types.mission import MissionAbort
 from swarmware.types.scalar import Float, Int, Text
+from swarmware.types.vehicle import ArmRequest, VehicleState
 
 COUNT = "test/count"
 
@@ -142,3 +144,64 @@ async def forwarded(stats: Any, count: int) -> None:
     async for value in stats:
         if value.forwarded >= count and value.backlog == 0:
             return
+
+
+async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"logger": {"flush_s": 0.1}})
+    log = tmp_path / "uav1/data/log"
+    async with (
+        Module("mission", config_dir=config) as mission,
+        Module("sim", config_dir=config) as sim,
+        Module("operator", config_dir=config) as operator,
+        spawn(config, "logger"),
+    ):
+        aborts = await mission.inbox("cmd/abort", MissionAbort)
+        armed = VehicleState(True, True)
+        await sim.serve("sys/vehicle/arm", ArmRequest, lambda *_: armed, reply=VehicleState)
+        await operator.inbox("test/private", Text)  # the template does not log it
+        for number in range(3):
+            assert await operator.send("cmd/abort", MissionAbort(reason=f"no {number}"))
+        await operator.request("sys/vehicle/arm", ArmRequest(True), VehicleState)
+        await operator.send("test/private", Text("x"))
+        assert (await aborts.next(5.0)).reason == "no 0"
+        await flushed(operator)
+        entries = list(FolderSource([log]).entries(Query(pattern="/*/{cmd,sys,test}/**")))
+    found = [(entry.queue, entry.path, entry.kind, entry.sender) for entry in entries]
+    assert found == [
+        *[("uav1:mission:in", "cmd/abort", "command", "operator#1@uav1")] * 3,
+        ("uav1:sim:in", "sys/vehicle/arm", "command", "operator#1@uav1"),
+    ]
+    assert [entry.sequence for entry in entries] == [1, 2, 3, 1]
+    aborted = [value.reason for entry in entries if isinstance(value := entry.value(), MissionAbort)]
+    assert aborted == ["no 0", "no 1", "no 2"]
+
+
+async def test_what_a_writer_left_when_it_went_is_logged(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"logger": {"period_s": 0.5}})
+    log = tmp_path / "uav1/data/log"
+    async with Module("source", config_dir=config) as module, spawn(config, "logger"):
+        writer = await events(module, slots=512)
+        writer.write(Int(0))
+        await flushed(module)
+        for number in range(1, 101):
+            writer.write(Int(number))
+        module.close_writer(writer)
+        stats = await flushed(module)
+    assert len(counted(log)) + stats.gaps == 101
+    assert counted(log) == list(range(101))
+
+
+async def test_a_wrong_address_of_the_database_is_said_without_its_password_and_stops_no_local_log(
+    tmp_path: Path,
+) -> None:
+    settings = {"mongodb_uri": "mongodb://swarm:secret@/nowhere:x"}
+    config = make_node(tmp_path, services={"logger": settings})
+    async with Module("source", config_dir=config) as module, spawn(config, "logger") as logger:
+        writer = await events(module)
+        writer.write(Int(7))
+        stats = await flushed(module)
+        assert stats.mongodb.startswith("off: mongodb_uri 'mongodb://swarm:***@")
+        said = logger.stderr()
+    assert "Traceback" not in said and "secret" not in said
+    assert "forwarding is off" in said
+    assert counted(tmp_path / "uav1/data/log") == [7]

@@ -1,19 +1,22 @@
 """The local ring and MongoDB give the same answers; a database that goes away costs nothing."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import mongomock
+import msgspec
 import pytest
 from pymongo import MongoClient
 from tests.integration.record.mongod import Mongod
 
 from swarmd.logger.forward import Forwarder
 from swarmware.errors import ConfigError, NoAnswer
+from swarmware.record.cursor import Cursor
 from swarmware.record.entry import Entry
-from swarmware.record.mongo import MongoStore, to_document
-from swarmware.record.query import FolderSource, Query, Source
+from swarmware.record.mongo import MongoStore, check_uri, to_document
+from swarmware.record.query import FolderSource, Query, Source, stats
 from swarmware.record.ring import LogRing
 from swarmware.record.segment import Channel
 from swarmware.types import registry
@@ -77,7 +80,7 @@ def source(request: pytest.FixtureRequest, folders: list[Path], mongod: Mongod) 
         client: Any = mongomock.MongoClient()
         store = MongoStore("", "same_answers", client=client)
         everything = FolderSource(folders).entries(Query())
-        client["same_answers"]["frames"].insert_many([to_document(entry, 1000) for entry in everything])
+        client["same_answers"]["frames"].insert_many([dict(to_document(entry, 1000)) for entry in everything])
     yield store
     store.close()
 
@@ -159,6 +162,103 @@ def test_a_database_killed_in_the_middle_leaves_no_gap_and_no_duplicate(tmp_path
         ring.close()
         store.close()
         server.stop()
+
+
+@pytest.mark.mongod
+def test_answers_hold_plain_numbers_that_json_takes(mongod: Mongod, tmp_path: Path) -> None:
+    ring = LogRing(tmp_path)
+    record(ring, "uav5", 20)
+    ring.close()
+    store = MongoStore(mongod.uri, "plain")
+    drain(Forwarder(tmp_path, "uav5", store, 64))
+    entries = list(store.entries(Query()))
+    store.close()
+    assert len(entries) == 20 + 2 + 1
+    for entry in entries:
+        assert {type(value) for value in (entry.sequence, entry.stamp_ns, entry.utc_ns)} == {int}
+    assert msgspec.json.decode(msgspec.json.encode(entries[0])) != {}
+    assert msgspec.json.decode(msgspec.json.encode(stats(entries)))[0]["entries"] == 2
+
+
+@pytest.mark.mongod
+def test_a_queue_is_bounded_in_bytes_and_loses_its_oldest_entries(mongod: Mongod, tmp_path: Path) -> None:
+    bound = 200_000
+    ring = LogRing(tmp_path)
+    channel = Channel("uav6", "a/text", "event", "Text", "uav6:a:out")
+    for number in range(600):
+        ring.append(channel, number, START + number, registry.encode(Text("x" * (500 + number % 7 * 300))))
+    ring.close()
+    store = MongoStore(mongod.uri, "bytes", queue_bytes=bound)
+    drain(Forwarder(tmp_path, "uav6", store, 50))
+    again = MongoStore(mongod.uri, "bytes", queue_bytes=bound)  # as after a restart
+    again.write(list(FolderSource([tmp_path]).entries(Query()))[-10:], "uav6", Cursor())
+    sequences = [entry.sequence for entry in again.entries(Query())]
+    store.close()
+    again.close()
+    client: MongoClient[dict[str, Any]] = MongoClient(mongod.uri)
+    sizes = {"$group": {"_id": "$queue", "bytes": {"$sum": {"$bsonSize": "$$ROOT"}}}}
+    (measured,) = client["bytes"]["frames"].aggregate([sizes])
+    client.close()
+    assert bound / 2 < measured["bytes"] <= bound
+    assert sequences == list(range(sequences[0], 601))
+
+
+@pytest.mark.mongod
+def test_values_that_bson_cannot_hold_are_stored_as_their_payload(mongod: Mongod) -> None:
+    store = MongoStore(mongod.uri, "awkward")
+    payloads = [
+        registry.encode(Text("a\x00b")),
+        msgspec.msgpack.encode({"a\x00b": 1}),
+        msgspec.msgpack.encode({1: 2}),
+        msgspec.msgpack.encode([1 << 63]),
+        msgspec.msgpack.encode(msgspec.msgpack.Ext(5, b"abc")),
+        msgspec.msgpack.encode([0] * 3_000_000),
+    ]
+    entries = [
+        Entry("uav1:x:out", number, "uav1", "x", "event", "Unknown", 1, START + number, payload)
+        for number, payload in enumerate(payloads, start=1)
+    ]
+    store.write(entries, "uav1", Cursor())
+    assert [entry.payload for entry in store.entries(Query())] == payloads
+    store.close()
+
+
+@pytest.mark.mongod
+def test_an_empty_answer_names_the_databases_there_are(mongod: Mongod) -> None:
+    there = MongoStore(mongod.uri, "swarm_lab1")
+    there.prepare()
+    store = MongoStore(mongod.uri, "swarm")
+    assert re.fullmatch(r"no database 'swarm' there; there are: .*swarm_lab1.*", store.nothing())
+    store.close()
+    assert there.nothing() == ""
+    there.close()
+
+
+def test_a_server_that_is_away_is_said_in_one_short_line() -> None:
+    store = MongoStore("mongodb://127.0.0.1:1", timeout_s=0.2)
+    with pytest.raises(NoAnswer) as caught:
+        store.ping()
+    store.close()
+    assert str(caught.value).startswith("MongoDB: 127.0.0.1:1: [Errno 111] Connection refused")
+    assert len(str(caught.value)) < 120
+    assert "opology" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "mongodb://swarm:s3cret@host:x",
+        "mongodb://swarm:s3cret@",
+        "mongo//swarm:s3cret@host",
+        "mongodb://swarm:s3cret@host/?connectTimeoutMS=never&unknown=s3cret",
+        "mongodb://swarm:s3cret:@host:99999",
+    ],
+)
+def test_a_wrong_address_is_a_configuration_error_without_its_password(uri: str) -> None:
+    for make in (check_uri, MongoStore):
+        with pytest.raises(ConfigError, match="expected mongodb://host:port") as caught:
+            make(uri)
+        assert "s3cret" not in str(caught.value)
 
 
 def test_an_address_that_is_none_is_named() -> None:

@@ -58,7 +58,8 @@ def test_a_platform_not_heard_of_for_long_is_forgotten() -> None:
     core = RegisterCore("uav1", "main", forget_s=600)
     core.on_table(table("uav2"), 0)
     core.on_table(table("uav3"), 0)
-    core.on_heard("uav3", 500 * SECOND)
+    assert core.on_heard("uav3", 500 * SECOND)
+    assert not core.on_heard("uav9", 500 * SECOND)
     assert core.deadline_ns() == 600 * SECOND
     assert core.on_timer(600 * SECOND) == ["uav2"]
     assert names(core) == ["uav1", "uav3"]

@@ -1,0 +1,173 @@
+"""Whole records of an MCAP file, also of one that grows, was cut, or is damaged in places."""
+
+import re
+import struct
+from collections.abc import Collection, Iterator
+from typing import BinaryIO, Final, NamedTuple
+
+from swarmware.frame import PAYLOAD_LIMIT
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+RECORD: Final = struct.Struct("<BQ")
+MESSAGE: Final = struct.Struct("<HIQQ")
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE_OPCODE, METADATA, METADATA_INDEX, DATA_END = (
+    0x01,
+    0x02,
+    0x03,
+    0x04,
+    0x05,
+    0x0C,
+    0x0D,
+    0x0F,
+)
+RECORD_LIMIT: Final = 2 * PAYLOAD_LIMIT
+"""No record that a logger writes is longer."""
+
+LENGTHS: Final = {
+    HEADER: (8, 4096),
+    FOOTER: (20, 20),
+    SCHEMA: (14, RECORD_LIMIT),
+    CHANNEL: (16, 65_536),
+    MESSAGE_OPCODE: (MESSAGE.size, RECORD_LIMIT),
+    0x08: (56, RECORD_LIMIT),
+    0x0A: (36, RECORD_LIMIT),
+    0x0B: (42, RECORD_LIMIT),
+    METADATA: (8, RECORD_LIMIT),
+    METADATA_INDEX: (20, RECORD_LIMIT),
+    0x0E: (17, 17),
+    DATA_END: (4, 4),
+}
+"""Opcodes that stand in our files, with the least and greatest length. Source: MCAP specification."""
+DATA: Final = frozenset({SCHEMA, CHANNEL, MESSAGE_OPCODE, METADATA, DATA_END, FOOTER})
+"""What stands between header and summary."""
+_CHAIN: Final = 3
+"""Plausible records in a row that are no chance."""
+_CANDIDATE: Final = re.compile(rb"[\x01-\x0f](?=.{4}\x00{4})", re.DOTALL)
+_WINDOW: Final = 1 << 20
+
+
+class Record(NamedTuple):
+    """One whole record."""
+
+    start: int
+    opcode: int
+    body: bytes
+    end: int
+
+
+class Scan:
+    """Records from an offset on; passes over places that are no records, and counts their bytes.
+
+    A record of which the end is missing is left for later: the file may still grow.
+    """
+
+    def __init__(self, file: BinaryIO, size: int, at: int, opcodes: Collection[int] = DATA) -> None:
+        self._opcodes = opcodes
+        self.at = at
+        """Behind the last whole record given."""
+        self.damaged_bytes = 0
+        """Bytes passed over."""
+        self.read_bytes = 0
+        """Bytes taken from the file."""
+        self._file = file
+        self._size = size
+        self._base = 0
+        self._data = b""
+
+    def __iter__(self) -> Iterator[Record]:
+        while (record := self._next()) is not None:
+            self.at = record.end
+            yield record
+
+    def _next(self) -> Record | None:
+        start = self.at
+        found = self._wanted(start)
+        if found is not None and found[1] <= self._size:
+            opcode, end = found
+            if self._header(end) is not None or end + RECORD.size > self._size:
+                return Record(start, opcode, self._bytes(start + RECORD.size, end), end)
+            # either this length is wrong, or the next record is damaged
+            again = self._resume(start + 1)
+            if again is None or (again > end and self._half_sound(end, again)):
+                return Record(start, opcode, self._bytes(start + RECORD.size, end), end)
+        else:
+            again = self._resume(start + 1)
+        if again is None:
+            return None
+        self.damaged_bytes += again - start
+        self.at = again
+        return self._next()
+
+    def _wanted(self, at: int) -> tuple[int, int] | None:
+        """As `_header`, of the records that stand in this part of the file; the header is the first."""
+        found = self._header(at)
+        if found is None or found[0] in self._opcodes or (found[0] == HEADER and at == len(MAGIC)):
+            return found
+        return None
+
+    def _half_sound(self, at: int, again: int) -> bool:
+        """Whether a damaged record begins there: either its opcode or its length is right."""
+        opcode, length = RECORD.unpack(self._peek(at, RECORD.size))
+        return opcode in self._opcodes or at + RECORD.size + length == again
+
+    def _header(self, at: int) -> tuple[int, int] | None:
+        """Opcode and end of the record that begins there; None when none can."""
+        head = self._peek(at, RECORD.size)
+        if len(head) < RECORD.size:
+            return None
+        opcode, length = RECORD.unpack(head)
+        least, greatest = LENGTHS.get(opcode, (1, 0))
+        return (opcode, at + RECORD.size + length) if least <= length <= greatest else None
+
+    def _resume(self, at: int) -> int | None:
+        """The next place from which several records follow each other, or one that ends the file."""
+        while at < self._size:
+            window = self._bytes(at, min(self._size, at + _WINDOW))
+            for found in _CANDIDATE.finditer(window):
+                if self._chain(at + found.start()):
+                    return at + found.start()
+            if at + len(window) >= self._size:
+                return None
+            at += len(window) - RECORD.size
+        return None
+
+    def _chain(self, at: int) -> bool:
+        for count in range(_CHAIN):
+            found = self._header(at) if count else self._wanted(at)
+            if found is None or found[1] > self._size:
+                return False
+            opcode, at = found
+            if at == self._size or (opcode == FOOTER and self._peek(at, len(MAGIC)) == MAGIC):
+                return True
+        return True
+
+    def _peek(self, at: int, length: int) -> bytes:
+        """A few bytes anywhere; the window stays where it is."""
+        begin = at - self._base
+        if begin >= 0 and begin + length <= len(self._data):
+            return self._data[begin : begin + length]
+        self._file.seek(at)
+        self.read_bytes += length
+        return self._file.read(length)
+
+    def _bytes(self, start: int, end: int) -> bytes:
+        """Bytes of the file; fewer at its end."""
+        if start < self._base or end > self._base + len(self._data):
+            self._file.seek(start)
+            self._base = start
+            self._data = self._file.read(max(_WINDOW, end - start))
+            self.read_bytes += len(self._data)
+        return self._data[start - self._base : end - self._base]
+
+
+def has_end(file: BinaryIO, size: int) -> int | None:
+    """Where the summary of an ended file begins, 0 when it has none; None when the file has no end."""
+    tail = RECORD.size + 20 + len(MAGIC)
+    if size < 2 * len(MAGIC) + tail:
+        return None
+    file.seek(size - tail)
+    data = file.read(tail)
+    if len(data) < tail or data[-len(MAGIC) :] != MAGIC or RECORD.unpack_from(data) != (FOOTER, 20):
+        return None
+    start = int.from_bytes(data[RECORD.size : RECORD.size + 8], "little")
+    return start if start <= size - tail else 0

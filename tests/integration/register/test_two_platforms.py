@@ -1,0 +1,49 @@
+"""Registers are exchanged between platforms; who lives is not forgotten, who comes back is known again."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.integration.tree.pair import PATIENCE_S, SERVICES, Platform, on_uvloop, platforms
+
+from swarmware.errors import SwarmError
+from swarmware.types.register import Register
+from swarmware.types.rpc import Empty
+
+FORGET_S = 2.0
+
+
+async def known(at: Platform) -> dict[str, set[str]]:
+    """Applications by platform, as the register of that node knows them."""
+    found = await at.probe.request("sys/register/apps", Empty(), Register)
+    return {unit.table.platform: {app.name for app in unit.table.applications} for unit in found.units}
+
+
+async def until_known(at: Platform, what: Callable[[dict[str, set[str]]], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            try:
+                if what(await known(at)):
+                    return
+            except SwarmError:
+                pass  # it starts
+            await asyncio.sleep(0.05)
+
+
+@on_uvloop
+async def test_a_partner_whose_applications_do_not_change_is_known_while_it_lives(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs", start=False) as (uav, gcs):
+        settings = gcs.config_dir / "services" / "register.toml"
+        await asyncio.to_thread(settings.write_text, f"forget_s = {FORGET_S}\n")
+        for node in (uav, gcs):
+            await node.start(*SERVICES)
+        await until_known(gcs, lambda units: {"probe", "broker", "tree"} <= units.get("uav1", set()))
+        loop = asyncio.get_running_loop()
+        end_s = loop.time() + 2.5 * FORGET_S
+        while loop.time() < end_s:
+            assert "uav1" in await known(gcs)
+            await asyncio.sleep(0.1)
+        await uav.end(*SERVICES)
+        await until_known(gcs, lambda units: "uav1" not in units)
+        await uav.start(*SERVICES)
+        await until_known(gcs, lambda units: "probe" in units.get("uav1", set()))
