@@ -151,7 +151,7 @@ def _node(folder: Path, fix: bool) -> Iterator[Result]:
         yield Result("node.toml", "error", str(error), "correct the file")
         return
     yield Result("node.toml", "ok", f"{folder}: platform {node.platform}, {len(node.services)} services")
-    longest = len(str(node.run_path / "p" / "4194304.sock").encode())
+    longest = len(str(node.run_path / "p" / "4194304-99.sock").encode())
     if longest > SOCKET_PATH_BYTES:
         text = f"{node.run_dir}: sockets in it would have paths of {longest} bytes"
         yield Result("run_dir", "error", text, f"choose a shorter run_dir: {SOCKET_PATH_BYTES} bytes at most")

@@ -215,7 +215,8 @@ class Master:
         """Its socket and doorbells: a node that restarts services for months must not fill its folders."""
         if start_ticks(pid):
             return  # the number has a new owner already
-        (self._home.run_dir / "p" / f"{pid}.sock").unlink(missing_ok=True)
+        for path in (self._home.run_dir / "p").glob(f"{pid}-*.sock"):
+            path.unlink(missing_ok=True)
         bells = self._home.run_dir / BELLS_FOLDER
         with suppress(Conflict, FileNotFoundError), folder_lock(bells):
             for path in bells.glob(f"{pid}-*"):

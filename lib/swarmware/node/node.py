@@ -67,12 +67,13 @@ class Services(Protocol):
 
 
 class Node:
-    """What a process has once: configuration, clock, doorbell, post and the table of applications.
+    """What an event loop has once: configuration, clock, doorbell, post and the table of applications.
 
-    Modules of one process share it: `attach` gives the same one again, `close` closes the last.
+    Modules of one event loop share it: `attach` gives the same one again, `close` closes the last. Another
+    loop, in a thread of the same process, has its own.
     """
 
-    # one doorbell and one socket per process, whoever asks for them: the only thing that is kept per process
+    # one doorbell and one socket per event loop, whoever asks for them: the only thing that is kept per process
     _attached: ClassVar[dict[tuple[int, Path], "Node"]] = {}
 
     def __init__(self, config_dir: Path, config: NodeConfig) -> None:
@@ -99,7 +100,7 @@ class Node:
             platform=self.platform,
             hardware=self.hardware,
             clock=self.clock,
-            socket_path=self.run_dir / "p" / f"{os.getpid()}.sock",
+            socket_path=self.run_dir / "p" / f"{self.doorbell.name}.sock",
             table=self.table,
         )
         self._apps_bells = Bells(self.shm_dir / APPS_TABLE, self.pulls)
