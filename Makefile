@@ -7,7 +7,7 @@ RUN := $(BIN)/python -m
 LAB_ARGS ?= --nodes 16
 REPORT ?= report
 
-.PHONY: lab test check bench docs clean
+.PHONY: lab test check bench docs wheel boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -28,6 +28,13 @@ bench: $(VENV)/.bench ## measures; ratios in one run
 
 docs: $(VENV)/.test ## writes the generated part of share/doc
 	$(BIN)/python share/doc/generate.py
+
+wheel: $(VENV)/bin/python ## dist/swarmware-<version>-py3-none-any.whl, to be installed on nodes
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+	@ls dist/swarmware-*.whl
+
+boot-test: $(VENV)/.test ## boots a systemd (root, systemd-container, debootstrap) and follows share/doc/operations.md
+	SWARM_BOOT_TEST=1 $(RUN) pytest -q tests/boot
 
 clean:
 	rm -rf $(VENV) report dist build .mypy_cache .ruff_cache .hypothesis

@@ -12,7 +12,7 @@ from swarmctl.output import Output
 from swarmctl.settings import Settings
 from swarmware import names
 from swarmware.appfile import AppTable
-from swarmware.config import DEFAULT_DIR, load_node
+from swarmware.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.module import Module
 from swarmware.types.net import Routes
@@ -107,7 +107,7 @@ class Link:
 
 
 def config_dir(settings: Settings) -> Path:
-    """Configuration folder of the node to join: `--config`, else a running lab's station, else /etc/swarm.
+    """Configuration folder of the node to join: `--config`, `--lab`, SWARM_CONFIG, a running lab, /etc/swarm.
 
     Raises: NotFound saying where was looked.
     """
@@ -123,7 +123,7 @@ def config_dir(settings: Settings) -> Path:
     if (DEFAULT_DIR / "node.toml").is_file():
         return DEFAULT_DIR
     raise NotFound(
-        f"node: no running lab, no {DEFAULT_DIR}/node.toml; expected one, or --config DIR"
+        f"node: no running lab, no {DEFAULT_DIR}/node.toml; expected one, --config DIR or {CONFIG_VARIABLE}"
         " (`swarmctl lab up formation --nodes 4 --detach` starts a lab)"
     )
 

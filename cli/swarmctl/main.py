@@ -49,7 +49,8 @@ COMMANDS: Final[dict[str, Lazy]] = {
         "help_option_names": ["-h", "--help"],
         "max_content_width": 110,
     },
-    epilog="Every option is also read from the environment: SWARMCTL_NODE, SWARMCTL_LAB, SWARMCTL_JSON …",
+    epilog="Every option is also read from the environment: SWARMCTL_NODE, SWARMCTL_LAB, SWARMCTL_JSON …;"
+    " the configuration folder from SWARM_CONFIG, as for swarmd and modules.",
 )
 @click.version_option(__version__, prog_name="swarmctl", message="%(prog)s %(version)s")
 @click.pass_context

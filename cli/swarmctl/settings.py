@@ -1,5 +1,6 @@
 """What the options say that every command has; plain data, so that `--help` imports next to nothing."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,7 +19,7 @@ class Settings(NamedTuple):
     lab: str = ""
     """Running lab whose ground station is the way in; empty: the newest."""
     config: str = ""
-    """Configuration folder of the node that is the way in."""
+    """Configuration folder of the node that is the way in, as `--config` gives it."""
     json: bool = False
     timeout_s: float = 5.0
     quiet: bool = False
@@ -27,8 +28,11 @@ class Settings(NamedTuple):
 
     @property
     def config_dir(self) -> Path | None:
-        """The folder as a path; None when it was not given."""
-        return Path(self.config) if self.config else None
+        """The folder that was given, by `--config` or, where no lab is named, by SWARM_CONFIG; else None."""
+        from swarmware.config import CONFIG_VARIABLE
+
+        given = self.config or ("" if self.lab else os.environ.get(CONFIG_VARIABLE, ""))
+        return Path(given) if given else None
 
 
 def settings(ctx: click.Context) -> Settings:
@@ -49,16 +53,15 @@ def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
 
 
 def _option(*names: str, name: str, help_text: str, **rest: Any) -> Callable[[], click.Option]:
-    stem = name.removesuffix("_s").upper()
+    variable = f"{PREFIX}_{name.removesuffix('_s').upper()}"
 
     def make() -> click.Option:
         return click.Option(
             [*names, name],
             help=help_text,
-            envvar=f"{PREFIX}_{stem}",
+            **{"envvar": variable, **rest},
             expose_value=False,
             callback=_keep,
-            **rest,
         )
 
     return make
@@ -92,7 +95,14 @@ _SHARED: Final = (
         help_text="Running lab to use; default: the newest.",
         shell_complete=_labs,
     ),
-    _option("--config", name="config", metavar="DIR", help_text="Configuration folder of the node to use."),
+    _option(
+        "--config",
+        name="config",
+        metavar="DIR",
+        help_text="Configuration folder of the node to use; default: SWARM_CONFIG, a lab, /etc/swarm.",
+        envvar=None,  # the one variable of daemons and modules, too: see `Settings.config_dir`
+        allow_from_autoenv=False,
+    ),
     _option("--json", name="json", is_flag=True, help_text="Result as JSON."),
     _option(
         "--timeout",

@@ -1,15 +1,12 @@
 """`swarmd`: runs daemons of a node."""
 
 import argparse
-import os
 import sys
 from functools import partial
 from pathlib import Path
 
 from swarmware import __version__
 from swarmware.errors import SwarmError
-
-DEFAULT_CONFIG = "/etc/swarm"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -30,13 +27,17 @@ def parser() -> argparse.ArgumentParser:
     node = commands.add_parser(
         "node", help="run the whole set of the node, as node.toml says", epilog="Example: swarmd node"
     )
-    for command in (run, node):
+    units = commands.add_parser(
+        "units",
+        help="list the systemd units of the node's services, as node.toml says",
+        epilog="Example: systemctl enable swarm.target $(swarmd units)",
+    )
+    for command in (run, node, units):
         command.add_argument(
             "--config",
             metavar="DIR",
             type=Path,
-            default=Path(os.environ.get("SWARMD_CONFIG", DEFAULT_CONFIG)),
-            help=f"configuration folder with node.toml; default: {DEFAULT_CONFIG}, or SWARMD_CONFIG",
+            help="configuration folder with node.toml; default: SWARM_CONFIG, else /etc/swarm",
         )
     commands.add_parser("ls", help="list the services that are installed", epilog="Example: swarmd ls")
     return made
@@ -49,13 +50,21 @@ def main(args: list[str] | None = None) -> int:
         match options.command:
             case "ls":
                 return _list()
+            case "units":
+                return _units(_folder(options.config))
             case "node":
-                return _node(options.config)
+                return _node(_folder(options.config))
             case _:
-                return _run(options.config, options.services)
+                return _run(_folder(options.config), options.services)
     except SwarmError as error:
         sys.stderr.write(f"swarmd: {error}\n")
         return error.exit_code
+
+
+def _folder(given: Path | None) -> Path:
+    from swarmware.config import find_config_dir
+
+    return find_config_dir(given)
 
 
 def _list() -> int:
@@ -63,6 +72,14 @@ def _list() -> int:
 
     for name, point in installed().items():
         sys.stdout.write(f"{name:<12} {point.value}\n")
+    return 0
+
+
+def _units(config_dir: Path) -> int:
+    from swarmware.config import load_node
+
+    for name in load_node(config_dir).services:
+        sys.stdout.write(f"swarmd@{name}.service\n")
     return 0
 
 

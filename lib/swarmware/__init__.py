@@ -1,4 +1,18 @@
-"""The library a functional module imports: lazy public names only, so that no core drags in a socket."""
+"""Middleware for unmanned swarms; a functional module begins with `from swarmware import Module`.
+
+    async with Module("planner") as m:                       # joins the node of this computer
+        pose = await m.reader("nav/pose", Pose)              # board: the newest value
+        goal = await m.inbox("cmd/goto", Goal)               # messages: each exactly once
+        path = await m.stream_writer("plan/path", Pose)      # stream: every step, in order
+
+`help(swarmware.Module)` lists what a module can do, `help(swarmware.Service)` how it becomes a daemon that
+`swarmd run NAME` starts. Payload types are in `swarmware.types`, or are your own `msgspec.Struct`s.
+
+Which node is joined: the one whose configuration folder `Module(config_dir=...)` gives, else the environment
+variable SWARM_CONFIG, else /etc/swarm. `swarmd` and `swarmctl` read the same variable.
+"""
+
+# lazy public names only, so that no core drags in a socket
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

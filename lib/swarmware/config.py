@@ -15,6 +15,8 @@ from swarmware.names import check_platform
 T = TypeVar("T")
 
 DEFAULT_DIR: Final = Path("/etc/swarm")
+CONFIG_VARIABLE: Final = "SWARM_CONFIG"
+"""Environment variable that names the configuration folder, for daemons, commands and modules alike."""
 
 _WHERE = re.compile(r" - at `\$\.?(?P<key>[^`]*)`$")
 _UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
@@ -115,12 +117,22 @@ def share_dir() -> Path:
     raise ConfigError("share directory: not found; expected templates/ in it; set SWARM_SHARE to where it is")
 
 
+def find_config_dir(config_dir: Path | str | None = None) -> Path:
+    """The configuration folder of a node: the one given, else of SWARM_CONFIG, else /etc/swarm."""
+    return Path(config_dir or os.environ.get(CONFIG_VARIABLE) or DEFAULT_DIR).resolve()
+
+
 def load_node(config_dir: Path) -> NodeConfig:
     """The node's own configuration.
 
     Raises: ConfigError when the file is missing or does not fit.
     """
-    return load(config_dir / "node.toml", NodeConfig)
+    path = config_dir / "node.toml"
+    if not path.exists():
+        raise ConfigError(
+            f"{path}: no such file; expected a NodeConfig in TOML; {CONFIG_VARIABLE} names another folder"
+        )
+    return load(path, NodeConfig)
 
 
 def load_service(config_dir: Path, name: str, cls: type[T]) -> T:

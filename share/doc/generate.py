@@ -17,8 +17,9 @@ a test holds it against them.
 
 stdout is the result, stderr is talk. `--json` always works: one document per call, JSON Lines where it
 goes on; every document has a `schema_version`. A command joins the node that `--config DIR` names, else the
-ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` says which platform is asked about.
-Every option is also read from the environment: `SWARMCTL_NODE`, `SWARMCTL_JSON` …
+ground station of the lab that `--lab NAME` names, else the node of `SWARM_CONFIG` (which daemons and modules
+read, too), else the ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` says which platform
+is asked about. Every other option is also read from the environment: `SWARMCTL_NODE`, `SWARMCTL_JSON` …
 
 | exit code | means |
 |---|---|

@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 UNITS = ROOT / "share/swarm/systemd"
+OPERATIONS = ROOT / "share/doc/operations.md"
 EXPOSURE = 2.0
 """Ceiling of `systemd-analyze security` (0 is best); 1.5 when this was written."""
 
@@ -22,6 +23,15 @@ needs_systemd = pytest.mark.skipif(
 def services() -> set[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     return set(project["entry-points"]["swarmware.services"])
+
+
+def allowed_calls(unit: str) -> set[str]:
+    """Names of the SystemCallFilter= lines, groups not unfolded: a later line goes before an earlier one."""
+    allowed: set[str] = set()
+    for line in re.findall(r"^SystemCallFilter=(.*)$", unit, re.MULTILINE):
+        names = set(line.removeprefix("~").split())
+        allowed = allowed - names if line.startswith("~") else allowed | names
+    return allowed
 
 
 @pytest.fixture
@@ -69,9 +79,24 @@ def test_the_hardening_stays_under_its_ceiling(installed: Path) -> None:
     assert done.returncode == 0
 
 
-def test_the_target_wants_every_daemon_and_nothing_else() -> None:
-    text = (UNITS / "swarm.target").read_text()
-    assert set(re.findall(r"swarmd@(\w+)\.service", text.split("[Unit]")[1])) == services()
+def test_no_daemon_is_wanted_but_by_node_toml() -> None:
+    # a simulation on a vehicle that flies would be one that nobody asked for
+    assert not re.findall(r"^(Wants|Requires)=", (UNITS / "swarm.target").read_text(), re.MULTILINE)
+    assert "WantedBy=swarm.target" in (UNITS / "swarmd@.service").read_text()
+    assert "swarmd units" in OPERATIONS.read_text()
+
+
+def test_libzmq_may_set_the_scheduling_of_its_threads() -> None:
+    """It aborts the process when it may not; a denied group may hold the system call that it makes."""
+    assert "sched_setscheduler" in allowed_calls((UNITS / "swarmd@.service").read_text())
+
+
+@pytest.mark.parametrize("name", [*sorted(services()), "temp-sensor", "a_b-2"])
+def test_the_guard_may_restart_the_unit_of_every_service(name: str) -> None:
+    rule = re.search(r"/(\^swarmd@.*\$)/\.test", (UNITS / "swarm.rules").read_text())
+    assert rule
+    assert re.search(rule[1], f"swarmd@{name}.service")
+    assert not re.search(rule[1], f"swarmd@{name}.service.d")
 
 
 def test_the_user_of_the_unit_is_made_and_owns_its_places() -> None:

@@ -14,6 +14,7 @@ from swarmctl.lab import processes, record
 from swarmctl.lab.notify import NotifySocket
 from swarmctl.lab.processes import MARK, NODE_MARK
 from swarmctl.lab.record import LabRecord, NodeRecord
+from swarmware.config import CONFIG_VARIABLE
 from swarmware.errors import NoAnswer, SwarmError
 
 Watcher = Callable[[str, str], None]
@@ -42,7 +43,11 @@ def command(node: NodeRecord) -> list[str]:
 
 def environment(lab: LabRecord, node: NodeRecord) -> dict[str, str]:
     """The node's environment: marked, with its own notification socket, without the operator's options."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith("SWARMCTL_") and key != CONFIG_VARIABLE
+    }
     kept.pop("WATCHDOG_USEC", None)
     return (
         kept

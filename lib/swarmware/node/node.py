@@ -11,7 +11,7 @@ from weakref import WeakSet
 
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock, utc_ns
-from swarmware.config import DEFAULT_DIR, NodeConfig, load_node
+from swarmware.config import NodeConfig, find_config_dir, load_node
 from swarmware.errors import SwarmError
 from swarmware.master import Master
 from swarmware.names import hardware_id
@@ -45,11 +45,6 @@ class Watcher(Protocol):
         ...
 
 
-def find_config_dir(config_dir: Path | str | None = None) -> Path:
-    """The configuration folder of a node: the one given, else of SWARM_CONFIG, else /etc/swarm."""
-    return Path(config_dir or os.environ.get("SWARM_CONFIG") or DEFAULT_DIR).resolve()
-
-
 class Services(Protocol):
     """The services that run in this process."""
 
@@ -73,7 +68,7 @@ class Node:
     loop, in a thread of the same process, has its own.
     """
 
-    # one doorbell and one socket per event loop, whoever asks for them: the only thing that is kept per process
+    # one doorbell and one socket per event loop, whoever asks for them: all that is kept per process
     _attached: ClassVar[dict[tuple[int, Path], "Node"]] = {}
 
     def __init__(self, config_dir: Path, config: NodeConfig) -> None:
