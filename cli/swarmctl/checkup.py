@@ -43,7 +43,7 @@ class Result(msgspec.Struct, frozen=True):
 
 def examine(folder: Path | None, *, fix: bool) -> list[Result]:
     """All checks; with a configuration folder also those of that node. With `fix` leftovers are removed."""
-    out = [_python(), _share(), _shared_memory(), _multicast(), _remove_ipc()]
+    out = [_python(), _share(), _shared_memory(), _multicast(), _remove_ipc(_owner(folder))]
     out += _leftovers(fix)
     if folder is not None:
         out += _node(folder, fix)
@@ -103,7 +103,15 @@ def _multicast() -> Result:
     return Result("multicast", "ok", "datagrams come back over loopback")
 
 
-def _remove_ipc() -> Result:
+def _owner(folder: Path | None) -> int:
+    """The user whose shared memory matters: of the node that runs, else ourselves."""
+    try:
+        return os.getuid() if folder is None else load_node(folder).run_path.stat().st_uid
+    except (OSError, SwarmError):
+        return os.getuid()
+
+
+def _remove_ipc(uid: int) -> Result:
     """logind removes the shared memory of an ordinary user at logout."""
     text = ""
     for path in [Path("/etc/systemd/logind.conf"), *Path("/etc/systemd/logind.conf.d").glob("*.conf")]:
@@ -113,7 +121,7 @@ def _remove_ipc() -> Result:
             continue
     off = any(line.strip().lower() == "removeipc=no" for line in text.splitlines())
     managed = Path("/run/systemd/seats").exists()
-    ordinary = os.getuid() >= 1000
+    ordinary = uid >= 1000
     if managed and ordinary and not off:
         return Result(
             "logout",
@@ -210,6 +218,8 @@ def _database(path: Path, uri: str) -> Result:
 
 
 def _keys(directory: str, platform: str) -> Result:
+    if Path(directory).exists() and not os.access(directory, os.R_OK | os.X_OK):
+        return Result("keys", "ok", f"{directory} is not this user's to read, and it need not be")
     try:
         Keys.load(Path(directory), platform)
     except SwarmError as error:

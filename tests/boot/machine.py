@@ -1,4 +1,4 @@
-"""A machine of its own: a small Debian with systemd as its first process, in a container of systemd-nspawn."""
+"""A machine of its own: a small Debian that boots systemd, in a container of systemd-nspawn."""
 
 import hashlib
 import os

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from swarmware.appfile.trace import folder
 from swarmware.clock import utc_ns
 from swarmware.errors import Conflict, Denied, WireError
 from swarmware.names import check_application
-from swarmware.shm.lock import lock_within, stands_at, try_lock
+from swarmware.shm.access import make_folder, share
+from swarmware.shm.lock import RETRY_S, lock_within, stands_at, try_lock
 from swarmware.shm.owner import start_ticks
 
 LOCK_WAIT_S = 0.1
@@ -38,7 +40,7 @@ class AppFile:
     ) -> None:
         check_application(name)
         self._folder = folder(run_dir)
-        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_folder(self._folder, run_dir)
         self._announce = announce
         self._fd, self.path, number = self._claim(name, instance)
         pid = os.getpid()
@@ -80,7 +82,10 @@ class AppFile:
         # a file rewritten in place does not change its folder: this is what `AppTable.refresh` looks at
         now_ns = utc_ns()
         with contextlib.suppress(FileNotFoundError):
-            os.utime(self._folder, ns=(now_ns, now_ns))
+            try:
+                os.utime(self._folder, ns=(now_ns, now_ns))
+            except PermissionError:
+                _touch_anothers(self._folder)
 
     def close(self) -> None:
         """Leave: the file goes, then its lock."""
@@ -93,12 +98,37 @@ class AppFile:
         self._announce()
 
 
+def _touch_anothers(folder: Path) -> None:
+    """With the kernel's stamp, which stands still for some 4 ms: any other is for the owner to give."""
+    before_ns = folder.stat().st_mtime_ns
+    while folder.stat().st_mtime_ns == before_ns:
+        time.sleep(RETRY_S)
+        os.utime(folder)
+
+
+def _open(path: Path) -> int:
+    """Descriptor of the file, made if it is missing.
+
+    Never both in one call: Linux refuses O_CREAT on the file of another user in a sticky folder.
+    """
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    while True:
+        with contextlib.suppress(FileNotFoundError):
+            return os.open(path, flags)
+        with contextlib.suppress(FileExistsError):
+            fd = os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o600)
+            share(fd, path.parent, 0o640)
+            return fd
+
+
 def _lock(path: Path) -> int | None:
-    """Descriptor of the locked file; None when a living application has it."""
+    """Descriptor of the locked file; None when a living application has it, or one of another user had it."""
     while True:
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+            fd = _open(path)
         except PermissionError as error:
+            if path.exists():
+                return None
             raise Denied(f"{path}: no permission; expected to run as the user of this node") from error
         if not try_lock(fd) and (_holder_lives(fd) or not lock_within(fd, LOCK_WAIT_S)):
             os.close(fd)

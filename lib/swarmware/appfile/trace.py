@@ -3,6 +3,7 @@
 The master sets the files of the dead aside, so that the name is free and the trace stays.
 """
 
+import contextlib
 import os
 from pathlib import Path
 from typing import Final
@@ -23,7 +24,10 @@ def folder(run_dir: Path) -> Path:
 
 def forget(path: Path) -> None:
     """Removes the trace of the application that had this file before."""
-    path.with_suffix(DEAD_SUFFIX).unlink(missing_ok=True)
+    with contextlib.suppress(
+        PermissionError
+    ):  # of another user; its process is told apart by number and start
+        path.with_suffix(DEAD_SUFFIX).unlink(missing_ok=True)
 
 
 def set_aside(path: Path) -> None:

@@ -10,10 +10,10 @@ from typing import Final, Protocol
 from swarmware.appfile import AppEntry, AppTable
 from swarmware.appfile.trace import folder, set_aside
 from swarmware.clock import Clock
-from swarmware.errors import Conflict
+from swarmware.errors import Conflict, Denied
 from swarmware.frame import Frame, Kind, encode
 from swarmware.master.deaths import Deaths
-from swarmware.master.record import Holder
+from swarmware.master.record import NOBODY, Holder
 from swarmware.master.role import Role
 from swarmware.names import ANY, application_id, data_id
 from swarmware.resource import Resource
@@ -74,10 +74,11 @@ class Home(Protocol):
 class Master:
     """This process's candidature; a watcher of the node: `poll` when the doorbell has rung.
 
-    `apps_table` is the table of bells that ring when applications come, go or change.
+    `apps_table` is the table of bells that ring when applications come, go or change. Who is no `candidate`,
+    because the node belongs to another user, never gets the role and does not know who has it.
     """
 
-    def __init__(self, home: Home, unit: str, apps_table: Path) -> None:
+    def __init__(self, home: Home, unit: str, apps_table: Path, *, candidate: bool = True) -> None:
         self._home = home
         self._unit = unit
         self._apps_table = apps_table
@@ -92,36 +93,46 @@ class Master:
         self._version = 0
         self._timer: asyncio.TimerHandle | None = None
         self._published_s = -PAUSE_S
-        self._role = Role(
-            home.run_dir,
-            f"pid {os.getpid()}",
-            ring=self._bells.ring,
-            on_gained=self._gained,
-            on_lost=self._lost,
-        )
-        home.listen(self._master_table)
-        self._role.start()
+        self._role: Role | None = None
+        if candidate:
+            self._role = Role(
+                home.run_dir,
+                f"pid {os.getpid()}",
+                ring=self._bells.ring,
+                on_gained=self._gained,
+                on_lost=self._lost,
+            )
+            home.listen(self._master_table)
+            self._role.start()
 
     @property
     def holding(self) -> bool:
         """Whether this process is the master."""
-        return self._role.holding
+        return self._role is not None and self._role.holding
 
     @property
     def holder(self) -> Holder:
         """Who is the master."""
-        return self._role.holder
+        return NOBODY if self._role is None else self._role.holder
 
     def prefer(self, label: str) -> None:
-        """The register daemon lives in this process: here the role belongs."""
+        """The register daemon lives in this process: here the role belongs.
+
+        Raises: Denied when the node belongs to another user.
+        """
+        if self._role is None:
+            raise Denied(f"{self._home.run_dir}: of another user; expected {label} to run as its owner")
         self._role.prefer(label)
 
     def no_longer_prefer(self) -> None:
         """The register daemon of this process has ended."""
-        self._role.no_longer_prefer(f"pid {os.getpid()}")
+        if self._role is not None:
+            self._role.no_longer_prefer(f"pid {os.getpid()}")
 
     def poll(self) -> None:
         """The doorbell has rung."""
+        if self._role is None:
+            return
         self._role.poll()
         if self._role.holding and self._apps.refresh():
             self._changed()
@@ -130,7 +141,7 @@ class Master:
         """The register of this computer; `full`: with endpoints and served paths, as it is not published."""
         self._apps.refresh()
         entries = list(self._apps)
-        holder = self._role.holder
+        holder = self.holder
         return ApplicationTable(
             platform=self._home.platform,
             unit=self._unit,
@@ -145,8 +156,9 @@ class Master:
 
     def close(self) -> None:
         """Gives the role back."""
-        self._role.close()
-        self._home.unlisten(self._master_table)
+        if self._role is not None:
+            self._role.close()
+            self._home.unlisten(self._master_table)
         self._bells.close()
 
     # -- while this process is the master
@@ -227,7 +239,7 @@ class Master:
         removed = False
         for path in folder(self._home.run_dir).glob("*.toml"):
             try:
-                fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+                fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
             except OSError:
                 continue  # gone, or none of ours
             try:

@@ -10,6 +10,7 @@ from pathlib import Path
 from swarmware.appfile.trace import DEAD_SUFFIX
 from swarmware.clock import utc_ns
 from swarmware.errors import Denied
+from swarmware.shm.access import is_guest, make_folder, share
 from swarmware.shm.lock import try_lock
 from swarmware.shm.reap import reap, remove_all
 
@@ -22,15 +23,23 @@ class Boot:
         self._shm_dir = shm_dir
         try:
             run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self._fd = os.open(run_dir / "boot", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+            self._fd, writable = _open(run_dir)
         except PermissionError as error:
             raise Denied(
-                f"{error.filename}: no permission; expected to run as the user of this node"
+                f"{error.filename}: no permission; expected to run as the user of this node, or as a member"
+                " of the group that may read this folder"
             ) from error
+        self.guest = is_guest(run_dir)
+        """Whether another user runs the node, and lets this process join."""
         if try_lock(self._fd):
+            if not writable:
+                os.close(self._fd)
+                raise Denied(f"{run_dir}: nobody runs this node; expected its own user to start it")
+            self.guest = False
             self._begin()
         fcntl.flock(self._fd, fcntl.LOCK_SH)  # the one who has it alone keeps it for some milliseconds
-        shm_dir.mkdir(mode=0o750, parents=True, exist_ok=True)  # the last one before us takes its folder away
+        if not self.guest:
+            make_folder(shm_dir, run_dir)  # the last one before us takes its folder away
         self.boot_id = int(os.pread(self._fd, 32, 0) or b"0")
         """Larger at each start of the node."""
 
@@ -50,8 +59,21 @@ class Boot:
         """This process has closed everything; the last one takes away what is left."""
         if self._fd < 0:
             return
-        if try_lock(self._fd):
+        if not self.guest and try_lock(self._fd):
             self._sweep()
             remove_all(self._shm_dir, self._run_dir)
         os.close(self._fd)
         self._fd = -1
+
+
+def _open(run_dir: Path) -> tuple[int, bool]:
+    """Descriptor of the file that all lock, and whether it may be written."""
+    path = run_dir / "boot"
+    flags = os.O_CLOEXEC | os.O_NOFOLLOW
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o600)
+    except PermissionError:
+        return os.open(path, os.O_RDONLY | flags), False
+    if not is_guest(run_dir):
+        share(fd, run_dir, 0o640)
+    return fd, True

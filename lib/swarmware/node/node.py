@@ -103,7 +103,7 @@ class Node:
         self._publications: WeakSet[Publication] = WeakSet()
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
         self._tending = self._loop.call_later(TEND_S, self._tend)
-        self.master = Master(self, config.unit, self.shm_dir / APPS_TABLE)
+        self.master = Master(self, config.unit, self.shm_dir / APPS_TABLE, candidate=not self._boot.guest)
         self.watch(self.master)
 
     @classmethod

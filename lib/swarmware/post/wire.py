@@ -12,6 +12,7 @@ import zmq
 
 from swarmware.errors import InvalidInput
 from swarmware.post.port import Port, make_socket
+from swarmware.shm.access import make_folder, share
 
 IPC_PATH_LIMIT: Final = 107
 """Longest path of a Unix socket, without its final zero byte. Source: unix(7)."""
@@ -89,9 +90,10 @@ class Wire:
         self.endpoint = f"ipc://{socket_path}"
         self._peers: dict[str, _Peer] = {}
         self._leaving: dict[str, asyncio.TimerHandle] = {}
-        socket_path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_folder(socket_path.parent, socket_path.parent.parent)
         router = make_socket(self.context, zmq.ROUTER)
         router.bind(self.endpoint)
+        share(socket_path, socket_path.parent, 0o660)
         self._router = Port(router, self.loop, self._on_router_parts, _nothing_waits)
 
     def received(self, parts: list[bytes], identity: Identity | None) -> None:

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Self
 
 from swarmware.errors import Conflict, Denied
+from swarmware.shm.access import make_folder, share
 from swarmware.shm.lock import lock_within
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,47}\Z")
@@ -65,7 +66,7 @@ class Doorbell:
     """This process's bell. Give `fd` to the event loop and `name` to the tables of readers."""
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_folder(folder, folder.parent)
         self.folder = folder
         with folder_lock(folder):
             self.name = self._make()
@@ -86,11 +87,14 @@ class Doorbell:
             except FileExistsError:
                 heard = open_bell(path)
                 if heard is None:  # left by a dead process that had our number
-                    path.unlink()
-                    continue
-                os.close(heard)
+                    with contextlib.suppress(PermissionError):  # of another user: the next name is free
+                        path.unlink()
+                        continue
+                else:
+                    os.close(heard)
                 ordinal += 1
                 continue
+            share(path, self.folder, 0o660)
             return name
 
     def drain(self) -> bool:

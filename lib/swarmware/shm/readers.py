@@ -15,6 +15,7 @@ from typing import Final
 
 from swarmware.clock import utc_ns
 from swarmware.errors import WireError
+from swarmware.shm.access import make_folder, share
 from swarmware.shm.doorbell import NAME
 from swarmware.shm.ringfile import file_errors
 
@@ -113,9 +114,10 @@ def open_readers(path: Path, *, create: bool) -> ReadersFolder | None:
 
 
 def _make(path: Path) -> None:
-    path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
+    make_folder(path.parent, path.parent.parent)
     with contextlib.suppress(FileExistsError):
         path.mkdir()
+        share(path, path.parent, MODE)
 
 
 def remove_readers(path: Path) -> bool:

@@ -64,13 +64,22 @@ def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
             else:
                 gone = _remove_bell(path, even_used=even_used)
         except (PermissionError, Denied):
-            denied.append(path)
+            # the node ends and the folder is ours: what a member of its group left goes, too
+            (removed if even_used and _unlinked(path) else denied).append(path)
         except (FileNotFoundError, NotFound, Conflict, WireError):
             continue  # another process removed it or uses it at this moment, or it is no file of ours
         else:
             if gone:
                 removed.append(path)
     return Reaped(tuple(removed), tuple(denied))
+
+
+def _unlinked(path: Path) -> bool:
+    try:
+        path.unlink(missing_ok=True)
+    except PermissionError:
+        return False
+    return True
 
 
 def _folders(shm_dir: Path) -> tuple[Path, ...]:

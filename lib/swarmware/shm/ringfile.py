@@ -16,6 +16,7 @@ from pathlib import Path
 
 from swarmware.errors import Denied, NotFound, SwarmError, WireError
 from swarmware.shm import layout
+from swarmware.shm.access import make_folder, share
 from swarmware.shm.layout import Geometry, RingBusy, RingFull
 from swarmware.shm.lock import is_regular, lock_within, stands_at, try_lock
 from swarmware.shm.owner import Owner
@@ -64,7 +65,7 @@ def claim(
     geometry.check(path)
     with file_errors(path):
         for _ in range(ATTEMPTS):
-            path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
+            make_folder(path.parent, path.parent.parent)
             old_fd = _lock_existing(path)
             try:
                 ring = None
@@ -180,7 +181,7 @@ def _make(
         try:
             if heritage is None:
                 heritage = (secrets.randbits(64), 0) if old_fd is None else _heritage(old_fd)
-            ring = _fill(fd, geometry, mode, heritage)
+            ring = _fill(fd, path, geometry, mode, heritage)
             if old_fd is not None:
                 os.pwrite(old_fd, b"\1", layout.W_MOVED * 8)  # damaged or not: its readers must open again
             unfinished.rename(path)
@@ -196,10 +197,11 @@ def _vacant(path: Path, old_fd: int | None) -> bool:
     return not path.exists() if old_fd is None else stands_at(old_fd, path)
 
 
-def _fill(fd: int, geometry: Geometry, mode: int, heritage: Heritage) -> mmap.mmap:
+def _fill(fd: int, path: Path, geometry: Geometry, mode: int, heritage: Heritage) -> mmap.mmap:
     os.ftruncate(fd, 0)  # what a maker killed here before left behind
     os.posix_fallocate(fd, 0, geometry.file_bytes)  # a full file system is an error now, not a SIGBUS later
     os.fchmod(fd, mode)
+    share(fd, path.parent, mode)
     ring = _map(fd, geometry.file_bytes)
     words = memoryview(ring).cast("Q")
     lineage, first = heritage

@@ -1,0 +1,50 @@
+"""Who may use a node's folders: its own user alone, or the members of a group, too.
+
+The mode of the run directory decides: the group that may read it may join. Members then have application
+files, sockets and doorbells beside those of the node's own user, read its boards and write their own. Folders
+are sticky: nobody removes the file of another, but the owner of the folder whatever the dead left. No bit is
+set that makes files inherit the group: the hardened units may not set it.
+"""
+
+import os
+from pathlib import Path
+from typing import Final
+
+_GROUP_READS: Final = 0o050
+_SHARED_FOLDER: Final = 0o1770
+_PRIVATE_FOLDER: Final = 0o700
+
+
+def make_folder(path: Path, like: Path) -> None:
+    """Make the folder, if it is missing, open to the same group as another one.
+
+    Raises: PermissionError.
+    """
+    try:
+        path.mkdir(mode=_PRIVATE_FOLDER, parents=True)
+    except FileExistsError:
+        return
+    share(path, like, _SHARED_FOLDER)
+
+
+def share(target: Path | int, folder: Path, mode: int) -> None:
+    """Give a file that we made to the group of the folder, with this mode; in a private folder leave it.
+
+    What root makes belongs to the owner of the folder, whose processes could not use it otherwise.
+    """
+    theirs, ours = folder.stat(), os.stat(target)  # noqa: PTH116 - of a descriptor, too
+    shared = theirs.st_mode & _GROUP_READS == _GROUP_READS
+    uid = theirs.st_uid if os.geteuid() == 0 else ours.st_uid
+    gid = theirs.st_gid if shared else ours.st_gid
+    try:
+        if (uid, gid) != (ours.st_uid, ours.st_gid):  # the hardened units may not even try
+            os.chown(target, uid, gid)
+        if shared:
+            os.chmod(target, mode)  # noqa: PTH101 - of a descriptor, too
+    except PermissionError:
+        return  # not a member of that group: the file stays for ourselves
+
+
+def is_guest(run_dir: Path) -> bool:
+    """Whether the node belongs to another user: its roles, and the remains of its dead, are not ours then."""
+    return run_dir.stat().st_uid != os.geteuid()

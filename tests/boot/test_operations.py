@@ -1,0 +1,191 @@
+"""share/doc/operations.md, followed letter by letter on a machine that boots a real systemd."""
+
+import json
+import re
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.boot.machine import ROOT, CannotBoot, Machine, wheels, why_not
+
+from swarmware.config import NodeConfig
+
+PAGE = ROOT / "share/doc/operations.md"
+USER = "olivia"
+HEAL_S = 20.0
+
+pytestmark = [
+    pytest.mark.root,
+    pytest.mark.slow,
+    pytest.mark.timeout(600),
+    pytest.mark.skipif(bool(why_not()), reason=why_not() or "it may"),
+]
+
+
+def sections() -> dict[str, list[str]]:
+    """The commands of the page: heading → its blocks."""
+    found = {}
+    for part in re.split(r"^##+ ", PAGE.read_text(), flags=re.MULTILINE)[1:]:
+        heading, _, body = part.partition("\n")
+        found[heading] = re.findall(r"^```sh\n(.*?)^```", body, re.MULTILINE | re.DOTALL)
+    return found
+
+
+@pytest.fixture(scope="module")
+def page() -> dict[str, list[str]]:
+    return sections()
+
+
+@pytest.fixture(scope="module")
+def wheel(page: dict[str, list[str]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder with the wheel, made by the first command of the page."""
+    (block,) = page["The wheel"]
+    done = subprocess.run(["sh", "-ec", block], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path_factory.mktemp("dist")
+    made = max((ROOT / "dist").glob("swarmware-*.whl"), key=lambda path: path.stat().st_mtime_ns)
+    (folder / made.name).write_bytes(made.read_bytes())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def node(page: dict[str, list[str]], wheel: Path) -> Iterator[Machine]:
+    """A machine on which the page was followed up to its operators."""
+    try:
+        machine = Machine(dist=wheel, wheels=wheels())
+    except CannotBoot as error:
+        pytest.skip(f"no container with systemd here: {error}")
+    try:
+        with machine:
+            machine.must("cp /mnt/dist/*.whl .")
+            # the machine has no network: pip finds what it needs in a folder, apt that all is there
+            machine.must("printf '[global]\nno-index = true\nfind-links = /mnt/wheels\n' > /etc/pip.conf")
+            for heading in ("Install", "Configure", "Start"):
+                for block in page[heading]:
+                    machine.must(block)
+            machine.must(f"useradd --create-home --shell /bin/bash {USER}")
+            machine.must(page["Operators"][0].replace("NAME", USER))
+            yield machine
+    except CannotBoot as error:
+        pytest.skip(f"no container with systemd here: {error}")
+
+
+def states(machine: Machine) -> dict[str, str]:
+    """Unit → its state."""
+    listed = machine.must("systemctl list-units --all --plain --no-legend --no-pager 'swarm*'")
+    return {words[0]: words[2] for words in map(str.split, listed.splitlines())}
+
+
+def pid(machine: Machine, service: str) -> int:
+    return int(machine.must(f"systemctl show --property=MainPID --value swarmd@{service}"))
+
+
+def left(machine: Machine) -> str:
+    """What of the node is in memory: shared memory, application files, sockets, doorbells, processes."""
+    files = "ls -d /dev/shm/swarm-* /run/swarm/*/* 2>/dev/null || true"
+    processes = "grep -l 'bin.[s]warmd' /proc/[0-9]*/cmdline 2>/dev/null || true"
+    return machine.must(f"{files}; {processes}")
+
+
+def test_every_service_of_node_toml_is_active(node: Machine) -> None:
+    expected = {f"swarmd@{name}.service" for name in NodeConfig().services} | {"swarm.target"}
+    assert states(node) == dict.fromkeys(expected, "active")
+
+
+def test_a_member_of_the_group_operates_the_node(node: Machine, page: dict[str, list[str]]) -> None:
+    for command in page["Operators"][1].splitlines():
+        assert "uav1" in node.must(command, USER) or "x_m" in node.must(command, USER), command
+    assert json.loads(node.must("swarmctl doctor --json", USER))["results"]
+    assert "x_m" in node.must("timeout 20 swarmctl tree watch nav/pose --count 2", USER)
+    node.must("swarmctl config set navigator/altitude_kp 1.5", USER)
+    assert "pose" in node.must(
+        "swarmctl log query nav/pose --limit 1 || swarmctl log query /uav1/nav/pose", USER
+    )
+
+
+def test_a_member_of_the_group_changes_no_file_of_the_daemons(node: Machine) -> None:
+    writable = node.must("find /dev/shm/swarm-uav1 -name '*.ring' -writable -not -user $USER", USER)
+    assert writable == ""
+    for path in ("/run/swarm/apps/tree#1.toml", "/dev/shm/swarm-uav1/nav.pose.ring", "/run/swarm/boot"):
+        assert node.run(f"rm -f '{path}'", USER).returncode != 0
+        node.must(f"test -e '{path}'")
+    assert node.run("ls /etc/swarm/keys", USER).returncode != 0
+
+
+def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) -> None:
+    script = (
+        "import asyncio\nfrom swarmware import Module\nfrom swarmware.types.scalar import Float\n"
+        "async def main():\n"
+        "    async with Module('my-module') as m:\n"
+        "        board = await m.writer('mine/value', Float, rate_hz=10)\n"
+        "        print('ready', flush=True)\n"
+        "        async for _ in m.every(0.1):\n"
+        "            board.write(Float(1.5))\n"
+        "asyncio.run(main())\n"
+    )
+    node.must(f"cat > module.py <<'END'\n{script}END", USER)
+    node.must("(/opt/swarm/bin/python module.py >module.log 2>&1 & echo $! >module.pid); sleep 0", USER)
+    try:
+        value = node.must(
+            "i=0; until swarmctl --json tree get mine/value; do i=$((i+1)); test $i -lt 20; sleep 0.2; done"
+        )
+        assert json.loads(value[value.index("{") :])["value"] == 1.5
+    finally:
+        node.must("kill -9 $(cat module.pid)", USER)
+    # the master, a daemon, tidies up after it
+    node.must("i=0; while ls /run/swarm/apps/my-module*; do i=$((i+1)); test $i -lt 50; sleep 0.1; done")
+
+
+@pytest.mark.parametrize("service", ["tree", "guard", "broker"])
+def test_a_killed_daemon_comes_back(node: Machine, service: str) -> None:
+    before = pid(node, service)
+    node.must(f"kill -9 {before}")
+    deadline_s = time.monotonic() + HEAL_S
+    while pid(node, service) in {0, before} or set(states(node).values()) != {"active"}:
+        assert time.monotonic() < deadline_s, states(node)
+        time.sleep(0.2)
+    assert "uav1" in node.must("swarmctl node ls")
+
+
+def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
+    before = pid(node, "timesync")
+    node.must("""swarmctl tree set /uav1/sys/guard/restart '{"service":"timesync"}'""")
+    deadline_s = time.monotonic() + HEAL_S
+    while pid(node, "timesync") in {0, before}:
+        assert time.monotonic() < deadline_s, node.must("journalctl --no-pager -u swarmd@guard -n 20")
+        time.sleep(0.2)
+
+
+def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(
+    node: Machine, page: dict[str, list[str]]
+) -> None:
+    day, devices = page["Every day"]
+    lines = day.splitlines()
+    stop = next(number for number, line in enumerate(lines) if line.startswith("systemctl stop"))
+    node.must("\n".join(lines[: stop + 1]))
+    assert set(states(node).values()) <= {"inactive"}
+    assert left(node) == ""
+    node.must("\n".join(lines[stop + 1 :]))
+    node.must(devices)
+    assert set(states(node).values()) == {"active"}
+
+
+def test_an_upgrade_keeps_settings_and_a_removal_leaves_the_configuration(
+    node: Machine, page: dict[str, list[str]]
+) -> None:
+    upgrade, removal = page["A newer version, and none"]
+    node.must("swarmctl config set navigator/altitude_kp 1.7")
+    node.must(upgrade)
+    assert "1.7" in node.must("swarmctl config get navigator/altitude_kp")
+    node.must("cp -a /opt/swarm /mnt/swarm")
+    try:
+        node.must(removal)
+        assert left(node) == ""
+        assert states(node) == {}
+        node.must("test -f /etc/swarm/node.toml && test -d /var/lib/swarm && ! ls /usr/bin/swarm*")
+    finally:
+        node.must("rm -f *.whl; cp /mnt/dist/*.whl .; test -d /opt/swarm || mv /mnt/swarm /opt/")
+        for block in (*page["Install"], *page["Configure"], *page["Start"]):
+            node.must(block)
