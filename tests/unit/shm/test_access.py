@@ -1,0 +1,231 @@
+"""Who may join a node: its own user, members of the group that may read its run directory, nobody else."""
+
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import pytest
+
+from swarmware.appfile import AppFile, AppTable
+from swarmware.errors import Denied
+from swarmware.node.boot import Boot
+from swarmware.shm.bells import Bells
+from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.owner import Owner
+from swarmware.shm.reap import remove_all
+from swarmware.shm.ring import RingReader, RingWriter
+
+GROUP = 60_000
+OWNER, MEMBER, STRANGER = 60_001, 60_002, 60_003
+
+pytestmark = [
+    pytest.mark.root,
+    pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become several other users"),
+]
+
+
+@contextmanager
+def become(uid: int, gid: int, groups: list[int]) -> Iterator[None]:
+    before = os.getgroups()
+    os.setgroups(groups)
+    os.setegid(gid)
+    os.seteuid(uid)
+    mask = os.umask(0o027)
+    try:
+        yield
+    finally:
+        os.umask(mask)
+        os.seteuid(0)
+        os.setegid(0)
+        os.setgroups(before)
+
+
+def owner() -> AbstractContextManager[None]:
+    return become(OWNER, GROUP, [])
+
+
+def member() -> AbstractContextManager[None]:
+    return become(MEMBER, MEMBER, [GROUP])
+
+
+class Place(NamedTuple):
+    run_dir: Path
+    shm_dir: Path
+    boot: Boot
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Callable[[int], Place]]:
+    """A node that its owner runs; the argument is the mode of its run directory."""
+    for folder in (tmp_path, *tmp_path.parents):
+        if folder.stat().st_uid == 0 and folder != Path("/") and not folder.stat().st_mode & 0o005:
+            folder.chmod(0o755)  # pytest keeps its folders to root
+    Owner.current()  # what Python loads for it may lie where only root reads
+    made: list[Place] = []
+
+    def make(mode: int) -> Place:
+        run_dir, shm = tmp_path / "run", tmp_path / "shm"
+        for folder in (run_dir, shm):
+            folder.mkdir()
+            os.chown(folder, OWNER, GROUP)
+        run_dir.chmod(mode)
+        shm.chmod(0o755)
+        with owner():
+            found = Place(run_dir, shm / "node", Boot(run_dir, shm / "node"))
+        made.append(found)
+        return found
+
+    yield make
+    for one in made:
+        with owner():
+            one.boot.leave()
+
+
+def app(place: Place, name: str) -> AppFile:
+    return AppFile(place.run_dir, name, endpoint="ipc:///x", started_ns=1)
+
+
+def test_a_member_has_an_application_file_that_all_see(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    with owner():
+        tree = app(node, "tree")
+    with member():
+        guest = Boot(node.run_dir, node.shm_dir)
+        tool = app(node, "tool")
+    try:
+        assert guest.guest
+        assert not node.boot.guest
+        assert guest.boot_id == node.boot.boot_id
+        for user in (owner, member):
+            with user():
+                table = AppTable(node.run_dir)
+                table.refresh(probe=True)
+                assert {entry.name for entry in table} == {"tree", "tool"}
+        found = tool.path.stat()
+        assert (found.st_uid, found.st_gid, stat.S_IMODE(found.st_mode)) == (MEMBER, GROUP, 0o640)
+    finally:
+        with member():
+            tool.close()
+            guest.leave()
+        with owner():
+            tree.close()
+
+
+def test_a_rewritten_file_of_a_member_is_read_again(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    with owner():
+        app(node, "tree").close()
+        table = AppTable(node.run_dir)
+    with member():
+        tool = app(node, "tool")
+    try:
+        for reads in (("/a/b",), ("/a/c",), ("/a/d",)):
+            with member():
+                tool.write(msgspec.structs.replace(tool.entry, reads=reads))
+            with owner():
+                assert table.refresh()
+                assert [entry.reads for entry in table] == [reads]
+    finally:
+        with member():
+            tool.close()
+
+
+def test_rings_are_read_by_all_and_written_and_removed_by_their_owner_only(
+    place: Callable[[int], Place],
+) -> None:
+    node = place(0o750)
+    theirs, ours = node.shm_dir / "theirs.ring", node.shm_dir / "ours.ring"
+    with owner():
+        daemon = RingWriter(theirs, slots=4, slot_bytes=64)
+    with member():
+        module = RingWriter(ours, slots=4, slot_bytes=64)
+    for path, reader in ((theirs, member), (ours, owner)):
+        with reader():
+            RingReader(path).close()
+            with pytest.raises(PermissionError):
+                path.open("r+b")
+    with member(), pytest.raises(PermissionError):
+        theirs.unlink()
+    with owner():
+        daemon.close(unlink=True)
+    with member():
+        module.close()
+    with owner():
+        remove_all(node.shm_dir, node.run_dir)
+    assert not node.shm_dir.exists(), "the end of the node takes what members left"
+
+
+def test_doorbells_ring_both_ways_whoever_made_the_table(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    bells = node.run_dir / "bells"
+    table = node.shm_dir / "some.readers"
+    with owner():
+        daemon = Doorbell(bells)
+    with member():
+        tool = Doorbell(bells)
+        Bells(table, BellPulls(bells)).add(tool.name)  # the member makes the table
+    with owner():
+        Bells(table, BellPulls(bells)).add(daemon.name)
+        Bells(table, BellPulls(bells)).ring()
+    assert daemon.drain()
+    assert tool.drain()
+    with member():
+        Bells(table, BellPulls(bells)).ring()
+    assert daemon.drain()
+    for user, bell in ((owner, daemon), (member, tool)):
+        with user():
+            bell.close()
+
+
+def test_a_doorbell_that_nobody_may_ring_stops_no_writer(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    bells = node.run_dir / "bells"
+    table = node.shm_dir / "some.readers"
+    with owner():
+        Doorbell(bells).close()
+    with member():
+        tool = Doorbell(bells)
+        (bells / tool.name).chmod(0)
+        Bells(table, BellPulls(bells)).add(tool.name)
+    with owner():
+        ringing = Bells(table, BellPulls(bells))
+        ringing.ring()
+        assert ringing.names() == ()
+    with member():
+        tool.close()
+
+
+@pytest.mark.parametrize(("mode", "user"), [(0o700, MEMBER), (0o750, STRANGER)])
+def test_whoever_may_not_read_the_folder_is_denied(
+    mode: int, user: int, place: Callable[[int], Place]
+) -> None:
+    node = place(mode)
+    groups = [GROUP] if user == MEMBER else []
+    with become(user, user, groups), pytest.raises(Denied, match="member"):
+        Boot(node.run_dir, node.shm_dir)
+
+
+def test_a_member_cannot_start_a_node_that_nobody_runs(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    with owner():
+        node.boot.leave()
+    with member(), pytest.raises(Denied, match="nobody runs this node"):
+        Boot(node.run_dir, node.shm_dir)
+
+
+def test_what_root_makes_belongs_to_the_owner_of_the_node(place: Callable[[int], Place]) -> None:
+    node = place(0o700)
+    with owner():
+        app(node, "tree").close()
+    tool = app(node, "tool")
+    bell = Doorbell(node.run_dir / "bells")
+    assert Boot(node.run_dir, node.shm_dir).guest
+    assert tool.path.stat().st_uid == OWNER
+    with owner():
+        assert BellPulls(bell.folder).ring(bell.name)
+    bell.close()
+    tool.close()
