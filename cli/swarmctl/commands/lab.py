@@ -24,6 +24,7 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """What `run` and `up` have in common."""
     about = {
         "nodes": "One ground station, one ground vehicle for two in the air.",
+        "usv": "Surface vessels among them.",
         "net": "How the nodes are linked: loopback.",
         "seed": "Of clocks, noise and start order.",
         "name": "Of the lab; default: the experiment's.",
@@ -33,6 +34,7 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         click.argument("experiment", type=click.Choice(EXPERIMENTS)),
         click.option("--nodes", type=int, default=16, show_default=True, metavar="N", help=about["nodes"]),
+        click.option("--usv", type=int, default=0, show_default=True, metavar="N", help=about["usv"]),
         click.option("--net", default="loopback", metavar="KIND", help=about["net"]),
         click.option("--seed", type=int, default=1, show_default=True, metavar="K", help=about["seed"]),
         click.option("--name", default="", metavar="NAME", help=about["name"]),

@@ -175,10 +175,12 @@ class Analysis:
         formed = self._formed_errors()
         ground = sum(node.kind == "ugv" for node in facts.nodes)
         air = sum(node.kind == "uav" for node in facts.nodes)
+        surface = sum(node.kind == "usv" for node in facts.nodes)
+        afloat = f"{surface} surface vessels, " if surface else ""
         return Scene(
             title=f"{facts.experiment.capitalize()} of {len(facts.nodes)} nodes",
             subtitle=(
-                f"{ground} ground vehicles, {air} air vehicles, 1 ground station · {facts.net}"
+                f"{ground} ground vehicles, {afloat}{air} air vehicles, 1 ground station · {facts.net}"
                 f" · seed {facts.seed} · {facts.host.cores} cores · swarmware {facts.version}"
             ),
             nodes=tuple(

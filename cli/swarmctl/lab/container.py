@@ -14,6 +14,7 @@ import tomli_w
 
 from swarmctl.lab.folders import LIDAR, STATION, TEMPLATES, VEHICLE
 from swarmware.errors import ConfigError, SwarmError
+from swarmware.mission.catalogue import VEHICLES
 from swarmware.security import make_swarm
 
 CONFIG: Final = Path("/etc/swarm")
@@ -85,7 +86,7 @@ def share_keys(directory: Path) -> None:
         if (directory / "gcs").exists():
             return
         roles = {"gcs": "maintainer"}
-        roles |= {f"{kind}{number}": "node" for kind in ("ugv", "uav") for number in range(1, MOST + 1)}
+        roles |= {f"{kind}{number}": "node" for kind in VEHICLES for number in range(1, MOST + 1)}
         make_swarm(directory, roles)
 
 

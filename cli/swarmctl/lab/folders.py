@@ -29,11 +29,11 @@ CLAIM_TRIES: Final = 99
 STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
 """A ground station has no body to simulate and nothing to steer."""
 VEHICLE: Final = (*STATION, "sim", "navigator")
-RADIUS_M: Final = {"ugv": 0.35, "uav": 0.3}
+RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
 """Of the sphere that holds a vehicle: told to the simulation, used by the report."""
 LIDAR: Final = "ugv1"
 """Carries a lidar: it replays the packets of a real one."""
-TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "uav": "multirotor"}
+TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "usv": "usv", "uav": "multirotor"}
 
 
 class Wish(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,6 +42,8 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True):
     experiment: str
     nodes: int
     seed: int
+    usv: int = 0
+    """How many of the nodes are surface vessels."""
     name: str = ""
     """Empty: the experiment's name, with a number when that is taken."""
     net: str = "loopback"
@@ -57,7 +59,7 @@ def make(wish: Wish) -> LabRecord:
     """
     if wish.net not in NETS:
         raise InvalidInput(f"--net {wish.net}: unknown; expected one of {', '.join(NETS)}")
-    who = plan.members(wish.nodes, wish.seed)
+    who = plan.members(wish.nodes, wish.seed, wish.usv)
     separate = plan.per_daemon(wish.per_daemon, who)
     folder = _claim(wish)
     try:
@@ -193,6 +195,7 @@ def _services(lab: LabRecord, node: NodeRecord) -> dict[str, dict[str, Any]]:
             "world": lab.experiment,
             "seed": lab.seed,
             "ground": {"radius_m": RADIUS_M["ugv"]},
+            "surface": {"radius_m": RADIUS_M["usv"]},
             "multirotor": {"radius_m": RADIUS_M["uav"]},
         }
     if node.platform == LIDAR:

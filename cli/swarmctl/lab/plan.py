@@ -1,6 +1,7 @@
 """Who the nodes of a lab are: names, kinds and simulated clocks, all from the number of nodes and a seed."""
 
 import random
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -22,31 +23,35 @@ class Member(msgspec.Struct, frozen=True):
 
     platform: str
     kind: str
-    """ugv | uav | gcs."""
+    """ugv | usv | uav | gcs."""
     offset_s: float
     drift_ppm: float
 
 
-def kinds(nodes: int) -> tuple[int, int]:
-    """Numbers of ground and air vehicles: about one to two, besides the ground station (S0.75: 5 + 10 + 1).
+def kinds(nodes: int, usv: int = 0) -> tuple[int, int]:
+    """Numbers of ground and air vehicles: about one to two, besides the ground station (S0.75: 5 + 10 + 1)
+    and the surface vessels.
 
     Raises: InvalidInput when the number makes no swarm.
     """
     if not LEAST <= nodes <= MOST:
         raise InvalidInput(f"number of nodes {nodes}: expected {LEAST}..{MOST}")
-    vehicles = nodes - 1
+    if not 0 <= usv <= nodes - LEAST:
+        raise InvalidInput(f"number of surface vessels {usv}: expected 0..{nodes - LEAST} of {nodes} nodes")
+    vehicles = nodes - 1 - usv
     ground = max(1, round(vehicles / 3))
     return ground, vehicles - ground
 
 
-def members(nodes: int, seed: int) -> tuple[Member, ...]:
+def members(nodes: int, seed: int, usv: int = 0) -> tuple[Member, ...]:
     """The nodes, ground station first, each with another clock.
 
     Raises: InvalidInput when the number makes no swarm.
     """
-    ground, air = kinds(nodes)
+    ground, air = kinds(nodes, usv)
     who = [("gcs", "gcs")]
     who += [(f"ugv{i}", "ugv") for i in range(1, ground + 1)]
+    who += [(f"usv{i}", "usv") for i in range(1, usv + 1)]
     who += [(f"uav{i}", "uav") for i in range(1, air + 1)]
     chance = random.Random(seed)
     return tuple(
@@ -78,8 +83,8 @@ def per_daemon(spec: str | None, who: tuple[Member, ...]) -> frozenset[str]:
     return frozenset(named)
 
 
-def start_order(who: tuple[Member, ...], seed: int) -> list[str]:
+def start_order(platforms: Sequence[str], seed: int) -> list[str]:
     """Platforms in a random order: no node may depend on another being there first (S0.37)."""
-    names = [member.platform for member in who]
+    names = list(platforms)
     random.Random(f"order {seed}").shuffle(names)
     return names

@@ -69,8 +69,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     Raises: SwarmError when a node falls over or the processor is too slow, NoAnswer when it takes too long.
     """
     lab = running.record
-    members = plan.members(len(lab.nodes), lab.seed)
-    order = plan.start_order(members, lab.seed)
+    order = plan.start_order([node.platform for node in lab.nodes], lab.seed)
     with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
         running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")
         capacity = Capacity(len(order))

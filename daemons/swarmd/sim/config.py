@@ -28,6 +28,28 @@ class GroundLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """More for each m/s."""
 
 
+class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What the propellers of a surface vessel can do, and how its hull answers."""
+
+    v_max_m_s: Positive = 2.5
+    v_back_m_s: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.5
+    """Greatest speed backwards."""
+    a_max_m_s2: Positive = 1.0
+    tau_s: Positive = 0.6
+    """Time constant of the speed's answer."""
+    w_max_rad_s: Positive = 1.0
+    w_tau_s: Positive = 0.4
+    """Time constant of the yaw rate's answer (Nomoto's T)."""
+    sway_tau_s: Positive = 0.3
+    """How fast a slip to the side dies away."""
+    radius_m: Positive = 0.45
+    """Of the circle that holds the vessel."""
+    power_w: Power = 12.0
+    """Standing still."""
+    power_per_m3_s3_w: Power = 20.0
+    """More for each (m/s)³."""
+
+
 class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How a multirotor with its own attitude control answers velocity set-points."""
 
@@ -103,6 +125,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     contacts_hz: Rate = 10.0
     """How often the distance to the other platforms is looked at."""
     ground: GroundLimits = GroundLimits()
+    surface: SurfaceLimits = SurfaceLimits()
     multirotor: MultirotorLimits = MultirotorLimits()
     sensors: Sensors = Sensors()
     battery: Battery = Battery()

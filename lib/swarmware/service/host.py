@@ -136,6 +136,8 @@ class Host:
             module.keep_boards()  # readable while the service comes back; `stop` undoes this
             try:
                 await asyncio.sleep(0)
+                if task.done():
+                    await task  # it cannot even begin: nobody is told that it runs
                 reporter.state = "running"
                 reporter.report(0.0)  # whoever waits for it does not wait for the next beat
                 self._started[item.name].set()

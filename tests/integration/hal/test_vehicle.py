@@ -1,6 +1,7 @@
 """A vehicle as real processes: simulated devices, drivers, navigator; killed and back again."""
 
 import asyncio
+import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from swarmd.hal.config import Config as HalConfig
 from swarmd.sim.config import Battery
 from swarmd.sim.config import Config as SimConfig
-from swarmware.errors import Denied
+from swarmware.errors import Denied, SwarmError
 from swarmware.module import BoardReader, Module
 from swarmware.testing import make_node, no_leaks, spawn
 from swarmware.types.scalar import Blob, Float
@@ -32,10 +33,12 @@ VEHICLE = ("sim", "hal", "navigator")
 ARM = "sys/vehicle/arm"
 
 
-def node(root: Path, platform: str, sim: SimConfig | None = None, hal: HalConfig | None = None) -> Path:
+def node(
+    root: Path, platform: str, sim: SimConfig | None = None, hal: HalConfig | None = None, **settings: str
+) -> Path:
     kind = platform.rstrip("0123456789")
-    settings = {"sim": sim or SimConfig(), "hal": hal or HalConfig()}
-    return make_node(root, platform, kind=kind, services=settings)
+    services = {"sim": sim or SimConfig(), "hal": hal or HalConfig()}
+    return make_node(root, platform, kind=kind, services=services, **settings)
 
 
 async def until(
@@ -77,6 +80,40 @@ def test_a_multirotor_takes_off_and_lands(tmp_path: Path) -> None:
 
     with no_leaks(tmp_path):
         asyncio.run(fly())
+
+
+def test_a_surface_vessel_goes_where_it_is_sent(tmp_path: Path) -> None:
+    async def sail() -> None:
+        config_dir = node(tmp_path, "usv1", template="usv")
+        async with spawn(config_dir, "tree", *VEHICLE), Module("test", config_dir=config_dir) as m:
+            goals = await m.writer("nav/goal", Goal)
+            status = await m.reader("nav/status", NavStatus)
+            truth = await m.reader("sim/truth", Pose)
+            start = await truth.changed(timeout_s=10.0)
+            assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+            goals.write(Goal(1, "goto", x_m=start.x_m + 6.0, y_m=start.y_m + 2.0, speed_m_s=2.0))
+            await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
+            here = truth.value
+            assert here is not None
+            assert math.dist((here.x_m, here.y_m), (start.x_m + 6.0, start.y_m + 2.0)) < 1.0
+
+    with no_leaks(tmp_path):
+        asyncio.run(sail())
+
+
+def test_a_simulation_that_cannot_start_never_says_that_it_is_ready(tmp_path: Path) -> None:
+    async def start() -> None:
+        world = tmp_path / "share/worlds/nowhere.toml"
+        world.parent.mkdir(parents=True)
+        (tmp_path / "share/templates").mkdir()
+        bounds = "x_m = [0.0, 1.0]\ny_m = [0.0, 1.0]"
+        world.write_text(f'description = ""\n[bounds]\n{bounds}\n[start.uav]\nx_m = 0.0\ny_m = 0.0\n')
+        config_dir = node(tmp_path, "usv1", SimConfig(world="nowhere"), share_dir=str(tmp_path / "share"))
+        with pytest.raises(SwarmError, match=r"ended with 7 before it was ready[^$]*a rule for uav only"):
+            async with spawn(config_dir, "sim"):
+                pass
+
+    asyncio.run(start())
 
 
 def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path) -> None:

@@ -32,11 +32,19 @@ def test_clocks_differ_and_stay_within_what_is_promised() -> None:
 
 
 def test_nodes_start_in_a_random_order_that_the_seed_repeats() -> None:
-    who = plan.members(16, 1)
+    who = [member.platform for member in plan.members(16, 1)]
     orders = {tuple(plan.start_order(who, seed)) for seed in range(20)}
     assert len(orders) == 20
     assert plan.start_order(who, 3) == plan.start_order(who, 3)
-    assert all(sorted(order) == sorted(m.platform for m in who) for order in orders)
+    assert all(sorted(order) == sorted(who) for order in orders)
+
+
+def test_surface_vessels_are_asked_for_by_number() -> None:
+    assert [m.platform for m in plan.members(6, 1, 2)] == ["gcs", "ugv1", "usv1", "usv2", "uav1", "uav2"]
+    assert {m.kind for m in plan.members(6, 1, 2)} == {"gcs", "ugv", "usv", "uav"}
+    for wrong in (-1, 4):
+        with pytest.raises(InvalidInput, match="surface vessels"):
+            plan.members(6, 1, wrong)
 
 
 def test_a_process_for_each_service_on_any_of_the_nodes() -> None:

@@ -10,7 +10,8 @@ from swarmd.sim.core.battery import Accumulator
 from swarmd.sim.core.ground import Ground
 from swarmd.sim.core.multirotor import Multirotor
 from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
-from swarmware.errors import Denied
+from swarmd.sim.core.surface import Surface
+from swarmware.errors import Denied, InvalidInput
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -251,8 +252,19 @@ class Simulation:
 
 
 def model(config: Config, kind: str, start: Pose) -> Vehicle:
-    """The vehicle model for a kind of platform: uav flies, ugv and usv drive."""
-    return Multirotor(config.multirotor, start) if kind == "uav" else Ground(config.ground, start)
+    """The vehicle model for a kind of platform: uav flies, ugv drives, usv floats.
+
+    Raises: InvalidInput for a kind that has no body, as a ground station.
+    """
+    match kind:
+        case "uav":
+            return Multirotor(config.multirotor, start)
+        case "ugv":
+            return Ground(config.ground, start)
+        case "usv":
+            return Surface(config.surface, start)
+        case _:
+            raise InvalidInput(f"kind {kind!r}: nothing to simulate; expected uav, ugv or usv")
 
 
 def _collision(other: str, pose: Pose, speed_m_s: float) -> Collision:
