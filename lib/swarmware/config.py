@@ -10,7 +10,7 @@ import msgspec
 
 from swarmware import document
 from swarmware.errors import ConfigError, InvalidInput
-from swarmware.names import check_platform
+from swarmware.names import check_application, check_platform, segment
 
 T = TypeVar("T")
 
@@ -74,6 +74,12 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         """Checks what the types cannot say; msgspec turns ValueError into its ValidationError."""
         check_platform(self.platform)
         check_platform(self.unit)
+        seen: dict[str, str] = {}
+        for name in self.services:
+            check_application(name)
+            other = seen.setdefault(segment(name), name)
+            if other != name:
+                raise ValueError(f"services: {other!r} and {name!r} have the same resource paths")
         if len(set(self.services)) != len(self.services):
             raise ValueError("services: a name stands there twice")
 
@@ -141,6 +147,9 @@ def load_service(config_dir: Path, name: str, cls: type[T]) -> T:
     Raises: ConfigError when the file does not fit.
     """
     path = config_dir / "services" / f"{name}.toml"
+    other = path.with_name(f"{segment(name)}.toml")
+    if other != path and other.exists():
+        raise ConfigError(f"{other}: of no service; the settings of {name!r} are expected in {path.name}")
     return load(path, cls) if path.exists() else cls()
 
 

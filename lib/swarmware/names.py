@@ -45,6 +45,14 @@ def check_application(name: str) -> str:
     return name
 
 
+def segment(application: str) -> str:
+    """The application's name in resource paths: `temp-sensor` → `app/temp_sensor/status`.
+
+    Two names that differ in this alone cannot run on one node.
+    """
+    return application.replace("-", "_")
+
+
 def check_path(path: str) -> str:
     """The resource path itself, local (`nav/pose`) or global (`/uav3/nav/pose`).
 

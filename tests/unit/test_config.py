@@ -59,3 +59,25 @@ def test_the_share_directory_of_this_checkout_is_found() -> None:
 def test_any_text_is_a_configuration_or_a_config_error(text: str) -> None:
     with contextlib.suppress(ConfigError):
         config.parse(text, config.NodeConfig, "node.toml")
+
+
+@pytest.mark.parametrize(
+    ("services", "message"),
+    [
+        ('["a-b", "a_b"]', "have the same resource paths"),
+        ('["a", "a"]', "twice"),
+        ('["../a"]', "application name"),
+        ('["A"]', "application name"),
+    ],
+)
+def test_names_of_services_are_checked(services: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        config.parse(f"services = {services}", config.NodeConfig, "node.toml")
+    assert config.parse('services = ["a-b", "ab"]', config.NodeConfig, "node.toml").services == ("a-b", "ab")
+
+
+def test_settings_under_the_other_spelling_of_a_service_are_not_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "services").mkdir()
+    (tmp_path / "services" / "temp_sensor.toml").write_text("")
+    with pytest.raises(ConfigError, match=r"temp_sensor\.toml: of no service.*expected in temp-sensor\.toml"):
+        config.load_service(tmp_path, "temp-sensor", config.NodeConfig)

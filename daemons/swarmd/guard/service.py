@@ -10,6 +10,7 @@ from swarmd.guard.supervisor import Processes, Runner, Supervisor, Systemd
 from swarmware.appfile import AppTable
 from swarmware.errors import NotFound
 from swarmware.module import BoardReader, BoardWriter, Meta, Module
+from swarmware.names import segment
 from swarmware.node.node import APPS_TABLE
 from swarmware.service import Service
 from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
@@ -77,7 +78,7 @@ class Guard(Service):
             "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
         )
         for name in self._names:
-            self._beats[name] = await module.reader(f"app/{name}/status", AppStatus)
+            self._beats[name] = await module.reader(f"app/{segment(name)}/status", AppStatus)
         await module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
         await module.serve(
             "sys/guard/restart",

@@ -17,6 +17,7 @@ from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
 from swarmware.master.deaths import Deaths
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
+from swarmware.names import segment
 from swarmware.node.node import APPS_TABLE
 from swarmware.service import Service
 from swarmware.service.births import GUARD
@@ -307,4 +308,4 @@ class Health(Service):
 
 
 def _status_path(name: str) -> str:
-    return f"app/{name.replace('-', '_')}/status"
+    return f"app/{segment(name)}/status"

@@ -13,6 +13,7 @@ from swarmware.errors import InvalidInput, SwarmError
 from swarmware.health.condition import Condition
 from swarmware.health.judge import Judge
 from swarmware.module import BoardWriter, Module
+from swarmware.names import segment
 from swarmware.types.health import (
     OK_STATE,
     CheckRegistration,
@@ -218,7 +219,7 @@ class HealthMonitor:
         module = self._module
         suffix = "" if module.instance == 1 else f"_{module.instance}"
         self._board = await module.writer(
-            f"health/checks/{module.name.replace('-', '_')}{suffix}",
+            f"health/checks/{segment(module.name)}{suffix}",
             CheckReports,
             rate_hz=1 / REPORT_S,
             link="request",

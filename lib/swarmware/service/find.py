@@ -29,4 +29,8 @@ def find(name: str) -> type[Service]:
     found = points[name].load()
     if not (isinstance(found, type) and issubclass(found, Service)):
         raise ConfigError(f"service {name!r}: {points[name].value} is no Service")
+    if found.name != name:
+        raise ConfigError(
+            f"service {name!r}: {points[name].value} is named {found.name!r}; expected one name"
+        )
     return found

@@ -22,7 +22,7 @@ class Service(ABC):
     """
 
     name: ClassVar[str]
-    """Name of the application, of the configuration file and of the entry point."""
+    """Name of the application, of the configuration file and of the entry point: [a-z][a-z0-9_-]{0,30}."""
     Config: ClassVar[type[msgspec.Struct]] = NoSettings
     """Settings, read from services/<name>.toml."""
     stop_s: ClassVar[float] = 2.0

@@ -8,6 +8,7 @@ import os
 import time
 from typing import TYPE_CHECKING, Final
 
+from swarmware.names import segment
 from swarmware.types.system import AppStatus
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ log = logging.getLogger("swarm.status")
 
 
 class Reporter:
-    """Writes the board `app/<name>/status`."""
+    """Writes the board `app/<name>/status`; a hyphen of the name is an underscore there."""
 
     def __init__(self, module: Module, writer: BoardWriter[AppStatus], restarts: int) -> None:
         self.state = "starting"
@@ -42,7 +43,7 @@ class Reporter:
     async def open(cls, module: Module, restarts: int) -> Reporter:
         """Makes the board and writes the first report."""
         writer = await module.writer(
-            f"app/{module.name}/status",
+            f"app/{segment(module.name)}/status",
             AppStatus,
             rate_hz=1 / PERIOD_S,
             description="Beat of the application",

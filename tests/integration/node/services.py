@@ -45,6 +45,19 @@ class Steady(Service):
         (self.module.node.config.data_path / "stopped").write_text("orderly")
 
 
+class TempSensor(Service):
+    """A service of a name with a hyphen: counts, and takes the number to go on with."""
+
+    name = "temp-sensor"
+    Config = Settings
+
+    async def run(self) -> None:
+        board = await self.module.writer("sensor/temperature", Int, rate_hz=10)
+        board.write(Int(self.config.start))
+        async for order in await self.module.inbox("sensor/offset", Int):
+            board.write(order)
+
+
 class Fragile(Service):
     """Fails when it is told to; returns when it is told to."""
 

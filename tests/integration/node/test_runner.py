@@ -1,6 +1,7 @@
 """The runner of services: ready, restarted inside, stopped in order, wrong configuration named."""
 
 import asyncio
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,8 @@ from swarmware.config import load_node
 from swarmware.errors import SwarmError
 from swarmware.module import Module
 from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.types.health import FaultList, FaultQuery, GuardStatus, HealthReport
+from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Int, Text
 from swarmware.types.system import AppStatus
 
@@ -25,6 +28,8 @@ def install(folder: Path) -> dict[str, str]:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: testservices\nVersion: 1.0\n")
     points = [f"{name.lower()} = services:{name}" for name in ("Steady", "Fragile", "Stubborn")]
+    points.append("temp-sensor = services:TempSensor")
+    points.append("misnamed = services:Steady")
     (info / "entry_points.txt").write_text("\n".join(["[swarmware.services]", *points]))
     return {"PYTHONPATH": f"{folder}:{HERE}"}
 
@@ -63,6 +68,51 @@ def test_a_service_runs_with_its_settings_and_stops_in_order(setting: Setting) -
                 assert {"test/count", "app/steady/status"} <= {item.path for item in entry.provides}
                 assert await process.terminate() == 0
             assert (load_node(config_dir).data_path / "stopped").read_text() == "orderly"
+
+    asyncio.run(run())
+
+
+def test_a_service_and_a_module_with_hyphens_run_under_a_guard(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        node = (config_dir / "node.toml").read_text()
+        services = '["temp-sensor", "guard", "health"]'
+        (config_dir / "node.toml").write_text(re.sub(r"services = \[[^]]*\]", f"services = {services}", node))
+        (config_dir / "services" / "temp-sensor.toml").write_text("start = 21\n")
+        async with Module("my-module", config_dir=config_dir) as m:
+            watched = await m.reader("guard/status", GuardStatus)
+            beats = await m.reader("app/temp_sensor/status", AppStatus)
+            temperature = await m.reader("sensor/temperature", Int)
+            async with spawn(config_dir, env=env), asyncio.timeout(30):
+                while temperature.value is None:
+                    await temperature.changed()
+                assert temperature.value == Int(21)
+                assert await m.send("sensor/offset", Int(22), timeout_s=10)
+                assert await temperature.changed() == Int(22)
+                while beats.value is None or beats.value.state != "running":
+                    await beats.changed()
+                while watched.value is None or not any(
+                    (one.name, one.state) == ("temp-sensor", "running") for one in watched.value.services
+                ):
+                    await watched.changed()
+                report = await m.request("sys/health/state", Empty(), HealthReport, timeout_s=10)
+                assert "age/sensor/temperature" in {check.check for check in report.checks}
+                found = await m.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=10)
+                assert not [fault.check for fault in found.faults if fault.check.startswith("app/")]
+                names = {entry.id for entry in scan(load_node(config_dir).run_path)}
+                assert {"temp-sensor#1", "my-module#1"} <= names
+
+    asyncio.run(run())
+
+
+def test_an_entry_point_of_another_name_than_its_service_is_a_mistake(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        with pytest.raises(SwarmError, match=r"ended with 7[^$]*is named 'steady'"):
+            async with spawn(config_dir, "misnamed", env=env):
+                pass
 
     asyncio.run(run())
 
