@@ -24,9 +24,7 @@ def folder(run_dir: Path) -> Path:
 
 def forget(path: Path) -> None:
     """Removes the trace of the application that had this file before."""
-    with contextlib.suppress(
-        PermissionError
-    ):  # of another user; its process is told apart by number and start
+    with contextlib.suppress(PermissionError):  # of another user; told apart by its process
         path.with_suffix(DEAD_SUFFIX).unlink(missing_ok=True)
 
 

@@ -12,6 +12,7 @@ from typing import Final
 
 _GROUP_READS: Final = 0o050
 _SHARED_FOLDER: Final = 0o1770
+_GUEST_FOLDER: Final = 0o770
 _PRIVATE_FOLDER: Final = 0o700
 
 
@@ -24,7 +25,15 @@ def make_folder(path: Path, like: Path) -> None:
         path.mkdir(mode=_PRIVATE_FOLDER, parents=True)
     except FileExistsError:
         return
-    share(path, like, _SHARED_FOLDER)
+    share_folder(path, like)
+
+
+def share_folder(path: Path, like: Path) -> None:
+    """Open a folder that we made to the group of another one.
+
+    That of a guest is not sticky: the owner of the node could not take away what stays in it.
+    """
+    share(path, like, _GUEST_FOLDER if is_guest(like) else _SHARED_FOLDER)
 
 
 def share(target: Path | int, folder: Path, mode: int) -> None:

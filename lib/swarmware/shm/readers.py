@@ -15,7 +15,7 @@ from typing import Final
 
 from swarmware.clock import utc_ns
 from swarmware.errors import WireError
-from swarmware.shm.access import make_folder, share
+from swarmware.shm.access import make_folder, share_folder
 from swarmware.shm.doorbell import NAME
 from swarmware.shm.ringfile import file_errors
 
@@ -42,7 +42,7 @@ class ReadersFolder:
         self.crowded = False
         """Whether the last listing found more entries of this user than are rung."""
         status = os.fstat(self._fd)
-        if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) != MODE:
+        if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) | stat.S_ISVTX != MODE:
             os.fchmod(self._fd, MODE)  # just made: the umask has its say in mkdir
 
     def changed(self) -> bool:
@@ -117,7 +117,7 @@ def _make(path: Path) -> None:
     make_folder(path.parent, path.parent.parent)
     with contextlib.suppress(FileExistsError):
         path.mkdir()
-        share(path, path.parent, MODE)
+        share_folder(path, path.parent)
 
 
 def remove_readers(path: Path) -> bool:
