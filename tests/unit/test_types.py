@@ -40,6 +40,27 @@ def test_a_packed_pose_is_true_to_half_a_millimetre_and_half_a_centimetre_per_se
     assert abs(math.remainder(pose.yaw_rad - back.yaw_rad, math.tau)) < 1e-3
 
 
+@given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.01))
+def test_a_packed_attitude_is_the_same_rotation(q: tuple[float, float, float, float]) -> None:
+    unit = [part / math.hypot(*q) for part in q]
+    back = Pose.unpack(Pose(0.0, 0.0, 0.0, *unit).pack())
+    dot = abs(sum(a * b for a, b in zip(unit, (back.qx, back.qy, back.qz, back.qw), strict=True)))
+    assert 2 * math.acos(min(1.0, dot)) < 3e-4, "rad between the two"
+
+
+def test_a_pose_near_the_origin_takes_23_bytes_and_one_far_away_26() -> None:
+    assert len(Pose.planar(8300.0, -8300.0, 8300.0).pack()) == 23
+    assert len(Pose.planar(8400.0, 0.0, 0.0).pack()) == 26
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)])
+def test_an_attitude_that_is_no_rotation_travels_as_it_is(q: tuple[float, float, float, float]) -> None:
+    data, codec = registry.pack(Pose(1.0, 2.0, 3.0, *q))
+    assert codec is Codec.NONE
+    back = registry.decode(Pose, data, codec)
+    assert str((back.qx, back.qy, back.qz, back.qw)) == str(q)
+
+
 def test_values_beyond_the_packed_range_are_clipped_to_it() -> None:
     back = Pose.unpack(Pose(1e9, -1e9, vx_m_s=1e6).pack())
     assert back.x_m == pytest.approx(2147483.647)

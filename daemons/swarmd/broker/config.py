@@ -33,7 +33,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Tick rate while somebody wants boards of this node; otherwise 2 Hz. Less where the air is full."""
     link_timeout_s: Annotated[float, msgspec.Meta(ge=0.2, le=60)] = 1.0
     """A neighbour that was silent for so long is down; 2.5 of its periods where that is longer."""
-    relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 3000.0
+    relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 2200.0
     """Budget for boards of other nodes that are passed on."""
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
     """ZeroMQ heartbeats on connections; 0: none, the ticks tell when a neighbour is gone."""

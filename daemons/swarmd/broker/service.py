@@ -11,6 +11,7 @@ import msgspec
 from swarmd.broker import config as settings
 from swarmd.broker.boards import Mirrors, OwnBoards
 from swarmd.broker.core.mesh import LinkChanged, LinkEvent, LinkState, Mesh, RouteChanged
+from swarmd.broker.core.pace import Pace
 from swarmd.broker.core.relay import News
 from swarmd.broker.core.sessions import Outcome, Sessions
 from swarmd.broker.core.station import Arrival, Identity, Station
@@ -44,10 +45,6 @@ from swarmware.types.rpc import Empty
 DUPLICATE_NS: Final = 5_000_000_000
 """A second computer of the same name was not heard for so long: it has gone."""
 PUBLISH_NS: Final = 1_000_000_000
-HURRY_NS: Final = 60_000_000
-"""A newcomer is answered within this time, spread by chance: many hear it at once."""
-JITTER: Final = 0.05
-"""Ticks are spread by this share of their period, or two nodes would collide for ever."""
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
 _SEQUENCE_NS: Final = 100_000_000
@@ -72,9 +69,9 @@ class Broker(Service):
         super().__init__(module, config)
         self._clock = module.clock
         self._wake = asyncio.Event()
-        self._due_ns = self._publish_ns = self._clock.now_ns()
+        self._since_ns = self._publish_ns = self._clock.now_ns()
+        self._pace = Pace(self._since_ns, random.random)
         self._shape_changed = False
-        self._urgent = False
         self._plan_at = -1
         self._timings: list[TimingSample] = []
         self._duplicate_ns = 0
@@ -123,7 +120,7 @@ class Broker(Service):
             stack.callback(self._mirrors.close)
             self._station.tcp_port = self._frames.links.port
             self._report = Report(
-                self._station, self._counters, self._frames.links, self._datagrams.by_unicast, self._due_ns
+                self._station, self._counters, self._frames.links, self._datagrams.by_unicast, self._since_ns
             )
             await self._open_boards()
             self.health.report("name", description="One computer for each name")
@@ -224,11 +221,11 @@ class Broker(Service):
         self._carry_out(*self._station.on_timer(now_ns))
         if self._station.channels.version != version:
             self._limits_board.write(self._station.channels.limits(now_ns))
-        if now_ns >= self._due_ns:
+        if now_ns >= self._pace.due_ns:
             self._tick()
         if now_ns >= self._publish_ns or self._shape_changed:
             self._publish(now_ns)
-        next_ns = min(self._due_ns, self._publish_ns)
+        next_ns = min(self._pace.due_ns, self._publish_ns)
         deadline_ns = self._station.deadline_ns()
         if deadline_ns is not None:
             next_ns = min(next_ns, deadline_ns)
@@ -243,17 +240,13 @@ class Broker(Service):
             self._take_plan()
         now_ns = self._clock.now_ns()
         self._own.poll(now_ns)
-        if self._urgent or self._datagrams.has_checks or not station.is_idle(now_ns):
-            self._urgent = False
+        if self._pace.urgent or self._datagrams.has_checks or not station.is_idle(now_ns):
+            self._pace.left(now_ns)
             self._datagrams.tick(now_ns)
         if self._timings:
             self._timing_stream.write(TimingBatch(tuple(self._timings)))
             self._timings.clear()
-        period_ns = round(1e9 / station.tick_hz())
-        # a tick that was late does not make the next ones early
-        self._due_ns = max(self._due_ns, now_ns - period_ns) + round(
-            period_ns * random.uniform(1 - JITTER, 1 + JITTER)
-        )
+        self._pace.next(now_ns, round(1e9 / station.tick_hz()))
 
     def _take_plan(self) -> None:
         self._plan_at = self._plan.position
@@ -338,10 +331,7 @@ class Broker(Service):
             self._counters.notifications += 1
 
     def _hurry(self) -> None:
-        soon_ns = self._clock.now_ns() + round(HURRY_NS * random.uniform(0.1, 1.0))
-        self._urgent = True
-        if soon_ns < self._due_ns:
-            self._due_ns = soon_ns
+        if self._pace.hurry(self._clock.now_ns(), round(1e9 / self._station.allowed_hz())):
             self._wake.set()
 
     def _carry_out(self, links: list[LinkChanged], routes: list[RouteChanged]) -> None:

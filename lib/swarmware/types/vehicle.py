@@ -11,12 +11,22 @@ from swarmware.errors import WireError
 from swarmware.types.bounds import Finite
 from swarmware.types.registry import register
 
-_POSE: Final = struct.Struct("<iiihhhhhhhh")
-"""Position mm; quaternion x y z w 1/32767; velocity cm/s; yaw rate mrad/s: 28 bytes against about 110."""
+_REST: Final = struct.Struct("<HIhhhh")
+"""Attitude as 16 and 32 of its 48 bits; velocity cm/s; yaw rate mrad/s."""
+_NEAR_BYTES: Final = 9 + _REST.size
+"""Position mm in three times 24 bits, within 8.3 km of the map's origin: 23 bytes against about 110."""
+_FAR: Final = struct.Struct("<iii")
+"""Position mm in three times 32 bits."""
+_FAR_BYTES: Final = _FAR.size + _REST.size
+_NEAR_MAX: Final = (1 << 23) - 1
 
 _MM: Final = 1000.0
-_QUATERNION: Final = 32767.0
 _CM: Final = 100.0
+_PART: Final = 16383 * math.sqrt(2)
+"""Three components of a unit quaternion beside its largest one are at most 1/√2: 15 bits each."""
+_PART_ZERO: Final = 16384
+_PART_MASK: Final = 0x7FFF
+_UNIT_ERROR: Final = 1e-3
 
 
 def _clip16(value: float) -> int:
@@ -71,15 +81,19 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
         )
 
     def pack(self) -> bytes:
-        """The quantised form; values beyond its range are clipped to it."""
-        return _POSE.pack(
-            _clip32(self.x_m * _MM),
-            _clip32(self.y_m * _MM),
-            _clip32(self.z_m * _MM),
-            _clip16(self.qx * _QUATERNION),
-            _clip16(self.qy * _QUATERNION),
-            _clip16(self.qz * _QUATERNION),
-            _clip16(self.qw * _QUATERNION),
+        """The quantised form; values beyond its range are clipped to it.
+
+        Raises: ValueError when the attitude is no unit quaternion.
+        """
+        place = (_clip32(self.x_m * _MM), _clip32(self.y_m * _MM), _clip32(self.z_m * _MM))
+        if max(place) <= _NEAR_MAX and min(place) >= -_NEAR_MAX:
+            head = b"".join([coordinate.to_bytes(3, "little", signed=True) for coordinate in place])
+        else:
+            head = _FAR.pack(*place)
+        attitude = _pack_attitude((self.qx, self.qy, self.qz, self.qw))
+        return head + _REST.pack(
+            attitude >> 32,
+            attitude & 0xFFFF_FFFF,
             _clip16(self.vx_m_s * _CM),
             _clip16(self.vy_m_s * _CM),
             _clip16(self.vz_m_s * _CM),
@@ -92,22 +106,36 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
         Raises: WireError when it is none.
         """
-        if len(data) != _POSE.size:
-            raise WireError(f"packed Pose of {len(data)} bytes: expected {_POSE.size}")
-        x, y, z, qx, qy, qz, qw, vx, vy, vz, wz = _POSE.unpack(data)
-        return cls(
-            x / _MM,
-            y / _MM,
-            z / _MM,
-            qx / _QUATERNION,
-            qy / _QUATERNION,
-            qz / _QUATERNION,
-            qw / _QUATERNION,
-            vx / _CM,
-            vy / _CM,
-            vz / _CM,
-            wz / _MM,
-        )
+        if len(data) == _NEAR_BYTES:
+            x, y, z = (int.from_bytes(data[at : at + 3], "little", signed=True) for at in (0, 3, 6))
+        elif len(data) == _FAR_BYTES:
+            x, y, z = _FAR.unpack_from(data)
+        else:
+            raise WireError(f"packed Pose of {len(data)} bytes: expected {_NEAR_BYTES} or {_FAR_BYTES}")
+        high, low, vx, vy, vz, wz = _REST.unpack_from(data, len(data) - _REST.size)
+        qx, qy, qz, qw = _unpack_attitude(high << 32 | low)
+        return cls(x / _MM, y / _MM, z / _MM, qx, qy, qz, qw, vx / _CM, vy / _CM, vz / _CM, wz / _MM)
+
+
+def _pack_attitude(q: tuple[float, float, float, float]) -> int:
+    """Which component is the largest, and the others: `q` and `-q` are the same attitude."""
+    if not abs(sum(part * part for part in q) - 1) < _UNIT_ERROR:
+        raise ValueError(f"attitude {q}: no unit quaternion")
+    largest = max(range(4), key=lambda index: abs(q[index]))
+    scale = -_PART if q[largest] < 0 else _PART
+    packed = largest
+    for index in range(4):
+        if index != largest:
+            part = round(q[index] * scale) + _PART_ZERO
+            packed = packed << 15 | max(0, min(_PART_MASK, part))
+    return packed
+
+
+def _unpack_attitude(packed: int) -> list[float]:
+    parts = [((packed >> shift & _PART_MASK) - _PART_ZERO) / _PART for shift in (30, 15, 0)]
+    largest = math.sqrt(max(0.0, 1 - sum(part * part for part in parts)))
+    parts.insert(packed >> 45 & 3, largest)
+    return parts
 
 
 @register

@@ -1,7 +1,8 @@
 """Whole stations in virtual time, datagrams sealed and encoded as on the wire: poses of moving, lossy swarms.
 
 Five seeds of 16 nodes that all want all poses at 10 Hz: how old the poses are by distance, that every
-platform's name and tree are known everywhere, and what it costs in bytes.
+platform's name and tree are known everywhere, and what it costs in bytes; the same of 100, and of 16 in one
+cell.
 """
 
 import heapq
@@ -13,6 +14,7 @@ from typing import Final
 import numpy as np
 import pytest
 
+from swarmd.broker.config import Config
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.mesh import Mesh
 from swarmd.broker.core.station import Identity, Station
@@ -40,7 +42,9 @@ class Radio:
         self.counters = Counters()
         mesh = Mesh(self.hw, 1, SECOND, 0)
         identity = Identity(self.hw, name, "main", PlatformKind.UAV, 1, b"")
-        self.station = Station(identity, mesh, self.counters, busy_hz=10.0, relay_bytes_s=3000.0)
+        self.station = Station(
+            identity, mesh, self.counters, busy_hz=10.0, relay_bytes_s=Config().relay_bytes_s
+        )
         self.sealer = Sealer(GROUP, self.hw, 1)
         self.opener = Opener(GROUP)
         wants = tuple(Want(other, "nav/pose", "Pose", POSE) for other in others)
@@ -129,7 +133,9 @@ class Air:
             origin = self.radios[self.names.index(want.platform)]
             true_stamp_us = made_s * 1e6 + origin.offset_ns / 1000
             assert news.stamp_us == pytest.approx(true_stamp_us, abs=1500), "stamp on the origin's clock"
-            assert news.age_us / 1e6 == pytest.approx(self.now_ns / SECOND - made_s, abs=0.02)
+            age_s = self.now_ns / SECOND - made_s
+            # from 3.2 s on, ages travel in steps of 0.1 s, rounded down at each hop
+            assert news.age_us / 1e6 == pytest.approx(age_s, abs=0.02 if age_s < 3.2 else 1.5)
 
     def look(self) -> None:
         """Ages of all poses, by distance in good hops."""
@@ -167,7 +173,7 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap(seed: int) -> N
         air.move(0.5)
         air.look()
     per_node = (sum(radio.sent_bytes for radio in air.radios) - warm_bytes) / 16 / 8.0
-    assert per_node <= 2600, "bytes per node and second"
+    assert per_node <= 2200, "bytes per node and second"
     near, far = np.array(air.ages_s[1]), np.array(air.ages_s[2])
     assert np.quantile(near, 0.95) <= 0.25
     assert np.quantile(far, 0.95) <= 0.4
@@ -182,13 +188,30 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap(seed: int) -> N
                 assert member.platform == name
 
 
+def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby() -> None:
+    air = Air(0, count=100, degree=9.0, speed_m_s=5.0)
+    for _ in range(14):  # until all names are known
+        air.run(0.5)
+        air.move(0.5)
+    warm_bytes = sum(radio.sent_bytes for radio in air.radios)
+    for _ in range(4):
+        air.run(0.5)
+        air.move(0.5)
+        air.look()
+    per_node = (sum(radio.sent_bytes for radio in air.radios) - warm_bytes) / 100 / 2.0
+    assert per_node <= 3800, "bytes per node and second"
+    assert np.quantile(np.array(air.ages_s[1]), 0.95) <= 0.25
+    assert np.quantile(np.array(air.ages_s[2]), 0.95) <= 0.6
+
+
 def test_poses_of_16_nodes_in_one_cell_are_not_relayed() -> None:
     air = Air(1, count=16, degree=300.0, speed_m_s=0.0)
     air.run(3.0)
     warm_bytes = sum(radio.sent_bytes for radio in air.radios)
     air.run(10.0)
     total = (sum(radio.sent_bytes for radio in air.radios) - warm_bytes) / 10.0
-    assert total <= 18_500, "bytes per second of all 16 together"
+    # 16 000 are aimed at; an echo to each neighbour every 2.5 s, which their clocks need, takes 850 of them
+    assert total <= 16_400, "bytes per second of all 16 together"
     air.look()
     assert set(air.ages_s) == {1}
     assert max(air.ages_s[1]) < 0.5

@@ -27,13 +27,15 @@ import pytest
 
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.mesh import Mesh, RouteChanged
-from swarmd.broker.core.tick import Header, Tick
+from swarmd.broker.core.neighbour import IDLE_LISTING_NS
+from swarmd.broker.core.tick import Header, Hello, PlatformKind, Tick
 
 SECOND: Final = 1_000_000_000
 RADIO_M: Final = 300.0
 DEGREE: Final = 9.0
 DELAY_NS: Final = 60_000_000
 ROOM: Final = 1000
+LISTING_MS: Final = IDLE_LISTING_NS // 1_000_000
 QUIET_NS: Final = 1_250_000_000
 """Longest time until everybody has noticed a restart: link timeout, a tick, the delay, and some."""
 CHURN_S: Final = 1.0
@@ -47,11 +49,12 @@ NODES: Final = 100
 class Node:
     """One node of the simulated swarm: its core, or nothing while it is down."""
 
-    __slots__ = ("generation", "hw", "links", "mesh", "session", "sessions")
+    __slots__ = ("generation", "hw", "links", "mesh", "period_ns", "session", "sessions")
 
     def __init__(self, hw: int) -> None:
         self.hw = hw
         self.generation = 0
+        self.period_ns = 0
         self.session = 0
         self.links: list[tuple[int, float]] = []
         self.mesh: Mesh | None = None
@@ -108,8 +111,13 @@ class Swarm:
         node.mesh = Mesh(node.hw, base, SECOND, now_ns + quiet_ns)
         node.generation += 1
         node.session = node.session + 1
+        node.period_ns = 0
         node.sessions = {}
         self.push(now_ns + self.random.randrange(self.tick_ns), node.hw - 1, node.generation, None, None)
+
+    def period_ns(self, _mesh: Mesh) -> int:
+        """Time from a node's tick to its next."""
+        return self.tick_ns
 
     def stop(self, node: Node) -> None:
         """Takes a node away without a word."""
@@ -141,19 +149,23 @@ class Swarm:
         shape = mesh.compose(now_ns, ROOM, busy=True)
         sequence = mesh.next_sequence()
         header = Header(0, node.hw, sequence, (now_ns // 1000) & 0xFFFF_FFFF, node.session)
-        body = codec.encode(Tick(None, shape.echoes, shape.rows, shape.requests))
+        period_ns = self.period_ns(mesh)
+        hello = Hello(1, 0, 1, 1, 0, PlatformKind.UAV, "uav", b"", period_ns // 1_000_000, LISTING_MS)
+        declared = hello if period_ns > node.period_ns or sequence % 10 == 0 else None
+        node.period_ns = period_ns
+        body = codec.encode(Tick(declared, shape.echoes, shape.rows, shape.requests))
         assert len(body) <= codec.BODY_LIMIT
         codec.encode_header(header)
         tick = codec.decode(body)  # once for all receivers: it is the same for each of them
         mesh.sent(sequence, now_ns)
-        self.sent_bytes += len(body)
+        self.sent_bytes += len(body) - (codec.hello_bytes(hello) if declared is not None else 0)
         chance = self.random.random
         for peer, delivery in node.links:
             if chance() < delivery:
                 delay_ns = int(chance() * DELAY_NS)
                 self.push(now_ns + delay_ns, peer, self.nodes[peer].generation, header, tick)
         self.push(
-            now_ns + self.tick_ns * self.random.randrange(95, 106) // 100,
+            now_ns + period_ns * self.random.randrange(95, 106) // 100,
             node.hw - 1,
             node.generation,
             None,
@@ -191,10 +203,10 @@ class Swarm:
             f"routing loop at {self.now_ns / SECOND:.2f} s towards node {looping[0][1]} from {looping[0][0]}"
         )
 
-    def reached(self) -> tuple[int, int]:
-        """Pairs that good links connect, and those among them whose next hops really lead there."""
+    def reached(self, least: float = 0.02) -> tuple[int, int]:
+        """Pairs that good links connect, and those whose next hops lead there over links above `least`."""
         alive = np.array([node.mesh is not None for node in self.nodes])
-        usable = (self.delivery > 0.02) & alive[:, None] & alive[None, :]
+        usable = (self.delivery > least) & alive[:, None] & alive[None, :]
         good = (self.delivery > 0.85) & usable
         connected = good | np.eye(self.count, dtype=bool)
         for _ in range(math.ceil(math.log2(self.count))):

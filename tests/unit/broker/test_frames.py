@@ -158,17 +158,28 @@ def test_a_node_is_who_its_hardware_id_says() -> None:
     assert members.platform(0xABC) == "00000abc"
 
 
-def test_a_far_member_is_told_twice_when_it_changes_and_then_seldom() -> None:
+def test_a_far_member_is_said_three_times_when_it_changes_and_then_seldom() -> None:
     members = Members(ME)
     members.on_row(MemberRow(UAV2, 1, PlatformKind.UAV, "uav2"), 1)
 
     def said(now_ns: int) -> list[MemberRow]:
         return members.rows(now_ns, 500, NOBODY, lambda _: A)
 
-    assert [len(said(tick)) for tick in range(2, 6)] == [1, 1, 0, 0]
+    assert [len(said(tick)) for tick in range(2, 7)] == [1, 1, 1, 0, 0]
     assert len(said(AGAIN_NS + 5)) == 1
     members.on_row(MemberRow(UAV2, 2, PlatformKind.UAV, "uav2"), AGAIN_NS + 6)
     assert [row.tree_version for row in said(AGAIN_NS + 7)] == [2]
+
+
+def test_member_rows_are_repeated_when_somebody_new_is_in_range() -> None:
+    members = Members(ME)
+    members.on_row(MemberRow(UAV2, 1, PlatformKind.UAV, "uav2"), 1)
+    for tick in range(4):
+        members.rows(tick, 500, NOBODY, lambda _: A)
+    assert members.rows(5, 500, NOBODY, lambda _: A) == []
+    members.repeat()
+    assert len(members.rows(6, 500, NOBODY, lambda _: A)) == 1
+    assert members.rows(7, 500, NOBODY, lambda _: A) == []
 
 
 def test_members_that_all_hear_or_nobody_reaches_are_not_told() -> None:
@@ -195,7 +206,7 @@ def test_whom_nobody_mentions_is_forgotten() -> None:
 
 @pytest.mark.parametrize(
     ("wanted_hz", "heard", "size", "expected_hz"),
-    [(10.0, 15, 150, 10.0), (10.0, 99, 300, 4.4), (10.0, 400, 600, 1.0), (2.0, 15, 150, 2.0)],
+    [(10.0, 15, 150, 10.0), (10.0, 99, 300, 4.4), (10.0, 400, 600, 0.64), (2.0, 15, 150, 2.0)],
 )
 def test_ticks_leave_three_quarters_of_the_air(
     wanted_hz: float, heard: int, size: int, expected_hz: float

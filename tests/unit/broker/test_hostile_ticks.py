@@ -57,6 +57,8 @@ def hellos(name: str) -> st.SearchStrategy[Hello]:
         kind=st.sampled_from(PlatformKind),
         name=st.just(name) | st.sampled_from([ME, "", "UAV", "uav2.", "uav2..x", "ä", "x" * 150]),
         curve_public=st.sampled_from([b"", bytes(32)]),
+        period_ms=U16,
+        listing_ms=U16,
     )
 
 
@@ -105,7 +107,7 @@ def station() -> Station:
     return mine
 
 
-@settings(max_examples=60, deadline=None, phases=[Phase.generate])
+@settings(max_examples=40, deadline=None, phases=[Phase.generate])
 @given(st.lists(datagrams(), min_size=1, max_size=25), st.booleans())
 def test_no_datagram_ends_a_station_and_all_it_makes_of_them_can_be_written(
     received: list[tuple[Header, bytes, int]], in_hurry: bool

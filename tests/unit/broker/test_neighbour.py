@@ -1,30 +1,34 @@
 """Neighbours: up and down by deadline, in both directions, with what is measured on the way."""
 
+import random
 from itertools import permutations
 from typing import Final
 
 import pytest
 
 from swarmd.broker.core.neighbour import (
+    COST_MAX,
     FORGET_NS,
     LEAST_EXPECTED,
     LISTING_NS,
+    LISTINGS,
     NEIGHBOUR_LIMIT,
     TRANSITIONS,
-    UNLISTED_NS,
+    UNLISTED_SLACK_NS,
     LinkChanged,
     LinkEvent,
     LinkState,
     Neighbour,
     Neighbours,
-    Timing,
 )
 from swarmd.broker.core.tick import NO_ECHO, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.timing import Timing
 
 ME, UAV2, UAV3 = 10, 20, 30
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
 TIMEOUT: Final = SECOND
+UNLISTED_NS: Final = LISTINGS * LISTING_NS + UNLISTED_SLACK_NS
 AT: Final = ("10.0.0.2", 7447)
 BOOT: Final = 77
 
@@ -37,6 +41,7 @@ class Peer:
         self.hw = hw
         self.offset_us = offset_us
         self.sequence = 0
+        self.period_ms = 100
         self.changes: list[LinkChanged] = []
 
     def datagram(
@@ -54,7 +59,7 @@ class Peer:
         neighbour = self.table.on_header(header, restarted, AT, now_ns, self.changes)
         assert neighbour is not None
         if hello:
-            said = Hello(BOOT, tx_us >> 32, 1, 0, 0, PlatformKind.UAV, "uav2")
+            said = Hello(BOOT, tx_us >> 32, 1, 0, 0, PlatformKind.UAV, "uav2", b"", self.period_ms, 2000)
             self.table.on_hello(neighbour, header, said)
         return self.table.on_echoes(neighbour, header, echoes, now_ns, self.changes)
 
@@ -139,7 +144,7 @@ def test_an_echo_to_what_we_never_sent_does_not_count(table: Neighbours, peer: P
 
 def test_silence_for_the_timeout_takes_it_down(table: Neighbours, peer: Peer) -> None:
     for tick in range(20):
-        peer.datagram(tick * 100 * MS, listed(table, tick * 100 * MS))
+        peer.datagram(tick * 100 * MS, listed(table, tick * 100 * MS), hello=True)
     last_ns = 1900 * MS
     assert table.deadline_ns() == last_ns + TIMEOUT
     assert table.on_timer(last_ns + TIMEOUT - 1) == []
@@ -148,12 +153,56 @@ def test_silence_for_the_timeout_takes_it_down(table: Neighbours, peer: Peer) ->
     assert table.deadline_ns() is None
 
 
-def test_a_slow_sender_may_miss_one_datagram(table: Neighbours, peer: Peer) -> None:
+def test_a_slow_sender_without_loss_may_miss_one_datagram(table: Neighbours, peer: Peer) -> None:
+    peer.period_ms = 500
     for tick in range(20):
-        peer.datagram(tick * 500 * MS, listed(table, tick * 500 * MS))
+        peer.datagram(tick * 500 * MS, listed(table, tick * 500 * MS), hello=True)
     last_ns = 19 * 500 * MS
     assert table.on_timer(last_ns + 1200 * MS) == []
     assert table.on_timer(last_ns + 1251 * MS) != []
+
+
+def test_the_declared_period_counts_not_the_gaps_between_datagrams_sent_in_a_hurry(
+    table: Neighbours, peer: Peer
+) -> None:
+    peer.period_ms = 3000
+    for tick in range(20):
+        peer.datagram(tick * 100 * MS, listed(table, tick * 100 * MS), hello=True)
+    assert table.deadline_ns() == 1900 * MS + round(2.5 * 3 * SECOND)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("period_ms", [100, 500])
+def test_a_link_that_loses_three_of_ten_datagrams_stays_up(
+    table: Neighbours, peer: Peer, seed: int, period_ms: int
+) -> None:
+    chance = random.Random(seed)
+    peer.period_ms = period_ms
+    bring_up(table, peer, 0)
+    peer.changes.clear()
+    changes: list[LinkChanged] = []
+    for tick in range(1, 600_000 // period_ms):
+        now_ns = (100 + tick * period_ms) * MS
+        changes += table.on_timer(now_ns)
+        if chance.random() < 0.3:
+            peer.sequence += 1
+        else:
+            peer.datagram(now_ns, *([listed(table, now_ns)] if tick % 4 == 0 else []), hello=tick % 2 == 0)
+    falls = [change for change in changes + peer.changes if change.before is LinkState.UP]
+    assert len(falls) <= 1, "in ten minutes"
+
+
+def test_cost_rises_while_a_neighbour_is_silent(table: Neighbours, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    costs = []
+    for silent_ms in (100, 200, 300, 500, 900):
+        table.on_timer((100 + silent_ms) * MS)
+        costs.append(peer.neighbour.cost)
+    assert costs == sorted(costs)
+    assert costs[0] == 256, "the next one may be a little late"
+    assert costs[-1] > 400
+    peer.datagram(1050 * MS, skip=9)
+    assert peer.neighbour.cost < COST_MAX
 
 
 def test_the_lost_neighbour_is_told_twice_that_we_do_not_hear_it(table: Neighbours, peer: Peer) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.directory import (
+    CALM_SIZE,
     HOLD_NS,
     HYSTERESIS,
     REFRESH_MAX_NS,
@@ -12,8 +13,9 @@ from swarmd.broker.core.directory import (
     REQUEST_AGAIN_NS,
     REQUEST_FOR_NS,
     SOURCE_GC_NS,
+    STRETCH_MAX,
 )
-from swarmd.broker.core.neighbour import PERIODS, UNLISTED_NS, WINDOW
+from swarmd.broker.core.neighbour import FALSE_ALARM, LEAST_EXPECTED, LISTINGS, LONG_WINDOW, PERIODS, WINDOW
 from swarmd.broker.core.tick import Echo, Header, Hello, PlatformKind, Row, Tick, Value
 from swarmware import frame as wire
 from swarmware.delivery import with_lifetime
@@ -102,8 +104,12 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"{HOPS} at the sender",
         f"{REPLAY_WINDOW} numbers back",
         f"over the last {WINDOW}",
-        f"none comes for {UNLISTED_NS // SECOND} s",
+        f"at least {LEAST_EXPECTED} expected",
+        f"none comes for {LISTINGS} listing periods and 1 s",
         f"{PERIODS} periods of the sender",
+        f"the last {LONG_WINDOW} datagrams",
+        f"{FALSE_ALARM:g} divided by the number of neighbours",
+        f"with the number of nodes above {CALM_SIZE}, up to {STRETCH_MAX:g} times",
         f"better by more than {HYSTERESIS}",
         f"every {REQUEST_AGAIN_NS / SECOND} s, for {REQUEST_FOR_NS // SECOND} s",
         f"every {REFRESH_NS / SECOND} s per hop of distance",

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmd.broker.core import age
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.checks import Check, CheckKind
 from swarmd.broker.core.tick import (
@@ -33,7 +34,7 @@ T = TypeVar("T")
 U8, U16, U32 = st.integers(0, 255), st.integers(0, 0xFFFF), st.integers(0, 2**32 - 1)
 U64 = st.integers(0, 2**64 - 1)
 NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,30}(\.[a-z]{1,8})?", fullmatch=True)
-FINE_AGES = st.integers(0, 0x7FFF).map(lambda age: age * codec.AGE_UNIT_US)
+FINE_AGES = st.integers(0, 0x7FFF).map(lambda units: units * age.AGE_UNIT_US)
 PAYLOADS = st.binary(max_size=200)
 
 
@@ -51,6 +52,8 @@ HELLOS = st.builds(
     kind=st.sampled_from(PlatformKind),
     name=NAMES,
     curve_public=st.sampled_from([b"", bytes(range(32))]),
+    period_ms=U16,
+    listing_ms=U16,
 )
 TICKS = st.builds(
     Tick,
@@ -128,7 +131,9 @@ def test_the_header_is_the_one_of_the_protocol_page() -> None:
 
 
 def test_the_body_is_the_one_of_the_protocol_page() -> None:
-    hello = Hello(0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, PlatformKind.UGV, "ugv1")
+    hello = Hello(
+        0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, PlatformKind.UGV, "ugv1", b"", 450, 2000
+    )
     tick = Tick(
         hello,
         (Echo(0x0A0B0C0D, 0x7F, 0x030201, 255),),
@@ -142,7 +147,8 @@ def test_the_body_is_the_one_of_the_protocol_page() -> None:
     assert codec.encode(tick) == b"".join(
         (
             b"\xff",
-            b"\x1c" + struct.pack("<QiHIIBB", 0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, 2, 0),
+            b"\x20" + struct.pack("<QiHII", 0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344),
+            struct.pack("<HHBB", 450, 2000, 2, 0),
             b"ugv1",
             b"\x01" + bytes.fromhex("0d0c0b0a 7f 010203 ff"),
             b"\x01" + bytes.fromhex("0d0c0b0a 3412 0001"),
@@ -193,7 +199,7 @@ def test_a_version_two_steps_ahead_is_refused(version: int) -> None:
     [(-5, 0), (99, 0), (100, 100), (3_276_700, 3_276_700), (3_276_800, 3_200_000), (10**10, 3_276_700_000)],
 )
 def test_ages_are_fine_when_young_and_coarse_when_old(age_us: int, read_us: int) -> None:
-    assert codec.decode_age(codec.encode_age(age_us)) == read_us
+    assert age.decode_age(age.encode_age(age_us)) == read_us
 
 
 @given(TICKS, st.integers(0, 5000))

@@ -17,10 +17,12 @@ HYSTERESIS: Final = 96
 REFRESH_NS: Final = 250_000_000
 """Refresh period of a row per hop of distance."""
 REFRESH_MAX_NS: Final = 2_000_000_000
-BIG_SWARM: Final = 200
-"""From this size the refresh period doubles and stretches to 4 s."""
+CALM_SIZE: Final = 80
+"""In larger swarms the refresh periods grow with the number of nodes, up to STRETCH_MAX times."""
+STRETCH_MAX: Final = 2.0
 HOLD_NS: Final = 7_000_000_000
-"""A route whose sequence number stood still for three of the longest refresh periods is lost."""
+"""A route over others whose sequence number stood still for so long is lost, or for three of the longest
+refresh periods where these are longer."""
 HOT_NS: Final = 2_000_000_000
 """How long it is remembered that somebody asked for a fresher row."""
 HOT_ROWS: Final = 2
@@ -133,12 +135,27 @@ class Directory:
         self._forward: list[SequenceRequest] = []
         self._asking: dict[int, _Destination] = {}
         self._sweep_ns = NEVER_NS
+        self._hold_ns = HOLD_NS
 
     # what comes in
 
     def set_link(self, via: int, cost: int) -> None:
         """The link to a neighbour is up, or its cost has changed."""
         self._costs[via] = cost
+
+    def worsen(self, via: int, now_ns: int) -> list[RouteChanged]:
+        """The link to a neighbour costs more than its rows were taken at: other ways may be better now."""
+        changes: list[RouteChanged] = []
+        cost = self._costs.get(via)
+        if cost is None:
+            return changes
+        for destination in self._destinations.values():
+            if destination.via == via:
+                total = destination.heard[via][1] + cost
+                if total > destination.metric:
+                    destination.metric = min(total, INFINITY - 1)
+                    self._select(destination, now_ns, changes)
+        return changes
 
     def drop_link(self, via: int, now_ns: int) -> list[RouteChanged]:
         """The link is gone, or the neighbour is another one than before."""
@@ -235,11 +252,11 @@ class Directory:
             return changes
         self._sweep_ns = now_ns + _SWEEP_NS
         forgotten: list[int] = []
+        oldest_ns = now_ns - self._hold_ns
         for destination in self._destinations.values():
             heard = destination.heard
-            oldest_ns = now_ns - HOLD_NS
-            for said in heard.values():
-                if said[2] < oldest_ns:
+            for via, said in heard.items():
+                if said[2] < oldest_ns and via != destination.hw:
                     self._expire(destination, oldest_ns, now_ns, changes)
                     break
             if heard:
@@ -273,7 +290,9 @@ class Directory:
         if len(due) > room:
             due.sort(key=_urgency)
             del due[room:]
-        scale = 2 if len(self._destinations) > BIG_SWARM else 1
+        stretch = min(max(1.0, len(self._destinations) / CALM_SIZE), STRETCH_MAX)
+        longest_ns = round(REFRESH_MAX_NS * stretch)
+        self._hold_ns = max(HOLD_NS, 3 * longest_ns)
         rows: list[Row] = []
         for destination in due:
             metric, sequence = destination.metric, destination.sequence
@@ -288,7 +307,7 @@ class Directory:
             if destination.common:
                 period_ns = common_ns
             else:
-                period_ns = min(REFRESH_NS * max(1, metric >> 8), REFRESH_MAX_NS) * scale
+                period_ns = min(round(REFRESH_NS * max(1, metric >> 8) * stretch), longest_ns)
             destination.due_ns = now_ns + period_ns
             rows.append(Row(destination.hw, sequence, metric))
         return tuple(rows)
@@ -351,7 +370,10 @@ class Directory:
     def _expire(
         self, destination: _Destination, oldest_ns: int, now_ns: int, changes: list[RouteChanged]
     ) -> None:
-        stale = [via for via, said in destination.heard.items() if said[2] < oldest_ns]
+        # the link's own deadline judges a route straight to the destination
+        stale = [
+            via for via, said in destination.heard.items() if said[2] < oldest_ns and via != destination.hw
+        ]
         for via in stale:
             del destination.heard[via]
         if destination.via in stale:

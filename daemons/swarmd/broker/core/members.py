@@ -9,10 +9,10 @@ from swarmd.broker.core.tick import Hello, MemberRow, PlatformKind, member_bytes
 from swarmware.errors import InvalidInput
 from swarmware.names import check_platform, hardware_id
 
-AGAIN_NS: Final = 5_000_000_000
+AGAIN_NS: Final = 30_000_000_000
 """An unchanged member row is repeated this often."""
-TIMES: Final = 2
-"""A changed one is said twice."""
+TIMES: Final = 3
+"""A changed one is said so often, in one datagram after the other."""
 FORGET_NS: Final = 600_000_000_000
 MEMBER_LIMIT: Final = 4096
 
@@ -107,6 +107,11 @@ class Members:
             member.times = max(0, member.times - 1)
             out.append(row)
         return out
+
+    def repeat(self) -> None:
+        """Somebody new is in range: every row is said once more."""
+        for member in self._all.values():
+            member.times = max(member.times, 1)
 
     def forget(self, now_ns: int) -> None:
         """Drops whom nobody has mentioned for ten minutes."""

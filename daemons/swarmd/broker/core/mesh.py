@@ -4,15 +4,13 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.directory import Directory, RouteChanged, newer
+from swarmd.broker.core.directory import HYSTERESIS, Directory, RouteChanged, newer
 from swarmd.broker.core.neighbour import (
-    LISTING_NS,
     LinkChanged,
     LinkEvent,
     LinkState,
     Neighbour,
     Neighbours,
-    Timing,
 )
 from swarmd.broker.core.tick import (
     ECHO_BYTES,
@@ -25,11 +23,14 @@ from swarmd.broker.core.tick import (
     SequenceRequest,
     Tick,
 )
+from swarmd.broker.core.timing import Timing
 
-IDLE_LISTING_NS: Final = 3_000_000_000
-COMMON_NS: Final = 2_000_000_000
-"""Refresh of rows that none of our neighbours needs, while somebody wants our boards."""
-IDLE_COMMON_NS: Final = 4_000_000_000
+COMMON_NS: Final = 12_000_000_000
+"""Refresh of rows that none of our neighbours needs: as soon as one does, the row is said at once."""
+COMMON_EACH_NS: Final = 125_000_000
+"""The same among many: eight such rows a second in all."""
+CHANGING_NS: Final = 5_000_000_000
+"""After a link came up or went down, another one is likely to: the swarm moves."""
 ROWS_MAX: Final = 60
 """Rows in one datagram; scale study, section 2.3."""
 _JUMP_MAX: Final = 0x7FFF
@@ -78,6 +79,7 @@ class Mesh:
         self._jumps: list[int] = []
         """When our number was raised, the last few times."""
         self._composed_ns = NEVER_NS
+        self._changed_ns = NEVER_NS
 
     def on_tick(
         self, header: Header, tick: Tick, restarted: bool, address: tuple[str, int], rx_ns: int
@@ -94,14 +96,12 @@ class Mesh:
         timing = self.neighbours.on_echoes(neighbour, header, tick.echoes, rx_ns, links)
         directory = self.directory
         if links:
+            self._look(links, rx_ns)
             for change in links:
                 if change.before is LinkState.UP:
                     routes += directory.drop_link(header.sender_hw, rx_ns)
         if neighbour.state is LinkState.UP:
-            quality = neighbour.window << 8 | neighbour.reported
-            if links or quality != neighbour.costed:
-                neighbour.costed = quality
-                directory.set_link(header.sender_hw, neighbour.cost)
+            routes += self._price(neighbour, rx_ns)
             if fresh:
                 own = ((header.sender_hw, header.sequence & 0xFFFF, 0),)
                 rows = own + tick.rows if rx_ns >= self._quiet_until_ns else own
@@ -114,11 +114,37 @@ class Mesh:
         """Deadlines of links and ages of routes."""
         links = self.neighbours.on_timer(now_ns)
         routes: list[RouteChanged] = []
+        self._look(links, now_ns)
         for change in links:
             if change.before is LinkState.UP:
                 routes += self.directory.drop_link(change.hw, now_ns)
+        for neighbour in self.neighbours.up():
+            if neighbour.missed:
+                routes += self._price(neighbour, now_ns)
         routes += self.directory.on_timer(now_ns)
         return links, routes
+
+    def _price(self, neighbour: Neighbour, now_ns: int) -> list[RouteChanged]:
+        """Tells the directory what a link costs, and when it became much dearer."""
+        measured = (neighbour.window, neighbour.missed, neighbour.reported)
+        if measured == neighbour.costed:
+            return []
+        neighbour.costed = measured
+        cost = neighbour.cost
+        self.directory.set_link(neighbour.hw, cost)
+        if cost < neighbour.priced + HYSTERESIS:
+            neighbour.priced = min(neighbour.priced, cost)
+            return []
+        neighbour.priced = cost
+        return self.directory.worsen(neighbour.hw, now_ns)
+
+    def _look(self, links: list[LinkChanged], now_ns: int) -> None:
+        if any(LinkState.UP in (change.before, change.after) for change in links):
+            self._changed_ns = now_ns
+
+    def is_changing(self, now_ns: int) -> bool:
+        """Whether links came up or went down within the last seconds."""
+        return self._changed_ns != NEVER_NS and now_ns - self._changed_ns < CHANGING_NS
 
     def next_sequence(self) -> int:
         """Number of the next datagram: rises by one, or to what others still hold of us.
@@ -145,16 +171,16 @@ class Mesh:
     def compose(self, now_ns: int, room: int, busy: bool) -> Shape:
         """What the next datagram says, in at most `room` bytes. `busy`: it leaves ten times a second."""
         self._composed_ns = now_ns
-        echoes = self.neighbours.echoes(
-            now_ns, min(room // 2 // ECHO_BYTES, 255), LISTING_NS if busy else IDLE_LISTING_NS
-        )
+        listing_ns = self.neighbours.listing_ns(not busy)
+        echoes = self.neighbours.echoes(now_ns, min(room * 3 // 4 // ECHO_BYTES, 255), listing_ns)
         requests = self.directory.requests(now_ns)[:32]
         room -= len(echoes) * ECHO_BYTES + len(requests) * REQUEST_BYTES
+        common = self.neighbours.common(now_ns)
         rows = self.directory.rows(
             now_ns,
             max(0, min(ROWS_MAX, room // ROW_BYTES)),
-            self.neighbours.common(now_ns),
-            COMMON_NS if busy else IDLE_COMMON_NS,
+            common,
+            max(COMMON_NS, len(common) * COMMON_EACH_NS),
         )
         return Shape(echoes, rows, requests)
 

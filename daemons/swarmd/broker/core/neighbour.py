@@ -4,29 +4,49 @@ Everything is read off the tick datagrams themselves: their sequence numbers are
 meter, their echoes say that we are heard, how well, and when.
 """
 
+import math
 from enum import IntEnum
 from typing import Final
 
 import msgspec
 
 from swarmd.broker.core.tick import ANSWERED_SEQUENCES, INFINITY, NEVER_NS, NO_ECHO, Echo, Header, Hello
+from swarmd.broker.core.timing import Timing
 
 WINDOW: Final = 16
 """Datagrams over which loss is judged; scale study, section 2.3."""
 _WINDOW_MASK: Final = (1 << WINDOW) - 1
+LONG_WINDOW: Final = 64
+"""Datagrams over which the loss is judged that a link's deadline has to bear."""
+_LONG_MASK: Final = (1 << LONG_WINDOW) - 1
 LEAST_EXPECTED: Final = 8
 """Loss is judged over so many at least: one datagram after a silence is no proof of a perfect link."""
 PERFECT: Final = 256
 """Cost of a link without loss."""
 COST_MAX: Final = 8192
 PERIODS: Final = 2.5
-"""A slow sender may miss one datagram before its silence counts."""
+"""A sender without loss may miss one datagram before its silence counts."""
+FALSE_ALARM: Final = 1e-4
+"""Silence counts when so many datagrams in a row are less likely to be lost than this, divided by the
+number of neighbours."""
+_LOSS_MIN: Final = 0.0075
+"""Loss of a link that has lost nothing yet: one datagram in two windows."""
+MISSES_MAX: Final = 12
 FIRST_PERIOD_NS: Final = 500_000_000
-LISTING_NS: Final = 2_000_000_000
+_PERIOD_MAX_NS: Final = 10_000_000_000
+LISTING_NS: Final = 2_500_000_000
 """Everybody heard is listed at least this often."""
-UNLISTED_NS: Final = 3 * LISTING_NS + 1_000_000_000
-HEARS_NS: Final = 2 * LISTING_NS + 2_500_000_000
-"""How long a neighbour's word that it hears somebody holds: idle ones say it every 3 s."""
+IDLE_LISTING_NS: Final = 3_000_000_000
+LISTING_EACH_NS: Final = 50_000_000
+"""The same among many: so much time for each."""
+LISTINGS: Final = 3
+"""Missed one after the other, they take a link without loss down to half open."""
+UNLISTED_SLACK_NS: Final = 1_000_000_000
+HEARS_SLACK_NS: Final = 500_000_000
+"""A neighbour's word that it hears somebody holds for three of its listings and this."""
+QUALITY_STEP: Final = 64
+QUALITY_NS: Final = 500_000_000
+"""A quality that changed by that step is said after this time: the other side's cost depends on it."""
 ECHO_GAP_NS: Final = 200_000_000
 """Echoes beyond the listing: at least five a second in all, to whoever waited longest."""
 ANSWER_LIMIT_NS: Final = 25_000_000_000
@@ -89,21 +109,6 @@ class LinkChanged(msgspec.Struct, frozen=True, gc=False):
     event: LinkEvent
 
 
-class Timing(msgspec.Struct, frozen=True, gc=False):
-    """Clock differences read off one datagram; scale study, section 4.1. Theirs minus ours."""
-
-    hw: int
-    boot_id: int
-    rx_ns: int
-    """Our clock at its arrival."""
-    reverse_ns: int
-    """Their clock at send minus ours at arrival: the offset less the way here."""
-    forward_ns: int | None = None
-    """Their clock at arrival minus ours at send: the offset plus the way there."""
-    forward_tx_ns: int = 0
-    """Our clock when the echoed datagram left."""
-
-
 class Neighbour:
     """One node that we hear, or heard not long ago."""
 
@@ -116,6 +121,7 @@ class Neighbour:
         "echo_rx_ns",
         "echo_sequence",
         "echoed_ns",
+        "echoed_quality",
         "expected",
         "goodbyes",
         "heard_ns",
@@ -124,8 +130,11 @@ class Neighbour:
         "hw",
         "late",
         "listed_ns",
+        "listing_ns",
         "lost",
+        "missed",
         "period_ns",
+        "priced",
         "received",
         "reported",
         "rtt_ns",
@@ -133,7 +142,6 @@ class Neighbour:
         "since_ns",
         "state",
         "top",
-        "tx_us",
         "window",
     )
 
@@ -155,23 +163,29 @@ class Neighbour:
         self.hello = None
         self.clock_us = 0
         self.hears.clear()
+        self.period_ns = FIRST_PERIOD_NS
+        self.listing_ns = LISTING_NS
         self.revive(now_ns)
 
     def revive(self, now_ns: int) -> None:
         """Forgets what was measured on the link: it was silent for long."""
         self.top = 0
-        self.tx_us = 0
         self.window = 0
-        self.costed = -1
+        self.costed = (0, 0, 0)
+        """What the cost was last made of."""
+        self.priced = COST_MAX
+        """Its cost when routes over it were compared last."""
+        self.missed = 0
+        """Datagrams that should have come since the last one."""
         self.expected = 0
         self.received = 0
         self.heard_ns = now_ns
         self.deadline_ns = now_ns
-        self.period_ns = FIRST_PERIOD_NS
         self.listed_ns = NEVER_NS
         self.reported = _FULL
         self.rtt_ns = 0
         self.echoed_ns = NEVER_NS
+        self.echoed_quality = 0
         self.echo_reverse_us = 0
         self.echo_sequence = -1
         self.echo_rx_ns = 0
@@ -180,14 +194,30 @@ class Neighbour:
     @property
     def quality(self) -> int:
         """Share of its last datagrams that arrived, in 1/255."""
-        expected = max(LEAST_EXPECTED, min(WINDOW, self.expected))
-        return min(round(_FULL * self.window.bit_count() / expected), _FULL)
+        expected = max(LEAST_EXPECTED, min(WINDOW, self.expected + self.missed))
+        received = (self.window << self.missed & _WINDOW_MASK).bit_count()
+        return min(round(_FULL * received / expected), _FULL)
 
     @property
     def cost(self) -> int:
         """Expected transmissions in 1/256: loss of both directions."""
         both = self.quality * self.reported
         return min(PERFECT * _FULL * _FULL // both, COST_MAX) if both else COST_MAX
+
+    def misses(self, neighbours: int) -> int:
+        """How many datagrams in a row that do not come mean that none will, among so many neighbours."""
+        lost = min(LONG_WINDOW, self.expected) - self.window.bit_count()
+        lately = min(WINDOW, self.expected) - (self.window & _WINDOW_MASK).bit_count()
+        loss = max(lost / max(WINDOW, min(LONG_WINDOW, self.expected)), lately / WINDOW, _LOSS_MIN)
+        if loss >= 0.5:
+            return MISSES_MAX
+        misses = math.ceil(math.log(FALSE_ALARM / neighbours) / math.log(loss))
+        return min(max(misses, 2), MISSES_MAX)
+
+    def hears_until_ns(self, hw: int) -> int:
+        """Until when its word holds that it hears this node."""
+        said_ns = self.hears.get(hw, NEVER_NS)
+        return said_ns + LISTINGS * self.listing_ns + HEARS_SLACK_NS
 
 
 class Neighbours:
@@ -213,6 +243,10 @@ class Neighbours:
     def up(self) -> list[Neighbour]:
         """Those with whom both directions work."""
         return [n for n in self._all.values() if n.state is LinkState.UP]
+
+    def listing_ns(self, idle: bool) -> int:
+        """Everybody heard gets an echo this often, with room for it."""
+        return max(IDLE_LISTING_NS if idle else LISTING_NS, self.heard_count() * LISTING_EACH_NS)
 
     def heard_count(self) -> int:
         """Nodes that share the air with us."""
@@ -245,12 +279,16 @@ class Neighbours:
         neighbour.heard_ns = rx_ns
         neighbour.received += 1
         self._count(neighbour, header)
-        neighbour.deadline_ns = rx_ns + max(self._timeout_ns, round(PERIODS * neighbour.period_ns))
+        neighbour.missed = 0
+        periods = neighbour.misses(len(self._all)) + PERIODS - 2
+        neighbour.deadline_ns = rx_ns + max(self._timeout_ns, round(periods * neighbour.period_ns))
         return neighbour
 
     def on_hello(self, neighbour: Neighbour, header: Header, hello: Hello) -> None:
-        """Its name and the upper half of its clock."""
+        """Its name, the upper half of its clock, and how often it speaks."""
         neighbour.hello = hello
+        neighbour.period_ns = min(max(hello.period_ms, 1) * 1_000_000, _PERIOD_MAX_NS)
+        neighbour.listing_ns = max(hello.listing_ms, 1) * 1_000_000
         neighbour.clock_us = hello.clock_high << 32 | header.tx_us
 
     def on_echoes(
@@ -316,11 +354,10 @@ class Neighbours:
 
     def needed(self, origin_hw: int, have: set[int], now_ns: int) -> bool:
         """Whether a neighbour neither hears this node itself nor is one of those who have its value."""
-        oldest_ns = now_ns - HEARS_NS
         return any(
             neighbour.state is LinkState.UP
             and neighbour.hw not in have
-            and neighbour.hears.get(origin_hw, NEVER_NS) < oldest_ns
+            and neighbour.hears_until_ns(origin_hw) < now_ns
             for neighbour in self._all.values()
         )
 
@@ -335,11 +372,21 @@ class Neighbours:
             elif now_ns >= neighbour.deadline_ns:
                 neighbour.goodbyes = GOODBYES
                 self._event(neighbour, LinkEvent.SILENT, now_ns, changes)
-            elif now_ns - max(neighbour.listed_ns, neighbour.since_ns) > UNLISTED_NS:
-                self._event(neighbour, LinkEvent.UNLISTED, now_ns, changes)
+            else:
+                period_ns = neighbour.period_ns
+                neighbour.missed = max(
+                    0, min((now_ns - neighbour.heard_ns - period_ns // 2) // period_ns, WINDOW)
+                )
+                self._look_for_listing(neighbour, now_ns, changes)
         for hw in forgotten:
             del self._all[hw]
         return changes
+
+    def _look_for_listing(self, neighbour: Neighbour, now_ns: int, changes: list[LinkChanged]) -> None:
+        listings = max(LISTINGS, neighbour.misses(len(self._all)))
+        silent_ns = now_ns - max(neighbour.listed_ns, neighbour.since_ns)
+        if silent_ns > listings * max(neighbour.listing_ns, LISTING_NS) + UNLISTED_SLACK_NS:
+            self._event(neighbour, LinkEvent.UNLISTED, now_ns, changes)
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` has to be called at the latest."""
@@ -365,7 +412,11 @@ class Neighbours:
                 if neighbour.goodbyes and len(out) < room:
                     neighbour.goodbyes -= 1
                     out.append(Echo(neighbour.hw, 0, NO_ECHO, 0))
-            elif now_ns - neighbour.echoed_ns >= listing_ns:
+            elif now_ns - neighbour.echoed_ns >= (
+                listing_ns
+                if abs(neighbour.quality - neighbour.echoed_quality) < QUALITY_STEP
+                else min(listing_ns, QUALITY_NS)
+            ):
                 due.append(neighbour)
             elif longest is None or neighbour.echoed_ns < longest.echoed_ns:
                 longest = neighbour
@@ -378,6 +429,7 @@ class Neighbours:
             self._echoed_ns = now_ns
         for neighbour in due:
             neighbour.echoed_ns = now_ns
+            neighbour.echoed_quality = neighbour.quality
             hold_us = (now_ns - neighbour.echo_rx_ns) // 1000
             if neighbour.echo_sequence < 0 or not 0 <= hold_us < NO_ECHO:
                 out.append(Echo(neighbour.hw, 0, NO_ECHO, max(neighbour.quality, 1)))
@@ -390,9 +442,9 @@ class Neighbours:
         """Nodes that every neighbour of ours hears itself (or is): nobody needs us for them."""
         if now_ns - self._common_ns >= refresh_ns:
             self._common_ns = now_ns
-            oldest_ns = now_ns - HEARS_NS
             common: set[int] | None = None
             for neighbour in self.up():
+                oldest_ns = now_ns - LISTINGS * neighbour.listing_ns - HEARS_SLACK_NS
                 heard = {hw for hw, said_ns in neighbour.hears.items() if said_ns >= oldest_ns}
                 heard.add(neighbour.hw)
                 common = heard if common is None else common & heard
@@ -408,24 +460,21 @@ class Neighbours:
             behind = -ahead
             if behind < neighbour.expected:
                 neighbour.lost -= 1
-            elif behind < WINDOW:
+            elif behind < LONG_WINDOW:
                 neighbour.lost += behind - neighbour.expected  # overtaken by the first one we got
                 neighbour.expected = behind + 1
-            if behind < WINDOW:
+            if behind < LONG_WINDOW:
                 neighbour.window |= 1 << behind
             return
-        if neighbour.expected == 0 or ahead > 4 * WINDOW:
+        if neighbour.expected == 0 or ahead > LONG_WINDOW:
             # the first one, or the sender jumped (it was asked for a higher sequence number)
             neighbour.expected += 1
-            neighbour.window = (neighbour.window << 1 | 1) & _WINDOW_MASK
+            neighbour.window = (neighbour.window << 1 | 1) & _LONG_MASK
         else:
             neighbour.expected += ahead
             neighbour.lost += ahead - 1
-            neighbour.window = (neighbour.window << ahead | 1) & _WINDOW_MASK
-            step_ns = ((header.tx_us - neighbour.tx_us) & _MOD32) * 1000 // ahead
-            neighbour.period_ns += (step_ns - neighbour.period_ns) // 4
+            neighbour.window = (neighbour.window << ahead | 1) & _LONG_MASK
         neighbour.top = header.sequence
-        neighbour.tx_us = header.tx_us
 
     def _event(self, neighbour: Neighbour, event: LinkEvent, now_ns: int, changes: list[LinkChanged]) -> None:
         after = TRANSITIONS.get((neighbour.state, event))

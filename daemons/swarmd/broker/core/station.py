@@ -10,7 +10,7 @@ from swarmd.broker.core.directory import HYSTERESIS, RouteChanged
 from swarmd.broker.core.members import Members, wire_name
 from swarmd.broker.core.mesh import LinkChanged, LinkState, Mesh, Timing
 from swarmd.broker.core.neighbour import CLOCK_HIGH_MAX, PERFECT, Neighbour
-from swarmd.broker.core.pace import IDLE_HZ, tick_hz
+from swarmd.broker.core.pace import IDLE_HZ, QUICK_HZ, allowed_hz
 from swarmd.broker.core.relay import News, Relays
 from swarmd.broker.core.tick import (
     BODY_LIMIT,
@@ -42,6 +42,8 @@ DIRECT_COST: Final = 2 * PERFECT - 2 * HYSTERESIS
 hysteresis; once more that much, because both ends judge the link from samples of their own."""
 DIRECT_NS: Final = 5_000_000_000
 """By then both ends have judged the link from the same datagrams, and chosen their ways."""
+SLOWER: Final = 1.25
+"""A time between datagrams that grew by this factor is declared at once: others would take us for gone."""
 _FORGET_NS: Final = 10_000_000_000
 _FIRST_DATAGRAM_BYTES: Final = 150.0
 
@@ -109,6 +111,11 @@ class Station:
         self._hello_ns = NEVER_NS
         self._forget_ns = NEVER_NS
         self._sent_ns = NEVER_NS
+        self._now_ns = NEVER_NS
+        self._gap_ns = 0
+        """Time between our last two datagrams."""
+        self._declared_ns = 0
+        """What the last hello said of the time between two."""
         self._relaying = False
         self._datagram_bytes = _FIRST_DATAGRAM_BYTES
 
@@ -135,9 +142,16 @@ class Station:
 
     def tick_hz(self) -> float:
         """Ticks per second at present."""
-        wanted_hz = self._busy_hz if self.busy else min(IDLE_HZ, self._busy_hz)
+        if self.busy:
+            wanted_hz = self._busy_hz
+        else:
+            wanted_hz = min(QUICK_HZ if self.mesh.is_changing(self._now_ns) else IDLE_HZ, self._busy_hz)
+        return min(wanted_hz, self.allowed_hz())
+
+    def allowed_hz(self) -> float:
+        """Most datagrams per second that the air has room for."""
         heard = self.mesh.neighbours.heard_count()
-        return tick_hz(wanted_hz, heard, self._datagram_bytes + IP_UDP_BYTES)
+        return allowed_hz(heard, self._datagram_bytes + IP_UDP_BYTES)
 
     # what comes in
 
@@ -174,6 +188,8 @@ class Station:
                 directory.next_hop(row.hw) in (hw, 0) or self.members.get(row.hw) is None
             ):
                 self.members.on_row(row, rx_ns)
+        if stranger:
+            self.members.repeat()
         news = self._read(neighbour, tick, rx_ns) if tick.values or tick.relays else []
         return Arrival(neighbour, heard.timing, heard.links, heard.routes, news, stranger)
 
@@ -225,6 +241,7 @@ class Station:
 
     def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
         """Deadlines, ages; call at each tick and at `deadline_ns`."""
+        self._now_ns = now_ns
         self.channels.on_timer(now_ns)
         if self.channels.version != self._limits_version:
             self._limits_version = self.channels.version
@@ -282,10 +299,15 @@ class Station:
         return Departure(self.mesh.next_sequence(), hello is not None, tick)
 
     def _hello(self, now_ns: int) -> Hello | None:
+        period_ns = max(
+            round(1e9 / self.tick_hz()), min(self._gap_ns, SILENCE_NS + round(1e9 / self._busy_hz))
+        )
         # half a tick early rather than a tick late: at 10 Hz every tenth datagram has it
-        if now_ns - self._hello_ns < HELLO_NS - round(0.5e9 / self._busy_hz):
+        waits = now_ns - self._hello_ns < HELLO_NS - round(0.5e9 / self._busy_hz)
+        if waits and period_ns <= SLOWER * self._declared_ns:
             return None
         self._hello_ns = now_ns
+        self._declared_ns = period_ns
         who = self.identity
         return Hello(
             who.boot_id,
@@ -296,12 +318,16 @@ class Station:
             who.kind,
             wire_name(who.platform, who.unit),
             who.curve_public,
+            min(period_ns // 1_000_000, 0xFFFF),
+            min(self.mesh.neighbours.listing_ns(not self.busy) // 1_000_000, 0xFFFF),
         )
 
     def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:
         """The datagram left."""
+        self._gap_ns = tx_ns - self._sent_ns
         self._sent_ns = tx_ns
-        self._datagram_bytes += (datagram_bytes - self._datagram_bytes) / 16
+        more = datagram_bytes - self._datagram_bytes
+        self._datagram_bytes += more / (4 if more > 0 else 16)  # sooner too few datagrams than too many
         self.mesh.sent(sequence, tx_ns)
 
     def next_hop(self, hw: int) -> int:

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from swarmd.broker.core import checks
+from swarmd.broker.core.age import decode_age, encode_age
 from swarmd.broker.core.checks import Check
 from swarmware.errors import WireError
 
@@ -37,7 +38,7 @@ _VERSION_SHIFT: Final = 5
 
 _HEADER: Final = struct.Struct("<BBIII")
 _HEADER_SESSION: Final = struct.Struct("<BBIIIQ")
-_HELLO: Final = struct.Struct("<QiHIIBB")
+_HELLO: Final = struct.Struct("<QiHIIHHBB")
 _ECHO: Final = struct.Struct("<IBHBB")
 _ROW: Final = struct.Struct("<IHH")
 _REQUEST: Final = struct.Struct("<IHB")
@@ -58,10 +59,6 @@ _HOLD_AT: Final = 5
 """Place of the hold time in an echo."""
 _PACKED: Final = 0x80
 _LONG: Final = 0x7F
-
-AGE_UNIT_US: Final = 100
-_OLD: Final = 0x8000
-_OLD_UNIT_US: Final = 100_000
 
 
 class Section:
@@ -121,6 +118,10 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     """Platform, or platform.unit where the unit is not `main`."""
     curve_public: bytes = b""
     """Only from nodes without a roster."""
+    period_ms: int = 500
+    """Longest time between two datagrams of the sender at present."""
+    listing_ms: int = 3000
+    """Everybody whom the sender hears has an echo at least this often."""
 
 
 class Echo(NamedTuple):
@@ -353,17 +354,6 @@ def decode(data: bytes) -> Tick:
         raise WireError(f"tick: a name that is no UTF-8: {error}") from None
 
 
-def encode_age(age_us: int) -> int:
-    """An age in 16 bits: 0.1 ms up to 3.2 s, 0.1 s up to 54 min, then no older."""
-    fine = max(age_us, 0) // AGE_UNIT_US
-    return fine if fine < _OLD else _OLD | min(age_us // _OLD_UNIT_US, _OLD - 1)
-
-
-def decode_age(age: int) -> int:
-    """The age in µs."""
-    return age * AGE_UNIT_US if age < _OLD else (age & ~_OLD) * _OLD_UNIT_US
-
-
 def _size(payload: bytes, packed: bool) -> tuple[int, bytes]:
     mark = _PACKED if packed else 0
     length = len(payload)
@@ -380,6 +370,8 @@ def _encode_hello(hello: Hello) -> bytes:
             hello.tcp_port,
             hello.tree_version,
             hello.mission,
+            hello.period_ms,
+            hello.listing_ms,
             hello.kind,
             len(hello.curve_public),
         )
@@ -454,8 +446,8 @@ class _Reader:
 
     def hello(self) -> Hello:
         end = self.at + 1 + self.count()
-        boot_id, clock_high, tcp_port, tree_version, mission, kind, key = _HELLO.unpack_from(
-            self.data, self.at
+        boot_id, clock_high, tcp_port, tree_version, mission, period_ms, listing_ms, kind, key = (
+            _HELLO.unpack_from(self.data, self.at)
         )
         self.at += _HELLO.size
         if key not in (0, _CURVE_BYTES) or not self.at + key < end <= len(self.data):
@@ -463,7 +455,16 @@ class _Reader:
         curve_public = self.take(key)
         name = self.take(end - self.at).decode()
         return Hello(
-            boot_id, clock_high, tcp_port, tree_version, mission, _platform_kind(kind), name, curve_public
+            boot_id,
+            clock_high,
+            tcp_port,
+            tree_version,
+            mission,
+            _platform_kind(kind),
+            name,
+            curve_public,
+            period_ms,
+            listing_ms,
         )
 
     def member(self) -> MemberRow:
