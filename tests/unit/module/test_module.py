@@ -1,0 +1,216 @@
+"""A module on a node: boards, streams, inboxes and requests, through the doors that users take."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from swarmware import names
+from swarmware.delivery import Status
+from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
+from swarmware.frame import Frame, Kind, encode
+from swarmware.module import Meta, Module
+from swarmware.testing import tmp_node
+from swarmware.types import registry
+from swarmware.types.scalar import Float, Int, Text
+from swarmware.types.tree import StreamLoss, StreamLosses
+
+THERE = names.hardware_id("uav7")
+
+
+async def test_a_reader_may_come_before_its_writer_and_sees_the_newest_value(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        reader = await m.reader("nav/height", Float)
+        assert (reader.value, reader.age_s, reader.sequence) == (None, None, 0)
+        writer = await m.writer("nav/height", Float, unit="m")
+        for number in (1.0, 2.0):
+            writer.write(Float(number))
+        assert reader.value == Float(2.0)
+        assert (reader.sequence, reader.meta.sender_app if reader.meta else 0) == (2, m.app_id)
+        assert reader.age_s is not None
+        assert reader.age_s >= 0
+        with pytest.raises(NoAnswer, match="no new value"):
+            await reader.changed(0.01)
+        writer.write(Float(3.0), stamp_ns=7)
+        assert await reader.changed(1.0) == Float(3.0)
+        assert reader.stamp_ns == 7
+
+
+async def test_what_a_module_provides_stands_in_its_entry_until_it_withdraws_it(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        async with Module("planner", node=node) as m:
+            writer = await m.writer("plan/step", Int)
+            await m.inbox("cmd/step", Int)
+            m._flush()
+            assert [resource.path for resource in m.entry.provides] == ["plan/step", "cmd/step"]
+            assert [resource.owner for resource in m.entry.provides] == ["planner", "planner"]
+            m.close_writer(writer)
+            m._flush()
+            assert [resource.path for resource in m.entry.provides] == ["cmd/step"]
+            ring = node.shm_dir / "plan.step.ring"
+            assert not ring.exists()
+            node.table.refresh()
+            assert node.table.named("planner") is not None
+        node.table.refresh(probe=True)
+        assert node.table.named("planner") is None
+
+
+async def test_what_cannot_be_written_is_refused_and_says_what_was_expected(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        with pytest.raises(InvalidInput, match="of another platform; expected a resource of uav1"):
+            await m.writer("/uav7/nav/pose", Float)
+        with pytest.raises(InvalidInput, match="segment"):
+            await m.writer("nav/Pose", Float)
+        writer = await m.writer("/uav1/nav/height", Float)
+        assert writer.path == "nav/height"
+        with pytest.raises(TypeMismatch, match="Int, expected Float"):
+            writer.write(Int(1))  # type: ignore[arg-type]  # what a user without a type checker does
+        with pytest.raises(OutOfRange, match="64 bits"):
+            (await m.writer("nav/count", Int)).write(Int(2**70))
+
+
+async def test_a_stream_gives_every_item_in_order_and_counts_what_was_overrun(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        writer = await m.stream_writer("plan/path", Int, slots=8)
+        reader = await m.stream_reader("plan/path", Int)
+        for number in range(5):
+            writer.write(Int(number))
+        assert [(await reader.next(1.0)).value for _ in range(5)] == [0, 1, 2, 3, 4]
+        for number in range(100):
+            writer.write(Int(number))
+        got = []
+        while (item := reader.take()) is not None:
+            got.append(item.value)
+        assert got == sorted(got)
+        assert got[-1] == 99
+        assert reader.lost + len(got) == 100
+        with pytest.raises(NoAnswer, match="nothing new"):
+            await reader.next(0.01)
+
+
+async def test_a_stream_of_another_platform_counts_the_gaps_in_its_owners_sequence(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        reader = await m.stream_reader("/uav7/plan/path", Int)
+        mirror = node.mirror_writer("uav7", "plan/path", slots=64)
+        data_id = names.data_id("plan/path", "Int")
+        # items 4 to 8 were left out on the way; then the owner starts again with 1
+        for sequence, stamp_ns in ((2, 2), (3, 3), (9, 9), (10, 10), (1, 11), (2, 12), (4, 14)):
+            payload = registry.encode(Int(sequence))
+            mirror.publish(
+                encode(
+                    Frame(Kind.STREAM, data_id, THERE, sequence=sequence, stamp_ns=stamp_ns, payload=payload)
+                )
+            )
+        got = []
+        while (item := reader.take()) is not None:
+            got.append(item.value)
+        assert got == [2, 3, 9, 10, 1, 2, 4]
+        assert reader.lost == 5 + 1
+        mirror.close()
+
+
+async def test_a_writer_of_a_stream_learns_who_will_never_get_some_of_it(tmp_path: Path) -> None:
+    async with (
+        tmp_node(tmp_path) as node,
+        Module("planner", node=node) as m,
+        Module("tree", node=node) as tree,
+    ):
+        writer = await m.stream_writer("plan/path", Int)
+        assert (writer.lost, writer.losses) == (0, {})
+        board = await tree.writer("tree/losses", StreamLosses)
+        mine = (StreamLoss("plan/path", "gcs", 3), StreamLoss("plan/path", "uav2", 4))
+        board.write(StreamLosses((StreamLoss("other/one", "gcs", 9), *mine)))
+        assert writer.losses == {"gcs": 3, "uav2": 4}
+        assert writer.lost == 7
+
+
+async def test_a_message_is_acknowledged_with_the_application_that_has_it(tmp_path: Path) -> None:
+    async with (
+        tmp_node(tmp_path) as node,
+        Module("planner", node=node) as m,
+        Module("pilot", node=node) as pilot,
+    ):
+        box = await pilot.inbox("cmd/step", Int, limit=2)
+        for number in range(2):
+            outcome = await m.send("cmd/step", Int(number))
+            assert outcome
+            assert outcome.where == f"uav1:{pilot.id}"
+        full = await m.send("cmd/step", Int(2), timeout_s=0.1)
+        assert full.status is Status.EXPIRED
+        assert [(await box.next(1.0)).value for _ in range(2)] == [0, 1]
+        assert (
+            box.meta == Meta(node.hardware, m.app_id, box.meta.sequence, box.meta.stamp_ns)
+            if box.meta
+            else False
+        )
+        assert box.take() is None
+        wrong = await m.send("cmd/step", Text("two"))
+        assert wrong.status is Status.REFUSED
+        assert "takes Int" in wrong.detail
+        with pytest.raises(NoAnswer, match="no message"):
+            await box.next(0.01)
+
+
+async def test_a_request_is_answered_or_fails_with_the_class_of_the_handlers_error(tmp_path: Path) -> None:
+    def handler(request: Int, meta: Meta) -> Text:
+        if request.value < 0:
+            raise OutOfRange(f"{request.value}: expected 0 or more")
+        if request.value > 9:
+            raise ZeroDivisionError("a mistake of the handler")
+        return Text(str(request.value))
+
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        await m.serve("sys/text", Int, handler, reply=Text)
+        assert await m.request("sys/text", Int(3), Text) == Text("3")
+        with pytest.raises(OutOfRange, match="-1: expected 0 or more"):
+            await m.request("sys/text", Int(-1), Text)
+        with pytest.raises(Exception, match="ZeroDivisionError: a mistake of the handler"):
+            await m.request("sys/text", Int(10), Text)
+        with pytest.raises(TypeMismatch, match="takes Int, not Float"):
+            await m.request("sys/text", Float(1.0), Text)
+        assert await m.request("sys/text", Int(4), Text) == Text("4"), "it goes on"
+
+
+async def test_who_asks_for_what_nobody_serves_is_told_so_after_the_time_for_starting(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        with pytest.raises(NotFound, match="no application here takes this path and type"):
+            await m.request("sys/nothing", Int(1), Text, timeout_s=5.0)
+
+
+async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = await m.readers("/*/nav/height", Float)
+        assert len(heights) == 0
+        mirror = node.mirror_writer("uav7", "nav/height")
+        data_id = names.data_id("nav/height", "Float")
+        mirror.publish(encode(Frame(Kind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0)))))
+        assert await heights.changed(1.0) == ("uav7",)
+        assert heights["uav7"].value == Float(4.0)
+        with pytest.raises(NoAnswer):
+            await heights.changed(0.01)
+        mirror.close()
+        with pytest.raises(InvalidInput, match="wildcards only in the platform"):
+            await m.readers("/*/nav/*", Float)
+
+
+async def test_a_frame_that_is_damaged_or_of_another_type_is_counted_and_the_last_value_stays(
+    tmp_path: Path,
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        reader = await m.reader("/uav7/nav/height", Float)
+        mirror = node.mirror_writer("uav7", "nav/height")
+        good = Frame(
+            Kind.BOARD, names.data_id("nav/height", "Float"), THERE, payload=registry.encode(Float(4.0))
+        )
+        mirror.publish(encode(good))
+        assert reader.value == Float(4.0)
+        foreign = names.data_id("nav/height", "Int")
+        for bad in (
+            b"no frame",
+            encode(msgspec.structs.replace(good, data_id=foreign)),
+            encode(msgspec.structs.replace(good, payload=b"\xc1")),
+        ):
+            mirror.publish(bad)
+            assert reader.value == Float(4.0)
+        assert reader.refused == 3
+        mirror.close()

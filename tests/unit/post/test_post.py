@@ -1,0 +1,158 @@
+"""The post of a process: who gets a frame, how often, until when, and what its sender is told."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from swarmware import names
+from swarmware.delivery import Outcome, Status, reply, with_lifetime
+from swarmware.errors import NoAnswer
+from swarmware.frame import Flag, Frame, Kind
+from swarmware.names import ANY
+from swarmware.node import Node
+from swarmware.post.post import WINDOW
+from swarmware.testing import tmp_node
+from swarmware.types import registry
+from swarmware.types.rpc import Ack, Reply
+from swarmware.types.time import Conversion
+
+HERE, THERE = names.hardware_id("uav1"), names.hardware_id("uav7")
+APP, DATA = 5, 11
+
+
+class Far:
+    """The gateway to another platform whose clock is ten seconds ahead."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.sent: list[Frame] = []
+        self.given: list[int] = []
+        self.full = False
+        node.post.add_application(APP)
+        node.post.set_gateway(self.sent.append)
+        node.post.serve_messages(DATA, APP, self._take)
+
+    def _take(self, frame: Frame) -> Outcome | None:
+        if self.full:
+            return None
+        self.given.append(frame.sequence)
+        return Outcome(Status.DELIVERED, "uav1:app")
+
+    def conversion(self, hardware: int) -> Conversion | None:
+        if hardware != THERE:
+            return None
+        return Conversion("uav7", "main", THERE, 1, 10_000_000_000, 0.0, 0, 0, 0, 0.0, 1)
+
+    async def comes(self, sequence: int, *, age_s: float = 0.0, kind: Kind = Kind.MESSAGE) -> None:
+        """A message of two seconds' lifetime from there, stamped so long ago."""
+        stamp_ns = self.node.clock.now_ns() + 10_000_000_000 - round(age_s * 1e9)
+        flags = Flag.WANTS_ACK
+        frame = Frame(kind, DATA, THERE, 9, HERE, ANY, sequence, stamp_ns, flags=flags)
+        frame.extension = with_lifetime(2.0)
+        self.node.post.deliver(frame)
+        await asyncio.sleep(0)
+
+    def answers(self) -> list[tuple[int, int]]:
+        """Sequence and status of the acknowledgements so far."""
+        acks = [frame for frame in self.sent if frame.kind is Kind.ACK]
+        return [(frame.sequence, registry.decode(Ack, frame.payload).status) for frame in acks]
+
+
+async def test_a_message_that_comes_twice_is_given_once_and_acknowledged_each_time(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        far = Far(node)
+        for sequence in (1, 2, 1, 1):
+            await far.comes(sequence)
+        assert far.given == [1, 2]
+        assert far.answers() == [(1, 0), (2, 0), (1, 0), (1, 0)]
+
+
+async def test_a_message_for_which_there_was_no_room_is_given_when_it_comes_again(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        far = Far(node)
+        far.full = True
+        await far.comes(1)
+        assert far.sent == [], "its sender tries again"
+        far.full = False
+        await far.comes(1)
+        await far.comes(1)
+        assert far.given == [1]
+
+
+@pytest.mark.parametrize("kind", [Kind.MESSAGE, Kind.NOTIFY, Kind.STREAM])
+async def test_a_message_whose_lifetime_is_over_by_its_senders_clock_is_not_given(
+    tmp_path: Path, kind: Kind
+) -> None:
+    async with tmp_node(tmp_path) as node:
+        far = Far(node)
+        node.post.add_clocks(far)
+        await far.comes(1, age_s=1.0, kind=kind)
+        await far.comes(2, age_s=3.0, kind=kind)
+        assert far.given == [1]
+        assert node.post.counts["expired"] == 1
+        await far.comes(1, age_s=3.0, kind=kind)
+        assert far.answers() == [(1, 0), (1, 0)], "one that was given in time is still acknowledged"
+        node.post.remove_clocks(far)
+        await far.comes(3, age_s=3.0, kind=kind)
+        assert far.given == [1, 3], "nobody can tell"
+
+
+async def test_a_message_that_nobody_takes_is_answered_so(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        far = Far(node)
+        node.post.unserve(DATA)
+        await far.comes(1)
+        assert far.answers() == [(1, int(Status.ABSENT))]
+
+
+async def test_an_answer_settles_its_message_and_a_refusal_on_the_way_says_where(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        far = Far(node)
+        waiting = node.post.send(Frame(Kind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 5.0)
+        (question,) = far.sent
+        payload = registry.encode(Ack(int(Status.REFUSED), "uav7:planner#1", "not now"))
+        node.post.deliver(reply(question, Kind.ACK, payload, 0))
+        outcome = await waiting
+        assert (outcome.status, outcome.where, outcome.detail) == (
+            Status.REFUSED,
+            "uav7:planner#1",
+            "not now",
+        )
+        asked = node.post.request(Frame(Kind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 5.0)
+        node.post.deliver(reply(far.sent[-1], Kind.REPLY, registry.encode(Reply(True, b"yes")), 0))
+        assert (await asked).body == b"yes"
+
+
+async def test_more_messages_than_the_window_are_refused_at_once_and_room_comes_back(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        far = Far(node)
+
+        def send(sequence: int) -> asyncio.Future[Outcome]:
+            return node.post.send(Frame(Kind.MESSAGE, DATA, HERE, APP, THERE, sequence=sequence), 5.0)
+
+        waiting = [send(sequence) for sequence in range(WINDOW)]
+        over = await send(WINDOW)
+        assert over.status is Status.REFUSED
+        assert "wait for an answer" in over.detail
+        node.post.deliver(reply(far.sent[0], Kind.ACK, registry.encode(Ack(0)), 0))
+        assert await waiting[0]
+        await asyncio.sleep(0)
+        assert not send(WINDOW + 1).done()
+
+
+async def test_without_an_answer_in_time_the_sender_is_told(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        Far(node)
+        outcome = await node.post.send(Frame(Kind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 0.02)
+        assert outcome.status is Status.EXPIRED
+        with pytest.raises(NoAnswer):
+            await node.post.request(Frame(Kind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 0.02)
+
+
+async def test_an_answer_too_large_for_a_frame_is_an_error_of_its_request(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        node.post.add_application(APP)
+        node.post.serve_requests(DATA, APP, lambda frame, respond: respond(Reply(True, bytes(5 * 2**20))))
+        answer = await node.post.request(Frame(Kind.REQUEST, DATA, HERE, APP, HERE, sequence=1), 5.0)
+        assert (answer.ok, answer.kind) == (False, "OutOfRange")
