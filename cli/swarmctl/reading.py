@@ -36,6 +36,14 @@ class Reading(msgspec.Struct, frozen=True):
     source: str
     """own | mirror | asked."""
 
+    @property
+    def warning(self) -> str:
+        """What must be said beside the value; empty when nothing must."""
+        if self.quality != "lost":
+            return ""
+        age = "of unknown age" if self.age_s is None else f"{self.age_s:.0f} s old"
+        return f"{self.path}: lost; this is the last value, {age}"
+
 
 class Written(msgspec.Struct, frozen=True):
     """A value that was set."""

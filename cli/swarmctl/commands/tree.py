@@ -104,9 +104,8 @@ def get(ctx: click.Context, path: str, fresh: bool) -> None:
 
     def warn_lost(link: Link, readings: list[Reading]) -> None:
         for reading in readings:
-            if reading.quality == "lost":
-                age = "of unknown age" if reading.age_s is None else f"{reading.age_s:.0f} s old"
-                link.out.warn(f"{reading.path}: lost; this is the last value, {age}")
+            if reading.warning:
+                link.out.warn(reading.warning)
 
     def shown(reading: Reading) -> str:
         return brief(reading.value) + (f" {reading.unit}" if reading.unit and not fields else "")

@@ -1,0 +1,44 @@
+"""Values of platforms that are lost: given at once, and never without a word."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+from swarmctl.connect import Link
+from swarmctl.reading import read
+from swarmware.types import registry
+from swarmware.types.scalar import Float
+from swarmware.types.tree import TreeGet, TreeValue
+
+
+class Node:
+    """Answers as the tree of a ground station; counts the questions."""
+
+    def __init__(self, quality: str, age_s: float | None) -> None:
+        data = registry.encode(Float(0.5))
+        self.value = TreeValue("/uav3/power/fuel", "Float", data, 1, 1, 1, age_s, quality, source="mirror")
+        self.asked: list[bool] = []
+
+    async def ask(self, _path: str, request: TreeGet, _reply: type[Any], about: str) -> TreeValue:
+        assert about == request.path
+        self.asked.append(request.fresh)
+        return self.value
+
+    def link(self) -> Link:
+        return cast(Link, SimpleNamespace(here="gcs", ask=self.ask))
+
+
+async def test_the_last_value_of_a_lost_platform_is_given_without_asking_it_again() -> None:
+    node = Node("lost", 42.4)
+    found = await read(node.link(), "/uav3/power/fuel")
+    assert found.value == 0.5
+    assert node.asked == [False]
+    assert found.warning == "/uav3/power/fuel: lost; this is the last value, 42 s old"
+    unknown = await read(Node("lost", None).link(), "/uav3/power/fuel")
+    assert unknown.warning.endswith("of unknown age")
+
+
+async def test_an_old_mirror_of_a_platform_in_reach_is_held_against_its_owner() -> None:
+    node = Node("stale", 42.4)
+    found = await read(node.link(), "/uav3/power/fuel")
+    assert node.asked == [False, True]
+    assert found.warning == ""
