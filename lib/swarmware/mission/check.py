@@ -4,8 +4,10 @@ from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
+import msgspec
+
 from swarmware.errors import ConfigError, NotFound
-from swarmware.mission import soundness
+from swarmware.mission import flight, soundness
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import FLYING, Catalogue, built_in, installed
@@ -78,7 +80,7 @@ def check_folder(
         file = folder.place(role.file)
         binding = folder.example(role)
         reading, found = check_text(text, file, binding, catalogue, budget, flies=FLYING in role.kinds)
-        findings += found
+        findings += found if set(role.kinds) == {FLYING} else map(_for_some, found)
         used.update(reading.params)
         if reading.mission is not None:
             roles.append(Role(role.name, role.kinds, reading.mission, role.take, partial(_line, text, file)))
@@ -90,6 +92,11 @@ def check_folder(
     if sound(findings):
         findings += check_meetings(roles, budget)
     return findings
+
+
+def _for_some(finding: Finding) -> Finding:
+    """Where ground vehicles may play the role, too, it is wrong only for one that flies, which refuses it."""
+    return msgspec.structs.replace(finding, severity="warning") if finding.rule in flight.RULES else finding
 
 
 def _line(text: str, file: str, pointer: str) -> int:

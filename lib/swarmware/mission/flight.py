@@ -10,6 +10,8 @@ from swarmware.mission.net import Bits, Marking, Step
 Trace = Callable[[], tuple[str, ...]]
 """The way to the state that is looked at; asked for only when there is something to say."""
 
+RULES = frozenset({"below-ground", "not-in-the-air"})
+"""What is wrong only for a vehicle that flies."""
 _NEED_AIR = frozenset({"Goto", "Formation"})
 
 

@@ -175,14 +175,14 @@ async def test_what_the_navigator_says_decides_how_a_motion_ends(
         "go": {"type": "Goto", "x": 3, "y": 4, "z": 5, "next": "e"},
         "e": {"type": "End"}
     }}"""
-    async with swarm(tmp_path, "uav1") as s:
-        vehicle = s["uav1"].vehicle
+    async with swarm(tmp_path, "ugv1") as s:
+        vehicle = s["ugv1"].vehicle
         vehicle.answers["goto"] = answer
         vehicle.took_s = 0.05 if answer else 1.5  # without a word for longer than the daemon waits
         await s.ask(TASK, MissionTask("go", files=(MissionFile("go.json", text),)), TaskAnswer)
-        await s.until(lambda: s["uav1"].history[-1:] == ["recovering"])
+        await s.until(lambda: s["ugv1"].history[-1:] == ["recovering"])
         vehicle.took_s = 0.05
-        await s.until(lambda: s["uav1"].history[-1:] == ["failed"])
+        await s.until(lambda: s["ugv1"].history[-1:] == ["failed"])
         status = await s.ask("sys/mission/status", Empty(), MissionStatus)
         assert words in status.state.text
         assert vehicle.goals[0].kind == "goto"

@@ -94,12 +94,23 @@ def test_two_motions_at_once_are_one_too_many(kind: str) -> None:
     assert "'a' and 'b' can move the vehicle at once" in finding.message
 
 
-def test_a_role_that_a_flying_vehicle_may_play_is_checked_as_one() -> None:
+@pytest.mark.parametrize(
+    ("kinds", "severities"),
+    [
+        ('["ugv"]', []),
+        ('["ugv", "uav"]', ["warning"]),
+        ('["uav", "ugv"]', ["warning"]),
+        ('["uav"]', ["error"]),
+    ],
+)
+def test_a_role_that_ground_vehicles_may_play_too_is_warned_of_those_that_fly(
+    kinds: str, severities: list[str]
+) -> None:
     text = net(s="Start>g", g=go("e"), e="End")
-    for kinds, errors in (('["ugv"]', []), ('["ugv", "uav"]', ["not-in-the-air"])):
-        manifest = f'name = "x"\n[[roles]]\nname = "a"\nfile = "a.json"\nkinds = {kinds}\n'
-        files = [MissionFile("mission.toml", manifest), MissionFile("a.json", text)]
-        assert [f.rule for f in check_folder(from_files(files, "")) if f.severity == "error"] == errors
+    manifest = f'name = "x"\n[[roles]]\nname = "a"\nfile = "a.json"\nkinds = {kinds}\n'
+    files = [MissionFile("mission.toml", manifest), MissionFile("a.json", text)]
+    found = check_folder(from_files(files, ""))
+    assert [f.severity for f in found if f.rule == "not-in-the-air"] == severities
 
 
 class Vehicle:
