@@ -73,6 +73,8 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     """What others may do: only read, or set it too."""
     rate_hz: float = 0.0
     """Nominal rate of a periodic resource; 0: no period."""
+    critical: bool = False
+    """Without a fresh value the platform must not move: its loss is an error, else a warning."""
     max_age_s: float = 0.0
     """Older than this is stale; 0: three periods, or never where there is no period."""
     category: Category = ""

@@ -31,6 +31,7 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     choices: tuple[str, ...] | UnsetType = UNSET
     access: Access | UnsetType = UNSET
     rate_hz: Annotated[float, Meta(ge=0)] | UnsetType = UNSET
+    critical: bool | UnsetType = UNSET
     max_age_s: Annotated[float, Meta(ge=0)] | UnsetType = UNSET
     category: Category | UnsetType = UNSET
     link: Link | UnsetType = UNSET

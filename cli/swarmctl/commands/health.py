@@ -172,3 +172,40 @@ def faults(ctx: click.Context, cleared: bool) -> None:
         link.out.table(columns, rows)
 
     run(settings(ctx), work)
+
+
+@cmd.command()
+@click.argument("pattern", default="**")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.pass_context
+def clear(ctx: click.Context, pattern: str, yes: bool) -> None:
+    """End the faults of a platform whose check matches, and forget applications and platforms that are gone.
+
+    What goes on and is still wrong becomes a new fault.
+
+    Example: swarmctl health clear 'age/sensor/**' --node uav1
+    """
+    import sys
+
+    from swarmctl.connect import Link, run
+    from swarmware.errors import NotFound
+    from swarmware.names import Pattern
+    from swarmware.types.health import FaultClear, FaultList
+
+    Pattern(pattern)  # one that is none is refused before anybody is asked
+    what = f"clear the faults that match {pattern}"
+    if not yes:
+        if not sys.stdin.isatty():
+            raise click.UsageError(f"{what}: expected --yes, because nobody can be asked here")
+        click.confirm(f"{what}. Go on?", abort=True, err=True)
+
+    async def work(link: Link) -> None:
+        cleared = await link.ask("sys/health/clear", FaultClear(pattern), FaultList)
+        if not cleared.faults and pattern != "**":
+            raise NotFound(f"{cleared.platform}: no fault matches {pattern}; `health faults` lists them")
+        if link.settings.json:
+            link.out.document(cleared)
+        for fault in cleared.faults:
+            link.out.say(f"{cleared.platform}: {fault.check}: {fault.state} cleared")
+
+    run(settings(ctx), work)

@@ -83,6 +83,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """A healed fault that stays away for so long is over."""
     hung_s: Annotated[float, msgspec.Meta(ge=1.5, le=600)] = 4.0
     """An application without a beat for so long is hung; a beat comes every second."""
+    platforms: tuple[str, ...] | None = None
+    """Patterns of platforms whose loss is a fault; not given: all at a ground station, none elsewhere."""
     restart_guard: bool = True
     """Whether a guard that hangs is killed, so that it is started again; never where systemd does it."""
     sensors: tuple[str, ...] = ("sensor/*", "nav/pose")

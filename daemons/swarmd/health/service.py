@@ -17,7 +17,7 @@ from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
 from swarmware.master.deaths import Deaths
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
-from swarmware.names import segment
+from swarmware.names import Pattern, segment
 from swarmware.node.node import APPS_TABLE
 from swarmware.service import Service
 from swarmware.service.births import GUARD
@@ -26,6 +26,7 @@ from swarmware.types.health import (
     CheckRegistration,
     CheckReports,
     Fault,
+    FaultClear,
     FaultList,
     FaultQuery,
     GuardStatus,
@@ -33,11 +34,14 @@ from swarmware.types.health import (
     HealthState,
     Phase,
 )
+from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
 
 VALUE_S = 1.0
 """How often values with limits are looked at."""
+ROUTES_S = 5.0
+"""A table of routes older than this says nothing; there is one every second."""
 LATE_S = 1.0
 """A monitor that was kept from running for longer blames nobody for that time."""
 
@@ -71,6 +75,11 @@ class Health(Service):
         self._deaths = Deaths(self._on_death)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
         self._guard_board: BoardReader[GuardStatus] | None = None
+        patterns = config.platforms
+        if patterns is None:
+            patterns = ("*",) if node.config.kind == "gcs" else ()
+        self._missed = [Pattern(text) for text in patterns]
+        self._routes: BoardReader[Routes] | None = None
         self._shown: HealthState | None = None
         self._board: BoardWriter[HealthState] | None = None
         self._events: BoardWriter[Fault] | None = None
@@ -80,9 +89,7 @@ class Health(Service):
         module, node = self.module, self.module.node
         self._expect()
         journal = self._journal.load()
-        for registration in journal.registrations:
-            self._core.register(registration, module.now_ns())
-        self._core.faults.restore(journal.faults, module.now_ns())
+        self._core.restore(journal.registrations, journal.faults, module.now_ns())
         self._board = await module.writer(
             "health/state", HealthState, link="notify", log="all", description="Logical system state"
         )
@@ -98,6 +105,15 @@ class Health(Service):
         )
         await module.serve("sys/health/state", Empty, self._on_state, reply=HealthReport)
         await module.serve("sys/health/faults", FaultQuery, self._on_faults, reply=FaultList)
+        await module.serve(
+            "sys/health/clear",
+            FaultClear,
+            self._on_clear,
+            reply=FaultList,
+            description="Ends faults that an operator has seen",
+        )
+        if self._missed:
+            self._routes = await module.reader("net/routes", Routes)
         inbox = await module.inbox(ADDRESS, CheckRegistration, description="Registers a check of a module")
         node.listen(node.shm_dir / APPS_TABLE)
         node.watch(self)
@@ -192,6 +208,7 @@ class Health(Service):
                 values_ns = now_ns + round(VALUE_S * 1e9)
                 self._look_at_values(now_ns)
             self._look_at_reports(now_ns)
+            self._look_at_routes(now_ns)
             self._core.on_timer(now_ns)
             self._publish(now_ns)
 
@@ -260,6 +277,16 @@ class Health(Service):
                 if (reports := board.value) is not None:
                     self._core.on_reports(reports, now_ns)
 
+    def _look_at_routes(self, now_ns: int) -> None:
+        if self._routes is None or (routes := self._routes.value) is None or self._node_stops():
+            return
+        age_s = self._routes.age_s
+        if age_s is None or age_s > ROUTES_S:
+            return  # the broker is away: that is its own fault, and nobody else's
+        reached = {route.platform for route in routes.routes}
+        wanted = {one for one in reached if any(pattern.matches(one) for pattern in self._missed)}
+        self._core.on_platforms(wanted - {self.module.platform}, now_ns)
+
     # -- what others know
 
     async def _take_registrations(self, inbox: Inbox[CheckRegistration]) -> None:
@@ -299,6 +326,14 @@ class Health(Service):
         return HealthReport(
             self.module.platform, self.module.now_ns(), self._core.state(), self._core.checks()
         )
+
+    def _on_clear(self, order: FaultClear, meta: Meta) -> FaultList:
+        now_ns = self.module.now_ns()
+        cleared = self._core.clear(order.pattern, now_ns)
+        self.module.log.info("faults cleared on request (%s): %d", order.pattern, len(cleared))
+        self._publish(now_ns)
+        self._save()
+        return FaultList(self.module.platform, now_ns, cleared)
 
     def _on_faults(self, query: FaultQuery, _: Meta) -> FaultList:
         faults = self._core.faults.open()

@@ -46,7 +46,7 @@ class _Closes(Protocol):
 
 
 class Module:
-    """`async with Module("planner") as m`: joins the node, leaves it at the end.
+    """`async with Module("planner") as m`: joins the node, leaves it at the end, be it by SIGTERM or SIGINT.
 
     Raises: ConfigError without a node configuration, Conflict when the instance runs already.
     """
@@ -104,6 +104,7 @@ class Module:
         self.node.post.add_application(self.app_id)
         self.node.post.add_clocks(self.foreign)
         self._tasks = await asyncio.TaskGroup().__aenter__()
+        self._leave_signals = self.node.ending.enter()
         if self.config is not None:
             self._flush()
         return self
@@ -125,6 +126,7 @@ class Module:
             self.node.post.remove_application(self.app_id)
             self._file.close()
             await self.node.close()
+            self._leave_signals(kind)
 
     # -- about itself
 
@@ -218,6 +220,7 @@ class Module:
         log: str = "none",
         link: Link = "",
         max_age_s: float = 0.0,
+        critical: bool = False,
         resource: Resource | None = None,
         slots: int | None = None,
         slot_bytes: int | None = None,
@@ -240,6 +243,7 @@ class Module:
                     log=log,
                     link=link,
                     max_age_s=max_age_s,
+                    critical=critical,
                     owner=self.name,
                 )
             except ValueError as error:

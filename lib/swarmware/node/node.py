@@ -16,6 +16,7 @@ from swarmware.errors import SwarmError
 from swarmware.master import Master
 from swarmware.names import hardware_id
 from swarmware.node.boot import Boot
+from swarmware.node.ending import Ending
 from swarmware.node.publication import Publication
 from swarmware.post import Post
 from swarmware.shm.bells import Bells
@@ -88,6 +89,7 @@ class Node:
         self._boot = Boot(self.run_dir, self.shm_dir)
         self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._boot.boot_id)
         self.started_ns = self.clock.now_ns()
+        self.ending = Ending()
         self.table = AppTable(self.run_dir)
         self.pulls = BellPulls(self.run_dir / BELLS_FOLDER)
         self.doorbell = Doorbell(self.run_dir / BELLS_FOLDER)

@@ -169,6 +169,14 @@ class FaultQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class FaultClear(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request to end faults that an operator has seen, and to forget what will not come back."""
+
+    pattern: str
+    """Of names of checks: `age/sensor/**`, `platform/uav3`."""
+
+
+@register
 class FaultList(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Faults of one platform, newest first."""
 

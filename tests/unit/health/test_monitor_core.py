@@ -11,7 +11,7 @@ from swarmware.types.health import CheckRegistration, CheckReport, CheckReports,
 from swarmware.types.system import AppStatus
 
 SECOND = 1_000_000_000
-POSE = Resource(path="nav/pose", type="Pose", rate_hz=20)
+POSE = Resource(path="nav/pose", type="Pose", rate_hz=20, critical=True)
 GNSS = Resource(path="sensor/gnss", type="GnssFix", rate_hz=10)
 BATTERY = Resource(path="power/battery", type="BatteryState", rate_hz=1)
 
@@ -260,3 +260,106 @@ def test_the_worst_check_comes_first() -> None:
     core.on_reports(reports("none"), 0)
     assert core.checks()[0].check == "planner/path"
     assert {check.level for check in core.checks()[1:]} == {"ok"}
+
+
+HEAT = Resource(path="motor/heat", type="Float", rate_hz=10)
+
+
+def lose(core: MonitorCore, path: str, from_half: int) -> None:
+    for half in range(from_half, from_half + 12):
+        look(core, path, -1, half * SECOND // 2)
+
+
+def test_only_what_is_declared_critical_grounds_a_vehicle() -> None:
+    core = monitor(grace_s=0.0)
+    present(core, HEAT, app="planner")
+    lose(core, "motor/heat", 0)
+    (fault,) = core.faults.confirmed()
+    assert (fault.state, fault.level, core.state().level) == ("lost", "warn", "warn")
+    core = monitor(grace_s=0.0)
+    core.expect((msgspec.structs.replace(HEAT, critical=True),))  # as a template says it
+    present(core, HEAT, app="planner")
+    lose(core, "motor/heat", 0)
+    assert core.state().level == "error"
+
+
+def test_a_fault_whose_check_is_gone_is_cleared_also_when_only_the_journal_knew_it() -> None:
+    core = monitor(grace_s=0.0)
+    present(core, HEAT, app="planner")
+    lose(core, "motor/heat", 0)
+    faults = core.faults.open()
+    after = monitor(grace_s=10.0)
+    after.restore((), faults, 0)
+    after.on_timer(9 * SECOND)
+    assert [fault.check for fault in after.faults.open()] == ["age/motor/heat"]
+    after.on_timer(10 * SECOND)
+    assert after.faults.open() == ()
+    assert told(after) == [("age/motor/heat", "lost", Phase.CLEARED)]
+
+
+def test_a_dead_service_is_still_a_fault_of_the_next_monitor_until_it_is_back() -> None:
+    core = monitor()
+    present(core, BATTERY)
+    beat(core, 1, 0)
+    core.on_died("hal#1", SECOND)
+    after = monitor()
+    after.restore((), core.faults.open(), 0)
+    after.on_timer(60 * SECOND)
+    assert [fault.check for fault in after.faults.confirmed()] == ["app/hal"]
+    present(after, BATTERY, pid=8, at_ns=61 * SECOND)
+    assert [fault.check for fault in after.faults.confirmed()] == []
+
+
+def test_a_check_that_the_next_life_of_its_module_does_not_register_is_withdrawn() -> None:
+    core = monitor()
+    present(core, app="planner", at_ns=0)
+    core.register(REGISTRATION, SECOND)
+    core.on_reports(reports("none"), SECOND)
+    core.on_died("planner#1", 2 * SECOND)
+    present(core, app="planner", pid=8, at_ns=3 * SECOND)
+    core.on_timer(10 * SECOND)
+    assert core.faults.open() == ()
+    assert "planner/path" not in core.reports
+
+
+def test_what_an_operator_clears_is_over_and_what_is_gone_is_forgotten() -> None:
+    core = monitor(grace_s=0.0)
+    present(core, HEAT, app="planner")
+    present(core, POSE, app="navigator", pid=9)
+    core.on_died("planner#1", 0)
+    lose(core, "motor/heat", 0)
+    lose(core, "nav/pose", 0)
+    core.take()
+    assert [fault.check for fault in core.clear("age/motor/*", 20 * SECOND)] == ["age/motor/heat"]
+    assert [age.path for age in core.ages()] == ["nav/pose"]
+    assert [fault.check for fault in core.clear("**", 20 * SECOND)] == ["age/nav/pose"]
+    assert core.faults.open() == ()
+    lose(core, "nav/pose", 40)
+    assert core.state().level == "error", "its owner lives: the fault is a new one"
+
+
+def test_a_platform_that_was_reached_and_is_not_any_more_is_a_fault_until_it_is_back() -> None:
+    core = monitor()
+    core.on_platforms({"uav1", "uav2"}, 0)
+    core.on_platforms({"uav1"}, 2 * SECOND)
+    assert told(core) == []
+    core.on_platforms({"uav1"}, 3 * SECOND)
+    assert told(core) == [("platform/uav2", "lost", Phase.CONFIRMED)]
+    assert core.state().level == "warn"
+    core.on_platforms({"uav1"}, 9 * SECOND)
+    assert told(core) == []
+    core.on_platforms({"uav1", "uav2"}, 10 * SECOND)
+    assert told(core) == [("platform/uav2", "lost", Phase.HEALED)]
+
+
+def test_a_lost_platform_is_missed_over_a_restart_of_the_monitor_and_no_more_once_cleared() -> None:
+    core = monitor()
+    core.on_platforms({"uav2"}, 0)
+    core.on_platforms(set(), 3 * SECOND)
+    after = monitor()
+    after.restore((), core.faults.open(), 0)
+    after.on_timer(60 * SECOND)
+    assert [fault.check for fault in after.faults.confirmed()] == ["platform/uav2"]
+    after.clear("platform/*", 61 * SECOND)
+    after.on_platforms(set(), 90 * SECOND)
+    assert after.faults.open() == ()

@@ -28,6 +28,8 @@ class App(msgspec.Struct):
     state: str = OK_STATE
     beats: bool = False
     """It reports its beat: only then its death or silence is a fault."""
+    started_ns: int = 0
+    """Hardware clock when it joined the node."""
     beat: int = -1
     beat_ns: int = 0
     restarts: int = 0
@@ -78,6 +80,19 @@ class Apps:
         app.state = DIED
         app.since_ns = now_ns
         return app
+
+    def restore(self, check: str, now_ns: int) -> None:
+        """One that a former monitor knew to be dead; it is known by its application file when it is back."""
+        name, _, number = check.removeprefix("app/").rpartition("_")
+        if not (name and number.isdigit()):
+            name, number = check.removeprefix("app/"), "1"
+        app_id = f"{name}#{number}"
+        if app_id not in self._apps:
+            self._apps[app_id] = App(app_id, name, 0, now_ns, state=DIED, beats=True)
+
+    def remove(self, app_id: str) -> None:
+        """It is not missed any more."""
+        self._apps.pop(app_id, None)
 
     def on_left(self, app_id: str) -> App | None:
         """It said goodbye; None for one that died before."""

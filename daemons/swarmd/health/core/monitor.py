@@ -7,8 +7,9 @@ import msgspec
 
 from swarmd.health.core.apps import APP_LEVELS, DIED, App, Apps
 from swarmd.health.core.faults import FaultBook, Seen
+from swarmd.health.core.platforms import Platforms
 from swarmd.health.core.reports import ReportBook, Reported
-from swarmd.health.core.rules import AGE_LEVELS, AgeRule, LimitRule
+from swarmd.health.core.rules import AgeRule, LimitRule
 from swarmware.names import Pattern
 from swarmware.resource import Resource
 from swarmware.types.health import (
@@ -19,12 +20,15 @@ from swarmware.types.health import (
     Fault,
     HealthState,
     Level,
+    Phase,
     default_level,
 )
 from swarmware.types.system import AppStatus
 
 FAULTS_LIMIT: Final = 16
 """Names of faults in the state that the whole swarm may read."""
+AGE_PREFIX: Final = "age/"
+PLATFORM_PREFIX: Final = "platform/"
 BATTERY_PATH: Final = "power/battery"
 BATTERY_STEP: Final = 0.05
 """The ratio is rounded to this: the state travels on change."""
@@ -70,6 +74,7 @@ class MonitorCore:
         self.reports = ReportBook()
         self.apps = Apps(hung_s)
         self.guard: Guard = "absent"
+        self.platforms = Platforms()
         self._limits = limits
         self._sensors = [Pattern(text) for text in sensors]
         self._ignore = [Pattern(text) for text in ignore]
@@ -77,16 +82,88 @@ class MonitorCore:
         self._ages: dict[str, AgeRule] = {}
         self._rules: dict[str, LimitRule] = {}
         self._expected: dict[str, Resource] = {}
+        self._critical: set[str] = set()
+        self._settled_ns: int | None = None
+        """Until then faults of a former monitor wait for their checks."""
         self._changed: list[Fault] = []
 
     def expect(self, resources: tuple[Resource, ...]) -> None:
         """What the template says the platform has: sensors that nobody provides are not valid."""
         self._expected = {resource.path: resource for resource in resources if self._is_sensor(resource.path)}
+        self._critical = {resource.path for resource in resources if resource.critical}
 
     def take(self) -> list[Fault]:
         """Changes of faults since the last time."""
         changed, self._changed = self._changed, []
         return changed
+
+    def restore(
+        self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...], now_ns: int
+    ) -> None:
+        """Goes on where a monitor that was killed had stopped."""
+        for registration in registrations:
+            self.register(registration, now_ns)
+        self.faults.restore(faults, now_ns)
+        for fault in faults:
+            if fault.check.startswith(PLATFORM_PREFIX):
+                self.platforms.lose(fault.check.removeprefix(PLATFORM_PREFIX))
+            elif fault.state == DIED and fault.phase is Phase.CONFIRMED:
+                self.apps.restore(fault.check, now_ns)
+        self._settled_ns = now_ns + self._grace_ns
+
+    def clear(self, pattern: str, now_ns: int) -> tuple[Fault, ...]:
+        """An operator has seen the faults that match: they are over, and what is gone for good is forgotten.
+
+        A check that goes on and is still bad makes a new fault.
+        """
+        wanted = Pattern(pattern)
+        found = tuple(fault for fault in self.faults.open() if wanted.matches(fault.check))
+        for fault in found:
+            self._note(self.faults.forget(fault.check, now_ns))
+            self._forget(fault.check, now_ns)
+        return found
+
+    def _forget(self, check: str, now_ns: int) -> None:
+        """The check itself, unless it is of somebody who lives."""
+        if check.startswith(PLATFORM_PREFIX):
+            self.platforms.forget(check.removeprefix(PLATFORM_PREFIX))
+        for app in self.apps:
+            if app.check == check and app.state == DIED:
+                self.apps.remove(app.id)
+                for path in app.resources:
+                    self._unwatch(path, now_ns)
+        if (owner := self.reports.owner(check)) is not None and self._is_gone(owner):
+            self.withdraw(check, now_ns)
+        if check.startswith(AGE_PREFIX):
+            path = check.removeprefix(AGE_PREFIX)
+            if not any(path in app.resources for app in self.apps if app.state != DIED):
+                self._unwatch(path, now_ns)
+
+    def _is_gone(self, app_id: str) -> bool:
+        app = self.apps.get(app_id)
+        return app is None or app.state == DIED
+
+    def _has_check(self, check: str) -> bool:
+        """Whether there is anything left that could say that the fault is over."""
+        return (
+            check in self.reports
+            or check in self._rules
+            or check.removeprefix(AGE_PREFIX) in self._ages
+            or check.removeprefix(PLATFORM_PREFIX) in self.platforms
+            or any(app.check == check for app in self.apps)
+        )
+
+    # -- other platforms
+
+    def on_platforms(self, present: set[str], now_ns: int) -> None:
+        """Who can be reached: one that was, and is not any more, is a fault."""
+        for platform, lost_s in self.platforms.on_present(present, now_ns):
+            check = f"{PLATFORM_PREFIX}{platform}"
+            if lost_s is None:
+                self._note(self.faults.on_good(check, now_ns))
+            else:
+                seen = Seen(check, "lost", "warn", f"no route for {lost_s:.1f} s")
+                self._note(self.faults.on_bad(seen, now_ns, believed=True))
 
     # -- applications and their resources
 
@@ -99,6 +176,7 @@ class MonitorCore:
         app = self.apps.on_present(
             app_id, entry.name, entry.pid, {one.path: one for one in resources}, now_ns
         )
+        app.started_ns = entry.started_ns
         if was_dead:
             self._settle_app(app, now_ns)
         for path in old_paths - set(app.resources):
@@ -138,7 +216,8 @@ class MonitorCore:
         if any(pattern.matches(path) for pattern in self._ignore):
             return
         if path not in self._ages and AgeRule.applies(resource):
-            self._ages[path] = AgeRule(resource, grace_until_ns)
+            critical = resource.critical or path in self._critical
+            self._ages[path] = AgeRule(resource, grace_until_ns, critical=critical)
         for limit in self._limits:
             if limit.path == path and limit.check not in self._rules:
                 self._rules[limit.check] = LimitRule(
@@ -172,7 +251,7 @@ class MonitorCore:
             return
         bad = age.state if age.state != OK_STATE else age.seen
         freeze = f"age {age.age_s(now_ns):.2f} s at {age.rate_hz:g} Hz"
-        self._settle(Seen(age.check, age.state, AGE_LEVELS[bad], freeze), age.seen, now_ns)
+        self._settle(Seen(age.check, age.state, age.level(bad), freeze), age.seen, now_ns)
 
     def on_value(self, rule: LimitRule, value: float, now_ns: int) -> None:
         """The newest value of a field with limits."""
@@ -232,7 +311,17 @@ class MonitorCore:
     def on_timer(self, now_ns: int) -> None:
         """Checks that have fallen silent, faults that have stayed away."""
         for known in self.reports.silent(now_ns):
-            self._settle_report(known, now_ns)
+            app = self.apps.get(known.registration.app)
+            if app is not None and app.state != DIED and known.stamp_ns < app.started_ns:
+                # of a former life of the application, which has not registered it again
+                self.withdraw(known.registration.check, now_ns)
+            else:
+                self._settle_report(known, now_ns)
+        if self._settled_ns is not None and now_ns >= self._settled_ns:
+            self._settled_ns = None
+            for fault in self.faults.open():
+                if not self._has_check(fault.check):
+                    self._note(self.faults.forget(fault.check, now_ns))
         for fault in self.faults.on_timer(now_ns):
             self._note(fault)
 
@@ -283,7 +372,7 @@ class MonitorCore:
             if app.beats
         ]
         found += [
-            CheckState(age.check, "health", age.state, AGE_LEVELS[age.state], age.since_ns, age.rate_hz)
+            CheckState(age.check, "health", age.state, age.level(age.state), age.since_ns, age.rate_hz)
             for age in self._ages.values()
         ]
         found += [

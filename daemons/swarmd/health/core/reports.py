@@ -85,6 +85,11 @@ class ReportBook:
         """The module takes it back, or has ended; False when it was not known."""
         return self._checks.pop(check, None) is not None
 
+    def owner(self, check: str) -> str | None:
+        """The application that runs a check."""
+        known = self._checks.get(check)
+        return None if known is None else known.registration.app
+
     def of(self, app: str) -> list[str]:
         """Checks of one application."""
         return [check for check, known in self._checks.items() if known.registration.app == app]

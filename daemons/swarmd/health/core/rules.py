@@ -22,8 +22,9 @@ AGE_LEVELS: Final[dict[str, Level]] = {OK_STATE: "ok", STALE: "warn", LOST: "err
 class AgeRule:
     """A resource with a rate is stale after three periods, lost after ten and at least three seconds."""
 
-    def __init__(self, resource: Resource, grace_until_ns: int) -> None:
+    def __init__(self, resource: Resource, grace_until_ns: int, *, critical: bool = False) -> None:
         self.path = resource.path
+        self._critical = critical
         self.check = f"age/{resource.path}"
         self.rate_hz = resource.rate_hz
         stale_s = resource.stale_after_s
@@ -49,6 +50,11 @@ class AgeRule:
     def seen(self) -> str:
         """The state of the last look."""
         return self._judge.seen
+
+    def level(self, state: str) -> Level:
+        """How bad a state is: only what is declared critical may ground a vehicle."""
+        level = AGE_LEVELS[state]
+        return "warn" if level == "error" and not self._critical else level
 
     @property
     def fresh(self) -> bool:

@@ -1,0 +1,49 @@
+"""A user's module that is stopped by a signal leaves as one that comes to its end by itself."""
+
+import contextlib
+import signal
+from pathlib import Path
+
+import pytest
+
+from swarmware.appfile import scan
+from swarmware.errors import NoAnswer
+from swarmware.module import Module
+from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.testing.process import run_python
+from swarmware.types.health import Fault, HealthReport
+from swarmware.types.rpc import Empty
+
+SCRIPT = Path(__file__).with_name("script.py")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+async def test_a_module_ended_by_a_signal_takes_its_resources_and_files_with_it(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    config = make_node(tmp_path)
+    with no_leaks(tmp_path / "uav1/run", tmp_path / "uav1/shm"):
+        async with run_python(str(SCRIPT), str(config)) as script:
+            assert await script.line() == "running"
+            assert [entry.id for entry in scan(tmp_path / "uav1/run")] == ["thermometer#1"]
+            script.signal(number)
+            code = await script.wait()
+            if number is signal.SIGTERM:
+                assert (code, script.stderr()) == (143, "")
+
+
+async def test_a_module_ended_by_sigterm_leaves_no_fault(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"health": {"look_hz": 20.0, "grace_s": 0.1}})
+    async with Module("probe", config_dir=config) as probe, spawn(config, "health"):
+        faults = await probe.stream_reader("health/faults", Fault)
+        async with run_python(str(SCRIPT), str(config)) as script:
+            assert await script.line() == "running"
+            while True:
+                report = await probe.request("sys/health/state", Empty(), HealthReport)
+                if "age/motor/heat" in {check.check for check in report.checks}:
+                    break
+            assert await script.terminate() == 143
+        with contextlib.suppress(NoAnswer):
+            raise AssertionError(await faults.next(timeout_s=3.5))  # it would be lost after 3 s
+        report = await probe.request("sys/health/state", Empty(), HealthReport)
+        assert "age/motor/heat" not in {check.check for check in report.checks}
