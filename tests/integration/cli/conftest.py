@@ -4,6 +4,7 @@ import json
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from swarmctl import main as swarmctl
+from swarmctl.lab import processes
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
 
@@ -71,10 +73,14 @@ class Lab(NamedTuple):
     def words(self, command: str) -> list[str]:
         return [sys.executable, "-m", "swarmctl", *shlex.split(command)]
 
-    def pid(self, platform: str) -> int:
-        """Process of a node."""
+    def signal(self, platform: str, number: signal.Signals) -> None:
+        """To all processes of a node: its parent, which would start it again, and its daemons."""
         record = json.loads((self.folder / self.name / "lab.json").read_text())
-        return next(int(node["pid"]) for node in record["nodes"] if node["platform"] == platform)
+        folder = next(str(node["folder"]) for node in record["nodes"] if node["platform"] == platform)
+        found = processes.marked(folder, processes.NODE_MARK)
+        assert found
+        for process in found:
+            process.send(number)
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import select
 import signal
 from pathlib import Path
@@ -109,7 +108,7 @@ def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -
 
 
 def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) -> None:
-    os.kill(lab.pid("uav2"), signal.SIGSTOP)
+    lab.signal("uav2", signal.SIGSTOP)
     try:
         # until its link has timed out a question waits; afterwards it is known at once
         first = ctl("link ls -n uav2 --timeout 1.5")
@@ -139,7 +138,7 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
         }
         assert ctl("land uav2").code == 4
     finally:
-        os.kill(lab.pid("uav2"), signal.SIGCONT)
+        lab.signal("uav2", signal.SIGCONT)
     while ctl("link ls -n uav2 --timeout 1").code:
         pass
 
