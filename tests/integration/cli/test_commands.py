@@ -53,7 +53,8 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
         ("tree ls nav -n ugv1", lambda d: all(e["path"].startswith("/ugv1/nav") for e in d["entries"])),
         ("tree show /uav1/power", lambda d: d["entries"][-1]["type"] == "BatteryState"),
         ("tree get /uav1/nav/pose", lambda d: set(d["value"]) == POSE_KEYS and d["quality"] == "live"),
-        ("tree get nav/pose -n uav1", lambda d: d["path"] == "/uav1/nav/pose" and d["source"] == "asked"),
+        # the ground station keeps poses: a young one answers, else the owner is asked
+        ("tree get nav/pose -n uav1", lambda d: d["path"] == "/uav1/nav/pose" and d["source"] != "own"),
         ("tree get /uav1/nav/pose.x_m", lambda d: isinstance(d["value"], float)),
         ("tree get /uav1/sensor/range.ranges_m.0", lambda d: isinstance(d["value"], float | int)),
         ("tree get /gcs/mission/state", lambda d: d["source"] == "own" and d["value"]["kind"] == "gcs"),
