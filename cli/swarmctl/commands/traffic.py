@@ -67,7 +67,18 @@ def ls(ctx: click.Context) -> None:
         ]
         link.out.table(columns, rows)
         link.out.text("")
-        names = ("OFFERED", "SENT", "BYTES", "RECEIVED", "BYTES", "LATE", "DUPLICATE", "DROPPED", "MAX HZ")
+        names = (
+            "OFFERED",
+            "SENT",
+            "BYTES",
+            "RECEIVED",
+            "BYTES",
+            "LATE",
+            "DUPLICATE",
+            "DROPPED",
+            "MAX HZ",
+            "HELD BACK",
+        )
         columns = [Column("CHANNEL"), *(Column(name, right=True) for name in names)]
         channels = [
             (
@@ -81,6 +92,7 @@ def ls(ctx: click.Context) -> None:
                 one.duplicates,
                 one.dropped,
                 one.max_hz,
+                one.held_back,
             )
             for one in found.channels
         ]
@@ -89,7 +101,7 @@ def ls(ctx: click.Context) -> None:
         counts = msgspec.structs.asdict(found.refused).items()
         refused = ", ".join(f"{count} {name}" for name, count in counts if count) or "nothing"
         link.out.text(
-            f"refused: {refused}; requests: {found.requests}; values received: {found.notifications}"
+            f"refused: {refused}; requests answered: {found.requests}; values received: {found.notifications}"
         )
 
     run(settings(ctx), work)
@@ -149,6 +161,7 @@ def _show_rates(link: "Link", before: "Traffic", now: "Traffic") -> None:
                 "received_frames",
                 "received_bytes",
                 "dropped",
+                "held_back",
             )
         ]
         if any(deltas):
@@ -167,6 +180,7 @@ def _show_rates(link: "Link", before: "Traffic", now: "Traffic") -> None:
             "received_hz",
             "received_bytes_s",
             "dropped_hz",
+            "held_back_hz",
         )
         link.out.line(
             {
@@ -188,6 +202,7 @@ def _show_rates(link: "Link", before: "Traffic", now: "Traffic") -> None:
         Column("RECEIVED /s", right=True),
         Column("B/s", right=True),
         Column("DROPPED /s", right=True),
+        Column("HELD BACK /s", right=True),
     ]
     title = f"{link.platform}: {total[0] / 1000:.2f} kB/s out, {total[1] / 1000:.2f} kB/s in, on the wire"
     link.out.table(columns, [(row[0], *(f"{rate:.1f}" for rate in row[1:])) for row in rates], title)

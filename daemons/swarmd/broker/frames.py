@@ -5,12 +5,13 @@ import logging
 from collections.abc import Callable
 
 from swarmd.broker.config import Config
+from swarmd.broker.core.accounting import shares, values_in
 from swarmd.broker.core.forward import Decision, Forwarder, Step
 from swarmd.broker.core.gate import Gate
 from swarmd.broker.core.queue import Waiting
 from swarmd.broker.core.sessions import Sessions
 from swarmd.broker.core.station import Station
-from swarmd.broker.core.traffic import Channel, Counters
+from swarmd.broker.core.traffic import Counters
 from swarmd.broker.links.curve import Links, Peer
 from swarmware.access import Access
 from swarmware.appfile import AppTable
@@ -59,14 +60,15 @@ class Frames:
             now_ns=clock.now_ns,
             on_frame=self._from_link,
             on_given_up=self._gave_up,
+            on_sent=self._sent,
         )
 
     def from_here(self, frame: Frame) -> None:
         """A frame of an application of this node for another platform; called by the post."""
         decision = self._forwarder.from_here(frame, self._clock.now_ns())
-        self._channel(frame).offered(len(frame.payload))
-        if frame.kind is Kind.REQUEST and decision.first:
-            self._counters.requests += 1
+        if decision.first:
+            for name, size in self._shares(frame):
+                self._counters.channel(name).offered(size)
         self._onward(frame, decision)
 
     def prove(self, hw: int, session: int) -> None:
@@ -118,9 +120,11 @@ class Frames:
         if decision.step is Step.DELIVER:
             if not self._may_pass(frame):
                 return
-            self._channel(frame).received(len(frame.payload))
-            if frame.kind is Kind.NOTIFY:
-                counters.notifications += 1
+            for name, size in self._shares(frame):
+                counters.channel(name).received(size)
+            if decision.first:
+                counters.notifications += values_in(frame)
+                counters.requests += frame.kind is Kind.REPLY
             self._post.deliver(frame)
             return
         if decision.step is Step.SEND:
@@ -132,10 +136,7 @@ class Frames:
 
     def _may_pass(self, frame: Frame) -> bool:
         platform = self._station.members.platform(frame.sender_hw)
-        path = self._table.path_of(frame.data_id)
-        if path is None:
-            self._table.refresh()
-            path = self._table.path_of(frame.data_id)
+        path = self._path_of(frame.data_id)
         try:
             self._gate.check(frame, platform, path)
         except WireError as error:
@@ -180,15 +181,18 @@ class Frames:
             self._refuse(frame, f"no route to {receiver}")
 
     def _send(self, peer: Peer, frame: Frame) -> None:
-        data = encode(frame)
-        self._counters.sent_frames += 1
-        self._channel(frame).sent(len(frame.payload))
-        link = self._counters.link(peer.platform, "tcp")
-        link.sent_frames += 1
-        link.sent_bytes += len(data)
-        gone = self.links.send(peer, data, frame)
+        gone = self.links.send(peer, encode(frame), frame)
         if gone:
             self._gave_up(peer, gone)
+
+    def _sent(self, peer: Peer, item: Waiting) -> None:
+        """The connection took it; what waits, or went back to go another way, was not sent."""
+        self._counters.sent_frames += 1
+        link = self._counters.link(peer.platform, "tcp")
+        link.sent_frames += 1
+        link.sent_bytes += len(item.data)
+        for name, size in self._shares(item.frame):
+            self._counters.channel(name).sent(size)
 
     def _peer(self, hw: int) -> Peer | None:
         neighbour = self._station.mesh.neighbours.get(hw)
@@ -203,15 +207,22 @@ class Frames:
     def _gave_up(self, peer: Peer, waiting: list[Waiting]) -> None:
         for item in waiting:
             self._counters.link(peer.platform, "tcp").dropped += 1
-            self._channel(item.frame).dropped += 1
+            for name, _ in self._shares(item.frame):
+                self._counters.channel(name).dropped += 1
             self._refuse(item.frame, f"{peer.platform} does not take it")
 
     def _refuse(self, frame: Frame, detail: str) -> None:
         if answerable(frame):
             self._post.refuse(frame, Status.UNREACHABLE, detail)
 
-    def _channel(self, frame: Frame) -> Channel:
-        return self._counters.channel(frame.kind.name.lower())
+    def _shares(self, frame: Frame) -> list[tuple[str, int]]:
+        return shares(frame, self._path_of)
+
+    def _path_of(self, data_id: int) -> str | None:
+        path = self._table.path_of(data_id)
+        if path is None and self._table.refresh():
+            path = self._table.path_of(data_id)
+        return path
 
     def close(self) -> None:
         """Closes all connections."""

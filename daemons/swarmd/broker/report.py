@@ -86,6 +86,8 @@ class Report:
             link.lost = neighbour.lost
             link.late = neighbour.late
             lost += neighbour.lost
+        for board in station.bulletin.boards.values():
+            counters.channel(board.path).held_back = board.held_back
         for name, channel in counters.channels.items():
             channel.max_hz = station.channels.max_hz(name)
         return Traffic(

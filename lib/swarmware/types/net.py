@@ -100,7 +100,7 @@ class ChannelTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Frames and payload bytes of one channel since the start."""
 
     channel: str
-    """Resource path of a board, or kind of a frame."""
+    """Resource path, or kind of a frame whose path nobody here knows."""
     offered_frames: int = 0
     """Values that were there to be sent."""
     offered_bytes: int = 0
@@ -109,12 +109,14 @@ class ChannelTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     received_frames: int = 0
     received_bytes: int = 0
     dropped: int = 0
-    """Not sent by us: rate limit, budget, full queue."""
+    """Frames given up: no room in the queue, too old, denied."""
     late: int = 0
     """Older than what we had."""
     duplicates: int = 0
     max_hz: float | None = None
     """Limit in force."""
+    held_back: int = 0
+    """Values that the limit kept from being sent before a newer one came."""
 
 
 @register
@@ -192,9 +194,10 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     received_frames: int
     forwarded_frames: int
     requests: int
-    """Requests from here to other platforms, each counted once."""
+    """Requests from here that other platforms answered, each counted once."""
     notifications: int
-    """Values of other platforms' resources that were delivered here."""
+    """Values of other platforms' resources that came here: by tick where somebody reads them, in a tree's
+    notifications, or as a message of kind notify, event or stream."""
     tick_hz: float
     refused: Refused
     links: tuple[LinkTraffic, ...] = ()

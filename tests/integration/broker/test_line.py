@@ -8,6 +8,7 @@ from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 
 from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
+from swarmware.frame import Kind
 from swarmware.names import join
 from swarmware.types.net import ChannelLimits, SetChannel, TimingBatch, Traffic
 from swarmware.types.scalar import Float, Text
@@ -36,6 +37,26 @@ async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_pat
         assert middle.requests == 0
         assert middle.forwarded_frames == 2
         assert first.refused.spoofed == 0
+
+
+@on_uvloop
+async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        for station in pair.values():
+            await station.app.inbox("plan/share", Text)
+        await pair["uav1"].until_up("uav2")
+        send = pair["uav1"].app.send
+        for number in range(10):
+            assert await send("/uav2/plan/share", Text(str(number)), timeout_s=10, kind=Kind.NOTIFY)
+        before = await pair["uav1"].traffic()
+        assert not await send("/uav9/plan/share", Text(""), timeout_s=0.5)
+        here, there = await pair["uav1"].traffic(), await pair["uav2"].traffic()
+        assert here.sent_frames == before.sent_frames, "what found no way was not sent"
+        [sent] = [one.sent_frames for one in here.channels if one.channel == "plan/share"]
+        assert sent == here.sent_frames
+        [received] = [one.received_frames for one in there.channels if one.channel == "plan/share"]
+        assert received == there.received_frames
+        assert there.notifications == 10, "a repetition is no other notification"
 
 
 @on_uvloop

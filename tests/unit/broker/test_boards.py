@@ -60,11 +60,18 @@ def test_a_changing_value_is_sent_in_every_tick_or_as_often_as_its_interval_allo
     assert counts == {POSE: 100, BATTERY: 10}
 
 
-def test_values_in_between_are_counted_as_held_back(bulletin: Bulletin) -> None:
-    for _ in range(5):
-        bulletin.boards[POSE].put(b"x", True, 0)
+def test_values_that_a_limit_keeps_from_being_sent_are_counted_and_no_others(bulletin: Bulletin) -> None:
+    pose, battery = bulletin.boards[POSE], bulletin.boards[BATTERY]
+    pose.limited = True
+    for board in (pose, battery):
+        for _ in range(5):
+            board.put(b"x", True, 0)
+    assert (pose.held_back, battery.held_back) == (4, 0)
     sent(bulletin, 0)
-    assert bulletin.held_back == 4
+    pose.put(b"y", True, 0)
+    assert pose.held_back == 4, "the one before was sent"
+    pose.put(b"z", True, 0)
+    assert pose.held_back == 5
 
 
 def test_whoever_waited_longest_goes_first_when_there_is_little_room() -> None:

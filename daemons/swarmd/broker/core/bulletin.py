@@ -16,6 +16,7 @@ class Board:
 
     __slots__ = (
         "data_id",
+        "held_back",
         "limited",
         "packed",
         "path",
@@ -41,10 +42,14 @@ class Board:
         self.version = 0
         """Counts the values put; 0: none yet."""
         self.sent_version = 0
+        self.held_back = 0
+        """Values that the limit of its channel kept from being sent before a newer one came."""
         self.sent_ns = NEVER_NS
 
     def put(self, payload: bytes, packed: bool, stamp_ns: int) -> None:
         """The newest value."""
+        if self.limited and self.version != self.sent_version:
+            self.held_back += 1
         self.payload = payload
         self.packed = packed
         self.stamp_ns = stamp_ns
@@ -57,8 +62,6 @@ class Bulletin:
     def __init__(self) -> None:
         self.boards: dict[int, Board] = {}
         """By data id."""
-        self.held_back = 0
-        """Values that were replaced by newer ones before they were sent."""
 
     def offer(self, offers: Iterable[Offer], max_hz: Callable[[str], float | None]) -> None:
         """The boards that are wanted from now on, and the limits of their channels."""
@@ -90,7 +93,6 @@ class Bulletin:
             if size > room:
                 continue
             room -= size
-            self.held_back += max(0, board.version - board.sent_version - 1)
             board.sent_version = board.version
             board.sent_ns = now_ns
             age_us = (now_ns - board.stamp_ns) // 1000

@@ -38,6 +38,7 @@ class Decision(msgspec.Struct, frozen=True, gc=False):
 
 
 _DELIVER: Final = Decision(Step.DELIVER)
+_REPEATED: Final = Decision(Step.DELIVER, first=False)
 _HOP_LIMIT: Final = Decision(Step.HOP_LIMIT)
 _LOOPED: Final = Decision(Step.LOOPED)
 _SPOOFED: Final = Decision(Step.SPOOFED)
@@ -82,7 +83,7 @@ class Forwarder:
         if frame.sender_hw == self._own_hw:
             return _LOOPED
         if frame.receiver_hw == self._own_hw:
-            return _DELIVER
+            return _DELIVER if self._first(frame, now_ns) else _REPEATED
         before = self._seen.get(_identity(frame))
         if before is not None and frame.hops_left < before[0] and now_ns - before[1] < LOOP_NS:
             return _LOOPED

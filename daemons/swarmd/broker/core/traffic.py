@@ -39,6 +39,7 @@ class Channel(msgspec.Struct, gc=False):
     late: int = 0
     duplicates: int = 0
     max_hz: float | None = None
+    held_back: int = 0
 
     def offered(self, size: int) -> None:
         """There was something to send."""

@@ -55,8 +55,6 @@ class _Way:
         self.peer = peer
         self.queue = Queue()
         self.state = "connecting"
-        self.sent_frames = 0
-        self.sent_bytes = 0
         self.denied_until_ns = 0
         self._failures = 0
         self._links = links
@@ -93,8 +91,7 @@ class _Way:
             except zmq.Again:
                 break
             self.queue.pop()
-            self.sent_frames += 1
-            self.sent_bytes += len(waiting.data)
+            self._links.sent_one(self.peer, waiting)
             sent = True
         if sent:
             self._port.again()  # a send takes commands from the mailbox and may eat the wake-up
@@ -155,6 +152,7 @@ class Links:
         now_ns: Callable[[], int],
         on_frame: OnFrame,
         on_given_up: Callable[[Peer, list[Waiting]], None],
+        on_sent: Callable[[Peer, Waiting], None],
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
         self.loop = loop
@@ -166,6 +164,7 @@ class Links:
         self.broken_handshakes = 0
         """Connections to us that never got as far as showing a key."""
         self.gave_up = on_given_up
+        self.sent_one = on_sent
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
         self._on_frame = on_frame
         self._ways: dict[int, _Way] = {}
@@ -245,10 +244,6 @@ class Links:
         """How frames go to a neighbour."""
         way = self._ways.get(hw)
         return "idle" if way is None else "tcp" if way.state == "connected" else f"tcp {way.state}"
-
-    def sent(self) -> list[tuple[str, int, int]]:
-        """Platform, frames and bytes sent over each open connection."""
-        return [(way.peer.platform, way.sent_frames, way.sent_bytes) for way in self._ways.values()]
 
     # in
 

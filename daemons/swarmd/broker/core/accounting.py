@@ -1,0 +1,41 @@
+"""Which channels a frame's bytes belong to: the resource where it is known, else the kind of frame."""
+
+from collections.abc import Callable
+from typing import Final
+
+from swarmware.errors import WireError
+from swarmware.frame import Frame, Kind
+from swarmware.names import data_id
+from swarmware.types import registry
+from swarmware.types.tree import TreeNotify
+
+NOTIFY_ID: Final = data_id("sys/tree/notify", TreeNotify.__name__)
+NOTIFIES: Final = frozenset({Kind.NOTIFY, Kind.STREAM, Kind.EVENT})
+
+
+def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str, int]]:
+    """Channel and payload bytes, for each part of it: a tree's notification is its items'."""
+    size = len(frame.payload)
+    if frame.data_id == NOTIFY_ID and frame.kind in NOTIFIES:
+        try:
+            note = registry.decode(TreeNotify, frame.payload, frame.codec)
+        except WireError:
+            note = None  # whoever takes it will refuse it
+        if note is not None and note.items:
+            parts = [(item.path, len(item.data)) for item in note.items]
+            return [*parts, ("sys/tree/notify", size - sum(part for _, part in parts))]
+    if frame.kind in {Kind.ACK, Kind.HELLO}:
+        return [(frame.kind.name.lower(), size)]
+    return [(path_of(frame.data_id) or frame.kind.name.lower(), size)]
+
+
+def values_in(frame: Frame) -> int:
+    """How many notified values a frame brings."""
+    if frame.kind not in NOTIFIES:
+        return 0
+    if frame.data_id != NOTIFY_ID:
+        return 1
+    try:
+        return len(registry.decode(TreeNotify, frame.payload, frame.codec).items)
+    except WireError:
+        return 0
