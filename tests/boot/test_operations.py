@@ -135,7 +135,8 @@ def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) 
     finally:
         node.must("kill -9 $(cat module.pid)", USER)
     # the master, a daemon, tidies up after it
-    node.must("i=0; while ls /run/swarm/apps/my-module*.toml 2>/dev/null; do i=$((i+1)); test $i -lt 50; sleep 0.1; done")
+    there = "ls /run/swarm/apps/my-module*.toml 2>/dev/null"
+    node.must(f"i=0; while {there}; do i=$((i+1)); test $i -lt 50; sleep 0.1; done")
 
 
 @pytest.mark.parametrize("service", ["tree", "guard", "broker"])
