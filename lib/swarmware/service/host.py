@@ -11,6 +11,7 @@ import msgspec
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module import Module
+from swarmware.service.reason import reason
 from swarmware.service.status import Reporter
 
 if TYPE_CHECKING:
@@ -110,6 +111,7 @@ class Host:
         alone = len(self._prepared) == 1
         failures = 0
         restarts = 0
+        said: str | None = None
         while True:
             began_s = time.monotonic()
             try:
@@ -118,12 +120,18 @@ class Host:
                 if alone:
                     raise
                 self._started[item.name].set()  # it has had its chance; the others do not wait for it
-                log.error("%s: failed: %s", item.name, error, exc_info=error)
+                text = reason(error)
+                if text is None:
+                    log.error("%s: failed: %s", item.name, error, exc_info=error)
+                elif text != said:  # once: it will be the same at each start until somebody mends it
+                    log.error("%s: failed: %s", item.name, text)
+                said = text
             settled = time.monotonic() - began_s >= SETTLED_S
             failures = 1 if settled else failures + 1
             restarts += 1
             pause_s = BACKOFF_S[min(failures - 1, len(BACKOFF_S) - 1)]
-            log.warning("%s: starts again in %s s (restart %d)", item.name, pause_s, restarts)
+            level = logging.WARNING if failures <= len(BACKOFF_S) or said is None else logging.DEBUG
+            log.log(level, "%s: starts again in %s s (restart %d)", item.name, pause_s, restarts)
             await asyncio.sleep(pause_s)
 
     async def _run_once(self, item: Prepared, restarts: int) -> None:

@@ -8,7 +8,7 @@ import resource
 import signal
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import uvloop
 
@@ -20,10 +20,15 @@ from swarmware.service.find import find
 from swarmware.service.guardwatch import GuardWatch
 from swarmware.service.host import Host, Prepared
 from swarmware.service.notify import Notifier
+from swarmware.service.reason import reason
 from swarmware.service.slow import warn_if_slow
 
 DRAIN_S: Final = 4.0
 """From SIGTERM to the end; units give five seconds."""
+
+FILES: Final = 64
+FILES_OF_SERVICE: Final = 24
+"""Descriptors of a process and of each of its services: 308 were counted with eleven, 36 to 66 with one."""
 
 log = logging.getLogger("swarm.runner")
 
@@ -36,15 +41,38 @@ def run_services(config_dir: Path, names: list[str]) -> int:
     node_config = config.load_node(config_dir)
     prepared = [_prepare(config_dir, name) for name in names]
     _log_to_stderr(node_config.log_level, node_config.platform)
-    _open_many_files()
-    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-        return runner.run(_run(config_dir, prepared))
+    _open_many_files(len(names))
+    try:
+        with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+            return runner.run(_run(config_dir, prepared))
+    except OSError as error:
+        if (text := reason(error)) is None:
+            raise
+        raise SwarmError(text) from error
 
 
-def _open_many_files() -> None:
-    """A mapped ring holds a descriptor or three: the usual soft limit of 1024 is soon reached."""
+def _open_many_files(services: int) -> None:
+    """A mapped ring holds a descriptor or three: the usual soft limit of 1024 is soon reached.
+
+    Raises: SwarmError when the hard limit is too low.
+    """
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    needed = FILES + FILES_OF_SERVICE * services
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        raise SwarmError(
+            f"open files: the limit is {hard}, {services} services in this process need {needed};"
+            " expected a higher one (ulimit -n, LimitNOFILE=)"
+        )
+
+
+def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """An error in a callback: one line if the world is to blame."""
+    error = context.get("exception")
+    if isinstance(error, BaseException) and (text := reason(error)) is not None:
+        log.error("%s", text)
+    else:
+        loop.default_exception_handler(context)
 
 
 def _prepare(config_dir: Path, name: str) -> Prepared:
@@ -54,6 +82,7 @@ def _prepare(config_dir: Path, name: str) -> Prepared:
 
 async def _run(config_dir: Path, prepared: list[Prepared]) -> int:
     loop = asyncio.get_running_loop()
+    loop.set_exception_handler(_on_loop_error)
     warn_if_slow(loop)
     asked = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -109,11 +138,12 @@ def _say_why(running: asyncio.Task[None]) -> int:
     error = running.exception() if not running.cancelled() else None
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
-    if isinstance(error, SwarmError):
-        log.error("%s", error)
-        return error.exit_code
-    log.error("failed", exc_info=error)
-    return 1
+    text = None if error is None else reason(error)
+    if text is None:
+        log.error("failed", exc_info=error)
+    else:
+        log.error("%s", text)
+    return error.exit_code if isinstance(error, SwarmError) else 1
 
 
 class _Lines(logging.Formatter):

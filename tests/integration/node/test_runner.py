@@ -3,6 +3,8 @@
 import asyncio
 import re
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -221,3 +223,18 @@ def test_what_is_wrong_at_the_start_is_one_line_and_an_exit_code(
         assert "Traceback" not in message
 
     asyncio.run(run())
+
+
+def test_a_limit_of_open_files_that_is_too_low_is_named_at_the_start_with_what_is_needed(
+    tmp_path: Path,
+) -> None:
+    config = make_node(tmp_path, services={"timesync": {}})
+    done = subprocess.run(
+        ["bash", "-c", f"ulimit -n 64; exec {sys.executable} -m swarmd run timesync --config {config}"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "open files: the limit is 64, 1 services in this process need 88" in done.stderr

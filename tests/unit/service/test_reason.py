@@ -1,0 +1,36 @@
+"""Errors that can be foreseen have one line; our own mistakes have none."""
+
+import errno
+
+import pytest
+
+from swarmware.errors import ConfigError
+from swarmware.service.reason import reason
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (ConfigError("x.toml: key a: unknown"), "x.toml: key a: unknown"),
+        (
+            OSError(errno.EROFS, "Read-only file system", "/var/lib/swarm"),
+            "/var/lib/swarm: read-only file system; expected a file system that may be written",
+        ),
+        (
+            OSError(errno.EMFILE, "Too many open files"),
+            "too many open files; expected a higher limit of open files (ulimit -n, LimitNOFILE=)",
+        ),
+        (
+            ExceptionGroup("tasks", [ExceptionGroup("more", [OSError(errno.ENOSPC, "", b"/dev/shm/x")])]),
+            "/dev/shm/x: no space left on device; expected room on its file system",
+        ),
+        (ExceptionGroup("tasks", [ConfigError("a"), ConfigError("a"), ConfigError("b")]), "a; b"),
+        (ValueError("a mistake of ours"), None),
+        (OSError(errno.EBADF, "Bad file descriptor"), None),
+        (ExceptionGroup("tasks", [ConfigError("a"), KeyError("ours")]), None),
+    ],
+)
+def test_what_the_world_causes_has_one_line_and_what_we_cause_none(
+    error: BaseException, line: str | None
+) -> None:
+    assert reason(error) == line
