@@ -13,7 +13,7 @@ MAGIC: Final = b"SW"
 VERSION: Final = 1
 HEADER_BYTES: Final = 48
 PAYLOAD_LIMIT: Final = 4 * 1024 * 1024
-"""Largest payload of one frame on a link: libzmq's MAXMSGSIZE follows it; larger data is split."""
+"""Largest payload of one frame on a link: libzmq's MAXMSGSIZE follows it; more is refused to its sender."""
 
 _HEADER = struct.Struct("<2sBBHBBIIIIIIqII")
 assert _HEADER.size == HEADER_BYTES
@@ -40,12 +40,10 @@ class Kind(IntEnum):
 
 
 class Flag(IntFlag):
-    """Header flags; the codec of the payload stands in bits 8–10."""
+    """Header flags; the codec of the payload stands in bits 8–10, the others are reserved."""
 
-    FRAGMENT = 1
     URGENT = 2
     WANTS_ACK = 4
-    SEALED = 8
 
 
 class Codec(IntEnum):

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from swarmd.broker.core import tick as codec
+from swarmd.broker.core.checks import CheckKind
 from swarmd.broker.core.directory import (
     CALM_SIZE,
     HOLD_NS,
@@ -16,10 +17,13 @@ from swarmd.broker.core.directory import (
     STRETCH_MAX,
 )
 from swarmd.broker.core.neighbour import FALSE_ALARM, LEAST_EXPECTED, LISTINGS, LONG_WINDOW, PERIODS, WINDOW
+from swarmd.broker.core.sessions import ALIVE_NS, ENDED_NS
+from swarmd.broker.core.station import DIRECT_COST, DIRECT_NS
 from swarmd.broker.core.tick import Echo, Header, Hello, PlatformKind, Row, Tick, Value
 from swarmware import frame as wire
+from swarmware.access import Role
 from swarmware.delivery import with_lifetime
-from swarmware.frame import HOPS, Flag, Frame, Kind
+from swarmware.frame import HOPS, Codec, Flag, Frame, Kind
 from swarmware.names import ANY, application_id, data_id, hardware_id
 from swarmware.security import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
@@ -97,6 +101,24 @@ def test_the_kinds_of_the_page_are_ours() -> None:
     rows = re.findall(r"^\| (\d+) \| ([a-z]+) \| [^|]+ \|$", section, re.M)
     told = {int(number): name for number, name in rows}
     assert told == {int(kind): kind.name.lower() for kind in Kind}
+
+
+def test_the_flags_and_codecs_of_the_page_are_ours_and_the_others_are_called_reserved() -> None:
+    flags = {int(number) for number in re.findall(r"(\d+) (?:urgent|wants an acknowledgement)", PAGE)}
+    assert flags == set(Flag)
+    assert "1 and 8 reserved" in PAGE
+    assert {codec.name: int(codec) for codec in Codec} == {"NONE": 0, "ZLIB": 1, "ZSTD": 2, "PACKED": 7}
+    assert "1 zlib and 2 zstd of MessagePack: reserved" in PAGE
+
+
+def test_the_checks_and_roles_of_the_page_are_ours() -> None:
+    section = PAGE.split("### 3.5")[1].split("## 4.")[0]
+    kinds = {int(number): name for number, name in re.findall(r"\| (\d) \| (\w+) \|", section)}
+    assert kinds == {int(kind): kind.name.lower() for kind in CheckKind}
+    roles = re.findall(r"(\d) (observer|node|operator|maintainer)", PAGE)
+    assert {int(number): name for number, name in roles} == {int(role): role.name.lower() for role in Role}
+    assert f"silent for {ENDED_NS / 1e9} s, or for {ALIVE_NS / 1e9} s" in section
+    assert f"up for {DIRECT_NS // 10**9} s at a cost of {DIRECT_COST} at most" in PAGE
 
 
 def test_the_figures_of_the_page_are_ours() -> None:
