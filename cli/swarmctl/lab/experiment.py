@@ -69,6 +69,7 @@ def main(wish: Wish, duration_s: float, out_dir: Path, out: Output, *, strict: b
     here = host.describe()
     started_utc_ns = time.time_ns()
     running = RunningLab(folders.make(wish))
+    running.log_of = lambda node: out_dir / LOGS / node.platform / node.log_file.name
     try:
         course = upkeep.run(_conduct(running, duration_s, out))
     finally:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Collection
+from pathlib import Path
 from typing import Final
 
 import msgspec
@@ -65,6 +66,8 @@ class RunningLab:
 
     def __init__(self, lab: LabRecord) -> None:
         self.record = lab
+        self.log_of: Callable[[NodeRecord], Path] = lambda node: node.log_file
+        """Where a node's log is found when the lab has ended."""
         self.watcher: Watcher = lambda _platform, _what: None
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._pidfds: dict[str, int] = {}
@@ -116,7 +119,7 @@ class RunningLab:
             node = self.record.node(platform)
             how = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise SwarmError(
-                f"node {platform}: ended with {how} ({node.log_file}); expected to run\n{_tail(node)}"
+                f"node {platform}: ended with {how} ({self.log_of(node)}); expected to run\n{_tail(node)}"
             )
 
     async def until_fallen(self, known: Collection[str] = ()) -> None:

@@ -92,6 +92,16 @@ def test_a_node_that_falls_over_is_named_with_the_end_of_its_log(
         asyncio.run(start(RunningLab(lab(tmp_path, ["a", "b"])), ["a", "b"]))
 
 
+def test_the_log_of_a_fallen_node_is_named_where_it_will_be_found(
+    tmp_path: Path, node_program: dict[str, str]
+) -> None:
+    node_program["b"] = FALLS
+    rig = RunningLab(lab(tmp_path, ["b"]))
+    rig.log_of = lambda node: Path("report/logs") / node.platform / node.log_file.name
+    with pytest.raises(SwarmError, match=r"\(report/logs/b/[a-z.]+\); expected to run"):
+        asyncio.run(start(rig, ["b"]))
+
+
 def test_nodes_that_are_late_are_named(tmp_path: Path, node_program: dict[str, str]) -> None:
     node_program.update({"a": READY, "b": LATE})
     with pytest.raises(NoAnswer, match="b not ready"):
