@@ -171,6 +171,18 @@ def test_a_hello_says_how_long_the_next_datagrams_may_take(one: Node, other: Nod
     one.station.set_plan(TreePlan(0))
 
 
+def test_a_node_that_started_anew_says_its_session_with_each_of_ten_ticks_a_second() -> None:
+    again = Node("uav1", session=2)
+    again.station.mesh = Mesh(again.hw, 200, SECOND, quiet_until_ns=2 * SECOND)
+    again.station.on_timer(0)
+    assert again.station.tick_hz() == 10.0
+    assert all(again.compose(tick * TICK).with_session for tick in range(20))
+    again.station.on_timer(2 * SECOND)
+    assert again.station.tick_hz() == 2.0
+    again.compose(2 * SECOND)
+    assert not again.compose(2 * SECOND + TICK).with_session
+
+
 def test_boards_that_stand_still_need_no_tick(one: Node, other: Node) -> None:
     meet(one, other)
     one.station.set_plan(TreePlan(0, offers=(OFFER,)))

@@ -142,6 +142,10 @@ class Mesh:
         if any(LinkState.UP in (change.before, change.after) for change in links):
             self._changed_ns = now_ns
 
+    def is_new(self, now_ns: int) -> bool:
+        """Whether others may still believe in our former session."""
+        return now_ns < self._quiet_until_ns
+
     def is_changing(self, now_ns: int) -> bool:
         """Whether links came up or went down within the last seconds."""
         return self._changed_ns != NEVER_NS and now_ns - self._changed_ns < CHANGING_NS

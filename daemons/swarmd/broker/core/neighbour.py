@@ -31,7 +31,10 @@ FALSE_ALARM: Final = 1e-4
 number of neighbours."""
 _LOSS_MIN: Final = 0.0075
 """Loss of a link that has lost nothing yet: one datagram in two windows."""
-MISSES_MAX: Final = 12
+MISSES_MAX: Final = 8
+"""At 10 Hz no link outlives the timeout: what a node that starts anew waits for counts on that."""
+_BAD: Final = 0.5
+"""A link with more loss is given up early: routes had better not wait for it."""
 FIRST_PERIOD_NS: Final = 500_000_000
 _PERIOD_MAX_NS: Final = 10_000_000_000
 LISTING_NS: Final = 2_500_000_000
@@ -207,10 +210,11 @@ class Neighbour:
     def misses(self, neighbours: int) -> int:
         """How many datagrams in a row that do not come mean that none will, among so many neighbours."""
         lost = min(LONG_WINDOW, self.expected) - self.window.bit_count()
+        long_loss = lost / max(WINDOW, min(LONG_WINDOW, self.expected))
+        if long_loss >= _BAD or self.hello is None:
+            return 2
         lately = min(WINDOW, self.expected) - (self.window & _WINDOW_MASK).bit_count()
-        loss = max(lost / max(WINDOW, min(LONG_WINDOW, self.expected)), lately / WINDOW, _LOSS_MIN)
-        if loss >= 0.5:
-            return MISSES_MAX
+        loss = min(max(long_loss, lately / WINDOW, _LOSS_MIN), _BAD)
         misses = math.ceil(math.log(FALSE_ALARM / neighbours) / math.log(loss))
         return min(max(misses, 2), MISSES_MAX)
 

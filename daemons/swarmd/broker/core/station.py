@@ -142,7 +142,7 @@ class Station:
 
     def tick_hz(self) -> float:
         """Ticks per second at present."""
-        if self.busy:
+        if self.busy or self.mesh.is_new(self._now_ns):
             wanted_hz = self._busy_hz
         else:
             wanted_hz = min(QUICK_HZ if self.mesh.is_changing(self._now_ns) else IDLE_HZ, self._busy_hz)
@@ -304,6 +304,7 @@ class Station:
         )
         # half a tick early rather than a tick late: at 10 Hz every tenth datagram has it
         waits = now_ns - self._hello_ns < HELLO_NS - round(0.5e9 / self._busy_hz)
+        waits = waits and not self.mesh.is_new(now_ns)  # whoever missed the new session may cause a loop
         if waits and period_ns <= SLOWER * self._declared_ns:
             return None
         self._hello_ns = now_ns
