@@ -1,0 +1,107 @@
+"""The record of the role and the race for it, in one process: a lock belongs to an open file."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmware.master.record import NOBODY, Holder, RecordFile
+from swarmware.master.role import LOCK_NAME, Role
+
+
+def test_a_new_record_names_nobody_and_keeps_what_is_written(tmp_path: Path) -> None:
+    record = RecordFile(tmp_path / LOCK_NAME)
+    assert (record.holder(), record.wanted_by()) == (NOBODY, (0, 0))
+    before = record.mark()
+    record.write_holder(Holder(7, 12, 345, "register#1"))
+    record.write_want(9, 8)
+    other = RecordFile(tmp_path / LOCK_NAME)
+    assert (other.holder(), other.wanted_by()) == (Holder(7, 12, 345, "register#1"), (9, 8))
+    assert other.mark() != before
+    record.close()
+    other.close()
+
+
+def test_a_record_that_was_cut_is_an_empty_one_and_ends_nobody(tmp_path: Path) -> None:
+    record = RecordFile(tmp_path / LOCK_NAME)
+    record.write_holder(Holder(7, 12, 345, "register#1"))
+    os.truncate(tmp_path / LOCK_NAME, 0)
+    assert (record.holder(), record.wanted_by()) == (NOBODY, (0, 0))
+    record.write_holder(Holder(1, 2, 3, "x"))
+    assert record.holder() == Holder(1, 2, 3, "x")
+    record.close()
+
+
+def test_any_bytes_are_a_holder_or_none(tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("record") / LOCK_NAME
+
+    @given(st.binary(max_size=300))
+    def check(data: bytes) -> None:
+        path.write_bytes(data)
+        record = RecordFile(path)
+        assert record.holder() is None or not any(data[:72]), data
+        record.wanted_by()
+        record.close()
+
+    check()
+
+
+class Race:
+    """Candidates of one node; a bell of one makes all others look."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.roles: dict[str, Role] = {}
+        self.log: list[tuple[str, str, int]] = []
+
+    def join(self, name: str) -> Role:
+        role = Role(
+            self.folder,
+            name,
+            ring=self.ring,
+            on_gained=lambda epoch: self.log.append((name, "gained", epoch)),
+            on_lost=lambda: self.log.append((name, "lost", 0)),
+        )
+        self.roles[name] = role
+        role.start()
+        return role
+
+    def ring(self) -> None:
+        for role in list(self.roles.values()):
+            role.poll()
+
+    @property
+    def holding(self) -> list[str]:
+        return [name for name, role in self.roles.items() if role.holding]
+
+    def close(self) -> None:
+        for role in self.roles.values():
+            role.close()
+
+
+async def test_the_first_has_the_role_and_the_next_takes_over_with_a_higher_number(
+    tmp_path: Path,
+) -> None:
+    race = Race(tmp_path)
+    first = race.join("a")
+    race.join("b")
+    assert race.holding == ["a"]
+    first.close()
+    assert race.holding == ["b"]
+    assert race.log == [("a", "gained", 1), ("a", "lost", 0), ("b", "gained", 2)]
+    assert race.roles["b"].holder.label == "b"
+    race.close()
+
+
+async def test_a_holder_that_becomes_the_preferred_one_keeps_the_role_and_its_number(tmp_path: Path) -> None:
+    race = Race(tmp_path)
+    role = race.join("a")
+    race.join("b")
+    role.prefer("register#1")
+    assert (race.holding, role.holder.label, role.holder.epoch) == (["a"], "register#1", 1)
+    role.no_longer_prefer("a")
+    assert (race.holding, role.holder.label) == (["a"], "a")
+    race.close()
+    assert race.holding == []
