@@ -76,7 +76,8 @@ class Routes(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class LinkTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Bytes of one link since the start, IP headers included."""
+    """Bytes of one link since the start; udp: with IP headers, tcp: of the frames alone, without those of
+    connections, which `Traffic.tcp_sent_bytes` has as the kernel counts them."""
 
     platform: str
     """Neighbour; `*` for what is sent to all."""
