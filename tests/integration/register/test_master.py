@@ -84,7 +84,7 @@ async def test_a_killed_master_is_replaced_and_gets_the_role_back_when_it_return
             assert failed == 0
 
 
-async def test_the_files_of_the_dead_are_removed_by_whoever_is_master(tmp_path: Path) -> None:
+async def test_the_files_of_the_dead_are_set_aside_by_whoever_is_master(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
     async with Module("probe", config_dir=config) as module:
         assert module.node.master.holding
@@ -92,7 +92,8 @@ async def test_the_files_of_the_dead_are_removed_by_whoever_is_master(tmp_path: 
             await table_where(module, lambda table: names(table) == {"probe", "timesync"})
             process.signal(signal.SIGKILL)
             await table_where(module, lambda table: names(table) == {"probe"})
-            assert [path.name for path in (tmp_path / "uav1/run/apps").iterdir()] == ["probe#1.toml"]
+            files = {path.name for path in (tmp_path / "uav1/run/apps").iterdir()}
+            assert files == {"probe#1.toml", "timesync#1.dead"}, "the name is free, the trace stays"
             left = [*(tmp_path / "uav1/run/p").iterdir(), *(tmp_path / "uav1/run/bells").iterdir()]
             assert not [path for path in left if str(process.pid) in path.name]
 
