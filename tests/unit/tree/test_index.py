@@ -1,7 +1,7 @@
 """The index: digest follows content, searches are by prefix and pattern, wrong paths get hints."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swarmd.tree.core.index import Index, Leaf, leaf
@@ -118,6 +118,7 @@ _pattern = st.lists(st.sampled_from(["a", "*", "**", "a*", "{a,b}", "{ab,c}*"]),
 
 
 @given(paths=st.sets(_path, max_size=12), pattern=_pattern, after=st.one_of(st.just(""), _path))
+@example(paths={"a"}, pattern="a/**/**", after="")
 def test_a_search_finds_exactly_what_a_look_at_every_path_would(
     paths: set[str], pattern: str, after: str
 ) -> None:

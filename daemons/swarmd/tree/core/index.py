@@ -119,7 +119,7 @@ class Index:
             return
         # "a/**" matches "a" too, which stands before the prefix "a/"
         root = wanted.prefix.rstrip("/")
-        if text == f"{root}/**" and root > after and (found := self._leaves.get(root)) is not None:
+        if root > after and (found := self._leaves.get(root)) is not None and wanted.matches(root):
             yield found
         low = max(wanted.prefix, after)
         high = root + _AFTER if root else None
