@@ -37,7 +37,8 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     mission: int
     boot_id: int
     transport: str
-    """How messages go there: `tcp` (connected), `tcp connecting`, `tcp denied`, `idle` (nothing to send)."""
+    """How messages go there: `tcp` (connected), `tcp connecting`, `tcp denied`, `idle` (nothing to send).
+    Of its two connections, for commands and for data, the worse one."""
     multicast: bool
     """False: it is reached by unicast datagrams, as a seed or because it wrote to us."""
 

@@ -1,34 +1,12 @@
 """The counters against the bytes that the kernel saw."""
 
-import json
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
-
-ROOT = Path(__file__).parents[3]
+from tests.integration.broker.namespace import figures_of
 
 
 @pytest.mark.root
 def test_counted_bytes_are_those_on_the_wire() -> None:
-    if os.geteuid() != 0 or shutil.which("unshare") is None or shutil.which("ip") is None:
-        pytest.skip("needs root, unshare and ip for a network namespace of its own")
-    program = Path(__file__).with_name("onthewire.py")
-    done = subprocess.run(
-        ["unshare", "--net", sys.executable, str(program), "4"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    if "unshare failed" in done.stderr:
-        pytest.skip(f"no network namespace here: {done.stderr.strip()}")
-    assert done.returncode == 0, done.stderr
-    seen = json.loads(done.stdout)
+    seen = figures_of("onthewire.py", "4")
     assert seen["tcp"] > 100_000
     assert seen["udp"] > 5_000
     assert seen["sent"] == pytest.approx(seen["wire"], rel=0.03), seen

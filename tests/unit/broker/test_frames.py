@@ -8,7 +8,7 @@ from swarmd.broker.core.directory import Directory
 from swarmd.broker.core.forward import LOOP_NS, Decision, Forwarder, Step
 from swarmd.broker.core.members import AGAIN_NS, FORGET_NS, Members
 from swarmd.broker.core.pace import airtime_s, tick_hz
-from swarmd.broker.core.queue import AGE_MAX_NS, BYTES_MAX, FRAMES_MAX, Priority, Queue, priority
+from swarmd.broker.core.queue import AGE_MAX_NS, BYTES_MAX, FRAMES_MAX, Lane, Priority, Queue, priority
 from swarmd.broker.core.tick import Hello, MemberRow, PlatformKind
 from swarmd.broker.core.traffic import CHANNEL_LIMIT, Counters
 from swarmware.frame import HOPS, Flag, Frame, Kind
@@ -126,7 +126,7 @@ def test_what_waited_too_long_is_given_up_on_the_way_to_the_next() -> None:
     queue = Queue()
     queue.put(b"old", frame(), 0)
     queue.put(b"new", frame(), AGE_MAX_NS)
-    waiting, old = queue.peek(AGE_MAX_NS + 1)
+    waiting, old = queue.peek(Lane.CONTROL, AGE_MAX_NS + 1)
     assert [item.data for item in old] == [b"old"]
     assert waiting is not None
     assert waiting.data == b"new"
@@ -137,7 +137,7 @@ def test_all_that_waits_comes_back_when_the_way_is_closed() -> None:
     for kind in (Kind.FILE, Kind.ACK):
         queue.put(kind.name.encode(), frame(kind), 0)
     assert [item.data for item in queue.clear()] == [b"ACK", b"FILE"]
-    assert queue.peek(0) == (None, [])
+    assert [queue.peek(each, 0) for each in Lane] == [(None, [])] * 2
 
 
 def hello(name: str, tree_version: int = 1) -> Hello:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.broker.core.queue import BYTES_MAX, Priority, Queue, priority
+from swarmd.broker.core.queue import AGE_MAX_NS, BYTES_MAX, Lane, Priority, Queue, lane, priority
 from swarmd.tree.core.action import SendNotify
 from swarmware.errors import InvalidInput
-from swarmware.frame import Frame, Kind, encode
+from swarmware.frame import Flag, Frame, Kind, encode
 from swarmware.module import Module
 from swarmware.testing import no_leaks, tmp_node
 from swarmware.types.scalar import Blob, Text
@@ -56,6 +56,15 @@ def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -
     return queue
 
 
+def taken(queue: Queue) -> dict[Lane, list[Frame]]:
+    """What each connection takes, in its order."""
+    frames: dict[Lane, list[Frame]] = {each: [] for each in Lane}
+    for each in Lane:
+        while queue.has(each):
+            frames[each].append(queue.pop(each).frame)
+    return frames
+
+
 def notify(module: Module, action: SendNotify) -> asyncio.Task[object]:
     path = f"/{action.platform}/sys/tree/notify"
     return module.start(module.send(path, action.notify, kind=action.kind, timeout_s=60), "notify")
@@ -76,17 +85,12 @@ def test_commands_come_before_notifications_and_notifications_before_streams_and
         ]
 
     queue = sent(tmp_path, send)
-    order = [queue.pop().frame for _ in range(len(queue))]
-    assert [priority(frame) for frame in order] == [
-        Priority.URGENT,
-        Priority.CONTROL,
-        Priority.CONTROL,
-        Priority.NOTIFY,
-        Priority.NOTIFY,
-        Priority.STREAM,
-        Priority.BULK,
-    ]
-    assert b"now" in order[0].payload
+    order = taken(queue)
+    assert {each: [priority(frame) for frame in frames] for each, frames in order.items()} == {
+        Lane.CONTROL: [Priority.URGENT, Priority.CONTROL, Priority.CONTROL],
+        Lane.DATA: [Priority.NOTIFY, Priority.NOTIFY, Priority.STREAM, Priority.BULK],
+    }
+    assert b"now" in order[Lane.CONTROL][0].payload
 
 
 def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_path: Path) -> None:
@@ -103,12 +107,34 @@ def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_
         return [*tasks, module.start(abort, "abort")]
 
     queue = sent(tmp_path, send)
-    first = queue.pop().frame
-    assert b"now" in first.payload
-    rest = [queue.pop().frame.kind for _ in range(len(queue))]
-    assert rest[:platforms] == [Kind.MESSAGE] * platforms
-    assert rest.count(Kind.MESSAGE) == platforms
-    assert Kind.STREAM not in rest, "notifications fill the queue: streams went first"
+    order = taken(queue)
+    abort, *commands = order[Lane.CONTROL]
+    assert b"now" in abort.payload
+    assert [frame.kind for frame in commands] == [Kind.MESSAGE] * platforms
+    kinds = {frame.kind for frame in order[Lane.DATA]}
+    assert kinds == {Kind.NOTIFY}, "notifications fill the queue: streams went first"
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: Kind) -> None:
+    data = kind in {Kind.STREAM, Kind.NOTIFY, Kind.EVENT, Kind.BOARD, Kind.FILE}
+    assert lane(Frame(kind, 5, 1, 6, 9, 7)) is (Lane.DATA if data else Lane.CONTROL)
+    assert lane(Frame(kind, 5, 1, 6, 9, 7, flags=Flag.URGENT)) is Lane.CONTROL
+
+
+def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
+    queue = Queue()
+    queue.put(b"scan", Frame(Kind.NOTIFY, 5, 1, 6, 9, 7), 0)
+    assert not queue.has(Lane.CONTROL)
+    queue.put(b"abort", Frame(Kind.MESSAGE, 5, 1, 6, 9, 7), 1)
+    waiting, old = queue.peek(Lane.CONTROL, AGE_MAX_NS + 1)
+    assert waiting is not None
+    assert (waiting.data, old) == (b"abort", [])
+    assert queue.pop(Lane.CONTROL).data == b"abort"
+    waiting, old = queue.peek(Lane.DATA, AGE_MAX_NS + 1)
+    assert (waiting, [item.data for item in old]) == (None, [b"scan"])
+    with pytest.raises(IndexError, match="nothing waits"):
+        queue.pop(Lane.DATA)
 
 
 @pytest.mark.parametrize(

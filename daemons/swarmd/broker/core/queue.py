@@ -27,6 +27,15 @@ class Priority(IntEnum):
     """Files."""
 
 
+class Lane(IntEnum):
+    """Connections to a neighbour; each takes classes of its own."""
+
+    CONTROL = 0
+    """Urgent frames and commands: what a connection has taken already cannot be overtaken on it."""
+    DATA = 1
+    """All else."""
+
+
 _BY_KIND: Final = {
     Kind.STREAM: Priority.STREAM,
     Kind.NOTIFY: Priority.NOTIFY,
@@ -43,6 +52,11 @@ def priority(frame: Frame) -> Priority:
     return _BY_KIND.get(frame.kind, Priority.CONTROL)
 
 
+def lane(frame: Frame) -> Lane:
+    """The connection that a frame takes."""
+    return Lane.CONTROL if priority(frame) <= Priority.CONTROL else Lane.DATA
+
+
 class Waiting(msgspec.Struct, frozen=True, gc=False):
     """A frame in the queue."""
 
@@ -52,15 +66,21 @@ class Waiting(msgspec.Struct, frozen=True, gc=False):
 
 
 class Queue:
-    """What waits for one neighbour."""
+    """What waits for one neighbour, for all connections to it."""
 
     def __init__(self) -> None:
         self._classes: tuple[deque[Waiting], ...] = tuple(deque() for _ in Priority)
+        first_data = Priority.CONTROL + 1
+        self._lanes = (self._classes[:first_data], self._classes[first_data:])
         self._frames = 0
         self._bytes = 0
 
     def __len__(self) -> int:
         return self._frames
+
+    def has(self, lane: Lane) -> bool:
+        """Whether something waits for this connection."""
+        return any(self._lanes[lane])
 
     def put(self, data: bytes, frame: Frame, now_ns: int) -> list[Waiting]:
         """A frame; what had to go for it, the oldest of the least important class first, or itself."""
@@ -75,22 +95,22 @@ class Queue:
             gone.append(self._take(last))
         return gone
 
-    def peek(self, now_ns: int) -> tuple[Waiting | None, list[Waiting]]:
-        """The next frame, and those that became too old on the way to it."""
+    def peek(self, lane: Lane, now_ns: int) -> tuple[Waiting | None, list[Waiting]]:
+        """The next frame of a connection, and those that became too old on the way to it."""
         old: list[Waiting] = []
-        for queue in self._classes:
+        for queue in self._lanes[lane]:
             while queue:
                 if now_ns - queue[0].since_ns <= AGE_MAX_NS:
                     return queue[0], old
                 old.append(self._take(queue))
         return None, old
 
-    def pop(self) -> Waiting:
+    def pop(self, lane: Lane) -> Waiting:
         """Takes the frame that `peek` showed.
 
         Raises: IndexError when nothing waits.
         """
-        for queue in self._classes:
+        for queue in self._lanes[lane]:
             if queue:
                 return self._take(queue)
         raise IndexError("nothing waits")

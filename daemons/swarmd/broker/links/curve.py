@@ -1,4 +1,4 @@
-"""Frames that must arrive: ZeroMQ over TCP with CURVE, one socket in, one to each neighbour out."""
+"""Frames that must arrive: ZeroMQ over TCP with CURVE, one socket in, two to each neighbour out."""
 
 import asyncio
 import logging
@@ -9,7 +9,7 @@ import msgspec
 import zmq
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.queue import Queue, Waiting
+from swarmd.broker.core.queue import Lane, Queue, Waiting, lane
 from swarmd.broker.links.port import Monitor, Port, Socket
 from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
@@ -17,8 +17,13 @@ from swarmware.errors import ConfigError
 from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
 from swarmware.security import Keys
 
-HIGH_WATER: Final = 64
+SEND_HIGH_WATER: Final = 4
 """Frames inside libzmq per connection; the rest waits in a queue of ours that knows priorities."""
+SEND_BUFFER_BYTES: Final = 32 * 1024
+"""Of a connection, in the kernel, which doubles it for its own needs. Without it Linux takes up to 4 MB."""
+RECEIVE_HIGH_WATER: Final = 64
+SOCKETS_MAX: Final = 4096
+"""In libzmq: six for each neighbour, a connection and both ends of its monitor, twice."""
 RECONNECT_MS: Final = 50
 RECONNECT_MAX_MS: Final = 200
 CONNECT_TIMEOUT_MS: Final = 300
@@ -48,17 +53,19 @@ class Peer(msgspec.Struct, frozen=True):
     session: int
 
 
-class _Way:
-    """The connection to one neighbour, with what waits for it."""
+class _Connection:
+    """One connection to a neighbour; takes the frames of its lane out of the queue."""
 
-    def __init__(self, links: "Links", peer: Peer) -> None:
-        self.peer = peer
-        self.queue = Queue()
-        self.state = "connecting"
-        self.denied_until_ns = 0
+    def __init__(self, way: "_Way", lane: Lane) -> None:
+        self.connected = False
+        self._way = way
+        self._links = links = way.links
+        self._lane = lane
         self._failures = 0
-        self._links = links
+        peer = way.peer
         socket = links.make_socket(zmq.DEALER)
+        socket.setsockopt(zmq.SNDHWM, SEND_HIGH_WATER)
+        socket.setsockopt(zmq.SNDBUF, SEND_BUFFER_BYTES)
         socket.setsockopt(zmq.CURVE_SERVERKEY, peer.curve_public)
         socket.setsockopt(zmq.CURVE_PUBLICKEY, links.keys.curve_public)
         socket.setsockopt(zmq.CURVE_SECRETKEY, links.keys.curve_secret)
@@ -70,72 +77,99 @@ class _Way:
         socket.connect(f"tcp://{peer.host}:{peer.port}")
         self._port = Port(socket, links.loop, self._on_wake, self._wants)
 
-    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[Waiting]:
-        gone = self.queue.put(data, frame, now_ns)
-        self.flush(now_ns)
-        return gone
-
     def flush(self, now_ns: int) -> None:
         if self._port.is_closed():
             return
-        send = self._port.socket.send
+        queue, lane, send = self._way.queue, self._lane, self._port.socket.send
         sent = False
         while True:
-            waiting, old = self.queue.peek(now_ns)
+            waiting, old = queue.peek(lane, now_ns)
             if old:
-                self._links.gave_up(self.peer, old)
+                self._links.gave_up(self._way.peer, old)
+                continue  # its answers to senders may have gone into this queue
             if waiting is None:
                 break
             try:
                 send(waiting.data, zmq.NOBLOCK)
             except zmq.Again:
                 break
-            self.queue.pop()
-            self._links.sent_one(self.peer, waiting)
+            queue.pop(lane)
+            self._links.sent_one(self._way.peer, waiting)
             sent = True
         if sent:
             self._port.again()  # a send takes commands from the mailbox and may eat the wake-up
 
     def _on_wake(self, socket: Socket) -> bool:
-        if len(self.queue):
+        if self._way.queue.has(self._lane):
             self.flush(self._links.now_ns())
         return False
 
     def _wants(self) -> int:
-        return zmq.POLLOUT if len(self.queue) else 0
+        return zmq.POLLOUT if self._way.queue.has(self._lane) else 0
 
     def _on_event(self, event: int, value: int) -> None:
-        if self.state == "denied":
+        if self._way.denied:
             return  # what comes now is the end of the attempt that failed
         if event == zmq.EVENT_CONNECTED:
             self._links.count.add(value)
         elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
-            self.state = "connected"
+            self.connected = True
             self._failures = 0
             self.flush(self._links.now_ns())
         elif event == zmq.EVENT_DISCONNECTED:
-            self.state = "connecting"
+            self.connected = False
         elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-            self._deny("it denies us")
+            self._way.deny("it denies us")
         elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
             self._failures += 1
             if self._failures >= FAILURES:
-                self._deny("it has another key than the roster says")
+                self._way.deny("it has another key than the roster says")
 
-    def _deny(self, reason: str) -> None:
-        log.warning("no frames go to %s: %s", self.peer.platform, reason)
-        self.state = "denied"
-        self.denied_until_ns = self._links.now_ns() + DENIED_NS
-        self._links.gave_up(self.peer, self.queue.clear())
-        # libzmq would try again five times a second, for ever
-        self._links.loop.call_soon(self._shut)
-
-    def _shut(self) -> None:
+    def shut(self) -> None:
         self._monitor.close()
         self._port.close()
 
+
+class _Way:
+    """The connections to one neighbour, with what waits for them."""
+
+    def __init__(self, links: "Links", peer: Peer) -> None:
+        self.links = links
+        self.peer = peer
+        self.queue = Queue()
+        self.denied = False
+        self.denied_until_ns = 0
+        # at once, so that no urgent frame waits for a handshake; the other one with its first frame
+        self._connections = {Lane.CONTROL: _Connection(self, Lane.CONTROL)}
+
+    @property
+    def state(self) -> str:
+        if self.denied:
+            return "denied"
+        return "connected" if all(one.connected for one in self._connections.values()) else "connecting"
+
+    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[Waiting]:
+        gone = self.queue.put(data, frame, now_ns)
+        if lane(frame) not in self._connections:
+            self._connections[lane(frame)] = _Connection(self, lane(frame))
+        for connection in tuple(self._connections.values()):
+            connection.flush(now_ns)
+        return gone
+
+    def deny(self, reason: str) -> None:
+        log.warning("no frames go to %s: %s", self.peer.platform, reason)
+        self.denied = True
+        self.denied_until_ns = self.links.now_ns() + DENIED_NS
+        self.links.gave_up(self.peer, self.queue.clear())
+        # libzmq would try again five times a second, for ever
+        self.links.loop.call_soon(self._shut)
+
+    def _shut(self) -> None:
+        for connection in self._connections.values():
+            connection.shut()
+
     def close(self) -> list[Waiting]:
-        self._links.count.sample_all()
+        self.links.count.sample_all()
         self._shut()
         return self.queue.clear()
 
@@ -169,6 +203,7 @@ class Links:
         self._on_frame = on_frame
         self._ways: dict[int, _Way] = {}
         self._context: zmq.Context[Socket] = zmq.Context(io_threads=1)
+        self._context.set(zmq.MAX_SOCKETS, SOCKETS_MAX)
         # before the first socket with CURVE: without an answering authenticator libzmq would let all in
         self._zap = Zap(self._context, loop, keys)
         router = self.make_socket(zmq.ROUTER)
@@ -204,8 +239,7 @@ class Links:
         """A socket that neither waits nor hoards."""
         socket = self._context.socket(kind)
         socket.setsockopt(zmq.LINGER, 0)
-        socket.setsockopt(zmq.SNDHWM, HIGH_WATER)
-        socket.setsockopt(zmq.RCVHWM, HIGH_WATER)
+        socket.setsockopt(zmq.RCVHWM, RECEIVE_HIGH_WATER)
         socket.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
         socket.setsockopt(zmq.MAXMSGSIZE, PAYLOAD_LIMIT + HEADER_BYTES + _EXTENSION_MAX)
         if self._heartbeat_ms:
@@ -219,7 +253,7 @@ class Links:
         """Sends a frame to a neighbour, or queues it; what had to be dropped for it."""
         way = self._ways.get(peer.hw)
         gone: list[Waiting] = []
-        if way is not None and way.state == "denied":
+        if way is not None and way.denied:
             if self.now_ns() < way.denied_until_ns:
                 return [Waiting(data, frame, self.now_ns())]
             self._ways.pop(peer.hw).close()
@@ -228,11 +262,11 @@ class Links:
             waiting = way.close() if way is not None else []
             way = self._ways[peer.hw] = _Way(self, peer)
             for item in waiting:
-                gone += way.queue.put(item.data, item.frame, item.since_ns)
+                gone += way.put(item.data, item.frame, item.since_ns)
         return gone + way.put(data, frame, self.now_ns())
 
     def drop(self, hw: int) -> list[Waiting]:
-        """Closes the connection to a neighbour that is gone; what still waited for it.
+        """Closes the connections to a neighbour that is gone; what still waited for it.
 
         A connection that stayed open through an outage would wait for TCP's back-off after it
         (scale study, section 7, fact 8); a new one is there within milliseconds.

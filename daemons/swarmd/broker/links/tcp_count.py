@@ -6,8 +6,8 @@ import stat
 import struct
 from typing import Final
 
-HALF_OPEN_MAX: Final = 64
-"""Connections that have not shown a key yet; members need a few milliseconds for it."""
+HALF_OPEN_MAX: Final = 128
+"""Connections that have not shown a key yet; members need a few milliseconds for it, and open two each."""
 SHOWN_BYTES: Final = 400
 """ZMTP's greeting (64 bytes) and CURVE's HELLO (202) are less, with INITIATE (260 at least), which has the
 key, it is more. Source: RFC 23 and 26 of ZeroMQ."""
