@@ -26,6 +26,8 @@ PROGRESS: Final = "mission/progress"
 TRAFFIC: Final = "net/traffic"
 FUNCTIONS: Final = "time/functions"
 GAPS: Final = "log/gaps"
+ENDS: Final = frozenset({"state:done", "state:failed", "state:aborted"})
+"""Events of a mission's progress after which nothing comes."""
 WANTED: Final = (TRUTH, GOAL, COLLISION, PROGRESS, TRAFFIC, FUNCTIONS, GAPS)
 
 
@@ -59,13 +61,13 @@ class Analysis:
     def _mission_end_s(self) -> float:
         """When the last platform's mission ended, as its own log says; else as the lab saw it."""
         seen_s = (self._facts.end_mono_ns - self._facts.command_mono_ns) / 1e9
-        ends = [
-            t_s
-            for order in self._facts.orders
-            for t_s, step in self._recording.values(order.platform, PROGRESS, MissionProgress)
-            if step.epoch == order.epoch and not step.block and step.event.startswith("state:")
-        ]
-        return min(max(ends, default=seen_s), seen_s)
+        ends: dict[str, float] = {}
+        for order in self._facts.orders:
+            for t_s, step in self._recording.values(order.platform, PROGRESS, MissionProgress):
+                if step.epoch == order.epoch and not step.block and step.event in ENDS:
+                    ends[order.platform] = t_s
+        everywhere = all(order.platform in ends for order in self._facts.orders)
+        return min(max(ends.values(), default=seen_s), seen_s) if everywhere else seen_s
 
     def _trimmed(self, track: Track) -> Track:
         keep = (track.t_s >= 0) & (track.t_s <= self._end_s)
@@ -196,7 +198,8 @@ class Analysis:
                     formation_error_m=measure.spread(formed.get(node.platform, np.empty(0))).mean,
                     offset_s=node.clock.offset_s,
                     drift_ppm=node.clock.drift_ppm,
-                    outcome=node.outcome,
+                    outcome=f"node ended: {node.ended}" if node.ended else node.outcome,
+                    restarts=node.restarts.count,
                 )
                 for node in facts.nodes
             ),

@@ -1,6 +1,5 @@
 """One experiment from start to report: swarm up, one instruction, mission followed, swarm down, figures."""
 
-import asyncio
 import shutil
 import time
 from collections import Counter
@@ -11,15 +10,16 @@ from typing import Final, TypeVar
 import msgspec
 
 from swarmctl.connect import Link, connect
-from swarmctl.lab import database, folders, host, load, upkeep
-from swarmctl.lab.facts import Facts, NodeFacts
+from swarmctl.lab import database, folders, host, upkeep
+from swarmctl.lab.course import Course
+from swarmctl.lab.facts import Facts, NodeFacts, failure
 from swarmctl.lab.folders import RADIUS_M, Wish
-from swarmctl.lab.host import Busy, Host
-from swarmctl.lab.load import Usage
-from swarmctl.lab.record import LabRecord
+from swarmctl.lab.host import Host
+from swarmctl.lab.notify import Restarts
+from swarmctl.lab.record import LabRecord, NodeRecord
 from swarmctl.lab.recording import ClockTruth
-from swarmctl.lab.running import RunningLab
-from swarmctl.lab.watch import ENDED, Outcome, SwarmWatch
+from swarmctl.lab.running import RunningLab, how_it_ended
+from swarmctl.lab.watch import ENDED, SwarmWatch
 from swarmctl.output import Output
 from swarmctl.progress import Progress
 from swarmware import __version__, document
@@ -46,30 +46,18 @@ DATA_LOST: Final = 3
 S = TypeVar("S", bound=msgspec.Struct)
 
 
-class Course(msgspec.Struct, frozen=True):
-    """How the mission went, as seen from outside."""
-
-    command_mono_ns: int
-    end_mono_ns: int
-    answer: TaskAnswer
-    outcome: Outcome
-    before: dict[str, Usage]
-    after: dict[str, Usage]
-    busy: tuple[Busy, Busy]
-    """The whole computer, at the same two instants."""
-
-
 def main(wish: Wish, duration_s: float, out_dir: Path, out: Output, *, strict: bool = False) -> int:
     """`lab run`; the exit code.
 
-    Raises: SwarmError when the swarm does not come up or does not take the mission.
+    From the command on there is a report, whatever happens then.
+    Raises: SwarmError when the swarm does not come up.
     """
     database.examine(wish.mongodb_uri, out)
     prepare(out_dir)
     here = host.describe()
     started_utc_ns = time.time_ns()
     running = RunningLab(folders.make(wish))
-    running.log_of = lambda node: out_dir / LOGS / node.platform / node.log_file.name
+    running.log_of = lambda node: out_dir / _log_of(node)
     try:
         course = upkeep.run(_conduct(running, duration_s, out))
     finally:
@@ -81,7 +69,7 @@ def main(wish: Wish, duration_s: float, out_dir: Path, out: Output, *, strict: b
             folders.remove(lab)
     if forced:
         out.warn(f"{forced} processes did not end in time and were killed; their logs may lack the end")
-    facts = _facts(lab, wish, course, started_utc_ns, here)
+    facts = _facts(running, wish, course, started_utc_ns, here)
     (out_dir / FACTS).write_bytes(msgspec.json.format(msgspec.json.encode(facts), indent=1))
     return report(out_dir, out, strict=strict)
 
@@ -111,7 +99,7 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     for caption, png in pictures.items():
         (out_dir / _file(caption)).write_bytes(png)
     shortfalls, misses = figures.shortfalls(found), figures.misses(found)
-    remarks = [*([facts.failure] if facts.failure else []), *shortfalls]
+    remarks = [*facts.remarks(), *shortfalls]
     remarks += [f"missed: {miss} ({found.host.summary()})" for miss in misses]
     (out_dir / PAGE).write_text(page.page(scene, found, pictures, remarks), "utf-8")
     if out.settings.json:
@@ -158,41 +146,42 @@ def _file(caption: str) -> str:
 
 
 async def _conduct(running: RunningLab, duration_s: float, out: Output) -> Course:
+    """Raises: SwarmError when there is no swarm that could be commanded; later errors are the course's."""
+    course = Course()
     try:
         await upkeep.bring_up(running, out)
-        async with connect(upkeep.way_in(running.record)) as link:
-            mission = asyncio.create_task(_mission(link, running.record, duration_s, out), name="mission")
-            fallen = asyncio.create_task(running.until_fallen(), name="fallen")
-            try:
-                await asyncio.wait([mission, fallen], return_when=asyncio.FIRST_COMPLETED)
-                if not mission.done():
-                    running.check()
-                return await mission
-            finally:
-                mission.cancel()
-                fallen.cancel()
-                await asyncio.gather(mission, fallen, return_exceptions=True)
+        try:
+            async with connect(upkeep.way_in(running.record)) as link:
+                await running.attended(_mission(link, running.record, course, duration_s, out))
+        except SwarmError as error:
+            if not course.command_mono_ns:
+                raise
+            course.error = str(error)
+        course.close(running.record)
     finally:
         running.let_go()
+    out.say(f"mission {'completed' if not course.failure() else 'failed: ' + course.failure()}")
+    return course
 
 
-async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -> Course:
+async def _mission(link: Link, lab: LabRecord, course: Course, duration_s: float, out: Output) -> None:
     watch = await SwarmWatch.open(link)
     task = mission_task(lab.experiment)
     if not await watch.until_quiet(QUIET_S):
         out.say("the links are still busy; going on")
-    command_mono_ns = time.monotonic_ns()
-    answer = await link.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
-    before = load.usage(lab)  # not earlier: looking at all processes would delay the command
-    busy_before = host.busy()
+    course.command()
+    try:
+        course.answer = answer = await link.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
+    finally:
+        course.commanded(lab)
     if not answer.accepted:
         reasons = [
             f"{o.platform}: {'; '.join(o.reasons) or 'silent'}" for o in answer.orders if not o.accepted
         ]
         raise SwarmError(f"mission {lab.experiment}: not accepted ({', '.join(reasons)}); expected by all")
-    members = [order.platform for order in answer.orders]
-    out.say(f"mission {answer.mission} accepted by {len(members)} platforms")
-    with Progress(out, "mission", len(members)) as bar:
+    course.accepted(answer)
+    out.say(f"mission {answer.mission} accepted by {len(answer.orders)} platforms")
+    with Progress(out, "mission", len(answer.orders)) as bar:
         notes: list[str] = []
 
         def show(states: Mapping[str, MissionState]) -> None:
@@ -202,12 +191,7 @@ async def _mission(link: Link, lab: LabRecord, duration_s: float, out: Output) -
                 bar.at(done, note)
                 notes.append(note)
 
-        outcome = await watch.until_ended(members, answer.epoch, duration_s, show)
-    end_mono_ns = time.monotonic_ns()
-    after = load.usage(lab)
-    busy = (busy_before, host.busy())
-    out.say(f"mission {'completed' if outcome.completed else 'failed: ' + outcome.failure()}")
-    return Course(command_mono_ns, end_mono_ns, answer, outcome, before, after, busy)
+        course.in_time = await watch.until_ended(course.members, duration_s, show)
 
 
 def phase(states: Mapping[str, MissionState]) -> str:
@@ -231,6 +215,11 @@ def mission_task(name: str) -> MissionTask:
     )
 
 
+def _log_of(node: NodeRecord) -> Path:
+    """Where what a node said is kept, in the report folder."""
+    return Path(LOGS) / node.platform / node.log_file.name
+
+
 def _keep_logs(lab: LabRecord, out_dir: Path) -> None:
     for node in lab.nodes:
         target = out_dir / LOGS / node.platform
@@ -240,37 +229,43 @@ def _keep_logs(lab: LabRecord, out_dir: Path) -> None:
                 shutil.copy2(path, target / path.name)
 
 
-def _facts(lab: LabRecord, wish: Wish, course: Course, started_utc_ns: int, here: Host) -> Facts:
-    percents = {
-        node.platform: load.percent(course.before[node.platform], course.after[node.platform])
-        for node in lab.nodes
-    }
+def _facts(running: RunningLab, wish: Wish, course: Course, started_utc_ns: int, here: Host) -> Facts:
+    lab, answer = running.record, course.answer
+    nodes = tuple(_node_facts(running, course, node) for node in lab.nodes)
+    why = failure(nodes, course.failure())
     return Facts(
         experiment=wish.experiment,
         world=wish.experiment,
         seed=lab.seed,
         net=lab.net,
         version=__version__,
-        host=host.shares(here, *course.busy, percents.values()),
+        host=host.shares(here, *course.busy, [node.cpu_percent for node in nodes]),
         started_utc_ns=started_utc_ns,
         ready_s=lab.ready_s,
         command_mono_ns=course.command_mono_ns,
-        instructed_ns=course.answer.instructed_ns,
+        instructed_ns=answer.instructed_ns if answer else 0,
         end_mono_ns=course.end_mono_ns,
-        completed=course.outcome.completed,
-        failure=course.outcome.failure(),
-        orders=course.answer.orders,
-        nodes=tuple(
-            NodeFacts(
-                platform=node.platform,
-                kind=node.kind,
-                radius_m=RADIUS_M.get(node.kind, 0.0),
-                clock=ClockTruth(node.offset_s, node.drift_ppm),
-                processes=node.processes,
-                outcome=course.outcome.states.get(node.platform, ""),
-                cpu_percent=percents[node.platform],
-                rss_mb=course.after[node.platform].rss_mb,
-            )
-            for node in lab.nodes
-        ),
+        completed=not why,
+        failure=why,
+        orders=answer.orders if answer else (),
+        nodes=nodes,
+    )
+
+
+def _node_facts(running: RunningLab, course: Course, node: NodeRecord) -> NodeFacts:
+    code = running.fallen.get(node.platform)
+    restarts = running.restarts.get(node.platform, Restarts())
+    whole = code is None and not restarts.count  # the processor time of a process goes with it
+    return NodeFacts(
+        platform=node.platform,
+        kind=node.kind,
+        radius_m=RADIUS_M.get(node.kind, 0.0),
+        clock=ClockTruth(node.offset_s, node.drift_ppm),
+        processes=node.processes,
+        outcome=course.outcome.states.get(node.platform, ""),
+        restarts=restarts,
+        ended="" if code is None else how_it_ended(code),
+        log=str(_log_of(node)),
+        cpu_percent=course.percent(node.platform) if whole else None,
+        rss_mb=course.after[node.platform].rss_mb if code is None else None,
     )

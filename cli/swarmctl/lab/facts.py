@@ -1,8 +1,11 @@
 """What a run knows beyond its logs: run.json of a report folder."""
 
+from collections.abc import Iterable
+
 import msgspec
 
 from swarmctl.lab.host import Host
+from swarmctl.lab.notify import Restarts
 from swarmctl.lab.recording import ClockTruth
 from swarmware.types.mission import OrderReceipt
 
@@ -18,6 +21,12 @@ class NodeFacts(msgspec.Struct, frozen=True, kw_only=True):
     processes: str
     outcome: str
     """Newest state of its mission; empty: it had none."""
+    restarts: Restarts = Restarts()
+    """Of its process, by its supervisor."""
+    ended: str = ""
+    """How the whole node ended before the run was over; empty: it did not."""
+    log: str = ""
+    """What its processes said; path in the report folder."""
     cpu_percent: float | None = None
     """Of one core, all processes of the node, from the command to the end."""
     rss_mb: float | None = None
@@ -47,3 +56,16 @@ class Facts(msgspec.Struct, frozen=True, kw_only=True):
     """Why not."""
     orders: tuple[OrderReceipt, ...]
     nodes: tuple[NodeFacts, ...]
+
+    def remarks(self) -> list[str]:
+        """What went wrong, each as a sentence: the failure, then nodes that were restarted."""
+        restarted = [
+            f"node {node.platform}: {node.restarts}; {node.log}" for node in self.nodes if node.restarts.count
+        ]
+        return [*([self.failure] if self.failure else []), *restarted]
+
+
+def failure(nodes: Iterable[NodeFacts], course: str) -> str:
+    """Why a mission was not completed: nodes that ended, else what was seen of its course."""
+    ended = [f"node {node.platform}: ended with {node.ended}; {node.log}" for node in nodes if node.ended]
+    return ", ".join(ended) or course

@@ -58,12 +58,17 @@ def busy() -> Busy:
     return Busy(time.monotonic(), spent)
 
 
-def shares(host: Host, before: Busy, after: Busy, nodes_percent: Iterable[float]) -> Host:
-    """The host with what the nodes and what others used between two instants."""
+def shares(host: Host, before: Busy, after: Busy, nodes_percent: Iterable[float | None]) -> Host:
+    """The host with what the nodes and what others used between two instants, if all nodes are known."""
     elapsed_s = after.mono_s - before.mono_s
+    known: list[float] = []
+    for percent in nodes_percent:
+        if percent is None:
+            return host
+        known.append(percent)
     if elapsed_s <= 0:
         return host
-    nodes = sum(nodes_percent)
+    nodes = sum(known)
     whole = (after.cpu_s - before.cpu_s) / elapsed_s * 100
     return msgspec.structs.replace(host, nodes_percent=nodes, others_percent=max(0.0, whole - nodes))
 

@@ -1,12 +1,29 @@
-"""How nodes say that they are ready: the receiving end of sd_notify, one socket for each node."""
+"""What nodes say of themselves, ready or restarted: the receiving end of sd_notify, a socket for each."""
 
+import re
 import socket
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 _LIMIT: Final = 4096
 """sd_notify messages are one datagram of a few lines."""
+_COUNT_DIGITS: Final = 6
+"""A count of restarts with more digits is none."""
+
+
+class Restarts(msgspec.Struct, frozen=True):
+    """How often a node's supervisor has started its process again, and why."""
+
+    count: int = 0
+    reasons: tuple[str, ...] = ()
+    """How each process before ended, oldest first: `signal 9`, `exit 1`, `gone`."""
+
+    def __str__(self) -> str:
+        times = "once" if self.count == 1 else f"{self.count} times"
+        return f"restarted {times} ({', '.join(self.reasons) or 'no reason given'})"
 
 
 class NotifySocket:
@@ -15,9 +32,11 @@ class NotifySocket:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.ready = False
-        """READY=1 was heard and no RELOADING or STOPPING after it."""
+        """READY=1 was received and no RELOADING, STOPPING or restart after it."""
         self.status = ""
         """Newest STATUS= line."""
+        self.restarts = Restarts()
+        """Of all X_RESTARTS= and X_REASON= lines."""
         with suppress(FileNotFoundError):
             path.unlink()
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
@@ -38,6 +57,7 @@ class NotifySocket:
 
     def take(self, data: bytes) -> None:
         """One message; unknown lines are passed over, as systemd does."""
+        count, reason = 0, ""
         for line in data.decode("utf-8", "replace").splitlines():
             key, _, value = line.partition("=")
             if key == "READY" and value == "1":
@@ -46,6 +66,13 @@ class NotifySocket:
                 self.ready = False
             elif key == "STATUS":
                 self.status = value
+            elif key == "X_RESTARTS" and re.fullmatch(rf"[0-9]{{1,{_COUNT_DIGITS}}}", value):
+                count = int(value)
+            elif key == "X_REASON":
+                reason = value
+        if count > self.restarts.count:
+            self.restarts = Restarts(count, (*self.restarts.reasons, reason))
+            self.ready = False
 
     def close(self) -> None:
         """Nobody listens from here on; senders do not mind."""

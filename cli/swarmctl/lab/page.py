@@ -30,7 +30,7 @@ footer { margin: 3rem 0 1rem; color: #616e7c; font-size: .85rem; }
 
 _NODE_COLUMNS: Final = (
     "node", "mission", "sent kB/s", "heard kB/s", "receipt ms", "slot error m", "clock p95 µs", "CPU %",
-    "RSS MB", "clock offset s", "drift ppm",
+    "RSS MB", "clock offset s", "drift ppm", "restarts",
 )  # fmt: skip
 
 
@@ -82,6 +82,7 @@ def _node(node: NodeFigures) -> str:
         node.rss_mb,
         node.offset_s,
         node.drift_ppm,
+        node.restarts,
     )
     left = "".join(f"<td>{escape(text)}</td>" for text in texts)
     right = "".join(

@@ -5,18 +5,20 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Coroutine
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import msgspec
 
 from swarmctl.lab import processes, record
-from swarmctl.lab.notify import NotifySocket
+from swarmctl.lab.notify import NotifySocket, Restarts
 from swarmctl.lab.processes import MARK, NODE_MARK
 from swarmctl.lab.record import LabRecord, NodeRecord
 from swarmware.config import CONFIG_VARIABLE
 from swarmware.errors import NoAnswer, SwarmError
+
+T = TypeVar("T")
 
 Watcher = Callable[[str, str], None]
 """Told of each change: platform, and `started` or `ready`."""
@@ -69,12 +71,16 @@ class RunningLab:
         self.log_of: Callable[[NodeRecord], Path] = lambda node: node.log_file
         """Where a node's log is found when the lab has ended."""
         self.watcher: Watcher = lambda _platform, _what: None
+        self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
+        """Called with platform and words when its supervisor restarts its process, and when that is ready."""
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._pidfds: dict[str, int] = {}
         self._sockets: dict[str, NotifySocket] = {}
         self._changed = asyncio.Event()
         self.fallen: dict[str, int] = {}
         """Exit codes of nodes that ended; negative: the signal that ended them."""
+        self.restarts: dict[str, Restarts] = {}
+        """Of nodes whose supervisor has started their process again."""
         self.began_mono_ns = 0
         """When the first process was started."""
 
@@ -117,10 +123,26 @@ class RunningLab:
         """Raises: SwarmError with the end of its log when a node has fallen over."""
         for platform, code in self.fallen.items():
             node = self.record.node(platform)
-            how = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise SwarmError(
-                f"node {platform}: ended with {how} ({self.log_of(node)}); expected to run\n{_tail(node)}"
+                f"node {platform}: ended with {how_it_ended(code)} ({self.log_of(node)}); expected to run\n"
+                f"{_tail(node)}"
             )
+
+    async def attended(self, work: Coroutine[Any, Any, T]) -> T:
+        """The work's result, if all nodes run until then.
+
+        Raises: SwarmError with the end of its log as soon as a node has fallen over.
+        """
+        task = asyncio.create_task(work, name="work")
+        fallen = asyncio.create_task(self.until_fallen(), name="fallen")
+        try:
+            await asyncio.wait([task, fallen], return_when=asyncio.FIRST_COMPLETED)
+            self.check()
+            return await task
+        finally:
+            task.cancel()
+            fallen.cancel()
+            await asyncio.gather(task, fallen, return_exceptions=True)
 
     async def until_fallen(self, known: Collection[str] = ()) -> None:
         """Returns when any node has ended besides those already known."""
@@ -132,7 +154,7 @@ class RunningLab:
         heard = NotifySocket(node.notify_path)
         self._sockets[node.platform] = heard
         loop = asyncio.get_running_loop()
-        loop.add_reader(heard.fileno(), self._on_notify, heard)
+        loop.add_reader(heard.fileno(), self._on_notify, node.platform, heard)
         with node.log_file.open("ab") as log:
             child = subprocess.Popen(
                 command(node),
@@ -159,8 +181,15 @@ class RunningLab:
         record.save(self.record)
         return ready_s
 
-    def _on_notify(self, heard: NotifySocket) -> None:
+    def _on_notify(self, platform: str, heard: NotifySocket) -> None:
+        restarts, ready = heard.restarts, heard.ready
         heard.drain()
+        restarted = heard.restarts != restarts
+        if restarted:
+            self.restarts[platform] = heard.restarts
+            self.on_restart(platform, str(heard.restarts))
+        if heard.restarts.count and heard.ready and (restarted or not ready):
+            self.on_restart(platform, "ready again")
         self._changed.set()
 
     def _on_exit(self, platform: str) -> None:
@@ -171,8 +200,13 @@ class RunningLab:
         self._changed.set()
 
     def let_go(self) -> None:
-        """Stops watching; the nodes live on."""
+        """Stops watching; the nodes live on. What has ended or was said until now is known."""
         loop = asyncio.get_running_loop()
+        for platform, heard in self._sockets.items():
+            self._on_notify(platform, heard)
+        for platform in list(self._pidfds):
+            if self._children[platform].poll() is not None:
+                self._on_exit(platform)
         for fd in self._pidfds.values():
             loop.remove_reader(fd)
             os.close(fd)
@@ -192,6 +226,11 @@ class RunningLab:
         """Takes the exit codes of all children; call it when they were ended."""
         for child in self._children.values():
             child.wait()
+
+
+def how_it_ended(code: int) -> str:
+    """An exit code as `subprocess` gives it, in words."""
+    return f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
 def _tail(node: NodeRecord) -> str:

@@ -40,7 +40,8 @@ class NodeFigures(msgspec.Struct, frozen=True, kw_only=True):
     offset_s: float = 0.0
     drift_ppm: float = 0.0
     outcome: str = ""
-    """How its mission ended."""
+    """How its mission ended, or the node."""
+    restarts: int = 0
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):

@@ -69,6 +69,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     Raises: SwarmError when a node falls over or the processor is too slow, NoAnswer when it takes too long.
     """
     lab = running.record
+    running.on_restart = lambda platform, what: out.warn(f"node {platform}: {what}")
     order = plan.start_order([node.platform for node in lab.nodes], lab.seed)
     with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
         running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")
@@ -81,18 +82,10 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
         async with connect(way_in(lab)) as link:
             watch = await SwarmWatch.open(link)
-            known = asyncio.create_task(watch.until_known(vehicles, UP_S, bar.at), name="known")
-            fallen = asyncio.create_task(running.until_fallen(), name="fallen")
             try:
-                await asyncio.wait([known, fallen], return_when=asyncio.FIRST_COMPLETED)
-                running.check()
-                await known
+                await running.attended(watch.until_known(vehicles, UP_S, bar.at))
             except NoAnswer as error:
                 raise NoAnswer(f"{error}; {capacity.describe()}") from error
-            finally:
-                known.cancel()
-                fallen.cancel()
-                await asyncio.gather(known, fallen, return_exceptions=True)
     await capacity.look(running.record, len(order))
     ready_s = running.note_ready()
     out.say(f"{len(lab.nodes)} nodes ready after {ready_s:.1f} s")

@@ -24,8 +24,12 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
     "health/state": HealthState,
 }
 """Boards of each vehicle, besides the mission's, that an operator has before his eyes."""
-ENDED: Final = frozenset({GOOD, "failed", "aborted"})
+LOST: Final = "lost"
+"""No state of a platform's own: it was restarted and does not know the mission any more."""
+ENDED: Final = frozenset({GOOD, "failed", "aborted", LOST})
 """States that a mission does not leave."""
+UNKNOWN: Final = "unknown"
+"""Nothing was seen of the member's mission."""
 LOOK_S: Final = 1.0
 """Longest time without a look at the clock, so that a deadline is kept."""
 
@@ -48,6 +52,37 @@ class Outcome(msgspec.Struct, frozen=True):
             return ""
         bad = [f"{name} {state}" for name, state in sorted(self.states.items()) if state != GOOD]
         return ("out of time: " if not self.in_time else "") + (", ".join(bad) or "nobody took part")
+
+
+class Members:
+    """Who takes part in one mission, and how it goes there."""
+
+    def __init__(self, names: Collection[str], epoch: int) -> None:
+        self._names = tuple(names)
+        self._epoch = epoch
+        self.states: dict[str, MissionState] = {}
+        """Newest of this mission, of those members of which it was seen."""
+
+    def take(self, now: Mapping[str, MissionState]) -> None:
+        """What all platforms say now."""
+        for name in self._names:
+            state, before = now.get(name), self.states.get(name)
+            if state is not None and state.epoch == self._epoch:
+                self.states[name] = state
+            elif state is not None and before is not None and before.state not in ENDED:
+                self.states[name] = msgspec.structs.replace(before, state=LOST, active=())
+
+    def outcome(self, *, in_time: bool) -> Outcome:
+        """As far as it is known."""
+        known = {name: self.states[name].state if name in self.states else UNKNOWN for name in self._names}
+        return Outcome(known, in_time)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the mission is over everywhere."""
+        return self.states.keys() == set(self._names) and all(
+            state.state in ENDED for state in self.states.values()
+        )
 
 
 class SwarmWatch:
@@ -120,26 +155,17 @@ class SwarmWatch:
         return False
 
     async def until_ended(
-        self,
-        members: Collection[str],
-        epoch: int,
-        timeout_s: float,
-        on_change: Callable[[Mapping[str, MissionState]], None],
-    ) -> Outcome:
-        """Returns when the mission of this epoch has ended on all members, or time is up."""
+        self, members: Members, timeout_s: float, on_change: Callable[[Mapping[str, MissionState]], None]
+    ) -> bool:
+        """Returns when the mission has ended on all members; False when time is up."""
         deadline_s = asyncio.get_running_loop().time() + timeout_s
         while True:
-            now = {
-                name: state
-                for name, state in self.states().items()
-                if name in members and state.epoch == epoch
-            }
-            on_change(now)
-            states = {name: now[name].state if name in now else "unknown" for name in members}
-            if all(state in ENDED for state in states.values()):
-                return Outcome(states, True)
+            members.take(self.states())
+            on_change(members.states)
+            if members.ended:
+                return True
             if asyncio.get_running_loop().time() > deadline_s:
-                return Outcome(states, False)
+                return False
             await self._change(self._states)
 
     async def _change(self, boards: BoardSet[Any]) -> None:

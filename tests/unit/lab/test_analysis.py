@@ -9,6 +9,7 @@ import pytest
 from swarmctl.lab import analysis, clocks, wire
 from swarmctl.lab.facts import Facts, NodeFacts
 from swarmctl.lab.host import Host
+from swarmctl.lab.notify import Restarts
 from swarmctl.lab.recording import ClockTruth
 from swarmctl.lab.report import MeanMax, Report
 from swarmctl.lab.scene import Scene
@@ -262,3 +263,24 @@ def test_a_conversion_nobody_measured_and_one_of_a_stranger_have_no_error() -> N
     first, second = published.functions
     unknown = msgspec.structs.replace(first, samples=0), msgspec.structs.replace(second, platform="usv9")
     assert clocks.errors_us("gcs", [msgspec.structs.replace(published, functions=unknown)], CLOCKS) == []
+
+
+def test_a_mission_that_did_not_end_everywhere_lasts_until_the_run_was_broken_off(tmp_path: Path) -> None:
+    write_logs(tmp_path)
+    died = tmp_path / "uav1" / "000001.mcap"
+    died.unlink()
+    log = Log(tmp_path / "x", "uav1")
+    log.add("mission/progress", 2.0, MissionProgress("formation", 77, "", "Mission", "state:running", 0))
+    log.close()
+    (tmp_path / "x" / "uav1" / "000001.mcap").rename(died)
+    nodes = tuple(
+        msgspec.structs.replace(node, ended="signal 9", restarts=Restarts(2), cpu_percent=None, rss_mb=None)
+        if node.platform == "uav1"
+        else node
+        for node in facts().nodes
+    )
+    broken_off = msgspec.structs.replace(facts(), completed=False, failure="node uav1: ended", nodes=nodes)
+    found, scene = analysis.analyse(broken_off, tmp_path)
+    assert found.duration_s == pytest.approx(21.0)
+    (dead,) = [node for node in scene.nodes if node.platform == "uav1"]
+    assert (dead.outcome, dead.restarts) == ("node ended: signal 9", 2)

@@ -6,9 +6,13 @@ import msgspec
 import pytest
 
 from swarmctl.lab import experiment
-from swarmctl.lab.watch import Outcome
+from swarmctl.lab.course import Course
+from swarmctl.lab.facts import NodeFacts, failure
+from swarmctl.lab.notify import Restarts
+from swarmctl.lab.recording import ClockTruth
+from swarmctl.lab.watch import Members, Outcome
 from swarmware.mission.folder import from_files
-from swarmware.types.mission import MissionState
+from swarmware.types.mission import MissionState, OrderReceipt, TaskAnswer
 
 
 def test_an_older_report_goes_and_whatever_else_is_there_stays(tmp_path: Path) -> None:
@@ -57,3 +61,44 @@ def test_the_mission_of_the_experiment_is_sent_with_all_its_files() -> None:
     folder = from_files(task.files, task.name)
     assert folder.manifest.name == "formation"
     assert len(folder.manifest.roles) >= 3
+
+
+def of_epoch(epoch: int, name: str) -> MissionState:
+    return MissionState(epoch, "", name, active=("form",))
+
+
+def test_a_member_that_was_restarted_has_lost_its_mission_and_nobody_waits_for_it() -> None:
+    members = Members(["a", "b", "c"], 7)
+    members.take({"a": of_epoch(0, "idle"), "b": of_epoch(7, "running")})
+    assert members.outcome(in_time=True).states == {"a": "unknown", "b": "running", "c": "unknown"}
+    members.take({"a": of_epoch(7, "running"), "b": of_epoch(7, "done"), "c": of_epoch(7, "aborted")})
+    assert members.outcome(in_time=True).states["a"] == "running"
+    members.take({"a": of_epoch(0, "idle"), "b": of_epoch(0, "idle"), "z": of_epoch(7, "running")})
+    assert members.ended
+    assert members.outcome(in_time=True).failure() == "a lost, c aborted", "what was done stays done"
+    assert experiment.phase(members.states) == "3 of 3 ended"
+
+
+def node_facts(platform: str, *, ended: str = "", reasons: tuple[str, ...] = ()) -> NodeFacts:
+    return NodeFacts(
+        platform=platform, kind="uav", radius_m=0.3, clock=ClockTruth(0, 0), processes="one", outcome="",
+        ended=ended, restarts=Restarts(len(reasons), reasons), log=f"logs/{platform}/log.txt",
+    )  # fmt: skip
+
+
+def test_the_failure_names_the_nodes_that_ended_with_their_logs_before_what_followed_from_it() -> None:
+    nodes = [node_facts("a", ended="signal 9"), node_facts("b", reasons=("exit 1",))]
+    assert failure(nodes, "out of time") == "node a: ended with signal 9; logs/a/log.txt"
+    assert failure(nodes[1:], "out of time") == "out of time"
+    assert failure(nodes[1:], "") == ""
+
+
+def test_a_course_that_breaks_off_says_how_far_it_came() -> None:
+    course = Course()
+    orders = tuple(OrderReceipt("formation", 7, name, "r", 0, 0, 0, True) for name in ("a", "b"))
+    course.accepted(TaskAnswer("formation", "", 7, True, orders))
+    course.members.take({"a": of_epoch(7, "running")})
+    assert course.failure() == "a running, b unknown"
+    course.error = "no answer"
+    assert course.failure() == "no answer"
+    assert course.percent("a") is None

@@ -23,6 +23,8 @@ def test_what_the_nodes_did_not_use_was_used_by_others() -> None:
     assert found.nodes_percent == pytest.approx(100)
     assert found.others_percent == pytest.approx(50)
     assert host.shares(Host(cores=2), Busy(10, 100), Busy(10, 100), [1.0]) == Host(cores=2)
+    some = host.shares(Host(cores=2), Busy(10, 100), Busy(20, 115), [40.0, None])
+    assert some == Host(cores=2), "what others used cannot be known without all nodes"
 
 
 def test_a_missed_goal_is_read_beside_the_load() -> None:

@@ -3,7 +3,7 @@
 import socket
 from pathlib import Path
 
-from swarmctl.lab.notify import NotifySocket
+from swarmctl.lab.notify import NotifySocket, Restarts
 
 
 def say(path: Path, *messages: bytes) -> None:
@@ -48,3 +48,18 @@ def test_a_stale_socket_file_is_replaced(tmp_path: Path) -> None:
     assert second.ready
     first.close()
     second.close()
+
+
+def test_restarts_are_counted_with_their_reasons_and_the_node_is_not_ready_meanwhile(tmp_path: Path) -> None:
+    heard = NotifySocket(tmp_path / "n")
+    try:
+        heard.take(b"READY=1")
+        heard.take(b"STATUS=restart 1: signal 9\nX_RESTARTS=1\nX_REASON=signal 9")
+        assert (heard.ready, heard.restarts) == (False, Restarts(1, ("signal 9",)))
+        heard.take(b"READY=1")
+        heard.take(b"X_RESTARTS=2\nX_REASON=exit 1")
+        for nonsense in (b"many", b"-3", b"9" * 4000, "٣".encode(), b""):
+            heard.take(b"X_RESTARTS=" + nonsense)
+        assert str(heard.restarts) == "restarted 2 times (signal 9, exit 1)"
+    finally:
+        heard.close()

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from swarmctl.lab import processes, record, running
+from swarmctl.lab.notify import Restarts
 from swarmctl.lab.record import LabRecord, NodeRecord
 from swarmctl.lab.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
@@ -16,6 +17,13 @@ READY = """
 import os, signal, socket
 with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s:
     s.sendto(b"READY=1", os.environ["NOTIFY_SOCKET"])
+signal.pause()
+"""
+RESTARTS = """
+import os, signal, socket
+with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s:
+    for word in ({words}):
+        s.sendto(word, os.environ["NOTIFY_SOCKET"])
 signal.pause()
 """
 FALLS = "import sys; sys.exit('no such world')"
@@ -137,3 +145,41 @@ def test_a_node_gets_no_options_of_the_operator(tmp_path: Path, monkeypatch: pyt
     assert not [name for name in environment if name.startswith("SWARMCTL_") or name == "WATCHDOG_USEC"]
     assert environment[processes.MARK] == str(tmp_path)
     assert environment["NOTIFY_SOCKET"] == str(tmp_path / "a" / "notify")
+
+
+def test_a_restart_by_the_supervisor_is_announced_and_kept(
+    tmp_path: Path, node_program: dict[str, str]
+) -> None:
+    word = r'b"X_RESTARTS=1\nX_REASON=signal 9", b"READY=1"'
+    node_program["a"] = RESTARTS.format(words=word)
+    rig = RunningLab(lab(tmp_path, ["a"]))
+    seen: list[tuple[str, str]] = []
+    rig.on_restart = lambda platform, what: seen.append((platform, what))
+    asyncio.run(start(rig, ["a"]))
+    assert seen == [("a", "restarted once (signal 9)"), ("a", "ready again")]
+    assert rig.restarts == {"a": Restarts(1, ("signal 9",))}
+    assert rig.fallen == {}
+
+
+def test_work_goes_on_while_all_nodes_run_and_ends_with_the_first_that_does_not(
+    tmp_path: Path, node_program: dict[str, str]
+) -> None:
+    node_program.update({"a": READY, "b": READY})
+
+    async def work(rig: RunningLab) -> str:
+        assert await rig.attended(asyncio.sleep(0, "done")) == "done"
+        rig.record.node("b").identity.send(signal.SIGKILL)
+        return str(await rig.attended(asyncio.Event().wait()))
+
+    async def main() -> None:
+        rig = RunningLab(lab(tmp_path, ["a", "b"]))
+        try:
+            await rig.start(["a", "b"], 20)
+            await work(rig)
+        finally:
+            rig.let_go()
+            processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
+            rig.collect()
+
+    with pytest.raises(SwarmError, match="node b: ended with signal 9"):
+        asyncio.run(main())

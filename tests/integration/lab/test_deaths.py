@@ -1,0 +1,129 @@
+"""Nodes of a lab that die: restarted by their supervisors, or reported with their logs."""
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.integration.swarm.swarm import PATIENCE_S
+
+from swarmctl.lab import processes, record
+from swarmctl.lab.facts import Facts
+from swarmctl.lab.notify import Restarts
+from swarmctl.lab.processes import NODE_MARK, Identity
+from swarmctl.lab.record import LabRecord, NodeRecord
+from swarmware.errors import SwarmError
+from swarmware.module import Module
+from swarmware.types.net import Routes
+from swarmware.types.rpc import Empty
+from swarmware.types.system import NodeInfo
+
+
+def child_of(node: NodeRecord) -> Identity:
+    """The process with the services of a one-process node."""
+    (child,) = [who for who in processes.marked(node.folder, NODE_MARK) if who != node.identity]
+    return child
+
+
+def kill(*victims: Identity) -> None:
+    for victim in victims:
+        victim.send(signal.SIGKILL)
+    assert processes.wait_gone(victims, PATIENCE_S) == []
+
+
+def kill_whole(node: NodeRecord) -> None:
+    """The supervisor first: nobody is left to start anything."""
+    kill(node.identity)
+    kill(*processes.marked(node.folder, NODE_MARK))
+
+
+def until(lines: Iterator[str], word: str, seen: list[str]) -> None:
+    """Reads on to the line with this word."""
+    for line in lines:
+        seen.append(line)
+        if word in line:
+            return
+    raise AssertionError(f"no {word!r} in: {''.join(seen)}")
+
+
+def command(*words: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "swarmctl", "lab", *words],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+        start_new_session=True,
+    )
+
+
+async def answer(lab: LabRecord, platform: str) -> NodeInfo:
+    """What the node says of itself, asked from the ground station as soon as there is a way."""
+    async with Module("probe", config_dir=lab.station.config_dir) as module, asyncio.timeout(PATIENCE_S):
+        routes = await module.reader("net/routes", Routes)
+        while True:
+            try:
+                return await module.request(f"/{platform}/sys/node/info", Empty(), NodeInfo, timeout_s=1)
+            except SwarmError:
+                await routes.changed()  # written once a second, and when the way there changes
+
+
+def test_the_process_of_a_node_that_was_killed_is_back_and_answers(
+    labs: Path, nothing_remains: Callable[[LabRecord], None]
+) -> None:
+    foreground = command("up", "formation", "--nodes", "3")
+    assert foreground.stderr is not None
+    with foreground.stderr as talk:
+        seen: list[str] = []
+        until(talk, "Ctrl-C ends it", seen)
+        lab = record.find()
+        dead = child_of(lab.node("uav1"))
+        kill(dead)
+        until(talk, "node uav1: restarted once (signal 9)", seen)
+        until(talk, "node uav1: ready again", seen)
+        assert child_of(lab.node("uav1")) != dead
+        assert asyncio.run(answer(lab, "uav1")).platform == "uav1"
+        foreground.send_signal(signal.SIGINT)
+        talk.read()
+    assert foreground.wait(30) == 130
+    nothing_remains(lab)
+
+
+@pytest.mark.slow
+def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
+    labs: Path, tmp_path: Path, nothing_remains: Callable[[LabRecord], None]
+) -> None:
+    out = tmp_path / "report"
+    run = command("run", "formation", "--nodes", "3", "--out", str(out))
+    assert run.stderr is not None
+    with run.stderr as talk:
+        seen: list[str] = []
+        until(talk, "accepted by 3 platforms", seen)
+        lab = record.find()
+        kill(child_of(lab.node("ugv1")))
+        until(talk, "node ugv1: restarted once (signal 9)", seen)
+        kill_whole(lab.node("uav1"))
+        seen.append(talk.read())
+    assert run.wait(60) == 1, "".join(seen)
+    nothing_remains(lab)
+
+    facts = msgspec.json.decode((out / "run.json").read_bytes(), type=Facts)
+    nodes = {node.platform: node for node in facts.nodes}
+    assert not facts.completed
+    assert facts.failure == "node uav1: ended with signal 9; logs/uav1/log.txt"
+    assert [nodes[name].ended for name in ("gcs", "ugv1", "uav1")] == ["", "", "signal 9"]
+    assert nodes["ugv1"].restarts == Restarts(1, ("signal 9",))
+    assert json.loads((out / "report.json").read_text())["completed"] is False
+    page = (out / "report.html").read_text()
+    for words in (facts.failure, "node ugv1: restarted once (signal 9); logs/ugv1/log.txt"):
+        assert words in "".join(seen)
+        assert words in page
+    for node in facts.nodes:
+        assert (out / node.log).read_text().strip(), f"{node.log}: the log that is named lies there"
+        assert list((out / node.log).parent.glob("*.mcap"))
