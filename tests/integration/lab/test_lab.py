@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import record
+from swarmctl.lab import processes, record
 from swarmctl.lab.record import LabRecord
 
 Done = subprocess.CompletedProcess[str]
@@ -56,6 +56,8 @@ def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) 
     assert "mine" in refused.stderr
     for node in lab.nodes:
         node.identity.send(signal.SIGKILL)
+    for process in processes.marked(lab.mark):  # what a node's parent had started outlives it
+        process.send(signal.SIGKILL)
     ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach")
     assert record.find("mine").created_utc_ns > lab.created_utc_ns
 
