@@ -240,8 +240,9 @@ def _client(uri: str, **options: Any) -> MongoClient[Any]:
 
 def _wrong_uri(uri: str, error: Exception) -> str:
     secret = password_in(uri)
-    text = str(error).replace(secret, "***") if secret else str(error)
-    return f"mongodb_uri {without_password(uri)!r}: {text}; expected mongodb://host:port"
+    shown = without_password(uri).partition("?")[0]  # options may be secrets, too
+    text = f"mongodb_uri {shown!r}: {error}"
+    return f"{text.replace(secret, '***') if secret else text}; expected mongodb://host:port"
 
 
 def to_filter(query: Query) -> dict[str, Any]:
