@@ -26,6 +26,8 @@ class Publication:
         self._ring = RingWriter(path, slots=slots, slot_bytes=slot_bytes, mode=mode)
         self._heritage: Heritage | None = None
         """Of a damaged ring that could not be replaced yet."""
+        self._newest: bytes | None = None
+        """The newest frame of this process; None: it was a loan, or there was none yet."""
         self._bells = Bells(readers_folder(path), pulls)
         self._bells.ring()  # readers may have been waiting for a writer to come
 
@@ -41,6 +43,7 @@ class Publication:
         if len(data) > self._ring.slot_bytes:
             self._grow(len(data))
         sequence = self._ring.write(data)
+        self._newest = data
         self._bells.ring()
         return sequence
 
@@ -55,6 +58,7 @@ class Publication:
     def publish_loan(self) -> int:
         """Publish the frame on loan and wake the readers."""
         sequence = self._ring.publish()
+        self._newest = None
         self._bells.ring()
         return sequence
 
@@ -74,6 +78,8 @@ class Publication:
     def tend(self) -> bool:
         """Replaces the ring if somebody has damaged or removed its file; True: it was.
 
+        The newest frame is in the new file under its old sequence: who writes only changes would not
+        write it again, and who has read it does not get it twice.
         Raises: as the constructor; it is then tried again with the next frame.
         """
         if self._heritage is None:
@@ -84,13 +90,15 @@ class Publication:
         return True
 
     def _replace(self) -> None:
+        heritage, newest = self._heritage, self._newest
+        if heritage is not None and newest is not None:
+            lineage, sequence = heritage
+            heritage = (lineage, sequence - 1)
         self._ring = RingWriter(
-            self.path,
-            slots=self._slots,
-            slot_bytes=self._ring.slot_bytes,
-            mode=self._mode,
-            heritage=self._heritage,
+            self.path, slots=self._slots, slot_bytes=self._ring.slot_bytes, mode=self._mode, heritage=heritage
         )
+        if newest is not None:
+            self._ring.write(newest)
         self._heritage = None
         self._bells.ring()
 

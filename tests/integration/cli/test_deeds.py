@@ -143,6 +143,31 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
         pass
 
 
+def test_the_fault_of_a_lost_vehicle_is_ended_by_hand(lab: Lab, ctl: Ctl) -> None:
+    clear = "health clear platform/uav2 -n gcs"
+    lab.signal("uav2", signal.SIGSTOP)
+    try:
+        while "platform/uav2" not in ctl("health faults -n gcs").out:
+            pass
+        asked = ctl(clear)
+        assert (asked.code, asked.out) == (2, "")
+        assert "clear the faults that match platform/uav2: expected --yes" in asked.err
+        done = ctl(f"{clear} --yes --json")
+        assert done.code == 0, done.err
+        (fault,) = done.document["faults"]
+        assert (fault["check"], fault["state"]) == ("platform/uav2", "lost")
+        assert "gcs: platform/uav2: lost cleared" in done.err
+        assert "platform/uav2" not in ctl("health faults -n gcs").out
+        assert "platform/uav2" in ctl("health faults -n gcs --cleared").out
+        again = ctl(f"{clear} --yes")
+        assert again.code == 6
+        assert "gcs: no fault matches platform/uav2" in again.err
+    finally:
+        lab.signal("uav2", signal.SIGCONT)
+    while ctl("link ls -n uav2 --timeout 1").code:
+        pass
+
+
 def test_a_mission_is_started_watched_and_aborted(lab: Lab, ctl: Ctl) -> None:
     ctl("node ls")
     with lab.started("mission start formation --yes --watch --json") as started:

@@ -1,7 +1,7 @@
 """Kills daemons of a node together, or damages what they share, again and again; seconds until it is whole.
 
 `python -m tests.integration.guard.kills --count 200 --seed 7` prints the distribution; exit code 1 when a
-trial took longer than the limit, or the node did not come back.
+trial took longer than the limit, or the node did not come back. The log of a slow trial is printed.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from swarmware.appfile import AppEntry, scan
 from swarmware.errors import NoAnswer, NotFound, WireError
 from swarmware.module import Module
 from swarmware.shm.ring import RingReader
-from swarmware.testing import make_node, spawn
+from swarmware.testing import Process, make_node, spawn
 from swarmware.types.health import GuardStatus
 from swarmware.types.system import AppStatus
 
@@ -159,14 +159,14 @@ def unreadable(root: Path) -> set[str]:
 
 
 @asynccontextmanager
-async def node(root: Path) -> AsyncIterator[Path]:
-    """All daemons, a process each; its configuration folder."""
+async def node(root: Path) -> AsyncIterator[tuple[Path, Process]]:
+    """All daemons, a process each; its configuration folder, and the parent of its processes."""
     config = make_node(root, services={name: {} for name in SERVICES}, processes="per-daemon")
-    async with spawn(config, ready_s=PATIENCE_S):
+    async with spawn(config, ready_s=PATIENCE_S) as parent:
         await whole(root, config, time.monotonic())
         with (root / "uav1/run/apps/planner#1.toml").open("w") as held:
             fcntl.flock(held, fcntl.LOCK_EX)  # an application that lives; what its file says comes later
-            yield config
+            yield config, parent
 
 
 async def whole(root: Path, config: Path, began_s: float, killed: frozenset[int] = frozenset()) -> float:
@@ -203,14 +203,17 @@ async def run(root: Path, trials: list[Trial], seed: int, say: Callable[[str], N
     """Each trial on the same node; the seconds it took."""
     chance = random.Random(seed)
     took: list[float] = []
-    async with node(root) as config:
+    async with node(root) as (config, parent):
         for trial in trials:
+            said = len(parent.stderr())
             began_s = time.monotonic()
             harm = trial(root, chance)
             if not harm.killed:
                 await asyncio.sleep(BEAT_S)  # what is to die of a damage dies when it looks at it
             took.append(await whole(root, config, began_s, harm.killed))
             say(f"{took[-1]:6.2f} s  {harm.what}")
+            if took[-1] > LIMIT_S:
+                say(parent.stderr()[said:])
     return took
 
 

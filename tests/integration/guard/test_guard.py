@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.integration.swarm.starts import Starts
 
 from swarmware.appfile import AppEntry, scan
 from swarmware.errors import NotFound, SwarmError
@@ -81,12 +82,11 @@ async def guarded(root: Path, **services: Any) -> AsyncIterator[Path]:
 
 async def test_each_service_that_is_killed_is_back_while_its_boards_stay_readable(tmp_path: Path) -> None:
     run_dir = tmp_path / "uav1/run"
+    starts = Starts(tmp_path)
     async with guarded(tmp_path) as config:
-        began_s = time.monotonic()
-        async with spawn(make_node(tmp_path, "uav2", services={"timesync": {}}), "timesync"):
-            started_s = time.monotonic() - began_s  # what a start costs on this machine now
         took_s: dict[str, float] = {}
         for name in ("register", "timesync", "hal", "sim", "health", "guard"):
+            await starts.measure()
             async with Module("probe", config_dir=config) as module:
                 board = await module.reader(f"app/{name}/status", AppStatus)
                 restarts = await module.stream_reader("guard/restarts", WatchedService)
@@ -103,8 +103,8 @@ async def test_each_service_that_is_killed_is_back_while_its_boards_stay_readabl
                 if name != "guard":
                     told = await restarts.next(timeout_s=PATIENCE_S)
                     assert (told.name, told.reason) == (name, "died: signal 9")
-        slow = {name: took for name, took in took_s.items() if took >= max(1.0, 2 * started_s)}
-        assert len(slow) <= 1, (took_s, started_s)  # one may fall on a busy moment of the machine
+    print(starts.report(took_s))
+    assert starts.late(took_s) == [], starts.report(took_s)
 
 
 async def test_a_guard_that_is_killed_twice_adopts_what_runs_and_goes_on_restarting(tmp_path: Path) -> None:

@@ -67,6 +67,31 @@ def test_a_damaged_ring_is_replaced_and_its_sequence_goes_on(
         assert reader.lost == 0
 
 
+@pytest.mark.parametrize("harm", [cut, grow, garble, swap, mark, Path.unlink])
+def test_the_newest_frame_is_in_the_new_file_and_nobody_gets_it_twice(
+    publication: Publication, harm: Callable[[Path], None]
+) -> None:
+    publication.publish(b"one")
+    publication.publish(b"two")
+    harm(publication.path)
+    publication.tend()
+    with RingReader(publication.path, after=0) as late, RingReader(publication.path, after=2) as early:
+        assert (late.newest(), late.sequence) == (b"two", 2)
+        assert early.next() is None
+
+
+def test_a_frame_that_was_lent_is_not_written_again(publication: Publication) -> None:
+    publication.publish(b"one")
+    publication.loan(3)[:] = b"two"
+    publication.publish_loan()
+    publication.path.unlink()
+    publication.tend()
+    with RingReader(publication.path, after=2) as reader:
+        assert reader.newest() is None
+        assert publication.publish(b"three") == 3
+        assert reader.next() == b"three"
+
+
 @pytest.mark.parametrize("harm", [grow, swap, mark, Path.unlink])
 def test_a_reader_of_the_old_file_is_sent_to_the_new_one(
     publication: Publication, harm: Callable[[Path], None]
