@@ -248,7 +248,7 @@ class Mission(Service):
 
     def _hear(self, platforms: Iterable[str]) -> list[Action]:
         """Takes in the newest states of these platforms."""
-        actions: list[Action] = []
+        states: list[tuple[str, MissionState, tuple[Meeting, ...]]] = []
         now_ns = self.module.now_ns()
         for platform in platforms:
             reader = self._others[platform]
@@ -257,8 +257,8 @@ class Mission(Service):
                 # a board may be what a platform that is long away said last
                 self._census.heard(platform, state, now_ns - round(max(reader.age_s or 0.0, 0.0) * 1e9))
                 meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
-                actions += self._core.heard(platform, state, meetings, now_ns)
-        return actions
+                states.append((platform, state, meetings))
+        return self._core.heard_all(states, now_ns)
 
     def _local(self, meeting: Meeting, meta: Meta, now_ns: int) -> Meeting:
         """The meeting on this platform's clock."""

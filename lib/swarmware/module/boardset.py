@@ -50,7 +50,8 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
                 self._readers[name] = self._open(f"/{name}/{self._local}")
 
     def __getitem__(self, platform: str) -> BoardReader[T]:
-        self._refresh()
+        if platform not in self._readers:
+            self._refresh()
         return self._readers[platform]
 
     def __iter__(self) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """One member of an ensemble: order, common start, play, failure, built-in missions, state for all to see."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import count
 from typing import Final, Literal
 
@@ -159,9 +159,16 @@ class MissionCore:
         self, platform: str, state: MissionState, meetings: tuple[Meeting, ...], now_ns: int
     ) -> list[Action]:
         """Another platform's state; its meetings on this platform's clock."""
+        return self.heard_all([(platform, state, meetings)], now_ns)
+
+    def heard_all(
+        self, states: Iterable[tuple[str, MissionState, tuple[Meeting, ...]]], now_ns: int
+    ) -> list[Action]:
+        """States of several platforms that are known at the same instant."""
         actions: list[Action] = []
         if self._barriers is not None:
-            self._barriers.heard(platform, state, meetings, now_ns)
+            for platform, state, meetings in states:
+                self._barriers.heard(platform, state, meetings, now_ns)
             self._settle(now_ns, actions)
         return actions
 
