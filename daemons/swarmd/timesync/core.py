@@ -1,9 +1,15 @@
 """All clocks of the swarm as seen from here: measured where heard, composed where not."""
 
+from typing import Final
+
 import msgspec
 
 from swarmd.timesync.peer import Exchange, Peer
 from swarmware.types.time import FUNCTIONS_LIMIT, HOPS_LIMIT, Conversion, TimeFunctions
+
+MEASURED_NS: Final = 10_000_000_000
+"""A unit whose packets came within this time is measured here, whatever a partner states of it: a partner's
+function of its first seconds has a rate that is hardly known, and is not renewed."""
 
 
 class Publish(msgspec.Struct, frozen=True):
@@ -168,12 +174,21 @@ class TimeCore:
         }
         for function in self._composed(now_ns):
             known = best.get(function.hardware)
+            # what a partner stated once is never as good as packets that still come
+            if self._is_measured(function.hardware, now_ns):
+                continue
             if known is None or _better(function, known, now_ns):
                 best[function.hardware] = function
         chosen = sorted(best.values(), key=lambda function: function.bound_at_ns(now_ns))[: self._limit]
         chosen.sort(key=lambda function: (function.platform, function.unit))
         platform, unit, _, boot_id = self._me
         return TimeFunctions(platform, unit, boot_id, now_ns, tuple(chosen))
+
+    def _is_measured(self, hardware: int, now_ns: int) -> bool:
+        peer = self._peers.get(hardware)
+        if peer is None or peer.conversion is None or not peer.conversion.samples or peer.heard_ns is None:
+            return False
+        return now_ns - peer.heard_ns <= MEASURED_NS
 
     def heard_since(self, since_ns: int) -> set[str]:
         """Platforms measured directly, the last time not before that."""

@@ -134,6 +134,19 @@ def test_a_measured_function_is_preferred_to_a_composed_one() -> None:
     assert near.hops == 1
 
 
+def test_what_a_partner_states_does_not_outlast_packets_that_come() -> None:
+    timer = core()
+    wide = Exchange(SECOND, -9 * DELAY, SECOND - 50_000_000, 9 * DELAY)
+    run(timer, heard(SECOND), Heard("uav9", "main", 9, 5, wide))
+    timer.on_functions(told(2, msgspec.structs.replace(function(9), bound_ns=1)), SECOND)
+    near = timer.functions(SECOND).of("uav9")
+    assert near is not None
+    assert near.hops == 1, "though the partner states a smaller bound"
+    later = timer.functions(SECOND + 11 * SECOND).of("uav9")
+    assert later is not None
+    assert later.hops == 2, "nothing has come from it for long"
+
+
 def test_a_partner_gives_the_first_value_where_nothing_was_echoed_yet() -> None:
     timer = core()
     timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)))
