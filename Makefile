@@ -7,7 +7,7 @@ RUN := $(BIN)/python -m
 LAB_ARGS ?= --nodes 16
 REPORT ?= report
 
-.PHONY: lab test check bench docs wheel boot-test clean
+.PHONY: lab test lint check bench figures docs wheel boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -16,15 +16,21 @@ test: $(VENV)/.test ## all tests; what computes shares the cores, what has real 
 	$(RUN) pytest -q -n auto tests/unit tests/architecture tests/simulation
 	$(RUN) pytest -q tests/integration
 
-check: $(VENV)/.test ## the fast part: style, types, layering, unit and architecture tests
+lint: $(VENV)/.test ## style, types, layering
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy lib daemons cli tests share/swarm/examples share/doc/generate.py
 	$(BIN)/lint-imports --no-cache
+
+check: lint ## the fast part: lint, unit and architecture tests
 	$(RUN) pytest -q -n auto tests/unit tests/architecture
 
 bench: $(VENV)/.bench ## measures; ratios in one run
 	for file in tests/bench/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
+
+figures: $(VENV)/.test ## runs the experiment on this machine and takes its figures into the README
+	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
+	$(BIN)/python share/doc/generate.py $(REPORT)
 
 docs: $(VENV)/.test ## writes the generated part of share/doc
 	$(BIN)/python share/doc/generate.py

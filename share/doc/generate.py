@@ -1,14 +1,27 @@
-"""Writes the part of the documentation that follows from the code: `make docs`."""
+"""Writes the part of the documentation that follows from the code and from a measured run: `make docs`.
 
+With the folder of a report (`make figures`) that run is the one whose figures and paths the README shows.
+"""
+
+import re
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import click
+import msgspec
 
+from swarmctl.lab import report
 from swarmctl.main import cli
 
 HERE = Path(__file__).parent
+README = HERE.parent.parent / "README.md"
+MEASURED = HERE / "formation-16.json"
+"""The report.json of the run that the README shows."""
+PICTURE = HERE / "paths.png"
+
+_FIGURES = re.compile(r"(<!-- figures: [^>]*-->\n)(.*?)(<!-- end of figures -->)", re.DOTALL)
 
 _HEAD = """# swarmctl
 
@@ -84,23 +97,28 @@ def cli_page() -> str:
     return "".join(out)
 
 
-PAGES = {"cli.md": cli_page}
+def readme() -> str:
+    """The README with the table of the measured run."""
+    found = msgspec.json.decode(MEASURED.read_bytes(), type=report.Report)
+    table = f"\n{report.markdown(found)}\nMeasured on {found.host.summary()}.\n\n"
+    return _FIGURES.sub(lambda block: block[1] + table + block[3], README.read_text())
 
 
-def main() -> int:
-    """Writes the pages; with --check only says whether they are up to date."""
-    stale = [
-        name
-        for name, make in PAGES.items()
-        if not (HERE / name).exists() or (HERE / name).read_text() != make()
-    ]
-    if "--check" in sys.argv:
-        return 1 if stale else 0
-    for name in stale:
-        (HERE / name).write_text(PAGES[name]())
-        sys.stdout.write(f"share/doc/{name}\n")
+PAGES = {HERE / "cli.md": cli_page, README: readme}
+
+
+def main(folder: str = "") -> int:
+    """Writes the pages; with a report's folder that report is taken over first."""
+    if folder:
+        shutil.copyfile(Path(folder) / "report.json", MEASURED)
+        shutil.copyfile(Path(folder) / "paths.png", PICTURE)
+    for path, make in PAGES.items():
+        text = make()
+        if not path.exists() or path.read_text() != text:
+            path.write_text(text)
+            sys.stdout.write(f"{path}\n")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*sys.argv[1:2]))

@@ -58,6 +58,12 @@ def test_every_option_says_what_it_does(words: str) -> None:
         assert option.help or option.name == "help", f"{words} {option.opts}"
 
 
+def test_the_figures_of_the_readme_are_those_of_the_measured_run() -> None:
+    made = generator().readme()
+    assert "| command to receipt | 11.95 ms |" in made
+    assert (ROOT / "README.md").read_text() == made, "run `make docs`"
+
+
 def test_the_page_of_commands_is_up_to_date() -> None:
     page = ROOT / "share/doc/cli.md"
     assert page.exists(), "run `make docs`"

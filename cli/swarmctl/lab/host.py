@@ -47,7 +47,7 @@ class Busy(msgspec.Struct, frozen=True):
 
 def describe() -> Host:
     """This computer before a run."""
-    return Host(processor(), os.cpu_count() or 1, platform.release(), os.getloadavg()[0])
+    return Host(processor(), os.cpu_count() or 1, platform.release().partition("-")[0], os.getloadavg()[0])
 
 
 def busy() -> Busy:
