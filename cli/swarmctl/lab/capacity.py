@@ -14,7 +14,7 @@ from swarmware.errors import SwarmError
 FIRST: Final = 8
 """Nodes whose processor time is measured before the others are started."""
 CERTAIN_PER_CORE: Final = 8
-"""Up to so many nodes for each core nothing is measured; sixteen leave a third of two cores free."""
+"""Up to so many nodes for each core nothing is measured; sixteen used about 1.5 of two cores."""
 SAMPLE_S: Final = 2.0
 FULL: Final = 0.93
 """Share of all cores that the nodes may take: above it their event loops are late and links fall."""
