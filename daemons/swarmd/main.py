@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 
 from swarmware import __version__
@@ -90,23 +89,16 @@ def _run(config_dir: Path, names: list[str]) -> int:
 
 
 def _node(config_dir: Path) -> int:
-    from swarmd.parent import Parent
+    from swarmd.parent import become
     from swarmware.config import load_node
     from swarmware.errors import ConfigError
-    from swarmware.service.births import GUARD, launch, settled, spawn_missing
-    from swarmware.service.lives import Lives
+    from swarmware.service.births import GUARD
 
     node = load_node(config_dir)
     services = list(node.services)
-    if node.processes == "one":
-        start = partial(launch, services, config_dir, speaks=True)
-        return Parent(start, node.platform, shared=False, lives=Lives()).run()
-    if GUARD not in services:
+    shared = node.processes == "per-daemon"
+    if shared and GUARD not in services:
         raise ConfigError(
             f'{config_dir}/node.toml: processes = "per-daemon" needs the guard, which starts the others'
         )
-    start = partial(spawn_missing, GUARD, config_dir, node.run_path)
-    try:
-        return Parent(start, node.platform, shared=True, lives=Lives()).run()
-    finally:
-        settled(GUARD, node.run_path)
+    become(node.platform, config_dir, node.run_path, services, shared=shared)

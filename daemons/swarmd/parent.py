@@ -1,8 +1,12 @@
 """The parent of a node's processes: small, outside of shared memory, there to start the node again.
 
+It lives as long as the node, so it imports only what it needs to start, to listen and to signal; whoever has
+loaded more (`swarmd node` has read the configuration) makes room for it with `become`.
 With `processes = "one"` its child runs all services, with "per-daemon" the guard, which starts the others.
 A guard that another daemon has started is taken for its own as soon as it speaks.
 """
+
+from __future__ import annotations
 
 import os
 import select
@@ -11,14 +15,18 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from typing import Final
 
 from swarmware.errors import SwarmError
-from swarmware.service.births import BEAT_S, NODE_SOCKET
+from swarmware.service.births import BEAT_S, GUARD, NODE_SOCKET, launch, settled, spawn_missing
 from swarmware.service.lives import Lives
 from swarmware.service.notify import Notifier
+
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Final, NoReturn
 
 HUNG_S: Final = 15.0
 """A process without a sign of life for so long is killed; an event loop gives one every few seconds."""
@@ -30,6 +38,32 @@ RECEIVE_BYTES: Final = 4096
 _CREDENTIALS: Final = struct.Struct("3i")
 """pid, uid, gid. Source: unix(7), SCM_CREDENTIALS."""
 _NS: Final = 1_000_000_000
+_ENTRY: Final = "import sys; from swarmd.parent import main; sys.exit(main(sys.argv[1:]))"
+"""Half a megabyte less than `-m swarmd.parent`, whose runpy stays loaded."""
+
+
+def become(platform: str, config_dir: Path, run_dir: Path, services: list[str], *, shared: bool) -> NoReturn:
+    """This process becomes the parent of a node: same pid, same environment, an empty interpreter.
+
+    `shared`: one process per daemon; the parent starts the guard, which starts the others.
+    """
+    words = ["node", platform, str(config_dir), str(run_dir) if shared else "", *services]
+    os.execv(sys.executable, [sys.executable, "-c", _ENTRY, *words])
+
+
+def main(words: list[str]) -> int:
+    """The words of `become`; the exit code of the node."""
+    _, platform, config_dir, run_dir, *services = words
+    if not run_dir:
+        return Parent(
+            lambda: launch(services, config_dir, speaks=True), platform, shared=False, lives=Lives()
+        ).run()
+    try:
+        return Parent(
+            lambda: spawn_missing(GUARD, config_dir, run_dir), platform, shared=True, lives=Lives()
+        ).run()
+    finally:
+        settled(GUARD, run_dir)
 
 
 class Words:

@@ -14,10 +14,12 @@ variable SWARM_CONFIG, else /etc/swarm. `swarmd` and `swarmctl` read the same va
 
 # lazy public names only, so that no core drags in a socket
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
+    from typing import Any
+
     from swarmware.module import Module
     from swarmware.service import Service
 
@@ -29,5 +31,7 @@ _HOMES = {"Module": "swarmware.module", "Service": "swarmware.service"}
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
+        from importlib import import_module
+
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'swarmware' has no attribute {name!r}")

@@ -1,6 +1,10 @@
 """Every error a caller can meet: one root, one exit code each."""
 
-from typing import ClassVar
+from __future__ import annotations
+
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
+if TYPE_CHECKING:
+    from typing import ClassVar
 
 
 class SwarmError(Exception):

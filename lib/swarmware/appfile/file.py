@@ -14,7 +14,7 @@ from swarmware.errors import Conflict, Denied, WireError
 from swarmware.names import check_application
 from swarmware.shm.access import make_folder, share
 from swarmware.shm.lock import RETRY_S, lock_within, stands_at, try_lock
-from swarmware.shm.owner import start_ticks
+from swarmware.shm.ticks import start_ticks
 
 LOCK_WAIT_S = 0.1
 """Others hold the lock of a free file only to probe it, some 10 µs."""

@@ -20,8 +20,8 @@ from swarmware.resource import Resource
 from swarmware.shm.bells import Bells
 from swarmware.shm.doorbell import BellPulls, folder_lock
 from swarmware.shm.lock import stands_at, try_lock
-from swarmware.shm.owner import start_ticks
 from swarmware.shm.reap import BELLS_FOLDER
+from swarmware.shm.ticks import start_ticks
 from swarmware.types import registry
 from swarmware.types.register import Application, ApplicationTable
 

@@ -15,7 +15,7 @@ from typing import Final
 
 from swarmware.master.record import NOBODY, Holder, RecordFile
 from swarmware.shm.lock import try_lock
-from swarmware.shm.owner import start_ticks
+from swarmware.shm.ticks import start_ticks
 
 LOCK_NAME: Final = "master.lock"
 RETRY_S: Final = 0.005

@@ -4,9 +4,12 @@ Here live the base class, its runner, the words with systemd and what keeps proc
 `Service` is loaded when it is asked for: the parent of a node's processes stays small.
 """
 
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
+    from typing import Any
+
     from swarmware.service.service import Service
 
 __all__ = ["Service"]

@@ -4,14 +4,20 @@ Spawned, never forked: a fork would keep the locks of its parent. In a session o
 to the terminal or the end of the supervisor does not reach it.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import sys
-from pathlib import Path
-from typing import Final
+from contextlib import suppress
 
 from swarmware.shm.lock import held_by_other, lock_within
-from swarmware.shm.owner import start_ticks
+from swarmware.shm.ticks import start_ticks
+
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
+if TYPE_CHECKING:
+    from os import PathLike
+    from typing import Final
 
 FOLDER: Final = "births"
 """In the run directory."""
@@ -26,12 +32,12 @@ _OURS: Final = frozenset({"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", "MAI
 """Words between this process and its own supervisor."""
 
 
-def launch(names: list[str], config_dir: Path, *, speaks: bool) -> int:
+def launch(names: list[str], config_dir: PathLike[str] | str, *, speaks: bool) -> int:
     """Starts `swarmd run NAMES` in a session of its own; its pid. Output goes where ours goes.
 
     `speaks`: it tells the parent of the node's processes that it is ready and alive, if there is one.
     """
-    command = [sys.executable, "-m", "swarmd", "run", *names, "--config", str(config_dir)]
+    command = [sys.executable, "-m", "swarmd", "run", *names, "--config", os.fspath(config_dir)]
     environment = {key: value for key, value in os.environ.items() if key not in _OURS}
     if speaks and NODE_SOCKET in environment:
         environment["NOTIFY_SOCKET"] = environment[NODE_SOCKET]
@@ -48,45 +54,44 @@ def launch(names: list[str], config_dir: Path, *, speaks: bool) -> int:
     )
 
 
-def spawn(name: str, config_dir: Path, run_dir: Path) -> int:
+def spawn(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> int:
     """Starts the process of one service, and notes its start; its pid."""
     pid = launch([name], config_dir, speaks=name == GUARD)
     note(name, pid, run_dir)
     return pid
 
 
-def note(name: str, pid: int, run_dir: Path) -> None:
+def note(name: str, pid: int, run_dir: PathLike[str] | str) -> None:
     """Writes down that this process was started for the service."""
-    folder = run_dir / FOLDER
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    (folder / name).write_text(f"{pid} {start_ticks(pid)}\n", encoding="ascii")
+    with open(os.path.join(_folder(run_dir), name), "w", encoding="ascii") as file:
+        file.write(f"{pid} {start_ticks(pid)}\n")
 
 
-def newborn(name: str, run_dir: Path) -> int:
+def newborn(name: str, run_dir: PathLike[str] | str) -> int:
     """pid of a process that was started for this service and still runs; 0: none.
 
     A supervisor killed right after a start leaves a process that has no application file yet.
     """
     try:
-        pid, started = map(int, (run_dir / FOLDER / name).read_text("ascii").split())
+        with open(os.path.join(run_dir, FOLDER, name), encoding="ascii") as file:
+            pid, started = map(int, file.read().split())
     except (OSError, ValueError):
         return 0
     return pid if start_ticks(pid) == started != 0 else 0
 
 
-def settled(name: str, run_dir: Path) -> None:
+def settled(name: str, run_dir: PathLike[str] | str) -> None:
     """The service has joined the node, or its process has ended: the note of its start has served."""
-    (run_dir / FOLDER / name).unlink(missing_ok=True)
+    with suppress(FileNotFoundError):
+        os.unlink(os.path.join(run_dir, FOLDER, name))
 
 
-def spawn_missing(name: str, config_dir: Path, run_dir: Path) -> int:
+def spawn_missing(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> int:
     """Starts the service unless it runs or is being started, whoever else tries the same; pid, or 0.
 
     Raises: OSError.
     """
-    folder = run_dir / FOLDER
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    fd = os.open(_folder(run_dir), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         if not lock_within(fd, LOCK_WAIT_S) or newborn(name, run_dir) or _joined(name, run_dir):
             return 0
@@ -95,10 +100,20 @@ def spawn_missing(name: str, config_dir: Path, run_dir: Path) -> int:
         os.close(fd)
 
 
-def _joined(name: str, run_dir: Path) -> bool:
+def _folder(run_dir: PathLike[str] | str) -> str:
+    folder = os.path.join(run_dir, FOLDER)
+    os.makedirs(run_dir, exist_ok=True)
+    with suppress(FileExistsError):
+        os.mkdir(folder, mode=0o700)
+    return folder
+
+
+def _joined(name: str, run_dir: PathLike[str] | str) -> bool:
     """Whether its first instance holds its application file."""
     try:
-        fd = os.open(run_dir / "apps" / f"{name}#1.toml", os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        fd = os.open(
+            os.path.join(run_dir, "apps", f"{name}#1.toml"), os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
+        )
     except OSError:
         return False
     try:

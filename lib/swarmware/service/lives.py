@@ -1,6 +1,10 @@
 """When a process that ended is started again: with a back-off and a limit for those that do not last."""
 
-from typing import Final
+from __future__ import annotations
+
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
+if TYPE_CHECKING:
+    from typing import Final
 
 PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
 """Before the first, second, … restart in a row; the last one from then on."""

@@ -1,9 +1,14 @@
 """Words to whoever supervises this process (sd_notify): ready, alive, what it does, stopping."""
 
+from __future__ import annotations
+
 import os
 import socket
 from contextlib import suppress
-from typing import Final
+
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
+if TYPE_CHECKING:
+    from typing import Final
 
 _USEC: Final = 1_000_000
 

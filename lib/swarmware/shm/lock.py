@@ -3,11 +3,16 @@
 The kernel drops the lock with the last descriptor, however the process ends. Readers never need it.
 """
 
+from __future__ import annotations
+
 import fcntl
 import os
 import stat
 import time
-from pathlib import Path
+
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
+if TYPE_CHECKING:
+    from pathlib import Path
 
 RETRY_S = 0.0005
 """Pause between two tries. Every holder but the owner of a ring keeps a lock for some ten microseconds."""

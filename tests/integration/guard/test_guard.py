@@ -16,7 +16,7 @@ from tests.integration.swarm.starts import Starts
 from swarmware.appfile import AppEntry, scan
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module import Module
-from swarmware.shm.owner import start_ticks
+from swarmware.shm.ticks import start_ticks
 from swarmware.testing import make_node, no_leaks, spawn
 from swarmware.types.health import (
     FaultList,

@@ -16,6 +16,7 @@ from swarmware.config import load_node
 from swarmware.errors import SwarmError
 from swarmware.module import Module
 from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.testing.process import run_python
 from swarmware.types.health import FaultList, FaultQuery, GuardStatus, HealthReport
 from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Int, Text
@@ -238,3 +239,15 @@ def test_a_limit_of_open_files_that_is_too_low_is_named_at_the_start_with_what_i
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1, done.stderr
     assert "open files: the limit is 64, 1 services in this process need 88" in done.stderr
+
+
+def resident_pages(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+
+
+async def test_the_parent_of_a_node_is_little_more_than_an_interpreter(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path, services={"timesync": {}})
+    bare = "import signal, socket; print(flush=True); signal.pause()"
+    async with run_python("-c", bare) as interpreter, spawn(config_dir) as parent:
+        await interpreter.line()
+        assert resident_pages(parent.pid) < 1.25 * resident_pages(interpreter.pid)

@@ -8,7 +8,8 @@ import msgspec
 import pytest
 
 from swarmware.shm import layout
-from swarmware.shm.owner import Owner, start_ticks
+from swarmware.shm.owner import Owner
+from swarmware.shm.ticks import start_ticks
 
 
 def test_this_process_is_alive() -> None:

@@ -1,0 +1,25 @@
+"""When a process started: tells it apart from a later one with the same number."""
+
+_STATE, _START = 0, 19
+"""Positions of state (field 3) and starttime (field 22) behind the command name. Source: proc_pid_stat(5)."""
+
+_DEAD_STATES = frozenset("ZXx")
+"""A zombie runs no code any more; it only waits for its parent to ask for the exit status."""
+
+
+def start_ticks(pid: int) -> int:
+    """When the process started, in clock ticks since boot; 0 when it does not run.
+
+    The command name may hold blanks and parentheses: fields count from the last ')'.
+    Source: proc_pid_stat(5).
+    """
+    if not 0 < pid <= 0x7FFF_FFFF:
+        return 0
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as file:
+            fields = file.read().rpartition(b")")[2].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return 0
+    if len(fields) <= _START or fields[_STATE].decode("ascii", "replace") in _DEAD_STATES:
+        return 0
+    return int(fields[_START])
