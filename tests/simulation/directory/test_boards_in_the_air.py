@@ -204,14 +204,14 @@ def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby(
     assert np.quantile(np.array(air.ages_s[2]), 0.95) <= 0.6
 
 
-def test_poses_of_16_nodes_in_one_cell_are_not_relayed() -> None:
-    air = Air(1, count=16, degree=300.0, speed_m_s=0.0)
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_poses_of_16_nodes_in_one_cell_are_not_relayed(seed: int) -> None:
+    air = Air(seed, count=16, degree=300.0, speed_m_s=0.0)
     air.run(3.0)
     warm_bytes = sum(radio.sent_bytes for radio in air.radios)
     air.run(10.0)
     total = (sum(radio.sent_bytes for radio in air.radios) - warm_bytes) / 10.0
-    # 16 000 are aimed at; an echo to each neighbour every 2.5 s, which their clocks need, takes 850 of them
-    assert total <= 16_400, "bytes per second of all 16 together"
+    assert total <= 16_000, "bytes per second of all 16 together"
     air.look()
     assert set(air.ages_s) == {1}
     assert max(air.ages_s[1]) < 0.5

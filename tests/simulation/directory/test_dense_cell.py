@@ -119,7 +119,7 @@ class Light(Node):
     def send(self, now_ns: int) -> None:
         model = self.cell.model
         self.sequence += 1
-        listing_ns = model.station.mesh.neighbours.listing_ns(idle=False)
+        listing_ns = model.station.mesh.neighbours.listing_ns()
         echoes = self.table.echoes(now_ns, 30, listing_ns)
         size = max(model.body_bytes, 100)
         others = []

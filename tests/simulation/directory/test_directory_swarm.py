@@ -27,7 +27,7 @@ import pytest
 
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.mesh import Mesh, RouteChanged
-from swarmd.broker.core.neighbour import IDLE_LISTING_NS
+from swarmd.broker.core.neighbour import LISTING_NS
 from swarmd.broker.core.tick import Header, Hello, PlatformKind, Tick
 
 SECOND: Final = 1_000_000_000
@@ -35,7 +35,7 @@ RADIO_M: Final = 300.0
 DEGREE: Final = 9.0
 DELAY_NS: Final = 60_000_000
 ROOM: Final = 1000
-LISTING_MS: Final = IDLE_LISTING_NS // 1_000_000
+LISTING_MS: Final = LISTING_NS // 1_000_000
 QUIET_NS: Final = 1_250_000_000
 """Longest time until everybody has noticed a restart: link timeout, a tick, the delay, and some."""
 CHURN_S: Final = 1.0
@@ -146,7 +146,7 @@ class Swarm:
         now_ns = self.now_ns
         _, routes = mesh.on_timer(now_ns)
         self.follow(node, routes)
-        shape = mesh.compose(now_ns, ROOM, busy=True)
+        shape = mesh.compose(now_ns, ROOM)
         sequence = mesh.next_sequence()
         header = Header(0, node.hw, sequence, (now_ns // 1000) & 0xFFFF_FFFF, node.session)
         period_ns = self.period_ns(mesh)

@@ -33,8 +33,8 @@ def directory() -> Directory:
     return directory
 
 
-def rows(directory: Directory, now_ns: int = 0, common: frozenset[int] = NOBODY) -> dict[int, Row]:
-    return {row.hw: row for row in directory.rows(now_ns, 60, common, 2 * SECOND)}
+def rows(directory: Directory, now_ns: int = 0, linked: frozenset[int] = NOBODY) -> dict[int, Row]:
+    return {row.hw: row for row in directory.rows(now_ns, 60, linked)}
 
 
 @pytest.mark.parametrize(
@@ -173,12 +173,13 @@ def test_rows_are_refreshed_the_slower_the_farther_they_lead(directory: Director
     assert set(rows(directory, 4 * REFRESH_NS)) == {A, FAR}
 
 
-def test_rows_that_nobody_needs_are_refreshed_slowly(directory: Directory) -> None:
+def test_rows_that_nobody_needs_are_said_once_and_when_asked_for(directory: Directory) -> None:
     directory.on_rows(A, [(A, 1, 0)], 0)
     everybody = frozenset((A,))
-    rows(directory, 0, everybody)
-    assert rows(directory, 19 * TICK, everybody) == {}
-    assert set(rows(directory, 20 * TICK, everybody)) == {A}
+    assert set(rows(directory, 0, everybody)) == {A}
+    assert rows(directory, 3600 * SECOND, everybody) == {}
+    directory.on_requests(B, [SequenceRequest(A, 1, 20)], 3600 * SECOND)
+    assert set(rows(directory, 3600 * SECOND + 1, everybody)) == {A}
 
 
 def test_a_row_that_somebody_needs_now_is_told_at_once(directory: Directory) -> None:
@@ -193,7 +194,7 @@ def test_lost_routes_come_before_all_others_when_there_is_little_room(directory:
     directory.on_rows(A, [(hw, 1, 256) for hw in range(100, 140)], 0)
     rows(directory)
     directory.on_rows(A, [(120, 1, INFINITY)], 1)
-    assert directory.rows(10 * SECOND, 3, NOBODY, SECOND)[0] == Row(120, 1, INFINITY)
+    assert directory.rows(10 * SECOND, 3, NOBODY)[0] == Row(120, 1, INFINITY)
 
 
 def test_a_route_whose_number_stands_still_is_lost(directory: Directory) -> None:

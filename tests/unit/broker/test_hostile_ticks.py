@@ -144,7 +144,7 @@ def test_numbers_of_another_session_are_reached_but_nobody_can_use_our_numbers_u
     now_ns = 0
     for _ in range(20_000):
         now_ns += SECOND // 10
-        mine.compose(now_ns, 1000, busy=True)
+        mine.compose(now_ns, 1000)
         asked = mine.directory
         asked.on_requests(2, [SequenceRequest(1, (mine.next_sequence() + 0x7FFF) & 0xFFFF, 24)], now_ns)
     assert mine.next_sequence() > 100 + 4 * 0x7000, "a former session's numbers are passed quickly"
@@ -153,6 +153,6 @@ def test_numbers_of_another_session_are_reached_but_nobody_can_use_our_numbers_u
 
 def test_near_the_end_of_its_numbers_a_node_is_not_raised_any_more() -> None:
     mine = Mesh(1, 0xF800_0000, SECOND, 0)
-    mine.compose(0, 1000, busy=True)
+    mine.compose(0, 1000)
     mine.directory.on_requests(2, [SequenceRequest(1, 0x7000, 24)], 0)
     assert mine.next_sequence() == 0xF800_0001

@@ -397,6 +397,22 @@ def test_common_are_those_that_every_neighbour_hears(table: Neighbours) -> None:
     assert table.common(200 * MS) == {UAV2, UAV3, 50}
 
 
+def test_a_node_that_does_not_hear_all_our_neighbours_is_common_and_not_linked(table: Neighbours) -> None:
+    """One neighbour hears it and is not heard: it needs our row."""
+    one, other, third = Peer(table, UAV2), Peer(table, UAV3), Peer(table, 40)
+    for peer, hears in ((one, (UAV3, 40, 50)), (other, (UAV2, 40, 50)), (third, (UAV3, UAV2, 50))):
+        bring_up(table, peer, 0)
+        peer.datagram(200 * MS, *(Echo(hw, 1, 5, 255) for hw in hears))
+    assert table.linked(200 * MS) == {UAV2, UAV3, 40}, "of 50 it is not known"
+    one.datagram(300 * MS, Echo(40, 0, NO_ECHO, 0))
+    assert table.common(2 * SECOND) == {UAV2, UAV3, 50}
+    third.datagram(2 * SECOND, listed(table, 2 * SECOND))
+    one.datagram(2 * SECOND, Echo(40, 1, 5, 255), listed(table, 2 * SECOND))
+    third.datagram(2 * SECOND + MS, Echo(UAV2, 0, NO_ECHO, 0))
+    assert table.common(4 * SECOND) == {UAV2, UAV3, 40, 50} - {UAV2}
+    assert table.linked(4 * SECOND) == {UAV3}
+
+
 def test_what_a_neighbour_heard_long_ago_counts_no_more(table: Neighbours, peer: Peer) -> None:
     bring_up(table, peer, 0)
     peer.datagram(200 * MS, Echo(50, 1, 5, 255))

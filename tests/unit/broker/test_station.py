@@ -87,7 +87,21 @@ def test_the_first_datagram_says_name_and_session(one: Node, other: Node) -> Non
     assert departure.tick.hello is not None
     assert departure.tick.hello.name == "uav1"
     assert not one.compose(TICK).with_session
-    assert one.compose(SECOND).with_session
+    assert not one.compose(SECOND).with_session
+    assert one.compose(2 * SECOND).with_session
+
+
+def test_names_are_repeated_sooner_while_links_change_and_after_a_new_tree(one: Node, other: Node) -> None:
+    def hellos(start_ns: int) -> list[int]:
+        times_ns = range(start_ns, start_ns + 5 * SECOND, TICK)
+        return [at_ns - start_ns for at_ns in times_ns if one.compose(at_ns).with_session]
+
+    assert hellos(0) == [0, 2 * SECOND, 4 * SECOND]
+    one.station.on_timer(6 * SECOND)
+    one.station.set_plan(TreePlan(9))
+    assert hellos(6 * SECOND) == [0, SECOND, 3 * SECOND]
+    meet(one, other, now_ns=20 * SECOND)
+    assert len(hellos(21 * SECOND)) >= 4, "a link came up"
 
 
 def test_a_newcomer_is_a_stranger_once(one: Node, other: Node) -> None:

@@ -37,6 +37,7 @@ FORWARD_AGAIN_NS: Final = 500_000_000
 REQUEST_HOPS: Final = HOPS_MAX
 DESTINATION_LIMIT: Final = 4096
 _SWEEP_NS: Final = 1_000_000_000
+_FAR_NS: Final = 1 << 62
 _TOLD_AT_ONCE: Final = 96
 """A new next hop whose metric differs this much from what was said."""
 
@@ -62,7 +63,6 @@ class Route(msgspec.Struct, frozen=True, gc=False):
 class _Destination:
     __slots__ = (
         "changed_ns",
-        "common",
         "due_ns",
         "forwarded_ns",
         "heard",
@@ -73,6 +73,7 @@ class _Destination:
         "known_ns",
         "limit_metric",
         "limit_sequence",
+        "linked",
         "metric",
         "request_due_ns",
         "request_until_ns",
@@ -95,8 +96,8 @@ class _Destination:
         self.known_ns = now_ns
         self.changed_ns = now_ns
         self.due_ns = now_ns
-        self.common = False
-        """All our neighbours heard it themselves when its row was said last."""
+        self.linked = False
+        """All our neighbours had links to it themselves when its row was said last."""
         self.said_metric = INFINITY
         self.retractions = 0
         self.hot_until_ns = NEVER_NS
@@ -270,15 +271,15 @@ class Directory:
 
     # what goes out
 
-    def rows(self, now_ns: int, room: int, common: frozenset[int], common_ns: int) -> tuple[Row, ...]:
+    def rows(self, now_ns: int, room: int, linked: frozenset[int]) -> tuple[Row, ...]:
         """Rows for the next datagram, at most `room`, the most urgent first.
 
-        `common`: nodes that all our neighbours hear themselves; refreshed only every `common_ns`.
+        `linked`: nodes to which all our neighbours have links of their own; their rows are not repeated.
         What is advertised here bounds what will be accepted later (RFC 8966, section 3.7.3).
         """
         due: list[_Destination] = []
         for destination in self._destinations.values():
-            if destination.due_ns <= now_ns or (destination.common and destination.hw not in common):
+            if destination.due_ns <= now_ns or (destination.linked and destination.hw not in linked):
                 if destination.via or destination.retractions:
                     due.append(destination)
             elif destination.hot_rows and destination.via:
@@ -303,12 +304,12 @@ class Directory:
             destination.said_metric = metric
             if destination.feasible(sequence, metric):
                 destination.limit_sequence, destination.limit_metric = sequence, metric
-            destination.common = destination.hw in common
-            if destination.common:
-                period_ns = common_ns
+            destination.linked = destination.hw in linked
+            if destination.linked:
+                destination.due_ns = _FAR_NS
             else:
                 period_ns = min(round(REFRESH_NS * max(1, metric >> 8) * stretch), longest_ns)
-            destination.due_ns = now_ns + period_ns
+                destination.due_ns = now_ns + period_ns
             rows.append(Row(destination.hw, sequence, metric))
         return tuple(rows)
 

@@ -25,10 +25,6 @@ from swarmd.broker.core.tick import (
 )
 from swarmd.broker.core.timing import Timing
 
-COMMON_NS: Final = 12_000_000_000
-"""Refresh of rows that none of our neighbours needs: as soon as one does, the row is said at once."""
-COMMON_EACH_NS: Final = 125_000_000
-"""The same among many: eight such rows a second in all."""
 CHANGING_NS: Final = 5_000_000_000
 """After a link came up or went down, another one is likely to: the swarm moves."""
 ROWS_MAX: Final = 60
@@ -172,20 +168,15 @@ class Mesh:
         self._jumps.append(now_ns)
         return True
 
-    def compose(self, now_ns: int, room: int, busy: bool) -> Shape:
-        """What the next datagram says, in at most `room` bytes. `busy`: it leaves ten times a second."""
+    def compose(self, now_ns: int, room: int) -> Shape:
+        """What the next datagram says, in at most `room` bytes."""
         self._composed_ns = now_ns
-        listing_ns = self.neighbours.listing_ns(not busy)
+        listing_ns = self.neighbours.listing_ns()
         echoes = self.neighbours.echoes(now_ns, min(room * 3 // 4 // ECHO_BYTES, 255), listing_ns)
         requests = self.directory.requests(now_ns)[:32]
         room -= len(echoes) * ECHO_BYTES + len(requests) * REQUEST_BYTES
-        common = self.neighbours.common(now_ns)
-        rows = self.directory.rows(
-            now_ns,
-            max(0, min(ROWS_MAX, room // ROW_BYTES)),
-            common,
-            max(COMMON_NS, len(common) * COMMON_EACH_NS),
-        )
+        linked = self.neighbours.linked(now_ns)
+        rows = self.directory.rows(now_ns, max(0, min(ROWS_MAX, room // ROW_BYTES)), linked)
         return Shape(echoes, rows, requests)
 
     def sent(self, sequence: int, tx_ns: int) -> None:

@@ -37,9 +37,8 @@ _BAD: Final = 0.5
 """A link with more loss is given up early: routes had better not wait for it."""
 FIRST_PERIOD_NS: Final = 500_000_000
 _PERIOD_MAX_NS: Final = 10_000_000_000
-LISTING_NS: Final = 2_500_000_000
+LISTING_NS: Final = 3_000_000_000
 """Everybody heard is listed at least this often."""
-IDLE_LISTING_NS: Final = 3_000_000_000
 LISTING_EACH_NS: Final = 50_000_000
 """The same among many: so much time for each."""
 LISTINGS: Final = 3
@@ -234,6 +233,7 @@ class Neighbours:
         self._sent: list[tuple[int, int]] = [(-1, 0)] * ANSWERED_SEQUENCES
         self._echoed_ns = NEVER_NS
         self._common: frozenset[int] = frozenset()
+        self._linked: frozenset[int] = frozenset()
         self._common_ns = NEVER_NS
 
     def get(self, hw: int) -> Neighbour | None:
@@ -248,9 +248,9 @@ class Neighbours:
         """Those with whom both directions work."""
         return [n for n in self._all.values() if n.state is LinkState.UP]
 
-    def listing_ns(self, idle: bool) -> int:
+    def listing_ns(self) -> int:
         """Everybody heard gets an echo this often, with room for it."""
-        return max(IDLE_LISTING_NS if idle else LISTING_NS, self.heard_count() * LISTING_EACH_NS)
+        return max(LISTING_NS, self.heard_count() * LISTING_EACH_NS)
 
     def heard_count(self) -> int:
         """Nodes that share the air with us."""
@@ -443,17 +443,24 @@ class Neighbours:
         return tuple(out)
 
     def common(self, now_ns: int, refresh_ns: int = 1_000_000_000) -> frozenset[int]:
-        """Nodes that every neighbour of ours hears itself (or is): nobody needs us for them."""
+        """Nodes that every neighbour of ours hears itself (or is): nobody needs their values from us."""
         if now_ns - self._common_ns >= refresh_ns:
             self._common_ns = now_ns
-            common: set[int] | None = None
+            heard: dict[int, set[int]] = {}
             for neighbour in self.up():
                 oldest_ns = now_ns - LISTINGS * neighbour.listing_ns - HEARS_SLACK_NS
-                heard = {hw for hw, said_ns in neighbour.hears.items() if said_ns >= oldest_ns}
-                heard.add(neighbour.hw)
-                common = heard if common is None else common & heard
-            self._common = frozenset(common - {self.own_hw} if common else ())
+                hears = {hw for hw, said_ns in neighbour.hears.items() if said_ns >= oldest_ns}
+                hears.add(neighbour.hw)
+                heard[neighbour.hw] = hears
+            common = set.intersection(*heard.values()) - {self.own_hw} if heard else set[int]()
+            self._common = frozenset(common)
+            self._linked = frozenset(hw for hw in common if hw in heard and heard.keys() <= heard[hw])
         return self._common
+
+    def linked(self, now_ns: int) -> frozenset[int]:
+        """Common nodes that hear every neighbour of ours in turn: nobody needs our routes to them."""
+        self.common(now_ns)
+        return self._linked
 
     # how a datagram is counted
 

@@ -30,7 +30,11 @@ from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
 from swarmware.names import hardware_id
 from swarmware.types.net import TreePlan, Want
 
-HELLO_NS: Final = 1_000_000_000
+HELLO_NS: Final = 2_000_000_000
+"""Names are repeated this often."""
+HELLO_CHANGING_NS: Final = 1_000_000_000
+"""The same while links come and go, because others will come into range, and once after another tree or
+mission."""
 SILENCE_NS: Final = 350_000_000
 """A node whose boards stand still ticks at least this often: with a slot's delay 2.2 times a second, so
 that its neighbours, who expect more of it, may miss one datagram."""
@@ -109,6 +113,8 @@ class Station:
         self._limits_version = 0
         self._wants: dict[tuple[int, int], Want] = {}
         self._hello_ns = NEVER_NS
+        self._replanned_ns = NEVER_NS
+        """When tree or mission, which the hello names, changed last."""
         self._forget_ns = NEVER_NS
         self._sent_ns = NEVER_NS
         self._now_ns = NEVER_NS
@@ -125,6 +131,7 @@ class Station:
         """What the tick shall carry from now on; values already heard of boards that are wanted now."""
         if plan.tree_version != self._plan.tree_version or plan.mission != self._plan.mission:
             self._hello_ns = NEVER_NS
+            self._replanned_ns = self._now_ns
         self._plan = plan
         self.bulletin.offer(plan.offers, self.channels.max_hz)
         wants = {(hardware_id(want.platform, want.unit), want.data_id): want for want in plan.wants}
@@ -272,7 +279,7 @@ class Station:
         """The next datagram, the parts in the order of their importance."""
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
-        shape = self.mesh.compose(now_ns, min(room, OWN_SHARE), self.busy)
+        shape = self.mesh.compose(now_ns, min(room, OWN_SHARE))
         room -= (
             len(shape.echoes) * ECHO_BYTES + len(shape.rows) * ROW_BYTES + len(shape.requests) * REQUEST_BYTES
         )
@@ -302,8 +309,10 @@ class Station:
         period_ns = max(
             round(1e9 / self.tick_hz()), min(self._gap_ns, SILENCE_NS + round(1e9 / self._busy_hz))
         )
-        # half a tick early rather than a tick late: at 10 Hz every tenth datagram has it
-        waits = now_ns - self._hello_ns < HELLO_NS - round(0.5e9 / self._busy_hz)
+        # half a tick early rather than a tick late: at 10 Hz every tenth, or twentieth, datagram has it
+        calm = not self.mesh.is_changing(now_ns) and now_ns - self._replanned_ns >= HELLO_NS
+        again_ns = HELLO_NS if calm else HELLO_CHANGING_NS
+        waits = now_ns - self._hello_ns < again_ns - round(0.5e9 / self._busy_hz)
         waits = waits and not self.mesh.is_new(now_ns)  # whoever missed the new session may cause a loop
         if waits and period_ns <= SLOWER * self._declared_ns:
             return None
@@ -320,7 +329,7 @@ class Station:
             wire_name(who.platform, who.unit),
             who.curve_public,
             min(period_ns // 1_000_000, 0xFFFF),
-            min(self.mesh.neighbours.listing_ns(not self.busy) // 1_000_000, 0xFFFF),
+            min(self.mesh.neighbours.listing_ns() // 1_000_000, 0xFFFF),
         )
 
     def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:

@@ -102,7 +102,7 @@ class Header(msgspec.Struct, frozen=True, gc=False):
 
 
 class Hello(msgspec.Struct, frozen=True, gc=False):
-    """Who the sender is, once a second."""
+    """Who the sender is, every second or two."""
 
     boot_id: int
     """Of the sender's hardware clock."""
