@@ -6,6 +6,7 @@ from typing import Final
 
 import pytest
 
+from swarmd.broker.core.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.neighbour import (
     COST_MAX,
     FORGET_NS,
@@ -13,11 +14,7 @@ from swarmd.broker.core.neighbour import (
     LISTING_NS,
     LISTINGS,
     NEIGHBOUR_LIMIT,
-    TRANSITIONS,
     UNLISTED_SLACK_NS,
-    LinkChanged,
-    LinkEvent,
-    LinkState,
     Neighbour,
     Neighbours,
 )

@@ -5,13 +5,8 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.core.directory import HYSTERESIS, Directory, RouteChanged, newer
-from swarmd.broker.core.neighbour import (
-    LinkChanged,
-    LinkEvent,
-    LinkState,
-    Neighbour,
-    Neighbours,
-)
+from swarmd.broker.core.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.neighbour import Neighbour, Neighbours
 from swarmd.broker.core.tick import (
     ECHO_BYTES,
     NEVER_NS,

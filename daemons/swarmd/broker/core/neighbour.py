@@ -5,12 +5,10 @@ meter, their echoes say that we are heard, how well, and when.
 """
 
 import math
-from enum import IntEnum
 from typing import Final
 
-import msgspec
-
-from swarmd.broker.core.tick import ANSWERED_SEQUENCES, INFINITY, NEVER_NS, NO_ECHO, Echo, Header, Hello
+from swarmd.broker.core.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.tick import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
 from swarmd.broker.core.timing import Timing
 
 WINDOW: Final = 16
@@ -64,51 +62,6 @@ CLOCK_HIGH_MAX: Final = 1 << 19
 _CLOCK_MAX_US: Final = CLOCK_HIGH_MAX << 32
 _FULL: Final = 255
 _MOD32: Final = 0xFFFF_FFFF
-
-
-class LinkState(IntEnum):
-    """What is known of the two directions to a neighbour."""
-
-    DOWN = 0
-    HEARD = 1
-    """We hear it; it has not said yet that it hears us."""
-    UP = 2
-    HALF_OPEN = 3
-    """We hear it, it does not hear us: useless for anything but its news."""
-
-
-class LinkEvent(IntEnum):
-    """What happens to a link."""
-
-    DATAGRAM = 1
-    LISTED = 2
-    UNLISTED = 3
-    SILENT = 4
-    RESTARTED = 5
-
-
-TRANSITIONS: Final = {
-    (LinkState.DOWN, LinkEvent.DATAGRAM): LinkState.HEARD,
-    (LinkState.HEARD, LinkEvent.LISTED): LinkState.UP,
-    (LinkState.HALF_OPEN, LinkEvent.LISTED): LinkState.UP,
-    (LinkState.HEARD, LinkEvent.UNLISTED): LinkState.HALF_OPEN,
-    (LinkState.UP, LinkEvent.UNLISTED): LinkState.HALF_OPEN,
-    (LinkState.UP, LinkEvent.RESTARTED): LinkState.HEARD,
-    (LinkState.HALF_OPEN, LinkEvent.RESTARTED): LinkState.HEARD,
-    (LinkState.HEARD, LinkEvent.SILENT): LinkState.DOWN,
-    (LinkState.UP, LinkEvent.SILENT): LinkState.DOWN,
-    (LinkState.HALF_OPEN, LinkEvent.SILENT): LinkState.DOWN,
-}
-"""The only place where a link's state changes; what is not in it changes nothing."""
-
-
-class LinkChanged(msgspec.Struct, frozen=True, gc=False):
-    """A link went into another state."""
-
-    hw: int
-    before: LinkState
-    after: LinkState
-    event: LinkEvent
 
 
 class Neighbour:
@@ -496,8 +449,3 @@ class Neighbours:
             self._common_ns = NEVER_NS
         neighbour.state = after
         neighbour.since_ns = now_ns
-
-
-def route_cost(neighbour: Neighbour) -> int:
-    """Cost of the link for the directory; a link in one direction only has none."""
-    return neighbour.cost if neighbour.state is LinkState.UP else INFINITY
