@@ -184,6 +184,10 @@ class Datagrams:
 
     # in
 
+    def receive(self) -> None:
+        """Takes what has come by now; otherwise it may wait for a moment in the sockets."""
+        self._udp.receive()
+
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)
         if sender_hw == self._hardware and self._is_own(data):

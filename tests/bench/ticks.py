@@ -1,0 +1,311 @@
+"""What one tick datagram costs a broker, beside the bare reception of the same bytes.
+
+    python tests/bench/ticks.py [--seconds N] [--json]
+
+One real broker on a loopback group of its own; fifteen neighbours are real stations in virtual time, all in one
+cell, all with a pose at 10 Hz and a mission state that changes every second. Bare: `recvmsg` with the kernel's
+stamp and one `struct.unpack` of the clear header, of the same datagrams. Hot: one after the other. Cold: the
+processor's caches are overwritten before each, as sixteen nodes on two cores do it to each other.
+"""
+
+import argparse
+import asyncio
+import gc
+import json
+import socket
+import statistics
+import struct
+import tempfile
+import time
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+import uvloop
+
+from swarmd.broker.config import Config
+from swarmd.broker.core import tick as codec
+from swarmd.broker.core.mesh import Mesh
+from swarmd.broker.core.sessions import Sessions
+from swarmd.broker.core.station import Identity, Station
+from swarmd.broker.core.tick import Header, PlatformKind, Tick
+from swarmd.broker.core.traffic import Counters
+from swarmd.broker.service import Broker
+from swarmware.clock import Clock
+from swarmware.module import Module
+from swarmware.names import data_id, hardware_id
+from swarmware.security import Keys, Opened, Opener, Sealer
+from swarmware.testing import make_node
+from swarmware.types.mission import MissionState
+from swarmware.types.net import Offer, TreePlan, Want
+from swarmware.types.registry import pack
+from swarmware.types.vehicle import Pose
+
+NEIGHBOURS: Final = 15
+ME: Final = "uav16"
+GROUP: Final = "239.83.87.16"
+LOOPBACK: Final = "127.0.0.1"
+SECOND: Final = 1_000_000_000
+TICK: Final = SECOND // 10
+WARM_TICKS: Final = 100
+CACHES_BYTES: Final = 96 << 20
+"""Three times the last level of the largest cache seen."""
+POSE: Final = data_id("nav/pose", "Pose")
+STATE: Final = data_id("mission/state", "MissionState")
+OFFERS: Final = (Offer("nav/pose", POSE, "Pose"), Offer("mission/state", STATE, "MissionState"))
+_STAMP: Final = 35
+_HEADER: Final = struct.Struct("<BBIII")
+
+
+class Instant(Clock):
+    """A clock that shows what it was set to."""
+
+    __slots__ = ("at_ns",)
+
+    def __init__(self) -> None:
+        super().__init__(boot_id=1)
+        self.at_ns = 100 * SECOND
+
+    def now_ns(self) -> int:
+        return self.at_ns
+
+    def from_mono_ns(self, mono_ns: int) -> int:
+        return self.at_ns
+
+
+class Peer:
+    """A neighbour: what it sends is what a broker would send."""
+
+    def __init__(self, name: str, others: list[str], keys: Keys) -> None:
+        self.hw = hardware_id(name)
+        self.station = Station(
+            Identity(self.hw, name, "main", PlatformKind.UAV, 1, b""),
+            Mesh(self.hw, 1, SECOND, 0),
+            Counters(),
+            busy_hz=10.0,
+            relay_bytes_s=Config().relay_bytes_s,
+        )
+        self.station.set_plan(TreePlan(1, OFFERS, wants(others)))
+        self.sessions = Sessions(self.hw, 1, connections=False)
+        self.sealer = Sealer(keys.group, self.hw, 1)
+
+    def compose(self, now_ns: int, turn: int) -> tuple[Header, Tick, bytes]:
+        """Its next datagram, clear and sealed."""
+        station = self.station
+        station.on_timer(now_ns)
+        boards = station.bulletin.boards
+        boards[POSE].put(Pose.planar(turn / 10, self.hw % 100, 0.1 * turn).pack(), True, now_ns - 3_000_000)
+        if turn % 10 == 0:
+            state = MissionState(turn, "01234567", "active", ("goto",), progress_ratio=turn % 100 / 100)
+            boards[STATE].put(pack(state)[0], True, now_ns - 5_000_000)
+        departure = station.compose(now_ns)
+        tick = msgspec.structs.replace(departure.tick, checks=self.sessions.due(now_ns))
+        header = Header(
+            0,
+            self.hw,
+            departure.sequence,
+            now_ns // 1000 & 0xFFFF_FFFF,
+            1 if departure.with_session else None,
+        )
+        clear = codec.encode_header(header)
+        data = clear + self.sealer.seal(header.sequence, clear, codec.encode(tick))
+        station.sent(header.sequence, now_ns, len(data))
+        return header, tick, data
+
+
+class Costs(NamedTuple):
+    """Microseconds of one datagram or tick, median."""
+
+    received_us: float
+    bare_us: float
+    sent_us: float
+    bytes: float
+
+    @property
+    def ratio(self) -> float:
+        """Reception over bare reception."""
+        return self.received_us / self.bare_us
+
+
+class Cell:
+    """The broker and its neighbours."""
+
+    def __init__(self, broker: Broker, clock: Instant, config: Config) -> None:
+        self.broker = broker
+        self.clock = clock
+        names = [f"uav{index + 1}" for index in range(NEIGHBOURS)]
+        keys = Keys.open(ME)
+        self.peers = [Peer(name, [*(o for o in names if o != name), ME], keys) for name in names]
+        self.opener = Opener(keys.group)
+        self.me = hardware_id(ME)
+        broker._station.set_plan(TreePlan(1, OFFERS, wants(names)))
+        broker._mirrors.keep_only(wants(names))
+        self.udp = broker._datagrams._udp
+        self.group = (GROUP, config.udp_port)
+        self.out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.out.bind((LOOPBACK, 0))
+        self.out.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(LOOPBACK))
+        self.said: list[bytes] = []
+        self.udp.send_to_all = self._heard  # type: ignore[method-assign]  # not back to our own socket
+        assert self.udp._all is not None
+        self.bare = self.udp._all.dup()
+        self.turn = 0
+        self.flushed = np.zeros(CACHES_BYTES // 8)
+
+    def _heard(self, data: bytes) -> bool:
+        self.said.append(data)
+        return True
+
+    def flush(self) -> None:
+        """Takes everything else out of the caches."""
+        self.flushed += 1.0
+
+    def run(self, ticks: int, *, cold: bool) -> Costs:
+        """So many ticks of everybody, reception and sending timed."""
+        received: list[int] = []
+        bare: list[int] = []
+        sent: list[int] = []
+        sizes: list[int] = []
+        for _ in range(ticks):
+            self.turn += 1
+            start_ns = self.clock.at_ns
+            sent.append(self._send(cold))
+            for index, data in enumerate(self._compose(start_ns)):
+                self.clock.at_ns = start_ns + (index + 1) * TICK // (NEIGHBOURS + 1)
+                received.append(self._receive(data, cold))
+                bare.append(self._receive_bare(data, cold))
+                sizes.append(len(data))
+            self.clock.at_ns = start_ns + TICK
+        return Costs(
+            statistics.median(received) / 1000,
+            statistics.median(bare) / 1000,
+            statistics.median(sent) / 1000,
+            statistics.mean(sizes),
+        )
+
+    def _compose(self, start_ns: int) -> list[bytes]:
+        out: list[bytes] = []
+        for index, peer in enumerate(self.peers):
+            now_ns = start_ns + (index + 1) * TICK // (NEIGHBOURS + 1)
+            header, tick, data = peer.compose(now_ns, self.turn)
+            out.append(data)
+            for other in self.peers:
+                if other is not peer:
+                    other.station.on_datagram(header, tick, (LOOPBACK, 1), now_ns)
+        return out
+
+    def _send(self, cold: bool) -> int:
+        for data_id, board in self.broker._station.bulletin.boards.items():
+            if data_id == POSE or self.turn % 10 == 0:
+                board.put(Pose.planar(self.turn / 10, 0.0).pack(), True, self.clock.at_ns)
+        self.said.clear()
+        if cold:
+            self.flush()
+        began = time.perf_counter_ns()
+        step(self.broker, self.clock.at_ns)
+        took = time.perf_counter_ns() - began
+        for data in self.said:
+            header, start = codec.decode_header(data)
+            opened = self.opener.open(
+                0, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
+            )
+            assert isinstance(opened, Opened)
+            tick = codec.decode(opened.body)
+            for peer in self.peers:
+                peer.sessions.on_datagram(header.sender_hw, opened.session, tick.checks, self.clock.at_ns)
+                peer.station.on_datagram(header, tick, (LOOPBACK, 1), self.clock.at_ns)
+        return took
+
+    def _receive(self, data: bytes, cold: bool) -> int:
+        self.out.sendto(data, self.group)
+        if cold:
+            self.flush()
+        began = time.perf_counter_ns()
+        drain(self.broker)
+        return time.perf_counter_ns() - began
+
+    def _receive_bare(self, data: bytes, cold: bool) -> int:
+        self.out.sendto(data, self.group)
+        receive, unpack = self.bare.recvmsg, _HEADER.unpack_from
+        if cold:
+            self.flush()
+        began = time.perf_counter_ns()
+        unpack(receive(2048, 32)[0])
+        return time.perf_counter_ns() - began
+
+
+def wants(names: list[str]) -> tuple[Want, ...]:
+    """Pose and mission state of everybody."""
+    return tuple(Want(name, offer.path, offer.type, offer.data_id) for name in names for offer in OFFERS)
+
+
+def step(broker: Broker, now_ns: int) -> None:
+    """What the broker does at its tick."""
+    broker._carry_out(*broker._station.on_timer(now_ns))
+    broker._tick()
+    broker._shape_changed = False
+
+
+def drain(broker: Broker) -> None:
+    """What the event loop does when the group's socket has something."""
+    udp = broker._datagrams._udp
+    assert udp._all is not None
+    udp._drain(udp._all, True)
+
+
+async def measure(folder: Path, ticks: int) -> dict[str, Costs]:
+    """Both states of the caches."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind((LOOPBACK, 0))
+        port = free.getsockname()[1]
+    config = Config(multicast_group=GROUP, multicast_interface=LOOPBACK, udp_port=port, bind_address=LOOPBACK)
+    async with Module("broker", config_dir=make_node(folder, ME)) as module:
+        clock = Instant()
+        broker = Broker(module, config)
+        broker._clock = clock
+        broker._since_ns = broker._publish_ns = broker._pace.due_ns = clock.at_ns
+        ready, never = asyncio.Event(), asyncio.Event()
+
+        async def stand_still() -> None:
+            ready.set()
+            await never.wait()
+
+        broker._step = stand_still  # type: ignore[method-assign]  # this program steps it
+        running = asyncio.create_task(broker.run(), name="broker")
+        await asyncio.wait((running, asyncio.create_task(ready.wait())), return_when=asyncio.FIRST_COMPLETED)
+        cell = Cell(broker, clock, config)
+        cell.run(WARM_TICKS, cold=False)
+        gc.collect()
+        gc.disable()
+        refused = broker._counters.refused_table()
+        found = {"hot": cell.run(ticks, cold=False), "cold": cell.run(max(ticks // 10, 4), cold=True)}
+        assert broker._counters.refused_table() == refused, "a datagram was refused"
+        assert sum(neighbour.state.name == "UP" for neighbour in broker._station.mesh.neighbours.all()) == 15
+        cell.bare.close()
+        cell.out.close()
+        running.cancel()
+        await asyncio.wait((running,))
+        return found
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=int, default=40, help="of virtual time")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        found = uvloop.run(measure(Path(scratch), arguments.seconds * 10))
+    if arguments.json:
+        print(json.dumps({state: {**costs._asdict(), "ratio": costs.ratio} for state, costs in found.items()}))
+        return
+    print(f"{NEIGHBOURS} neighbours at 10 Hz, {found['hot'].bytes:.0f} bytes a datagram; microseconds, median")
+    print(f"{'caches':<10}{'received':>10}{'bare':>10}{'ratio':>8}{'tick sent':>12}")
+    for state, costs in found.items():
+        row = (costs.received_us, costs.bare_us, costs.ratio, costs.sent_us)
+        print(f"{state:<10}{row[0]:>10.1f}{row[1]:>10.1f}{row[2]:>7.1f}x{row[3]:>12.1f}")
+
+
+if __name__ == "__main__":
+    main()

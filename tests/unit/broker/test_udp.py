@@ -1,0 +1,163 @@
+"""The broker's UDP sockets: what comes close together is taken together, and nothing waits for long."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Callable, Iterator
+from typing import Any, Final, cast
+
+import pytest
+
+from swarmd.broker.config import Config
+from swarmd.broker.links.udp import COALESCE_S, TURN, Address, Udp
+
+LOOPBACK: Final = "127.0.0.1"
+
+
+class Loop:
+    """What the sockets ask of an event loop, in virtual time."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.readers: dict[int, Callable[[], None]] = {}
+        self.timers: list[asyncio.TimerHandle] = []
+
+    def time(self) -> float:
+        return self.now_s
+
+    def add_reader(self, fd: int, callback: Callable[[], None]) -> None:
+        self.readers[fd] = callback
+
+    def remove_reader(self, fd: int) -> None:
+        self.readers.pop(fd, None)
+
+    def call_later(self, delay_s: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
+        when_s = self.now_s + delay_s
+        timer = asyncio.TimerHandle(when_s, callback, (), cast(asyncio.AbstractEventLoop, self))
+        self.timers.append(timer)
+        return timer
+
+    def get_debug(self) -> bool:
+        return False
+
+    def _timer_handle_cancelled(self, _timer: asyncio.TimerHandle) -> None:
+        pass
+
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        raise context["exception"]
+
+    def readable(self) -> bool:
+        """A socket has something: whether somebody wanted to know."""
+        for callback in list(self.readers.values())[:1]:
+            callback()
+            return True
+        return False
+
+    def later(self, seconds: float) -> None:
+        """The timers that are due by then."""
+        self.now_s += seconds
+        due = [timer for timer in self.timers if timer.when() <= self.now_s]
+        self.timers = [timer for timer in self.timers if timer not in due]
+        for timer in due:
+            if not timer.cancelled():
+                timer._run()
+
+
+class Ends:
+    """The sockets, and somebody who writes to them."""
+
+    def __init__(self) -> None:
+        self.loop = Loop()
+        self.got: list[bytes] = []
+        self.fails = False
+        config = Config(multicast_group="", bind_address=LOOPBACK)
+        self.udp = Udp(config, cast(asyncio.AbstractEventLoop, self.loop), self.take)
+        self.sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def take(self, data: bytes, _address: Address, _rx_ns: int, _by_multicast: bool) -> None:
+        self.got.append(data)
+        if self.fails:
+            raise ZeroDivisionError
+
+    def send(self, *parts: bytes) -> None:
+        for part in parts:
+            self.sender.sendto(part, (LOOPBACK, self.udp.port))
+
+
+@pytest.fixture
+def ends() -> Iterator[Ends]:
+    ends = Ends()
+    yield ends
+    ends.udp.close()
+    ends.sender.close()
+    assert ends.loop.readers == {}
+    assert all(timer.cancelled() for timer in ends.loop.timers)
+
+
+def test_after_a_pause_a_datagram_is_taken_at_once(ends: Ends) -> None:
+    for number in range(3):
+        ends.send(b"%d" % number)
+        assert ends.loop.readable()
+        assert len(ends.got) == number + 1
+        ends.loop.later(2 * COALESCE_S)
+
+
+def test_while_datagrams_come_close_together_they_are_taken_together(ends: Ends) -> None:
+    ends.send(b"1")
+    ends.loop.readable()
+    ends.loop.later(COALESCE_S / 2)
+    ends.send(b"2")
+    assert ends.loop.readable()
+    ends.send(b"3", b"4")
+    assert not ends.loop.readable(), "the timer takes them"
+    assert ends.got == [b"1", b"2"]
+    ends.loop.later(COALESCE_S)
+    assert ends.got == [b"1", b"2", b"3", b"4"]
+    ends.send(b"5")
+    assert not ends.loop.readable()
+    ends.loop.later(COALESCE_S)
+    assert ends.got[-1] == b"5", "none waits longer"
+
+
+def test_once_the_timer_finds_nothing_the_next_datagram_is_taken_at_once(ends: Ends) -> None:
+    for _ in range(2):
+        ends.send(b"x")
+        ends.loop.readable()
+    ends.loop.later(COALESCE_S)
+    ends.loop.later(COALESCE_S)
+    assert ends.loop.timers == []
+    ends.send(b"y")
+    assert ends.loop.readable()
+    assert ends.got[-1] == b"y"
+
+
+def test_a_flood_is_taken_without_pauses(ends: Ends) -> None:
+    ends.send(*[b"x"] * (2 * TURN + 1))
+    for turn in (1, 2):
+        assert ends.loop.readable()
+        assert len(ends.got) == turn * TURN, "the event loop gets its turn in between"
+    assert ends.loop.readable()
+    assert len(ends.got) == 2 * TURN + 1
+
+
+def test_what_has_come_can_be_taken_before_the_timer(ends: Ends) -> None:
+    for _ in range(2):
+        ends.send(b"x")
+        ends.loop.readable()
+    ends.send(b"y")
+    ends.udp.receive()
+    assert ends.got[-1] == b"y"
+
+
+def test_a_fault_in_the_taker_does_not_leave_the_sockets_unread(ends: Ends) -> None:
+    for _ in range(2):
+        ends.send(b"x")
+        ends.loop.readable()
+    ends.fails = True
+    ends.send(b"y")
+    with contextlib.suppress(ZeroDivisionError):
+        ends.loop.later(COALESCE_S)
+    ends.fails = False
+    ends.send(b"z")
+    assert ends.loop.readable()
+    assert ends.got[-1] == b"z"
