@@ -2,10 +2,11 @@
 
     python tests/bench/ticks.py [--seconds N] [--json]
 
-One real broker on a loopback group of its own; fifteen neighbours are real stations in virtual time, all in one
-cell, all with a pose at 10 Hz and a mission state that changes every second. Bare: `recvmsg` with the kernel's
-stamp and one `struct.unpack` of the clear header, of the same datagrams. Hot: one after the other. Cold: the
-processor's caches are overwritten before each, as sixteen nodes on two cores do it to each other.
+One real broker on a loopback group of its own; fifteen neighbours are real stations in virtual time, all in
+one cell, all with a pose at 10 Hz and a mission state that changes every second. Bare: `recvmsg` with the
+kernel's stamp and one `struct.unpack` of the clear header, of the same datagrams. Together: each of three that
+are taken at once. Hot: one after the other. Cold: the processor's caches are overwritten before each, as
+sixteen nodes on two cores do it to each other.
 """
 
 import argparse
@@ -43,6 +44,8 @@ from swarmware.types.registry import pack
 from swarmware.types.vehicle import Pose
 
 NEIGHBOURS: Final = 15
+TOGETHER: Final = 3
+"""Datagrams in a cell of sixteen that come within `udp.COALESCE_S`."""
 ME: Final = "uav16"
 GROUP: Final = "239.83.87.16"
 LOOPBACK: Final = "127.0.0.1"
@@ -119,6 +122,7 @@ class Costs(NamedTuple):
 
     received_us: float
     bare_us: float
+    together_us: float
     sent_us: float
     bytes: float
 
@@ -165,21 +169,28 @@ class Cell:
         """So many ticks of everybody, reception and sending timed."""
         received: list[int] = []
         bare: list[int] = []
+        together: list[int] = []
         sent: list[int] = []
         sizes: list[int] = []
         for _ in range(ticks):
             self.turn += 1
             start_ns = self.clock.at_ns
             sent.append(self._send(cold))
-            for index, data in enumerate(self._compose(start_ns)):
+            datagrams = self._compose(start_ns)
+            sizes += map(len, datagrams)
+            for index, data in enumerate(datagrams):
                 self.clock.at_ns = start_ns + (index + 1) * TICK // (NEIGHBOURS + 1)
-                received.append(self._receive(data, cold))
-                bare.append(self._receive_bare(data, cold))
-                sizes.append(len(data))
+                if self.turn % 2:
+                    received.append(self._receive([data], cold))
+                    bare.append(self._receive_bare(data, cold))
+                elif (index + 1) % TOGETHER == 0:
+                    several = datagrams[index + 1 - TOGETHER : index + 1]
+                    together.append(self._receive(several, cold) // TOGETHER)
             self.clock.at_ns = start_ns + TICK
         return Costs(
             statistics.median(received) / 1000,
             statistics.median(bare) / 1000,
+            statistics.median(together) / 1000,
             statistics.median(sent) / 1000,
             statistics.mean(sizes),
         )
@@ -196,8 +207,8 @@ class Cell:
         return out
 
     def _send(self, cold: bool) -> int:
-        for data_id, board in self.broker._station.bulletin.boards.items():
-            if data_id == POSE or self.turn % 10 == 0:
+        for board in self.broker._station.bulletin.boards.values():
+            if board.data_id == POSE or self.turn % 10 == 0:
                 board.put(Pose.planar(self.turn / 10, 0.0).pack(), True, self.clock.at_ns)
         self.said.clear()
         if cold:
@@ -217,8 +228,9 @@ class Cell:
                 peer.station.on_datagram(header, tick, (LOOPBACK, 1), self.clock.at_ns)
         return took
 
-    def _receive(self, data: bytes, cold: bool) -> int:
-        self.out.sendto(data, self.group)
+    def _receive(self, datagrams: list[bytes], cold: bool) -> int:
+        for data in datagrams:
+            self.out.sendto(data, self.group)
         if cold:
             self.flush()
         began = time.perf_counter_ns()
@@ -248,10 +260,8 @@ def step(broker: Broker, now_ns: int) -> None:
 
 
 def drain(broker: Broker) -> None:
-    """What the event loop does when the group's socket has something."""
-    udp = broker._datagrams._udp
-    assert udp._all is not None
-    udp._drain(udp._all, True)
+    """What the event loop does when a socket has something."""
+    broker._datagrams.receive()
 
 
 async def measure(folder: Path, ticks: int) -> dict[str, Costs]:
@@ -291,20 +301,25 @@ async def measure(folder: Path, ticks: int) -> dict[str, Costs]:
 
 def main() -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=int, default=40, help="of virtual time")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         found = uvloop.run(measure(Path(scratch), arguments.seconds * 10))
     if arguments.json:
-        print(json.dumps({state: {**costs._asdict(), "ratio": costs.ratio} for state, costs in found.items()}))
+        table = {state: {**costs._asdict(), "ratio": costs.ratio} for state, costs in found.items()}
+        print(json.dumps(table))
         return
-    print(f"{NEIGHBOURS} neighbours at 10 Hz, {found['hot'].bytes:.0f} bytes a datagram; microseconds, median")
-    print(f"{'caches':<10}{'received':>10}{'bare':>10}{'ratio':>8}{'tick sent':>12}")
+    print(f"{NEIGHBOURS} neighbours at 10 Hz, {found['hot'].bytes:.0f} bytes a datagram; µs, median")
+    print(f"{'caches':<8}{'received':>10}{'bare':>8}{'ratio':>8}{'together':>10}{'tick sent':>11}")
     for state, costs in found.items():
-        row = (costs.received_us, costs.bare_us, costs.ratio, costs.sent_us)
-        print(f"{state:<10}{row[0]:>10.1f}{row[1]:>10.1f}{row[2]:>7.1f}x{row[3]:>12.1f}")
+        print(
+            f"{state:<8}{costs.received_us:>10.1f}{costs.bare_us:>8.1f}{costs.ratio:>7.1f}x"
+            f"{costs.together_us:>10.1f}{costs.sent_us:>11.1f}"
+        )
 
 
 if __name__ == "__main__":

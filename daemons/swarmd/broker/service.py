@@ -216,7 +216,7 @@ class Broker(Service):
     # time
 
     async def _step(self) -> None:
-        self._datagrams.receive()  # before deadlines are judged, and they have not cost a wake-up of their own
+        self._datagrams.receive()  # before deadlines are judged
         now_ns = self._clock.now_ns()
         version = self._station.channels.version
         self._carry_out(*self._station.on_timer(now_ns))
