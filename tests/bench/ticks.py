@@ -4,8 +4,8 @@
 
 One real broker on a loopback group of its own; fifteen neighbours are real stations in virtual time, all in
 one cell, all with a pose at 10 Hz and a mission state that changes every second. Bare: `recvmsg` with the
-kernel's stamp and one `struct.unpack` of the clear header, of the same datagrams. Together: each of three that
-are taken at once. Hot: one after the other. Cold: the processor's caches are overwritten before each, as
+kernel's stamp and one `struct.unpack` of the clear header, of the same datagrams. Together: each of three
+taken at once. Hot: one after the other. Cold: the processor's caches are overwritten before each, as
 sixteen nodes on two cores do it to each other.
 """
 
