@@ -61,10 +61,12 @@ class Datagrams:
         sessions: Sessions,
         on_arrival: Callable[[Arrival], None],
         on_outcome: Callable[[int, Outcome], None],
+        keep_slowest: Callable[[int], None],
     ) -> None:
         """Raises: ConfigError when an address or port cannot be used."""
         self._sessions = sessions
         self._on_outcome = on_outcome
+        self._keep_slowest = keep_slowest
         self._claimants: dict[Address, int] = {}
         """Who wrote to us alone and is not believed yet, and until when our ticks go there."""
         self.by_unicast: set[int] = set()
@@ -117,6 +119,8 @@ class Datagrams:
         try:
             self._station.reserved_bytes = checks.body_bytes(self._sessions.waiting)
             departure = self._station.compose(now_ns)
+            if departure.slowest_ns:
+                self._keep_slowest(departure.slowest_ns)
             if self._sessions.waiting:
                 tick = msgspec.structs.replace(departure.tick, checks=self._sessions.due(now_ns))
                 departure = msgspec.structs.replace(departure, tick=tick)

@@ -11,22 +11,25 @@ import msgspec
 from swarmd.broker import config as settings
 from swarmd.broker.boards import Mirrors, OwnBoards
 from swarmd.broker.core.mesh import LinkChanged, LinkEvent, LinkState, Mesh, RouteChanged
+from swarmd.broker.core.neighbour import notice_ns
 from swarmd.broker.core.pace import Pace
 from swarmd.broker.core.relay import News
 from swarmd.broker.core.sessions import Outcome, Sessions
+from swarmd.broker.core.slowest import Slowest
 from swarmd.broker.core.station import Arrival, Identity, Station
 from swarmd.broker.core.tick import PlatformKind
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.datagrams import Datagrams
+from swarmd.broker.former import Former
 from swarmd.broker.frames import Frames
 from swarmd.broker.links.udp import loopback_only
 from swarmd.broker.report import Report
 from swarmware.clock import utc_ns
-from swarmware.errors import Denied, InvalidInput, OutOfRange
+from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.module import Module
 from swarmware.names import Pattern
 from swarmware.resource import Kind, Resource
-from swarmware.security import Keys, next_session
+from swarmware.security import Keys
 from swarmware.service import Service
 from swarmware.types.net import (
     ChannelLimits,
@@ -49,9 +52,6 @@ TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
 _SEQUENCE_NS: Final = 100_000_000
 """Sequence numbers start at the wall clock in ticks of 10 Hz: above those of a former session."""
-_NOTICED_NS: Final = 1_500_000_000
-"""Until then everybody has noticed that a former session ended, with default timeouts."""
-
 PROMISED: Final = frozenset({Kind.STREAM, Kind.EVENT})
 """Kinds of which every item is promised: no limit leaves any out."""
 
@@ -86,8 +86,9 @@ class Broker(Service):
         with contextlib.ExitStack() as stack:
             keys = self._keys()
             config = loopback_only(self.config) if keys.is_open else self.config
-            session, quiet_ns = self._session()
-            self._station = self._make_station(keys, session, quiet_ns)
+            former = Former(self.module.node.config.data_path)
+            session = former.next_session(utc_ns())
+            self._station = self._make_station(keys, session, former)
             self._own_session = session
             sessions = Sessions(node.hardware, session, connections=not keys.is_open)
             self._datagrams = Datagrams(
@@ -100,6 +101,7 @@ class Broker(Service):
                 sessions,
                 self._arrived,
                 self._on_outcome,
+                former.keep,
             )
             stack.callback(self._datagrams.close)
             self._frames = Frames(
@@ -144,20 +146,11 @@ class Broker(Service):
         )
         return Keys.open(config.platform)
 
-    def _session(self) -> tuple[int, int]:
-        """Our session, and for how long others may still believe in a former one."""
-        path = self.module.node.config.data_path / "broker.session"
-        former = path.exists()
-        try:
-            session = next_session(path, utc_ns())
-        except OSError as error:
-            raise Denied(f"{path}: cannot be written: {error.strerror}") from error
-        timeout_ns = round(self.config.link_timeout_s * 1e9)
-        return session, max(_NOTICED_NS, timeout_ns + timeout_ns // 2) if former else 0
-
-    def _make_station(self, keys: Keys, session: int, quiet_ns: int) -> Station:
+    def _make_station(self, keys: Keys, session: int, former: Former) -> Station:
         node = self.module.node
         now_ns = self._clock.now_ns()
+        timeout_ns = round(self.config.link_timeout_s * 1e9)
+        quiet_ns = notice_ns(former.slowest_ns, timeout_ns) if former.slowest_ns else 0
         station = Station(
             Identity(
                 node.hardware,
@@ -170,12 +163,13 @@ class Broker(Service):
             Mesh(
                 node.hardware,
                 session // _SEQUENCE_NS & 0x7FFF_FFFF,
-                round(self.config.link_timeout_s * 1e9),
+                timeout_ns,
                 now_ns + quiet_ns,
             ),
             self._counters,
             busy_hz=self.config.tick_hz,
             relay_bytes_s=self.config.relay_bytes_s,
+            slowest=Slowest(former.slowest_ns, now_ns),
         )
         if keys.roster is not None:
             for member in keys.roster.members:

@@ -49,10 +49,12 @@ NODES: Final = 100
 class Node:
     """One node of the simulated swarm: its core, or nothing while it is down."""
 
-    __slots__ = ("generation", "hw", "links", "mesh", "period_ns", "session", "sessions")
+    __slots__ = ("back_ns", "generation", "hw", "links", "mesh", "period_ns", "session", "sessions")
 
     def __init__(self, hw: int) -> None:
         self.hw = hw
+        self.back_ns = 0
+        """When it starts again, while it is down."""
         self.generation = 0
         self.period_ns = 0
         self.session = 0

@@ -32,6 +32,7 @@ class Shell:
             relay_bytes_s=3000.0,
         )
         self.arrivals: list[Arrival] = []
+        self.kept: list[int] = []
         config = Config(multicast_group="", bind_address="127.0.0.1")
         keys = Keys.open("uav1")
         self.datagrams = Datagrams(
@@ -44,6 +45,7 @@ class Shell:
             Sessions(hw, 1, connections=False),
             self.arrivals.append,
             lambda hw, outcome: None,
+            self.kept.append,
         )
         self.peer_hw = hardware_id("uav2")
         self.tick = Tick(rows=(Row(9, 1, 256),), checks=(Check(CheckKind.ANSWER, hw, digest(1)),))

@@ -22,6 +22,8 @@ from swarmd.broker.core.timing import Timing
 
 CHANGING_NS: Final = 5_000_000_000
 """After a link came up or went down, another one is likely to: the swarm moves."""
+NEW_NS: Final = 1_500_000_000
+"""For so long after its first datagram a node that was started again names its session in all of them."""
 ROWS_MAX: Final = 60
 """Rows in one datagram; scale study, section 2.3."""
 _JUMP_MAX: Final = 0x7FFF
@@ -59,11 +61,12 @@ class Mesh:
         """`quiet_until_ns`: from when on routes over more than one hop are taken.
 
         A node that started anew has forgotten its feasibility distances, while others may still
-        send through it: until they have noticed (heard the new session, or nothing for the link
-        timeout), a row it hears may be its own route come back.
+        send through it: until they have taken the link to its former session down (`notice_ns`), a
+        row it hears may be its own route come back.
         """
         self.own_hw = own_hw
         self._quiet_until_ns = quiet_until_ns
+        self._new_until_ns = quiet_until_ns
         self.neighbours = Neighbours(own_hw, link_timeout_ns)
         self.directory = Directory(own_hw)
         self._sequence = first_sequence
@@ -134,8 +137,8 @@ class Mesh:
             self._changed_ns = now_ns
 
     def is_new(self, now_ns: int) -> bool:
-        """Whether others may still believe in our former session."""
-        return now_ns < self._quiet_until_ns
+        """Whether to say our session with each datagram: most links to the former one end by that."""
+        return now_ns < self._new_until_ns
 
     def is_changing(self, now_ns: int) -> bool:
         """Whether links came up or went down within the last seconds."""
@@ -165,6 +168,8 @@ class Mesh:
 
     def compose(self, now_ns: int, room: int) -> Shape:
         """What the next datagram says, in at most `room` bytes."""
+        if self._composed_ns == NEVER_NS:
+            self._new_until_ns = min(self._new_until_ns, now_ns + NEW_NS)
         self._composed_ns = now_ns
         listing_ns = self.neighbours.listing_ns()
         echoes = self.neighbours.echoes(now_ns, min(room * 3 // 4 // ECHO_BYTES, 255), listing_ns)

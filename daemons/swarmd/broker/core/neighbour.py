@@ -30,7 +30,9 @@ number of neighbours."""
 _LOSS_MIN: Final = 0.0075
 """Loss of a link that has lost nothing yet: one datagram in two windows."""
 MISSES_MAX: Final = 8
-"""At 10 Hz no link outlives the timeout: what a node that starts anew waits for counts on that."""
+"""What a node that starts again waits for counts on that: `notice_ns`."""
+NOTICE_SLACK_NS: Final = 250_000_000
+"""A datagram may be under way for so long, and a timer be late."""
 _BAD: Final = 0.5
 """A link with more loss is given up early: routes had better not wait for it."""
 FIRST_PERIOD_NS: Final = 500_000_000
@@ -174,6 +176,16 @@ class Neighbour:
         """Until when its word holds that it hears this node."""
         said_ns = self.hears.get(hw, NEVER_NS)
         return said_ns + LISTINGS * self.listing_ns + HEARS_SLACK_NS
+
+
+def notice_ns(period_ns: int, timeout_ns: int) -> int:
+    """After so long without a datagram everybody has taken the link to a node down, whatever its loss.
+
+    `period_ns`: the longest time between two of its datagrams that it declared.
+    """
+    periods_ns = round((MISSES_MAX + PERIODS - 2) * period_ns)
+    first_ns = round(PERIODS * FIRST_PERIOD_NS)
+    return max(timeout_ns, first_ns, periods_ns) + NOTICE_SLACK_NS
 
 
 class Neighbours:

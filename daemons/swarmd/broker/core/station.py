@@ -12,6 +12,7 @@ from swarmd.broker.core.mesh import LinkChanged, LinkState, Mesh, Timing
 from swarmd.broker.core.neighbour import CLOCK_HIGH_MAX, PERFECT, Neighbour
 from swarmd.broker.core.pace import IDLE_HZ, QUICK_HZ, allowed_hz
 from swarmd.broker.core.relay import News, Relays
+from swarmd.broker.core.slowest import Slowest
 from swarmd.broker.core.tick import (
     BODY_LIMIT,
     ECHO_BYTES,
@@ -83,6 +84,8 @@ class Departure(msgspec.Struct, frozen=True, gc=False):
     sequence: int
     with_session: bool
     tick: Tick
+    slowest_ns: int = 0
+    """To be kept before it leaves: how slow our neighbours take us to be; 0: nothing new."""
 
 
 class Station:
@@ -96,6 +99,7 @@ class Station:
         *,
         busy_hz: float,
         relay_bytes_s: float,
+        slowest: Slowest | None = None,
     ) -> None:
         self.identity = identity
         self.mesh = mesh
@@ -120,6 +124,7 @@ class Station:
         self._now_ns = NEVER_NS
         self._gap_ns = 0
         """Time between our last two datagrams."""
+        self._slowest = slowest or Slowest(0, NEVER_NS)
         self._declared_ns = 0
         """What the last hello said of the time between two."""
         self._relaying = False
@@ -303,7 +308,8 @@ class Station:
         tick = Tick(
             hello, shape.echoes, shape.rows, shape.requests, tuple(members), tuple(values), tuple(relays)
         )
-        return Departure(self.mesh.next_sequence(), hello is not None, tick)
+        rose = hello is not None and self._slowest.declare(self._declared_ns, now_ns)
+        return Departure(self.mesh.next_sequence(), hello is not None, tick, self._slowest.ns if rose else 0)
 
     def _hello(self, now_ns: int) -> Hello | None:
         period_ns = max(
@@ -313,7 +319,7 @@ class Station:
         calm = not self.mesh.is_changing(now_ns) and now_ns - self._replanned_ns >= HELLO_NS
         again_ns = HELLO_NS if calm else HELLO_CHANGING_NS
         waits = now_ns - self._hello_ns < again_ns - round(0.5e9 / self._busy_hz)
-        waits = waits and not self.mesh.is_new(now_ns)  # whoever missed the new session may cause a loop
+        waits = waits and not self.mesh.is_new(now_ns)  # until then nobody sends to us again
         if waits and period_ns <= SLOWER * self._declared_ns:
             return None
         self._hello_ns = now_ns

@@ -1,0 +1,73 @@
+"""What the broker keeps over its restarts: its session, and how late others notice that it ended."""
+
+import contextlib
+import logging
+import os
+from pathlib import Path
+from typing import Final
+
+from swarmd.broker.core.pace import IDLE_HZ
+from swarmd.broker.core.slowest import CEILINGS_NS
+from swarmware.errors import Denied
+from swarmware.security import next_session
+
+SESSION: Final = "broker.session"
+PERIOD: Final = "broker.period"
+_IDLE_NS: Final = round(1e9 / IDLE_HZ)
+
+log = logging.getLogger("swarm.broker")
+
+
+class Former:
+    """The former session of this node's broker."""
+
+    def __init__(self, folder: Path) -> None:
+        self._session = folder / SESSION
+        self._period = folder / PERIOD
+        self.slowest_ns = self._read() if self._session.exists() else 0
+        """Longest time between two datagrams that the former session declared; 0: there was none."""
+
+    def _read(self) -> int:
+        try:
+            text = self._period.read_text("ascii")
+        except FileNotFoundError:
+            return _IDLE_NS  # it never sent anything, or is of an older version
+        except (OSError, UnicodeDecodeError):
+            return CEILINGS_NS[-1]
+        kept_ns = int(text) * 1_000_000 if text.strip().isdigit() and len(text) < 10 else 0
+        if kept_ns in CEILINGS_NS:
+            return kept_ns
+        log.warning(
+            "%s: %r is no period in ms: the longest is assumed; nodes beyond the neighbours come late",
+            self._period,
+            text[:20],
+        )
+        return CEILINGS_NS[-1]
+
+    def next_session(self, wanted: int) -> int:
+        """Our session, above all earlier ones.
+
+        Raises: Denied when it cannot be kept.
+        """
+        try:
+            return next_session(self._session, wanted)
+        except OSError as error:
+            raise Denied(f"{self._session}: cannot be written: {error.strerror}") from error
+
+    def keep(self, slowest_ns: int) -> None:
+        """Keeps how slow our neighbours take us to be, for the next start."""
+        fresh = self._period.with_name(f".{PERIOD}.{os.getpid()}")
+        try:
+            with fresh.open("w", encoding="ascii") as file:
+                file.write(f"{slowest_ns // 1_000_000}\n")
+                file.flush()
+                os.fsync(file.fileno())  # or a power cut may leave the new name with no bytes in it
+            fresh.replace(self._period)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                fresh.unlink()
+            log.warning(
+                "%s: cannot be written: %s; a restart within the next minutes may disturb routes for seconds",
+                self._period,
+                error.strerror,
+            )
