@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 
 from swarmd.health.config import Config
+from swarmd.health.core.faults import Seen
 from swarmd.health.core.monitor import MonitorCore, Present
 from swarmware.resource import Resource
 from swarmware.types.health import CheckRegistration, CheckReport, CheckReports, Fault, Phase, StateRule
@@ -336,6 +337,26 @@ def test_what_an_operator_clears_is_over_and_what_is_gone_is_forgotten() -> None
     assert core.faults.open() == ()
     lose(core, "nav/pose", 40)
     assert core.state().level == "error", "its owner lives: the fault is a new one"
+
+
+def test_a_clear_answers_with_the_faults_as_they_are_after_it() -> None:
+    core = monitor(grace_s=0.0)
+    present(core, HEAT, app="planner")
+    present(core, POSE, app="navigator", pid=9)
+    lose(core, "motor/heat", 0)
+    for half in range(40, 52):
+        look(core, "motor/heat", half, half * SECOND // 2)
+    lose(core, "nav/pose", 0)
+    core.faults.on_bad(Seen("seen/once", "low", "warn"), 20 * SECOND, believed=False)
+    before = {fault.check: fault.phase for fault in core.faults.open()}
+    assert before == {
+        "age/motor/heat": Phase.HEALED,
+        "age/nav/pose": Phase.CONFIRMED,
+        "seen/once": Phase.PENDING,
+    }
+    assert {fault.check: fault.phase for fault in core.clear("**", 30 * SECOND)} == dict.fromkeys(
+        before, Phase.CLEARED
+    )
 
 
 def test_a_platform_that_was_reached_and_is_not_any_more_is_a_fault_until_it_is_back() -> None:

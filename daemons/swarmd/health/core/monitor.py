@@ -114,14 +114,18 @@ class MonitorCore:
     def clear(self, pattern: str, now_ns: int) -> tuple[Fault, ...]:
         """An operator has seen the faults that match: they are over, and what is gone for good is forgotten.
 
-        A check that goes on and is still bad makes a new fault.
+        A check that goes on and is still bad makes a new fault. The result is what the faults are after that.
         """
         wanted = Pattern(pattern)
-        found = tuple(fault for fault in self.faults.open() if wanted.matches(fault.check))
-        for fault in found:
-            self._note(self.faults.forget(fault.check, now_ns))
-            self._forget(fault.check, now_ns)
-        return found
+        after: list[Fault] = []
+        for fault in self.faults.open():
+            if wanted.matches(fault.check):
+                cleared = self.faults.forget(fault.check, now_ns)
+                self._note(cleared)
+                self._forget(fault.check, now_ns)
+                # a pending one was announced to nobody, so nothing is left of it in the history
+                after.append(cleared or msgspec.structs.replace(fault, phase=Phase.CLEARED))
+        return tuple(after)
 
     def _forget(self, check: str, now_ns: int) -> None:
         """The check itself, unless it is of somebody who lives."""
