@@ -31,7 +31,9 @@ def parser() -> argparse.ArgumentParser:
         help="list the systemd units of the node's services, as node.toml says",
         epilog="Example: systemctl enable swarm.target $(swarmd units)",
     )
-    for command in (run, node, units):
+    forks = commands.add_parser("forkserver")  # started by `swarmd node`: no help, so not listed
+    forks.add_argument("services", nargs="*")
+    for command in (run, node, units, forks):
         command.add_argument(
             "--config",
             metavar="DIR",
@@ -53,6 +55,8 @@ def main(args: list[str] | None = None) -> int:
                 return _units(_folder(options.config))
             case "node":
                 return _node(_folder(options.config))
+            case "forkserver":
+                return _forks(_folder(options.config), options.services)
             case _:
                 return _run(_folder(options.config), options.services)
     except SwarmError as error:
@@ -86,6 +90,16 @@ def _run(config_dir: Path, names: list[str]) -> int:
     from swarmware.service.runner import run_services
 
     return run_services(config_dir, list(dict.fromkeys(names)))
+
+
+def _forks(config_dir: Path, names: list[str]) -> int:
+    from swarmd.forkserver import ForkServer, preload
+    from swarmware.config import load_node
+
+    run_dir = load_node(config_dir).run_path
+    preload(names)
+    order = ForkServer(run_dir).run()
+    return 0 if order is None else _run(order.config_dir, list(order.names))
 
 
 def _node(config_dir: Path) -> int:

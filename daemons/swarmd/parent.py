@@ -12,13 +12,15 @@ import os
 import select
 import signal
 import socket
-import struct
 import sys
 import time
 from contextlib import suppress
 
+from swarmd.forks import Forks
+from swarmd.words import RECEIVE_BYTES, Words
 from swarmware.errors import SwarmError
-from swarmware.service.births import BEAT_S, GUARD, NODE_SOCKET, launch, settled, spawn_missing
+from swarmware.service.births import BEAT_S, GUARD, WHOLE, launch, newborn, note, settled, spawn_missing
+from swarmware.service.fork import ENDED_S, Started
 from swarmware.service.lives import Lives
 from swarmware.service.notify import Notifier
 
@@ -31,12 +33,11 @@ if TYPE_CHECKING:
 HUNG_S: Final = 15.0
 """A process without a sign of life for so long is killed; an event loop gives one every few seconds."""
 ELSEWHERE_S: Final = 0.3
-"""Daemons start the guard again by themselves, and at once; so long they are left to do it."""
+"""A process that somebody else starts is looked for again after so long, unless it speaks before."""
+FORKS_S: Final = 10.0
+"""The first process waits no longer for the fork server."""
 LATE_S: Final = 1.0
 """A parent that was kept from running for longer blames nobody for that time."""
-RECEIVE_BYTES: Final = 4096
-_CREDENTIALS: Final = struct.Struct("3i")
-"""pid, uid, gid. Source: unix(7), SCM_CREDENTIALS."""
 _NS: Final = 1_000_000_000
 _ENTRY: Final = "import sys; from swarmd.parent import main; sys.exit(main(sys.argv[1:]))"
 """Half a megabyte less than `-m swarmd.parent`, whose runpy stays loaded."""
@@ -47,77 +48,64 @@ def become(platform: str, config_dir: Path, run_dir: Path, services: list[str], 
 
     `shared`: one process per daemon; the parent starts the guard, which starts the others.
     """
-    words = ["node", platform, str(config_dir), str(run_dir) if shared else "", *services]
+    words = ["node", platform, str(config_dir), str(run_dir), "shared" if shared else "", *services]
     os.execv(sys.executable, [sys.executable, "-c", _ENTRY, *words])
 
 
 def main(words: list[str]) -> int:
     """The words of `become`; the exit code of the node."""
-    _, platform, config_dir, run_dir, *services = words
-    if not run_dir:
-        return Parent(
-            lambda: launch(services, config_dir, speaks=True), platform, shared=False, lives=Lives()
-        ).run()
+    _, platform, config_dir, run_dir, shared, *services = words
+    name = GUARD if shared else WHOLE
+
+    def one() -> Started:
+        if pid := newborn(WHOLE, run_dir):
+            return Started(pid)  # the parent before this one was killed, its child lives
+        started = launch(services, config_dir, run_dir, speaks=True)
+        note(WHOLE, started.pid, run_dir)
+        return started
+
+    def guard() -> Started | None:
+        return spawn_missing(GUARD, config_dir, run_dir)
+
     try:
-        return Parent(
-            lambda: spawn_missing(GUARD, config_dir, run_dir), platform, shared=True, lives=Lives()
-        ).run()
+        listening = Words(run_dir)
+    except SwarmError as error:
+        sys.stderr.write(f"swarmd: {error}\n")
+        return error.exit_code
+    try:
+        if shared:
+            forks = Forks(services, config_dir, run_dir)
+            return Parent(guard, platform, listening, Lives(), forks).run()
+        return Parent(one, platform, listening, Lives()).run()
     finally:
-        settled(GUARD, run_dir)
-
-
-class Words:
-    """The socket to which the child speaks as to systemd; only processes of this user are heard."""
-
-    def __init__(self) -> None:
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
-        self._socket.bind("")  # an abstract address of the kernel's choice
-        self.address = "@" + self._socket.getsockname()[1:].decode()
-
-    def fileno(self) -> int:
-        """For poll."""
-        return self._socket.fileno()
-
-    def take(self) -> tuple[int, dict[str, str]] | None:
-        """pid of the speaker and what it says; None when there is nothing more."""
-        while True:
-            try:
-                data, ancillary, _, _ = self._socket.recvmsg(
-                    RECEIVE_BYTES, socket.CMSG_SPACE(_CREDENTIALS.size)
-                )
-            except BlockingIOError:
-                return None
-            for level, kind, content in ancillary:
-                if (level, kind) == (socket.SOL_SOCKET, socket.SCM_CREDENTIALS):
-                    pid, uid, _gid = _CREDENTIALS.unpack(content)
-                    if uid == os.getuid():
-                        lines = data.decode("utf-8", "replace").splitlines()
-                        return pid, dict(line.partition("=")[::2] for line in lines)
-
-    def close(self) -> None:
-        """Hear no more."""
-        self._socket.close()
+        settled(name, run_dir)
+        listening.close()
 
 
 class Parent:
     """Keeps one process running until it ends in peace, or this one is asked to end.
 
-    `start` begins a process and gives its pid; 0: it runs already, started by somebody else.
-    `shared`: others may start it too.
+    `start` begins a process; None: it runs already, started by somebody else.
+    `forks`: the server that forks it; then others may start it too.
     """
 
-    def __init__(self, start: Callable[[], int], platform: str, *, shared: bool, lives: Lives) -> None:
+    def __init__(
+        self,
+        start: Callable[[], Started | None],
+        platform: str,
+        words: Words,
+        lives: Lives,
+        forks: Forks | None = None,
+    ) -> None:
         self._start = start
         self._platform = platform
-        self._shared = shared
+        self._words = words
         self._lives = lives
+        self._forks = forks
         self._above = Notifier()
-        self._words = Words()
-        os.environ[NODE_SOCKET] = self._words.address
         self._pid = 0
         self._pidfd = -1
-        self._child = 0
+        self._child: Started | None = None
         """The newest that we started ourselves: only its exit code is known to us."""
         self._started_ns = 0
         self._beat_ns = 0
@@ -140,7 +128,11 @@ class Parent:
         for fd in (wake.fileno(), self._words.fileno()):
             poller.register(fd, select.POLLIN)
         try:
-            self._begin()
+            if self._forks is None:
+                self._begin()
+            else:
+                self._begin_forks(self._forks)
+                self._due_ns = self._due_ns or time.monotonic_ns() + round(FORKS_S * _NS)
             while True:
                 code = self._turn(poller, wake)
                 if code is not None:
@@ -148,28 +140,38 @@ class Parent:
         finally:
             signal.set_wakeup_fd(-1)
             self._forget()
-            self._words.close()
+            if self._child is not None:
+                self._child.close()
+            if self._forks is not None:
+                self._forks.close()
             self._above.close()
             for end in (wake, waker):
                 end.close()
 
     def _turn(self, poller: select.poll, wake: socket.socket) -> int | None:
-        if self._pidfd >= 0:
-            poller.register(self._pidfd, select.POLLIN)
         watched = self._pidfd
+        forks = -1 if self._forks is None else self._forks.pidfd
+        for fd in (watched, forks):
+            if fd >= 0:
+                poller.register(fd, select.POLLIN)
         wait_s = self._wait_s()
         began_s = time.monotonic()
         ready = {fd for fd, _ in poller.poll(wait_s * 1000)}
         if time.monotonic() - began_s - wait_s > LATE_S:
             self._beat_ns = time.monotonic_ns()
-        if watched >= 0:
-            poller.unregister(watched)
+        for fd in (watched, forks):
+            if fd >= 0:
+                poller.unregister(fd)
         if wake.fileno() in ready:
             wake.recv(RECEIVE_BYTES)
         while (word := self._words.take()) is not None:
             self._hear(*word)
         if self._above.watchdog_s is not None:
             self._above.alive()
+        if self._forks is not None and forks in ready:
+            self._say("the fork server ended; started again")
+            self._forks.on_end()
+            self._on_forks()
         if watched in ready and watched == self._pidfd:
             code = self._ended()
             if code is not None:
@@ -186,6 +188,8 @@ class Parent:
         due = [now_ns + round(BEAT_S / 2 * _NS)]
         if self._due_ns is not None:
             due.append(self._due_ns)
+        if self._forks is not None and self._forks.due_ns is not None:
+            due.append(self._forks.due_ns)
         if self._above.watchdog_s is not None:
             due.append(now_ns + round(self._above.watchdog_s * _NS))
         return max(0.0, (min(due) - now_ns) / _NS)
@@ -203,13 +207,19 @@ class Parent:
                 signal.pidfd_send_signal(self._pidfd, number)
 
     def _hear(self, pid: int, words: dict[str, str]) -> None:
-        if self._shared and self._pid == 0:
-            self._follow(pid)
+        if self._forks is not None:
+            if pid == self._forks.pid:
+                self._forks.on_ready()
+                self._on_forks()
+                return
+            if self._pid == 0:
+                self._follow(pid)
         if pid != self._pid:
             return
         now_ns = self._beat_ns = time.monotonic_ns()
         self._leaving = self._leaving or "STOPPING" in words
-        if "READY" in words:
+        # one that was adopted has said READY to the parent before this one
+        if "READY" in words or ("WATCHDOG" in words and not self._ready):
             self._ready = True
             self._lives.on_ready(now_ns)
             self._above.ready(words.get("STATUS", ""))
@@ -233,12 +243,16 @@ class Parent:
     def _ended(self) -> int | None:
         """The process is no more; the node's exit code when it is not to be started again."""
         pid, was_ready, leaving = self._pid, self._ready, self._leaving
-        how = self._how(pid)
+        how = "gone"
+        if self._child is not None and self._child.pid == pid:
+            how = self._child.how(ENDED_S)
         self._forget()
         peaceful = how == "exit 0" or (how == "gone" and leaving)
         kind, _, number = how.partition(" ")
-        if self._asked or peaceful:
-            return int(number) if kind == "exit" else 0 if how == "gone" else 128 + int(number)
+        if peaceful or (self._asked and how in {"gone", f"signal {int(signal.SIGTERM)}"}):
+            return 0  # the signal may have come before the process could handle it
+        if self._asked:
+            return int(number) if kind == "exit" else 128 + int(number)
         if kind == "exit" and not self._was_ready:
             return int(number)  # it has said why: a second try would say the same
         now_ns = time.monotonic_ns()
@@ -246,33 +260,25 @@ class Parent:
         if pause_s is None:
             self._say(f"ended: {how}; given up after {self._lives.restarts} restarts")
             return SwarmError.exit_code
-        if self._shared:
-            pause_s = max(pause_s, ELSEWHERE_S)
         self._say(f"ended: {how}; starts again (restart {self._lives.restarts})")
         self._above.restarted(self._lives.restarts, how)
         self._due_ns = now_ns + round(pause_s * _NS)
         return None
-
-    def _how(self, pid: int) -> str:
-        if pid != self._child:
-            return "gone"
-        self._child = 0
-        result = os.waitid(os.P_PID, pid, os.WEXITED)
-        assert result is not None
-        return f"{'exit' if result.si_code == os.CLD_EXITED else 'signal'} {result.si_status}"
 
     def _reap(self) -> None:
         """Collects orphans that the kernel has given to us: as the first process of a container."""
         while True:
             try:
                 found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-                if found is None or found.si_pid in {self._child, self._pid}:
+                if found is None or found.si_pid in {self._pid, self._forks.pid if self._forks else 0}:
                     return
                 os.waitid(os.P_PID, found.si_pid, os.WEXITED | os.WNOHANG)
             except ChildProcessError:
                 return
 
     def _on_time(self, now_ns: int) -> None:
+        if self._forks is not None and self._forks.due_ns is not None and now_ns >= self._forks.due_ns:
+            self._begin_forks(self._forks)
         if self._due_ns is not None and now_ns >= self._due_ns:
             self._begin()
         elif self._ready and now_ns - self._beat_ns > HUNG_S * _NS:
@@ -281,16 +287,27 @@ class Parent:
             self._signal(signal.SIGKILL)
 
     def _begin(self) -> None:
+        if self._child is not None:
+            self._child.close()
         try:
-            pid = self._start()
+            self._child = self._start()
         except OSError as error:
-            pid = 0
+            self._child = None
             self._say(f"cannot be started: {error}")
-        if pid:
-            self._child = pid
-            self._follow(pid)
-        else:
+        if self._child is None or not self._follow(self._child.pid):
             self._due_ns = time.monotonic_ns() + round(ELSEWHERE_S * _NS)
+
+    def _begin_forks(self, forks: Forks) -> None:
+        try:
+            forks.begin()
+        except OSError as error:
+            self._say(f"the fork server cannot be started: {error}")
+            self._on_forks()
+
+    def _on_forks(self) -> None:
+        """The fork server is there, or will not be: the first process need not wait for it any more."""
+        if self._pid == 0 and self._child is None:
+            self._due_ns = time.monotonic_ns()
 
     def _forget(self) -> None:
         if self._pidfd >= 0:

@@ -11,6 +11,7 @@ from typing import Protocol
 from swarmware.errors import NotFound
 from swarmware.service.births import newborn, settled, spawn
 from swarmware.service.child import Child
+from swarmware.service.fork import Started
 
 log = logging.getLogger("swarm.guard")
 
@@ -66,6 +67,8 @@ class Processes:
         self._run_dir = run_dir
         self._on_exit = on_exit
         self._children: dict[str, Child] = {}
+        self._started: dict[str, Started] = {}
+        """Until they are watched."""
 
     def running(self, name: str) -> int:
         """pid of a process that a former guard started a moment ago."""
@@ -73,14 +76,18 @@ class Processes:
 
     def spawn(self, name: str) -> int:
         """A new process in a session of its own."""
-        return spawn(name, self._config_dir, self._run_dir)
+        started = self._started[name] = spawn(name, self._config_dir, self._run_dir)
+        return started.pid
 
     def watch(self, name: str, pid: int) -> bool:
         """By pidfd: its end is known within milliseconds."""
         if (known := self._children.pop(name, None)) is not None:
             known.close()
+        started = self._started.pop(name, None)
+        if started is None or started.pid != pid:
+            started = Started(pid)
         with suppress(NotFound):
-            self._children[name] = Child(pid, lambda how: self._ended(name, pid, how))
+            self._children[name] = Child(started, lambda how: self._ended(name, pid, how))
             return True
         return False
 

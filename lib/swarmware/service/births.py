@@ -1,7 +1,7 @@
 """Processes of services that were started and have not joined the node yet: one note each.
 
-Spawned, never forked: a fork would keep the locks of its parent. In a session of its own, so that a signal
-to the terminal or the end of the supervisor does not reach it.
+Forked by the fork server of the node, which holds nothing that a fork would keep, or started from scratch.
+In a session of its own, so that a signal to the terminal or the end of the supervisor does not reach it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import signal
 import sys
 from contextlib import suppress
 
+from swarmware.service.fork import FOLDER as PARENT_FOLDER
+from swarmware.service.fork import Started, ask, own_folder
 from swarmware.shm.lock import held_by_other, lock_within
 from swarmware.shm.ticks import start_ticks
 
@@ -21,49 +23,68 @@ if TYPE_CHECKING:
 
 FOLDER: Final = "births"
 """In the run directory."""
-NODE_SOCKET: Final = "SWARMD_NODE_SOCKET"
-"""Environment: where the parent of the node's processes listens; all inherit it, the guard uses it."""
+PARENT_SOCKET: Final = "words"
+"""Where the parent of the node's processes listens, in its folder; after a kill the next parent, too."""
 BEAT_S: Final = 4.0
 """A process that speaks to the parent gives a sign of life twice in this time."""
 GUARD: Final = "guard"
+WHOLE: Final = ".node"
+"""Note of the one process that runs all services; no service has such a name."""
 LOCK_WAIT_S: Final = 2.0
 """A start takes some milliseconds; others wait for it to see whether they are still needed."""
 _OURS: Final = frozenset({"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", "MAINPID"})
 """Words between this process and its own supervisor."""
 
 
-def launch(names: list[str], config_dir: PathLike[str] | str, *, speaks: bool) -> int:
-    """Starts `swarmd run NAMES` in a session of its own; its pid. Output goes where ours goes.
+def launch(
+    names: list[str], config_dir: PathLike[str] | str, run_dir: PathLike[str] | str, *, speaks: bool
+) -> Started:
+    """Starts a process of these services in a session of its own. Output goes where that of the node goes.
 
     `speaks`: it tells the parent of the node's processes that it is ready and alive, if there is one.
     """
-    command = [sys.executable, "-m", "swarmd", "run", *names, "--config", os.fspath(config_dir)]
-    environment = {key: value for key, value in os.environ.items() if key not in _OURS}
-    if speaks and NODE_SOCKET in environment:
-        environment["NOTIFY_SOCKET"] = environment[NODE_SOCKET]
-        environment["WATCHDOG_USEC"] = str(round(BEAT_S * 1e6))
+    if (forked := ask(names, config_dir, run_dir, speaks=speaks)) is not None:
+        return forked
+    return Started(
+        start(["run", *names, "--config", os.fspath(config_dir)], environment(run_dir, speaks=speaks))
+    )
+
+
+def start(words: list[str], variables: dict[str, str], stdin: int | None = None) -> int:
+    """Starts `swarmd WORDS` with an empty interpreter; its pid."""
+    null = (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0)
     # SIGINT and SIGTERM may be ignored or blocked here; a new process must not inherit that
     return os.posix_spawn(
         sys.executable,
-        command,
-        environment,
-        file_actions=[(os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0)],
+        [sys.executable, "-m", "swarmd", *words],
+        variables,
+        file_actions=[null if stdin is None else (os.POSIX_SPAWN_DUP2, stdin, 0)],
         setsid=True,
         setsigmask=[],
         setsigdef=[signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGCHLD, signal.SIGPIPE],
     )
 
 
-def spawn(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> int:
-    """Starts the process of one service, and notes its start; its pid."""
-    pid = launch([name], config_dir, speaks=name == GUARD)
-    note(name, pid, run_dir)
-    return pid
+def environment(run_dir: PathLike[str] | str, *, speaks: bool) -> dict[str, str]:
+    """Variables of a new process: ours, without the words between us and our own supervisor."""
+    variables = {key: value for key, value in os.environ.items() if key not in _OURS}
+    parent = os.path.join(run_dir, PARENT_FOLDER, PARENT_SOCKET)
+    if speaks and os.path.exists(parent):
+        variables["NOTIFY_SOCKET"] = parent
+        variables["WATCHDOG_USEC"] = str(round(BEAT_S * 1e6))
+    return variables
+
+
+def spawn(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> Started:
+    """Starts the process of one service, and notes its start."""
+    started = launch([name], config_dir, run_dir, speaks=name == GUARD)
+    note(name, started.pid, run_dir)
+    return started
 
 
 def note(name: str, pid: int, run_dir: PathLike[str] | str) -> None:
     """Writes down that this process was started for the service."""
-    with open(os.path.join(_folder(run_dir), name), "w", encoding="ascii") as file:
+    with open(os.path.join(own_folder(run_dir, FOLDER), name), "w", encoding="ascii") as file:
         file.write(f"{pid} {start_ticks(pid)}\n")
 
 
@@ -86,26 +107,18 @@ def settled(name: str, run_dir: PathLike[str] | str) -> None:
         os.unlink(os.path.join(run_dir, FOLDER, name))
 
 
-def spawn_missing(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> int:
-    """Starts the service unless it runs or is being started, whoever else tries the same; pid, or 0.
+def spawn_missing(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> Started | None:
+    """Starts the service unless it runs or is being started, whoever else tries the same.
 
     Raises: OSError.
     """
-    fd = os.open(_folder(run_dir), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    fd = os.open(own_folder(run_dir, FOLDER), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         if not lock_within(fd, LOCK_WAIT_S) or newborn(name, run_dir) or _joined(name, run_dir):
-            return 0
+            return None
         return spawn(name, config_dir, run_dir)
     finally:
         os.close(fd)
-
-
-def _folder(run_dir: PathLike[str] | str) -> str:
-    folder = os.path.join(run_dir, FOLDER)
-    os.makedirs(run_dir, exist_ok=True)
-    with suppress(FileExistsError):
-        os.mkdir(folder, mode=0o700)
-    return folder
 
 
 def _joined(name: str, run_dir: PathLike[str] | str) -> bool:

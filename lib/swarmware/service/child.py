@@ -7,19 +7,23 @@ import signal
 from collections.abc import Callable
 
 from swarmware.errors import NotFound
+from swarmware.service.fork import ENDED_S, Started
 
 
 class Child:
     """One process. `on_exit` is called once, with `signal 9`, `exit 1`, or `gone` for another's child."""
 
-    def __init__(self, pid: int, on_exit: Callable[[str], None]) -> None:
+    def __init__(self, started: Started, on_exit: Callable[[str], None]) -> None:
         """Raises: NotFound when there is no such process."""
+        self._started = started
+        self.pid = started.pid
         try:
-            self._fd = os.pidfd_open(pid)
+            self._fd = os.pidfd_open(self.pid)
         except ProcessLookupError:
-            raise NotFound(f"process {pid}: it does not run") from None
-        self.pid = pid
+            started.close()
+            raise NotFound(f"process {self.pid}: it does not run") from None
         self._on_exit = on_exit
+        self._late: asyncio.TimerHandle | None = None
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._fd, self._ended)
 
@@ -30,13 +34,16 @@ class Child:
                 signal.pidfd_send_signal(self._fd, number)
 
     def _ended(self) -> None:
-        how = "gone"
-        with contextlib.suppress(
-            ChildProcessError
-        ):  # a child of another process: that one learns how it ended
-            result = os.waitid(os.P_PIDFD, self._fd, os.WEXITED | os.WNOHANG)
-            if result is not None:
-                how = f"{'exit' if result.si_code == os.CLD_EXITED else 'signal'} {result.si_status}"
+        status = self._started.status
+        if status is None:
+            self._say()
+        else:  # its parent, the fork server, learns how
+            self._loop.remove_reader(self._fd)
+            self._loop.add_reader(status, self._say)
+            self._late = self._loop.call_later(ENDED_S, self._say)
+
+    def _say(self) -> None:
+        how = self._started.how()
         self.close()
         self._on_exit(how)
 
@@ -46,3 +53,8 @@ class Child:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)
             self._fd = -1
+        if self._late is not None:
+            self._late.cancel()
+        if self._started.status is not None:
+            self._loop.remove_reader(self._started.status)
+        self._started.close()

@@ -88,16 +88,16 @@ class GuardWatch:
 
     def _start(self) -> None:
         try:
-            pid = spawn_missing(GUARD, self._node.config_dir, self._node.run_dir)
+            started = spawn_missing(GUARD, self._node.config_dir, self._node.run_dir)
         except OSError as error:
             log.error("guard: cannot be started: %s", error)
             return
-        if pid:
-            log.warning("guard: died; started again, pid %d", pid)
+        if started is not None:
+            log.warning("guard: died; started again, pid %d", started.pid)
             if self._child is not None:
                 self._child.close()
             with suppress(NotFound, SwarmError):
-                self._child = Child(pid, self._ended)
+                self._child = Child(started, self._ended)
 
     def _ended(self, how: str) -> None:
         self._child = None

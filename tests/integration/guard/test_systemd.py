@@ -51,10 +51,10 @@ async def test_a_child_is_found_again_by_its_note_until_it_has_joined_or_ended(t
     run_dir = tmp_path / "uav1/run"
     run_dir.mkdir()
     with no_leaks():
-        pid = spawn("nosuch", config, run_dir)
-        assert newborn("nosuch", run_dir) == pid
+        started = spawn("nosuch", config, run_dir)
+        assert newborn("nosuch", run_dir) == started.pid
         ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        child = Child(pid, ended.set_result)
+        child = Child(started, ended.set_result)
         assert await asyncio.wait_for(ended, 20.0) == "exit 6"
         child.close()
         assert newborn("nosuch", run_dir) == 0

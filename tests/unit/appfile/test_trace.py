@@ -49,11 +49,11 @@ def test_the_next_of_the_name_removes_the_trace(tmp_path: Path) -> None:
 
 def test_what_runs_or_is_being_started_is_not_started_again(tmp_path: Path) -> None:
     app = join(tmp_path)
-    assert spawn_missing("guard", tmp_path, tmp_path) == 0
+    assert spawn_missing("guard", tmp_path, tmp_path) is None
     app.close()
     note("guard", os.getpid(), tmp_path)
     assert newborn("guard", tmp_path) == os.getpid()
-    assert spawn_missing("guard", tmp_path, tmp_path) == 0
+    assert spawn_missing("guard", tmp_path, tmp_path) is None
 
 
 def test_a_file_that_a_living_application_cannot_read_does_not_hide_the_others(tmp_path: Path) -> None:

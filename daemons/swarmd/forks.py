@@ -1,0 +1,71 @@
+"""The fork server of the node as its parent keeps it: started first, started again when it was killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from contextlib import suppress
+
+from swarmware.service.births import environment, start
+from swarmware.service.fork import FOLDER, SOCKET
+from swarmware.service.lives import Lives
+
+TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
+if TYPE_CHECKING:
+    from typing import Final
+
+_NS: Final = 1_000_000_000
+
+
+class Forks:
+    """One process. Whatever becomes of it, the node goes on: starts only cost more."""
+
+    def __init__(self, services: list[str], config_dir: str, run_dir: str) -> None:
+        self._words = ["forkserver", *services, "--config", config_dir]
+        self._run_dir = run_dir
+        self._lives = Lives()
+        self._lifeline = -1
+        self.pid = 0
+        self.pidfd = -1
+        self.due_ns: int | None = None
+        """When it is started again; None: it runs, or was given up."""
+
+    def begin(self) -> None:
+        """Starts it. Raises: OSError."""
+        self.due_ns = None
+        theirs, self._lifeline = os.pipe()  # its input: closed with this process, whatever ends that
+        try:
+            self.pid = start(self._words, environment(self._run_dir, speaks=True), stdin=theirs)
+        finally:
+            os.close(theirs)
+        self.pidfd = os.pidfd_open(self.pid)
+
+    def on_ready(self) -> None:
+        """It has said so."""
+        self._lives.on_ready(time.monotonic_ns())
+
+    def on_end(self) -> None:
+        """Its end was seen."""
+        how = os.waitid(os.P_PID, self.pid, os.WEXITED)
+        killed = how is not None and how.si_code != os.CLD_EXITED
+        self._forget()
+        now_ns = time.monotonic_ns()
+        pause_s = self._lives.on_end(now_ns, killed=killed)
+        self.due_ns = None if pause_s is None else now_ns + round(pause_s * _NS)
+
+    def close(self) -> None:
+        """Ends it; it holds nothing that had to be saved."""
+        self.due_ns = None
+        if self.pid:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self.pidfd, signal.SIGKILL)
+            os.waitid(os.P_PID, self.pid, os.WEXITED)
+            self._forget()
+        with suppress(FileNotFoundError):
+            os.unlink(os.path.join(self._run_dir, FOLDER, SOCKET))
+
+    def _forget(self) -> None:
+        os.close(self.pidfd)
+        os.close(self._lifeline)
+        self.pid, self.pidfd, self._lifeline = 0, -1, -1

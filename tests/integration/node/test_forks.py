@@ -1,0 +1,178 @@
+"""The parent of a node and its fork server: killed, hung, replaced, while the daemons go on."""
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+
+from swarmware.appfile import scan
+from swarmware.errors import NoAnswer, SwarmError
+from swarmware.service.fork import FOLDER, SOCKET, ask
+from swarmware.shm.ticks import start_ticks
+from swarmware.testing import Process, make_node, no_leaks, spawn
+
+T = TypeVar("T")
+PATIENCE_S = 30.0
+SERVICES = ("register", "timesync", "guard", "health")
+
+
+async def until(look: Callable[[], T], what: str) -> T:
+    """The first value that is true; other processes make it so."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not (found := look()):
+        if time.monotonic() > end_s:
+            raise NoAnswer(f"{what}: not within {PATIENCE_S} s")
+        await asyncio.sleep(0.01)
+    return found
+
+
+def daemons(root: Path) -> dict[str, int]:
+    return {entry.name: entry.pid for entry in scan(root / "uav1/run")}
+
+
+def complete(root: Path) -> dict[str, int]:
+    """All daemons by name, when all are there."""
+    found = daemons(root)
+    return found if found.keys() == set(SERVICES) else {}
+
+
+def command(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/cmdline").read_bytes().rstrip(b"\0").decode().split("\0")
+
+
+def family(pid: int) -> tuple[int, int]:
+    """Parent and session."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return int(fields[1]), int(fields[3])
+
+
+def standard_input(pid: int) -> str:
+    return str(Path(f"/proc/{pid}/fd/0").readlink())
+
+
+def fork_server(parent: int) -> int:
+    """The child of the parent that listens; 0 while there is none."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    found = [int(pid) for pid in children if command(int(pid))[3:4] == ["forkserver"]]
+    return found[0] if found else 0
+
+
+@asynccontextmanager
+async def node(root: Path, processes: str = "per-daemon") -> AsyncIterator[tuple[Path, Process]]:
+    config = make_node(root, services={name: {} for name in SERVICES}, processes=processes)
+    with no_leaks(root / "uav1/run", root / "uav1/shm"):
+        async with spawn(config) as parent:
+            await until(lambda: complete(root), "daemons")
+            yield config, parent
+
+
+async def test_daemons_are_forked_and_look_like_those_that_were_started_from_scratch(tmp_path: Path) -> None:
+    async with node(tmp_path) as (config, parent):
+        server = fork_server(parent.pid)
+        for name, pid in daemons(tmp_path).items():
+            assert command(pid) == [sys.executable, "-m", "swarmd", "run", name, "--config", str(config)]
+            assert family(pid) == (server, pid), "a child of the server, in a session of its own"
+            assert standard_input(pid) == "/dev/null"
+
+
+async def test_a_fork_server_that_was_killed_is_replaced_and_no_daemon_ends_with_it(tmp_path: Path) -> None:
+    async with node(tmp_path) as (_, parent):
+        before, server = daemons(tmp_path), fork_server(parent.pid)
+        os.kill(server, signal.SIGKILL)
+        after = await until(lambda: (pid := fork_server(parent.pid)) != server and pid, "another server")
+        assert complete(tmp_path) == before
+        await until((tmp_path / "uav1/run" / FOLDER / SOCKET).exists, "socket")
+        os.kill(before["timesync"], signal.SIGKILL)
+        await until(
+            lambda: daemons(tmp_path).get("timesync", before["timesync"]) != before["timesync"], "timesync"
+        )
+        assert fork_server(parent.pid) == after
+
+
+async def test_a_fork_server_that_hangs_keeps_no_daemon_from_coming_back(tmp_path: Path) -> None:
+    async with node(tmp_path) as (_, parent):
+        before, server = daemons(tmp_path), fork_server(parent.pid)
+        os.kill(server, signal.SIGSTOP)
+        os.kill(before["timesync"], signal.SIGKILL)
+        await until(
+            lambda: daemons(tmp_path).get("timesync", before["timesync"]) != before["timesync"], "timesync"
+        )
+        await until(lambda: fork_server(parent.pid) not in {0, server}, "another server")
+
+
+async def test_everything_but_the_parent_killed_at_once_is_back(tmp_path: Path) -> None:
+    async with node(tmp_path) as (_, parent):
+        before = daemons(tmp_path)
+        for pid in (fork_server(parent.pid), *before.values()):
+            os.kill(pid, signal.SIGKILL)
+        await until(
+            lambda: (after := complete(tmp_path)) and not set(before.values()) & set(after.values()),
+            "daemons",
+        )
+
+
+@pytest.mark.parametrize("processes", ["one", "per-daemon"])
+async def test_a_parent_that_was_killed_is_succeeded_by_the_next_and_no_daemon_ends(
+    tmp_path: Path, processes: str
+) -> None:
+    async with node(tmp_path, processes) as (config, parent):
+        before = daemons(tmp_path)
+        server = fork_server(parent.pid)
+        parent.signal(signal.SIGKILL)
+        await until(lambda: parent.returncode is not None, "its end")
+        assert complete(tmp_path) == before
+        if server:
+            await until(lambda: not start_ticks(server), "the end of the server, whose parent has gone")
+        async with spawn(config) as successor:  # ready: it has a sign of life of what runs
+            assert complete(tmp_path) == before
+            assert await successor.terminate() == 0
+            assert not any(start_ticks(pid) for pid in before.values())
+
+
+async def test_a_second_parent_is_refused_while_the_first_lives(tmp_path: Path) -> None:
+    async with node(tmp_path, "one") as (config, _):
+        before = daemons(tmp_path)
+        with pytest.raises(SwarmError, match=r"(?s)ended with 1 .*runs here already"):
+            async with spawn(config):
+                pass
+        assert daemons(tmp_path) == before
+
+
+async def test_a_guard_that_cannot_be_configured_ends_the_node_with_its_exit_code(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"guard": {}}, processes="per-daemon")
+    (config / "services/guard.toml").write_text("hung_s = -1\n")
+    with no_leaks(tmp_path / "uav1/run"), pytest.raises(SwarmError, match=r"(?s)ended with 7 .*hung_s"):
+        async with spawn(config):
+            pass
+
+
+def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_parent(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={"timesync": {}}, processes="per-daemon")
+    run_dir = tmp_path / "uav1/run"
+    (run_dir / FOLDER).mkdir(parents=True)
+    words = [sys.executable, "-m", "swarmd", "forkserver", "timesync", "--config", str(config)]
+    with no_leaks(run_dir), subprocess.Popen(words, stdin=subprocess.PIPE) as server:
+        assert server.stdin is not None
+        asyncio.run(until((run_dir / FOLDER / SOCKET).exists, "socket"))
+        os.kill(server.pid, signal.SIGSTOP)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as impatient:
+            impatient.connect(str(run_dir / FOLDER / SOCKET))
+            impatient.send(f"\0{config}\0timesync".encode())
+        os.kill(server.pid, signal.SIGCONT)
+        # asked later, answered later: what comes before was looked at
+        started = ask(["nosuch"], config, run_dir, speaks=False)
+        assert started is not None
+        assert started.how(PATIENCE_S) == "exit 6"
+        started.close()
+        assert not Path(f"/proc/{server.pid}/task/{server.pid}/children").read_text().split()
+        server.stdin.close()
+        assert server.wait(PATIENCE_S) == 0
