@@ -10,8 +10,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     window_s: Annotated[float, msgspec.Meta(ge=10, le=600)] = 60.0
     """Exchanges older than this are forgotten; longer is more exact and slower to follow a drifting clock."""
-    solve_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 1.0
-    """How often a function is found anew while exchanges come."""
+    solve_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 3.0
+    """Longest time until a function is found again while exchanges come; a young one, and one that an
+    exchange contradicts, is found sooner."""
     publish_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 1.0
     """Least time between two lists on the board; a first value or a step is published at once."""
     forget_s: Annotated[float, msgspec.Meta(ge=60, le=604_800)] = 3600.0

@@ -11,6 +11,12 @@ MEASURED_NS: Final = 10_000_000_000
 """A unit whose packets came within this time is measured here, whatever a partner states of it: a partner's
 function of its first seconds has a rate that is hardly known, and is not renewed."""
 
+STATED_NS: Final = 60_000_000_000
+"""What a partner stated is used for so long: while there is a way over it, it is asked six times in that."""
+LINK_AGE_NS: Final = 30_000_000_000
+"""A composed function is at most so old for each of its links: each adds the time between two questions,
+10 s, and that between two solutions. An older one means that a link on the way is silent."""
+
 
 class Publish(msgspec.Struct, frozen=True):
     """The functions have changed: put them on the board."""
@@ -58,7 +64,7 @@ class TimeCore:
         *,
         first_epoch: int,
         window_s: float = 60.0,
-        solve_s: float = 1.0,
+        solve_s: float = 3.0,
         publish_s: float = 1.0,
         forget_s: float = 3600.0,
         functions_limit: int = 128,
@@ -76,6 +82,8 @@ class TimeCore:
         self.refused = 0
         """Functions of partners that no two real clocks can have."""
         self._published_ns: int | None = None
+        self._expiry_ns: int | None = None
+        """When the next composed function of the list ends."""
         self._changed = False
         self._urgent = False
 
@@ -122,10 +130,12 @@ class TimeCore:
         self._told[peer.hardware] = (told, now_ns)
         self._changed = True
         mine = told.of(self._me[0], self._me[1])
-        if peer.conversion is None and mine is not None and mine.boot_id == self._me[3] and mine.hops == 1:
+        known = peer.conversion
+        stated = known is None or not known.samples
+        if stated and mine is not None and mine.boot_id == self._me[3] and mine.hops == 1:
             seen = mine.inverse(peer.platform, peer.unit, peer.hardware, peer.boot_id)
             peer.conversion = msgspec.structs.replace(seen, samples=0, rtt_ns=0)
-            self._urgent = True
+            self._urgent = self._urgent or known is None
         self._suspects = self._find_suspects(now_ns)
         return refused
 
@@ -133,9 +143,17 @@ class TimeCore:
         """Platforms that are heard and have no function yet: their own of us is a first value."""
         return {peer.platform for peer in self._peers.values() if peer.conversion is None}
 
+    def stated(self) -> set[str]:
+        """Platforms that are heard, of which only what they state is known: it has to be renewed."""
+        return {
+            peer.platform for peer in self._peers.values() if peer.conversion and not peer.conversion.samples
+        }
+
     def deadline_ns(self) -> int | None:
         """When `on_timer` has something to do."""
         dues = [due for peer in self._peers.values() if (due := peer.due_ns()) is not None]
+        if self._expiry_ns is not None:
+            dues.append(self._expiry_ns)
         if self._changed and self._published_ns is not None:
             dues.append(self._published_ns + self._publish_ns)
         return min(dues, default=None)
@@ -152,6 +170,9 @@ class TimeCore:
                 actions.append(self._stepped(peer))
             self._changed |= peer.conversion is not None
             self._urgent |= first and peer.conversion is not None
+        if self._expiry_ns is not None and now_ns >= self._expiry_ns:
+            self._expiry_ns = None
+            self._changed = True
         waited = self._published_ns is None or now_ns - self._published_ns >= self._publish_ns
         if self._urgent or (self._changed and waited):
             self._published_ns = now_ns
@@ -172,13 +193,15 @@ class TimeCore:
             for peer in self._peers.values()
             if peer.conversion and peer.conversion.plausible()
         }
-        for function in self._composed(now_ns):
+        self._expiry_ns = None
+        for function, until_ns in self._composed(now_ns):
             known = best.get(function.hardware)
             # what a partner stated once is never as good as packets that still come
             if self._is_measured(function.hardware, now_ns):
                 continue
             if known is None or _better(function, known, now_ns):
                 best[function.hardware] = function
+                self._expiry_ns = until_ns if self._expiry_ns is None else min(self._expiry_ns, until_ns)
         chosen = sorted(best.values(), key=lambda function: function.bound_at_ns(now_ns))[: self._limit]
         chosen.sort(key=lambda function: (function.platform, function.unit))
         platform, unit, _, boot_id = self._me
@@ -203,9 +226,10 @@ class TimeCore:
             return msgspec.structs.replace(function, suspect=True)
         return function
 
-    def _composed(self, now_ns: int) -> list[Conversion]:
-        out: list[Conversion] = []
-        for hardware, (told, _) in self._told.items():
+    def _composed(self, now_ns: int) -> list[tuple[Conversion, int]]:
+        """Functions over partners, each with the instant at which it ends unless it is renewed."""
+        out: list[tuple[Conversion, int]] = []
+        for hardware, (told, at_ns) in self._told.items():
             link = self._peers[hardware].conversion
             if link is None:
                 continue
@@ -215,8 +239,9 @@ class TimeCore:
                 if mine or link.hops + further.hops > HOPS_LIMIT:
                     continue
                 composed = link.then(further, told.platform)
-                if composed.plausible():
-                    out.append(composed)
+                until_ns = min(at_ns + STATED_NS, composed.t0_ns + LINK_AGE_NS * composed.hops)
+                if now_ns < until_ns and composed.plausible():
+                    out.append((composed, until_ns))
         return out
 
     def _forget(self, now_ns: int) -> None:
@@ -225,7 +250,7 @@ class TimeCore:
                 del self._peers[hardware]
                 self._told.pop(hardware, None)
         for hardware, (_, at_ns) in list(self._told.items()):
-            if now_ns - at_ns > self._forget_ns:
+            if now_ns - at_ns > STATED_NS:
                 del self._told[hardware]
 
     def _find_suspects(self, now_ns: int) -> set[int]:
@@ -242,8 +267,7 @@ class TimeCore:
                 if not measured or peer is None or peer.conversion is None or not peer.conversion.samples:
                     continue
                 around = link.then(further, told.platform)
-                apart_ns = abs(around.to_remote(now_ns) - peer.conversion.to_remote(now_ns))
-                agree = apart_ns <= around.bound_at_ns(now_ns) + peer.conversion.bound_at_ns(now_ns)
+                agree = around.agrees(peer.conversion, now_ns)
                 for corner in (hardware, further.hardware):
                     triangles[corner] = triangles.get(corner, 0) + 1
                     votes[corner] = votes.get(corner, 0) + (not agree)
@@ -251,7 +275,9 @@ class TimeCore:
 
 
 def _better(one: Conversion, other: Conversion, now_ns: int) -> bool:
-    """Of a later start of that unit, or of the same start with the smaller bound."""
+    """Of a later start of that unit; the newer when both cannot be true; the one with the smaller bound."""
     if one.boot_id != other.boot_id:
         return one.boot_id > other.boot_id
+    if not one.agrees(other, now_ns):  # that clock has stepped, or one on the way to it
+        return one.t0_ns > other.t0_ns
     return one.bound_at_ns(now_ns) < other.bound_at_ns(now_ns)

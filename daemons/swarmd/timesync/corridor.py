@@ -24,6 +24,10 @@ SETTLED_S: Final = 8.0
 BUCKET_S: Final = 1.0
 """Of each second only the tightest point of each side is kept: at most 60 a side, not 600."""
 
+TEMPERATURE: Final = 10e-6
+"""How much the rate of a quartz may change behind the newest exchange: AT cut, some 20 K. Beside it the
+random walk of `AGEING` is small for the first minutes."""
+
 SIGMA_FLOOR_S: Final = 2e-6
 
 SPREAD_POINTS: Final = 6
@@ -52,8 +56,20 @@ class Estimate(NamedTuple):
     bound_s: float
     sigma_s: float
     skew_bound: float
-    settled: bool
-    """The span is long enough for the skew to be measured and not guessed."""
+    span_s: float
+    """Age of the oldest point."""
+    half_s: float
+    """From the line to the tightest points of either side."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the span is long enough for the skew to be measured and not guessed."""
+        return self.span_s >= SETTLED_S
+
+    @property
+    def surprise_s(self) -> float:
+        """A point tighter than the tightest by this is worth a new solution: half of what proves a break."""
+        return BREAK_SIGMAS / 2 * self.sigma_s + BREAK_FLOOR_S / 2
 
 
 class Side:
@@ -158,6 +174,25 @@ def widest(line: Callable[[float], tuple[float, float]], limit: float) -> float:
     return b
 
 
+def edge(line: Callable[[float], tuple[float, float]], inside: float, limit: float) -> float:
+    """The greatest b up to the limit where the concave g is not negative; `inside` is one where it is not.
+
+    Tangents from outside: each lies above g, so every step stays outside: the last is no less than the edge.
+    """
+    b = limit
+    for _ in range(40):
+        g, slope = line(b)
+        if g >= -1e-12 or slope >= 0:
+            break
+        b = max(inside, b - g / slope)
+    return b
+
+
+def _mirrored(line: Callable[[float], tuple[float, float]], b: float) -> tuple[float, float]:
+    g, slope = line(-b)
+    return g, -slope
+
+
 class Corridor:
     """Points of both sides over the window, and the line through their middle."""
 
@@ -178,19 +213,24 @@ class Corridor:
         """The remote clock was at least so far ahead at that time."""
         self._lower.add(time_s, difference_s, self.skew)
 
-    def solve(self, now_s: float) -> Estimate | None:
+    def solve(self, now_s: float, *, search: bool = True) -> Estimate | None:
         """The present line, or None before both sides have a point.
 
+        `search`: for points of another offset, too; without surprising points there are none.
         Raises: NoLine when nothing fits between the sides.
         """
         self._upper.forget_before(now_s - self._window_s)
         self._lower.forget_before(now_s - self._window_s)
-        self._forget_other_offset(now_s)
         if not (len(self._upper) and len(self._lower)):
             return None
         # Both sides in one form: the least of y − b·x from above, of y + b·x (y negated) from below.
         upper = sorted(self._upper.aged(now_s))
         lower = sorted(self._lower.aged(now_s))
+        if search and self._forget_other_offset(now_s, upper, lower):
+            upper = sorted(self._upper.aged(now_s))
+            lower = sorted(self._lower.aged(now_s))
+            if not (upper and lower):
+                return None
         hull_u, hull_l = lower_hull(upper), lower_hull(lower)
 
         def line(b: float) -> tuple[float, float]:
@@ -202,41 +242,47 @@ class Corridor:
         span_s = now_s - min(self._upper.oldest_s(), self._lower.oldest_s())
         if line(skew)[0] < 0:
             raise NoLine(f"corridor of {span_s:.1f} s")
-        settled = span_s >= SETTLED_S
+        slowest, fastest = (
+            -edge(lambda b: _mirrored(line, b), -skew, SKEW_LIMIT),
+            edge(line, skew, SKEW_LIMIT),
+        )
+        # every line that fits lies between these at `now`, be its skew what it may
+        most_s = min(y - fastest * x for x, y in hull_u)
+        least_s = -min(y + slowest * x for x, y in hull_l)
         above, below = _residuals(upper, lower, skew)
-        if not settled:
+        if span_s < SETTLED_S:
             trust = _trust(above, below, span_s)
             skew = self._prior_skew + (skew - self._prior_skew) * trust
             above, below = _residuals(upper, lower, skew)
         self.skew = skew
-        u, low = above[0], -below[0]
-        theta_s, bound_s = (u + low) / 2, (u - low) / 2
-        if not settled:
-            # With a guessed skew the corridor may lie; what any possible skew leaves open does not.
-            most = min(y - SKEW_LIMIT * x for x, y in hull_u)
-            least = -min(y - SKEW_LIMIT * x for x, y in hull_l)
-            theta_s = min(max(theta_s, least), most)
-            bound_s = max(most - theta_s, theta_s - least)
-        sigma_s = 0.75 * math.hypot(_spread(above), _spread(below)) + SIGMA_FLOOR_S
-        skew_bound = min(SKEW_LIMIT, 2 * bound_s / max(span_s, 0.1))
-        return Estimate(theta_s, skew, bound_s, sigma_s, skew_bound, settled)
+        theta_s = min(max((above[0] - below[0]) / 2, least_s), most_s)
+        return Estimate(
+            theta_s=theta_s,
+            skew=skew,
+            bound_s=max(most_s - theta_s, theta_s - least_s),
+            sigma_s=0.75 * math.hypot(_spread(above), _spread(below)) + SIGMA_FLOOR_S,
+            skew_bound=max(fastest - skew, skew - slowest) + TEMPERATURE,
+            span_s=span_s,
+            half_s=(above[0] + below[0]) / 2,
+        )
 
-    def _forget_other_offset(self, now_s: float) -> None:
+    def _forget_other_offset(self, now_s: float, upper: list[Point], lower: list[Point]) -> bool:
         """Drops what was measured before a step that is smaller than the corridor is wide.
 
         A line still fits between the two offsets then, and its bound would be wrong until the window has
         passed. The evidence: since some instant one side stands tighter than it ever did and the other
-        looser, by the same step.
+        looser, by the same step. True when there were such.
         """
-        if now_s - min(self._upper.oldest_s(), self._lower.oldest_s()) < SETTLED_S:
-            return
-        above = [(x, y - self.skew * x) for x, y in sorted(self._upper.aged(now_s))]
-        below = [(x, y + self.skew * x) for x, y in sorted(self._lower.aged(now_s))]
-        at_s = _break(above, below)
-        if at_s is not None:
-            self.breaks += 1
-            self._upper.forget_older(now_s + at_s)
-            self._lower.forget_older(now_s + at_s)
+        if -min(upper[0][0], lower[0][0]) < SETTLED_S:
+            return False
+        skew = self.skew
+        at_s = _break([(x, y - skew * x) for x, y in upper], [(x, y + skew * x) for x, y in lower])
+        if at_s is None:
+            return False
+        self.breaks += 1
+        self._upper.forget_older(now_s + at_s)
+        self._lower.forget_older(now_s + at_s)
+        return True
 
 
 def _break(above: list[Point], below: list[Point]) -> float | None:

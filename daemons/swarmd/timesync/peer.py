@@ -21,7 +21,13 @@ STEP_COUNT: Final = 3
 """Violations in a row that are a step and not an outlier: 0.3 s at 10 Hz."""
 
 FIRST_SOLVES_S: Final = 0.1
-"""A new function is worth being improved soon; each solve doubles the pause up to the configured one."""
+"""A new function is worth being improved soon; each solve doubles the pause."""
+
+EAGER_S: Final = 1.0
+"""Pause after an exchange that the function did not foresee."""
+
+SPAN_RATIO: Final = 20
+"""A pause is at most this part of the span behind a function: the longer that is, the less a second adds."""
 
 
 class Exchange(msgspec.Struct, frozen=True, gc=False):
@@ -66,7 +72,10 @@ class Peer:
         self._dirty = False
         self._doubted: Conversion | None = None
         self._violations: list[Exchange] = []
-        self._settled = False
+        self._estimate: Estimate | None = None
+        self._surprised = False
+        self._surprise_ns: int | None = None
+        """The newest exchange that was not foreseen, or the first of all."""
         self._samples = 0
         self._origin_ns = 0
         self._base_ns = 0
@@ -111,20 +120,29 @@ class Peer:
             return 0
         now_ns = exchange.received_ns
         silent = self._newest_ns is None or now_ns - self._newest_ns >= SILENCE_NS
-        likely = self._settled and not silent
-        known_ns = known.likely_at_ns(now_ns) if likely else known.bound_at_ns(now_ns)
+        estimate = self._estimate
+        settled = estimate is not None and estimate.settled
+        known_ns = known.likely_at_ns(now_ns) if settled and not silent else known.bound_at_ns(now_ns)
         margin_ns = STEP_MARGIN_NS + known_ns
-        if known.to_remote(now_ns) - now_ns < exchange.least_ns - margin_ns:
+        ahead_ns = exchange.least_ns - (known.to_remote(now_ns) - now_ns)
+        if ahead_ns > margin_ns:
             return 1
-        if exchange.most_ns is None:
-            return 0
-        behind = known.to_remote(exchange.sent_ns) - exchange.sent_ns > exchange.most_ns + margin_ns
-        return -1 if behind else 0
+        most_ns, sent_ns = exchange.most_ns, exchange.sent_ns
+        behind_ns = ahead_ns if most_ns is None else known.to_remote(sent_ns) - sent_ns - most_ns
+        if behind_ns > margin_ns and most_ns is not None:
+            return -1
+        if estimate is not None and settled:
+            foreseen_ns = RESOLUTION_NS + (estimate.surprise_s - estimate.half_s) * 1e9
+            if max(ahead_ns, behind_ns) > foreseen_ns:
+                self._surprised = True
+                self._surprise_ns = now_ns
+        return 0
 
     def _take(self, exchange: Exchange) -> None:
         if not self._samples:
             self._origin_ns = exchange.received_ns
             self._base_ns = exchange.least_ns
+            self._surprise_ns = exchange.received_ns
         self._samples += 1
         self._newest_ns = exchange.received_ns
         self._dirty = True
@@ -155,7 +173,8 @@ class Peer:
     def _begin_again(self) -> None:
         """Forgets all but the skew: an oscillator keeps its rate when its reading is set."""
         self._corridor = Corridor(self._window_s, self._corridor.skew)
-        self._settled = False
+        self._estimate = None
+        self._surprised = False
         self._samples = 0
         self._rtt_ns = 0
         self._next_pause_s = FIRST_SOLVES_S
@@ -168,14 +187,17 @@ class Peer:
             return None
         if self._solved_ns is None:
             return self._newest_ns
-        return self._solved_ns + round(self._next_pause_s * 1e9)
+        pause_s = min(EAGER_S, self._next_pause_s) if self._surprised else self._next_pause_s
+        return self._solved_ns + round(pause_s * 1e9)
 
     def solve(self, now_ns: int) -> bool:
         """Brings the function up to date; True when that showed that a clock has stepped a little."""
         self._dirty = False
         breaks = self._corridor.breaks
         try:
-            estimate = self._corridor.solve((now_ns - self._origin_ns) / 1e9)
+            surprise_ns = now_ns if self._surprise_ns is None else self._surprise_ns
+            search = now_ns - surprise_ns <= self._window_s * 1e9
+            estimate = self._corridor.solve((now_ns - self._origin_ns) / 1e9, search=search)
         except NoLine:
             # A small step, or one wrong stamp: the function stays until new packets tell which it was.
             self._doubted = self.conversion
@@ -186,12 +208,17 @@ class Peer:
         if estimate is None:
             self._solved_ns = None  # solved again with the next packet
             return False
-        if self._solved_ns is not None:
-            self._next_pause_s = min(2 * self._next_pause_s, self._pause_s)
+        if self._surprised:
+            self._next_pause_s = EAGER_S
+        elif self._solved_ns is not None:
+            self._next_pause_s *= 2
+        longest_s = max(EAGER_S, estimate.span_s / SPAN_RATIO)
+        self._next_pause_s = min(self._next_pause_s, longest_s, self._pause_s)
+        self._surprised = False
         self._solved_ns = now_ns
-        self._settled = estimate.settled
+        self._estimate = estimate
         found = self._function(estimate, now_ns)
-        stepped = self._doubted is not None and not _agree(found, self._doubted, now_ns)
+        stepped = self._doubted is not None and not found.agrees(self._doubted, now_ns)
         self._doubted = None
         if stepped:
             self._step()
@@ -210,14 +237,8 @@ class Peer:
             t0_ns=now_ns,
             bound_ns=round(estimate.bound_s * 1e9),
             sigma_ns=round(estimate.sigma_s * 1e9),
-            skew_bound=min(estimate.skew_bound, SKEW_LIMIT),
+            skew_bound=estimate.skew_bound,
             conv_epoch=self.conv_epoch,
             samples=self._samples,
             rtt_ns=self._rtt_ns,
         )
-
-
-def _agree(one: Conversion, other: Conversion, now_ns: int) -> bool:
-    """Whether both can be true."""
-    apart_ns = abs(one.to_remote(now_ns) - other.to_remote(now_ns))
-    return apart_ns <= one.bound_at_ns(now_ns) + other.bound_at_ns(now_ns)

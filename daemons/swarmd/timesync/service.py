@@ -127,7 +127,7 @@ class TimeSync(Service):
                 await asyncio.wait_for(self._met.wait(), pause_s)
             unmeasured = self._core.unmeasured()
             far = self._far(routes.value) if self.config.compose else {}
-            for platform in sorted(unmeasured | set(far.values())):
+            for platform in sorted(unmeasured | self._core.stated() | set(far.values())):
                 await self._ask(platform)
             functions = self._core.functions(self.module.now_ns())
             found = [functions.of(platform) for platform in far]

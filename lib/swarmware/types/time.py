@@ -124,6 +124,11 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         away_s = abs(local_ns - self.t0_ns) / 1e9
         return self.bound_ns + round((self.skew_bound * away_s + AGEING * away_s * math.sqrt(away_s)) * 1e9)
 
+    def agrees(self, other: "Conversion", local_ns: int) -> bool:
+        """Whether both can be true of the same clock at an instant of ours."""
+        apart_ns = abs(self.to_remote(local_ns) - other.to_remote(local_ns))
+        return apart_ns <= self.bound_at_ns(local_ns) + other.bound_at_ns(local_ns)
+
     def likely_at_ns(self, local_ns: int) -> int:
         """Bound that 99.9 % of errors keep on links without a constant asymmetry."""
         away_s = abs(local_ns - self.t0_ns) / 1e9

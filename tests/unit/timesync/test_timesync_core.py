@@ -316,3 +316,46 @@ def test_a_rate_that_changed_while_nothing_was_heard_is_no_step() -> None:
     known = timer.functions(at_ns).of("uav2")
     assert known is not None
     assert abs(known.to_remote(at_ns) - at_ns - round(drift * (silence + 5 * SECOND))) < 100_000
+
+
+def test_of_two_stated_functions_that_cannot_both_be_true_the_newer_is_taken() -> None:
+    timer = core()
+    for at_ns in (SECOND, 20 * SECOND):
+        run(timer, *(heard(at_ns + n * SECOND // 10, of=of) for n in range(9) for of in (2, 3)))
+    timer.on_functions(told(2, function(9)), 2 * SECOND)
+    stepped = msgspec.structs.replace(
+        function(9), offset_ns=20_000_000, t0_ns=20 * SECOND, bound_ns=2_000_000, conv_epoch=1
+    )
+    timer.on_functions(told(3, stepped), 21 * SECOND)
+    found = timer.functions(21 * SECOND).of("uav9")
+    assert found is not None
+    assert found.via == "uav3"
+    assert abs(found.offset_ns - 20_000_000) < 1_000_000
+
+
+def test_a_first_value_of_a_partner_is_renewed_as_long_as_nothing_is_measured() -> None:
+    timer = core()
+    for offset_ns, at_s in ((3_000, 1), (9_000_000, 30)):
+        timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(at_s * SECOND, -DELAY)))
+        of_us = msgspec.structs.replace(
+            function(1, boot_id=10), platform="uav1", offset_ns=-offset_ns, t0_ns=at_s * SECOND
+        )
+        timer.on_functions(told(2, of_us), at_s * SECOND)
+        assert timer.stated() == {"uav2"}
+        found = timer.functions(at_s * SECOND).of("uav2")
+        assert found is not None
+        assert found.offset_ns == offset_ns
+
+
+def test_what_a_partner_stated_ends_unless_it_states_it_again() -> None:
+    timer = core()
+    run(timer, heard(SECOND), heard(2 * SECOND))
+    timer.on_functions(told(2, function(9)), 2 * SECOND)
+    assert timer.functions(3 * SECOND).of("uav9") is not None
+    deadline_ns = timer.deadline_ns()
+    while deadline_ns is not None:
+        (published,) = [one for one in timer.on_timer(deadline_ns) if isinstance(one, Publish)] or (None,)
+        at_ns, deadline_ns = deadline_ns, timer.deadline_ns()
+    assert at_ns < 65 * SECOND
+    assert published is not None
+    assert published.functions.of("uav9") is None
