@@ -25,6 +25,8 @@ PORTS: Final = range(20_000, 32_000)
 """Below the range from which kernels give ports to clients (32768 and up)."""
 NETS: Final = ("loopback",)
 CLAIM_TRIES: Final = 99
+ENDING: Final = "ending"
+"""In the lab's folder from the moment on at which its end has begun."""
 
 STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
 """A ground station has no body to simulate and nothing to steer."""
@@ -99,11 +101,18 @@ def remove(lab: LabRecord, *, keep: bool = False) -> None:
         shutil.rmtree(lab.folder, ignore_errors=True)
 
 
+def ending(lab: LabRecord) -> bool:
+    """Whether somebody ends this lab, or has: nothing of it is started any more."""
+    return (Path(lab.folder) / ENDING).exists() or not Path(lab.folder).exists()
+
+
 def down(lab: LabRecord, *, keep: bool = False) -> int:
     """Ends all processes of the lab and removes what it left; how many had to be forced.
 
     Raises: NoAnswer when a process cannot be ended.
     """
+    with suppress(FileNotFoundError):
+        (Path(lab.folder) / ENDING).touch()
     forced = processes.end([node.identity for node in lab.nodes if node.pid], lab.mark)
     if left := processes.marked(lab.mark):
         pids = ", ".join(str(process.pid) for process in left)

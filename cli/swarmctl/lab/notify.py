@@ -36,7 +36,9 @@ class NotifySocket:
         self.status = ""
         """Newest STATUS= line."""
         self.restarts = Restarts()
-        """Of all X_RESTARTS= and X_REASON= lines."""
+        """Of all X_RESTARTS= and X_REASON= lines, and of supervisors that died."""
+        self._before = 0
+        """How many there were when the present supervisor began to count."""
         with suppress(FileNotFoundError):
             path.unlink()
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
@@ -70,9 +72,17 @@ class NotifySocket:
                 count = int(value)
             elif key == "X_REASON":
                 reason = value
-        if count > self.restarts.count:
-            self.restarts = Restarts(count, (*self.restarts.reasons, reason))
-            self.ready = False
+        if count and self._before + count > self.restarts.count:
+            self._add(self._before + count, reason)
+
+    def supervisor_died(self, how: str) -> None:
+        """It is started again, and counts from the beginning."""
+        self._add(self.restarts.count + 1, f"parent: {how}")
+        self._before = self.restarts.count
+
+    def _add(self, count: int, reason: str) -> None:
+        self.restarts = Restarts(count, (*self.restarts.reasons, reason))
+        self.ready = False
 
     def close(self) -> None:
         """Nobody listens from here on; senders do not mind."""

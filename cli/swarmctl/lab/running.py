@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -11,12 +12,13 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from swarmctl.lab import processes, record
+from swarmctl.lab import folders, processes, record
 from swarmctl.lab.notify import NotifySocket, Restarts
 from swarmctl.lab.processes import MARK, NODE_MARK
 from swarmctl.lab.record import LabRecord, NodeRecord
 from swarmware.config import CONFIG_VARIABLE
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.service.lives import Lives
 
 T = TypeVar("T")
 
@@ -25,6 +27,12 @@ Watcher = Callable[[str, str], None]
 
 TAIL_LINES: Final = 12
 """Lines of a fallen node's log that its error quotes."""
+
+ASKED: Final = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+"""Signals that ask a node to end; whatever other signal ends its parent, it is started again."""
+
+RESTARTS: Final = 5
+"""Restarts in a row of a parent that does not get ready, within nine seconds; then the node has fallen."""
 
 ENVIRONMENT: Final = {
     # a thread pool per process and node would only fight over the cores
@@ -77,6 +85,10 @@ class RunningLab:
         self._pidfds: dict[str, int] = {}
         self._sockets: dict[str, NotifySocket] = {}
         self._changed = asyncio.Event()
+        self._lives: dict[str, Lives] = {}
+        self._again: dict[str, tuple[asyncio.TimerHandle, int]] = {}
+        """Nodes that are about to be started again, with the exit codes that they had."""
+        self._watching = True
         self.fallen: dict[str, int] = {}
         """Exit codes of nodes that ended; negative: the signal that ended them."""
         self.restarts: dict[str, Restarts] = {}
@@ -151,10 +163,11 @@ class RunningLab:
             await self._changed.wait()
 
     def _launch(self, node: NodeRecord) -> None:
-        heard = NotifySocket(node.notify_path)
-        self._sockets[node.platform] = heard
         loop = asyncio.get_running_loop()
-        loop.add_reader(heard.fileno(), self._on_notify, node.platform, heard)
+        if node.platform not in self._sockets:
+            heard = self._sockets[node.platform] = NotifySocket(node.notify_path)
+            loop.add_reader(heard.fileno(), self._on_notify, node.platform, heard)
+            self._lives[node.platform] = Lives(limit=RESTARTS)
         with node.log_file.open("ab") as log:
             child = subprocess.Popen(
                 command(node),
@@ -184,6 +197,8 @@ class RunningLab:
     def _on_notify(self, platform: str, heard: NotifySocket) -> None:
         restarts, ready = heard.restarts, heard.ready
         heard.drain()
+        if heard.ready and not ready:
+            self._lives[platform].on_ready(time.monotonic_ns())
         restarted = heard.restarts != restarts
         if restarted:
             self.restarts[platform] = heard.restarts
@@ -196,12 +211,39 @@ class RunningLab:
         fd = self._pidfds.pop(platform)
         asyncio.get_running_loop().remove_reader(fd)
         os.close(fd)
-        self.fallen[platform] = self._children[platform].wait()
+        code = self._children[platform].wait()
+        pause_s = None
+        if self._watching and code < 0 and -code not in ASKED and not folders.ending(self.record):
+            pause_s = self._lives[platform].on_end(time.monotonic_ns(), killed=-code == signal.SIGKILL)
+        if pause_s is None:
+            self.fallen[platform] = code
+        else:
+            # nobody else starts the parent of a node; what it had started may live, and is taken over
+            timer = asyncio.get_running_loop().call_later(pause_s, self._launch_again, platform)
+            self._again[platform] = (timer, code)
+            heard = self._sockets[platform]
+            heard.drain()  # what it said came before its end
+            heard.supervisor_died(how_it_ended(code))
+            self.restarts[platform] = heard.restarts
+            self.on_restart(platform, str(heard.restarts))
         self._changed.set()
+
+    def _launch_again(self, platform: str) -> None:
+        _, code = self._again.pop(platform)
+        if folders.ending(self.record):
+            self.fallen[platform] = code
+            self._changed.set()
+        else:
+            self._launch(self.record.node(platform))
 
     def let_go(self) -> None:
         """Stops watching; the nodes live on. What has ended or was said until now is known."""
         loop = asyncio.get_running_loop()
+        self._watching = False
+        for platform, (timer, code) in self._again.items():
+            timer.cancel()
+            self.fallen[platform] = code
+        self._again.clear()
         for platform, heard in self._sockets.items():
             self._on_notify(platform, heard)
         for platform in list(self._pidfds):

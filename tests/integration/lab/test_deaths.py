@@ -38,9 +38,13 @@ def kill(*victims: Identity) -> None:
 
 
 def kill_whole(node: NodeRecord) -> None:
-    """The supervisor first: nobody is left to start anything."""
-    kill(node.identity)
+    """All its processes in one instant."""
     kill(*processes.marked(node.folder, NODE_MARK))
+
+
+def spoil(node: NodeRecord) -> None:
+    """It cannot be started again."""
+    (node.config_dir / "node.toml").write_text("platform = 7\n")
 
 
 def until(lines: Iterator[str], word: str, seen: list[str]) -> None:
@@ -74,7 +78,7 @@ async def answer(lab: LabRecord, platform: str) -> NodeInfo:
                 await routes.changed()  # written once a second, and when the way there changes
 
 
-def test_the_process_of_a_node_that_was_killed_is_back_and_answers(
+def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(
     labs: Path, nothing_remains: Callable[[LabRecord], None]
 ) -> None:
     foreground = command("up", "formation", "--nodes", "3")
@@ -88,6 +92,20 @@ def test_the_process_of_a_node_that_was_killed_is_back_and_answers(
         until(talk, "node uav1: restarted once (signal 9)", seen)
         until(talk, "node uav1: ready again", seen)
         assert child_of(lab.node("uav1")) != dead
+        assert asyncio.run(answer(lab, "uav1")).platform == "uav1"
+
+        parent, child = lab.node("uav1").identity, child_of(lab.node("uav1"))
+        kill(parent)
+        until(talk, "node uav1: restarted 2 times (signal 9, parent: signal 9)", seen)
+        until(talk, "node uav1: ready again", seen)
+        again = record.find().node("uav1")
+        assert again.identity != parent
+        assert child_of(again) == child, "the daemons went on without their parent"
+
+        kill_whole(again)
+        until(talk, "parent: signal 9, parent: signal 9)", seen)
+        until(talk, "node uav1: ready again", seen)
+        assert child_of(record.find().node("uav1")) != child
         assert asyncio.run(answer(lab, "uav1")).platform == "uav1"
         foreground.send_signal(signal.SIGINT)
         talk.read()
@@ -108,6 +126,7 @@ def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
         lab = record.find()
         kill(child_of(lab.node("ugv1")))
         until(talk, "node ugv1: restarted once (signal 9)", seen)
+        spoil(lab.node("uav1"))
         kill_whole(lab.node("uav1"))
         seen.append(talk.read())
     assert run.wait(60) == 1, "".join(seen)
@@ -116,11 +135,12 @@ def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
     facts = msgspec.json.decode((out / "run.json").read_bytes(), type=Facts)
     nodes = {node.platform: node for node in facts.nodes}
     assert not facts.completed
-    assert facts.failure == "node uav1: ended with signal 9; logs/uav1/log.txt"
-    assert [nodes[name].ended for name in ("gcs", "ugv1", "uav1")] == ["", "", "signal 9"]
+    assert facts.failure == "node uav1: ended with exit code 7; logs/uav1/log.txt"
+    assert [nodes[name].ended for name in ("gcs", "ugv1", "uav1")] == ["", "", "exit code 7"]
     assert nodes["ugv1"].restarts == Restarts(1, ("signal 9",))
     assert json.loads((out / "report.json").read_text())["completed"] is False
     page = (out / "report.html").read_text()
+    assert nodes["uav1"].restarts == Restarts(1, ("parent: signal 9",))
     for words in (facts.failure, "node ugv1: restarted once (signal 9); logs/ugv1/log.txt"):
         assert words in "".join(seen)
         assert words in page

@@ -50,6 +50,20 @@ def test_a_stale_socket_file_is_replaced(tmp_path: Path) -> None:
     second.close()
 
 
+def test_a_new_supervisor_counts_from_the_beginning_and_the_sum_goes_on(tmp_path: Path) -> None:
+    heard = NotifySocket(tmp_path / "n")
+    try:
+        heard.take(b"X_RESTARTS=1\nX_REASON=signal 9\nREADY=1")
+        heard.take(b"READY=1")
+        heard.supervisor_died("signal 9")
+        assert not heard.ready
+        heard.take(b"X_RESTARTS=1\nX_REASON=exit 1")
+        heard.take(b"X_RESTARTS=1\nX_REASON=exit 1")  # said twice
+        assert heard.restarts == Restarts(3, ("signal 9", "parent: signal 9", "exit 1"))
+    finally:
+        heard.close()
+
+
 def test_restarts_are_counted_with_their_reasons_and_the_node_is_not_ready_meanwhile(tmp_path: Path) -> None:
     heard = NotifySocket(tmp_path / "n")
     try:

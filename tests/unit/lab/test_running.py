@@ -3,15 +3,17 @@
 import asyncio
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import processes, record, running
+from swarmctl.lab import folders, processes, record, running
 from swarmctl.lab.notify import Restarts
 from swarmctl.lab.record import LabRecord, NodeRecord
 from swarmctl.lab.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.service.lives import Lives
 
 READY = """
 import os, signal, socket
@@ -116,12 +118,12 @@ def test_nodes_that_are_late_are_named(tmp_path: Path, node_program: dict[str, s
         asyncio.run(start(RunningLab(lab(tmp_path, ["a", "b"])), ["a", "b"], timeout_s=0.5))
 
 
-def test_one_that_dies_later_is_noticed(tmp_path: Path, node_program: dict[str, str]) -> None:
+def test_one_that_is_asked_to_end_is_noticed(tmp_path: Path, node_program: dict[str, str]) -> None:
     node_program.update({"a": READY, "b": READY})
 
     async def kill_one(rig: RunningLab) -> set[str]:
         await rig.start(["a", "b"], 20)
-        rig.record.node("b").identity.send(signal.SIGKILL)
+        rig.record.node("b").identity.send(signal.SIGTERM)
         await rig.until_fallen()
         return set(rig.fallen)
 
@@ -135,6 +137,58 @@ def test_one_that_dies_later_is_noticed(tmp_path: Path, node_program: dict[str, 
             rig.collect()
 
     assert asyncio.run(main()) == {"b"}
+
+
+def test_a_parent_that_was_killed_is_started_again_and_counts_from_the_beginning(
+    tmp_path: Path, node_program: dict[str, str]
+) -> None:
+    words = r'b"X_RESTARTS=1\nX_REASON=signal 11", b"READY=1"'
+    node_program["a"] = RESTARTS.format(words=words)
+    seen: list[str] = []
+
+    async def main() -> None:
+        rig = RunningLab(lab(tmp_path, ["a"]))
+        news = asyncio.Event()
+
+        def note(_: str, what: str) -> None:
+            seen.append(what)
+            news.set()
+
+        rig.on_restart = note
+        try:
+            await rig.start(["a"], 20)
+            before = rig.record.node("a").identity
+            before.send(signal.SIGKILL)
+            async with asyncio.timeout(20):
+                while seen.count("ready again") < 2:
+                    news.clear()
+                    await news.wait()
+            assert rig.record.node("a").identity not in {before, processes.identity(0)}
+            assert record.load(tmp_path).node("a").identity == rig.record.node("a").identity
+            assert rig.restarts["a"].reasons == ("signal 11", "parent: signal 9", "signal 11")
+            assert rig.fallen == {}
+            rig.check()
+        finally:
+            rig.let_go()
+            processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
+            rig.collect()
+
+    asyncio.run(main())
+    assert "restarted 2 times (signal 11, parent: signal 9)" in seen
+
+
+@pytest.mark.parametrize("ending", [False, True])
+def test_a_parent_that_dies_at_each_start_is_given_up_and_one_of_a_lab_that_ends_at_once(
+    tmp_path: Path, node_program: dict[str, str], monkeypatch: pytest.MonkeyPatch, ending: bool
+) -> None:
+    monkeypatch.setattr(running, "Lives", partial(Lives, pauses_s=(0.0,)))
+    node_program["a"] = "import os; os.kill(os.getpid(), 9)"
+    rig = RunningLab(lab(tmp_path, ["a"]))
+    if ending:
+        (tmp_path / folders.ENDING).touch()
+    with pytest.raises(SwarmError, match="node a: ended with signal 9"):
+        asyncio.run(start(rig, ["a"]))
+    assert rig.restarts.get("a", Restarts()).count == (0 if ending else running.RESTARTS)
 
 
 def test_a_node_gets_no_options_of_the_operator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,7 +222,7 @@ def test_work_goes_on_while_all_nodes_run_and_ends_with_the_first_that_does_not(
 
     async def work(rig: RunningLab) -> str:
         assert await rig.attended(asyncio.sleep(0, "done")) == "done"
-        rig.record.node("b").identity.send(signal.SIGKILL)
+        rig.record.node("b").identity.send(signal.SIGTERM)
         return str(await rig.attended(asyncio.Event().wait()))
 
     async def main() -> None:
@@ -181,5 +235,5 @@ def test_work_goes_on_while_all_nodes_run_and_ends_with_the_first_that_does_not(
             processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
             rig.collect()
 
-    with pytest.raises(SwarmError, match="node b: ended with signal 9"):
+    with pytest.raises(SwarmError, match="node b: ended with signal 15"):
         asyncio.run(main())
