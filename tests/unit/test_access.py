@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from swarmd.broker.core.gate import REPORT_NS, Gate
 from swarmware.access import Access, Role, Rule, Sender, Verb
-from swarmware.delivery import sender_of, with_lifetime, with_sender
+from swarmware.delivery import arrival_ns, sender_of, with_lifetime, with_sender
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.frame import ADDRESSED, Flag, Frame, Kind
 from swarmware.security import Member, Roster
@@ -76,14 +76,25 @@ def test_the_sender_in_an_extension_replaces_whatever_stood_there() -> None:
     assert sender_of(lifetime) is None
 
 
+def test_the_arrival_in_an_extension_replaces_whatever_stood_there_and_stands_beside_the_sender() -> None:
+    lifetime = with_lifetime(2.0)
+    forged = with_sender(lifetime, GCS, 5)
+    assert (arrival_ns(forged), sender_of(forged)) == (5, GCS)
+    assert arrival_ns(with_sender(forged, None, -7)) == -7
+    assert arrival_ns(lifetime) is None
+    assert with_sender(forged, None) == lifetime
+
+
 @given(st.binary(max_size=255))
 def test_an_extension_of_any_bytes_is_refused_or_says_who_really_sent_it(extension: bytes) -> None:
     sender_of(extension)
+    arrival_ns(extension)
     try:
-        written = with_sender(extension, GCS)
+        written = with_sender(extension, GCS, 2**62)
     except WireError:
         return
     assert sender_of(written) == GCS
+    assert arrival_ns(written) == 2**62
     assert sender_of(with_sender(written, None)) is None
 
 
@@ -120,6 +131,16 @@ def test_a_sender_that_a_frame_brings_along_is_not_believed() -> None:
     without_keys = Gate(None, Access())
     without_keys.check(frame, "uav2", "sys/guard/restart")
     assert sender_of(frame.extension) is None
+
+
+def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
+    for keys in (gate(), Gate(None, Access())):
+        asked = question(extension=with_sender(b"", None, 1))
+        keys.check(asked, "uav2", "plan/share", 1000)
+        assert arrival_ns(asked.extension) == 1000
+        answered = question(Kind.REPLY, with_sender(b"", None, 1))
+        keys.check(answered, "uav2", None, 1000)
+        assert arrival_ns(answered.extension) is None
 
 
 def test_the_same_refusal_is_reported_once_a_second_with_its_number() -> None:

@@ -69,8 +69,9 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     bytes_per_notification: float | None
     """All bytes received on the wire by all nodes ÷ notifications."""
     command_to_receipt_ms: Percentiles
-    """From the instruction at the ground station until a platform has its order: S0.82's quantity, with the
-    check, the assignment of roles and the wait behind other orders in it. True time, over the platforms."""
+    """From the instruction at the ground station until a platform's broker takes its order off the link:
+    S0.82's quantity, with the check, the assignment of roles and the wait behind other orders in it. True
+    time, over the platforms."""
     order_to_receipt_ms: Percentiles
     """From each order's own departure: the network's and the two brokers' part of it."""
     receipts: tuple[Receipt, ...] = ()

@@ -92,6 +92,7 @@ class Frames:
             self._onward(item.frame, self._forwarder.again(item.frame, self._clock.now_ns()))
 
     def _from_link(self, data: bytes, user: str) -> None:
+        now_ns = self._clock.now_ns()  # first: by it the receiver of an order says when the order came
         counters = self._counters
         counters.received_frames += 1
         try:
@@ -110,7 +111,6 @@ class Frames:
         if frame.kind is Kind.HELLO:
             self._take_proof(frame, user)
             return
-        now_ns = self._clock.now_ns()
         decision = self._forwarder.from_neighbour(
             frame,
             self._other_end(frame, user),
@@ -118,7 +118,7 @@ class Frames:
             direct=self._station.is_direct(frame.sender_hw, now_ns),
         )
         if decision.step is Step.DELIVER:
-            if not self._may_pass(frame):
+            if not self._may_pass(frame, now_ns):
                 return
             for name, size in self._shares(frame):
                 counters.channel(name).received(size)
@@ -134,11 +134,11 @@ class Frames:
             counters.forwarded_frames += 1
         self._onward(frame, decision)
 
-    def _may_pass(self, frame: Frame) -> bool:
+    def _may_pass(self, frame: Frame, arrived_ns: int) -> bool:
         platform = self._station.members.platform(frame.sender_hw)
         path = self._path_of(frame.data_id)
         try:
-            self._gate.check(frame, platform, path)
+            self._gate.check(frame, platform, path, arrived_ns)
         except WireError as error:
             self._counters.refused.malformed += 1
             log.debug("frame of %s: %s", platform, error)
@@ -146,7 +146,7 @@ class Frames:
         except Denied as error:
             self._counters.refused.denied += 1
             self._post.deny(frame, str(error))
-            denial = self._gate.denied(platform, path or "", str(error), self._clock.now_ns())
+            denial = self._gate.denied(platform, path or "", str(error), arrived_ns)
             if denial is not None:
                 log.warning("denied: %s", error)
                 self._on_denial(denial)

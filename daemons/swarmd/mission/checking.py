@@ -59,9 +59,10 @@ class Checker:
 
         Raises: MissionError with all reasons, one a line.
         """
-        key = content_hash("text", file, text, msgspec.json.encode(binding).decode())
-        if key in self._missions:
-            return self._missions[key]
+        key = content_hash("text", text, msgspec.json.encode(binding).decode())
+        known = self._missions.get(key)
+        if known is not None:
+            return known if known.file == file else msgspec.structs.replace(known, file=file)
         quick: list[Finding] | None = None
         if len(text) <= QUICK_TEXT:
             reading, quick = check_text(text, file, binding, self.catalogue, Budget(QUICK_BYTES))

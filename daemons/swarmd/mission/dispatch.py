@@ -2,7 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
 
 import msgspec
 
@@ -78,10 +79,9 @@ class Dispatcher:
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
         # the own order crosses no link: its check waits until the others' orders have left
         parts = sorted(cast.parts, key=lambda part: part.member.platform == self._module.platform)
-        orders = [self._order(folder, cast, part, epoch) for part in parts]
-        receipts = await asyncio.gather(
-            *(self._send(order, part.member.platform) for order, part in zip(orders, parts, strict=True))
-        )
+        orders = [(part.member.platform, self._order(folder, cast, part, epoch)) for part in parts]
+        # all leave before any answer is looked at
+        receipts = await asyncio.gather(*[self._send(order, platform) for platform, order in orders])
         accepted = all(receipt.accepted for receipt in receipts)
         name = folder.manifest.name
         if accepted:
@@ -148,21 +148,25 @@ class Dispatcher:
             expires_ns=now_ns + round(self._config.order_expiry_s * 1e9),
         )
 
-    async def _send(self, order: MissionOrder, platform: str) -> OrderReceipt:
+    def _send(self, order: MissionOrder, platform: str) -> Coroutine[Any, Any, OrderReceipt]:
+        """The order has left when this returns; the coroutine waits for the answer."""
+        sent_ns = self._module.now_ns()
+        if platform == self._module.platform:
+            return self._receipt(order, platform, sent_ns, self._accept(order, sent_ns))
+        path, timeout_s = join(platform, ORDER_PATH), self._config.order_timeout_s
+        try:
+            answer = self._module.request(path, order, MissionReceipt, timeout_s=timeout_s, urgent=True)
+        except SwarmError as error:
+            answer = _not_sent(error)
+        return self._receipt(order, platform, sent_ns, answer)
+
+    async def _receipt(
+        self, order: MissionOrder, platform: str, sent_ns: int, answer: Awaitable[MissionReceipt]
+    ) -> OrderReceipt:
         reasons: tuple[str, ...] = ()
         receipt: MissionReceipt | None = None
-        sent_ns = self._module.now_ns()
         try:
-            if platform == self._module.platform:
-                receipt = await self._accept(order, sent_ns)
-            else:
-                receipt = await self._module.request(
-                    join(platform, ORDER_PATH),
-                    order,
-                    MissionReceipt,
-                    timeout_s=self._config.order_timeout_s,
-                    urgent=True,
-                )
+            receipt = await answer
         except SwarmError as error:
             reasons = (f"{type(error).__name__}: {error}",)
         found = OrderReceipt(
@@ -180,6 +184,10 @@ class Dispatcher:
             # the own one crossed no link: it would flatter the figure
             self._receipts.write(found)
         return found
+
+
+async def _not_sent(error: SwarmError) -> MissionReceipt:
+    raise error
 
 
 def _left_out(

@@ -20,6 +20,7 @@ from swarmd.mission.core.member import MissionCore
 from swarmd.mission.core.phases import REST, Phase
 from swarmd.mission.core.run import Limits
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
+from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import Runner
 from swarmd.mission.store import Store
 from swarmd.mission.values import Values
@@ -74,7 +75,7 @@ class Mission(Service):
                 group.create_task(self._listen(), name="mission:others")
                 group.create_task(self._take_aborts(), name="mission:aborts")
                 group.create_task(self._watch_links(), name="mission:links")
-                group.create_task(self._check_stored(), name="mission:store")
+                group.create_task(self._prepare(), name="mission:store")
                 await self._restarted()
                 self._after([])
         finally:
@@ -85,6 +86,8 @@ class Mission(Service):
     async def _open(self) -> None:
         module, node = self.module, self.module.node.config
         self._timer: asyncio.TimerHandle | None = None
+        self._held: list[Action] = []
+        """Actions of an order whose answer leaves first."""
         self._kind = node.kind
         self._plugins = installed()
         self._checker = Checker(self._plugins.catalogue)
@@ -101,6 +104,7 @@ class Mission(Service):
         vehicle = await Vehicle.open(module, self.config) if self._kind in VEHICLES else None
         self._runner = Runner(module, vehicle, self._plugins, self._ended, self._core.report)
         self._store = Store((node.data_path / "missions", node.share_path / "missions"), self._checker)
+        self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values)
         self._state: BoardWriter[MissionState] = await module.writer(
             "mission/state",
             MissionState,
@@ -163,7 +167,7 @@ class Mission(Service):
     # -- what comes in
 
     def _on_order(self, order: MissionOrder, meta: Meta) -> Awaitable[MissionReceipt]:
-        return self._accept(order, self.module.now_ns())
+        return self._accept(order, meta.arrived_ns or self.module.now_ns())
 
     async def _accept(self, order: MissionOrder, received_ns: int) -> MissionReceipt:
         if self._has_taken(order):
@@ -175,13 +179,18 @@ class Mission(Service):
             await self._values.open(run.mission.resources())
             if self._has_taken(order):  # meanwhile
                 return MissionReceipt(True, received_ns)
-            actions = self._core.order(run, self.module.now_ns())
+            self._held += self._core.order(run, self.module.now_ns())
         except SwarmError as error:
             log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
             return MissionReceipt(False, received_ns, tuple(str(error).splitlines()))
-        # what the others stated before this platform took its order counts, too
-        self._after(actions + self._hear(self._others))
+        # the answer leaves first: on the ground station it waits, the other members hear with the next tick
+        asyncio.get_running_loop().call_soon(self._taken, run.epoch)
         return MissionReceipt(True, received_ns)
+
+    def _taken(self, epoch: int) -> None:
+        """What the others stated in this run before this platform took its order counts, too."""
+        others = self._others.items()
+        self._after(self._hear([name for name, board in others if (s := board.value) and s.epoch == epoch]))
 
     def _has_taken(self, order: MissionOrder) -> bool:
         """It is asked again, because the answer was lost or late."""
@@ -279,13 +288,17 @@ class Mission(Service):
                     self._core.alive(route.platform, now_ns)
                     self._census.reached(route.platform, now_ns)
 
-    async def _check_stored(self) -> None:
-        """The verdicts are there before the first instruction, whose orders then leave at once."""
+    async def _prepare(self) -> None:
+        """Verdicts and parts are there before the first instruction, which is then obeyed at once."""
         for mission in await self._store.list():
             if not mission.sound:
                 log.warning(
                     "stored mission %s: %d findings; expected a sound one", mission.name, mission.findings
                 )
+        async for _ in self.module.every(SETTLED_S):
+            platforms = frozenset(self._platforms())
+            if self._rehearsal.due(platforms):
+                await self._rehearsal.play(platforms)
 
     async def _restarted(self) -> None:
         """A vehicle that is under way now has lost its mission: bring it to safety."""
@@ -307,7 +320,8 @@ class Mission(Service):
 
     def _after(self, actions: list[Action]) -> None:
         """Carries out what the core asks for, tells the state when it is due, sets the alarm."""
-        for action in actions:
+        held, self._held = self._held, []
+        for action in (*held, *actions):
             match action:
                 case StartBlock():
                     self._runner.start(action)

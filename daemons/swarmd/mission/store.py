@@ -28,6 +28,11 @@ class Store:
             raise NotFound(f"mission {name!r}: not in the store; expected one of: {known}")
         return self._read(found[name])
 
+    @property
+    def read(self) -> list[Folder]:
+        """Missions that were read from disk and are still remembered."""
+        return list(self._known.values())
+
     def known(self, digest: str) -> Folder | None:
         """The stored mission with this content, if it was read before."""
         return self._known.get(digest)

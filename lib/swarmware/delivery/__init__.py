@@ -7,7 +7,7 @@ from swarmware.delivery.answer import answer, answerable, expired, expired_here,
 from swarmware.delivery.outbox import Action, Key, Outbox, Settle, Transmit
 from swarmware.delivery.outcome import Outcome, Status
 from swarmware.delivery.received import Received, Seen
-from swarmware.delivery.sender import sender_of, with_sender
+from swarmware.delivery.sender import arrival_ns, sender_of, with_sender
 
 __all__ = [
     "Action",
@@ -21,6 +21,7 @@ __all__ = [
     "Transmit",
     "answer",
     "answerable",
+    "arrival_ns",
     "expired",
     "expired_here",
     "reply",

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 SLOTS: Final = 16
 """The logger looks ten times a second; a vehicle is not commanded faster than this."""
-SLOT_BYTES: Final = 1024
-"""At first; a mission makes it grow."""
+SLOT_BYTES: Final = 4096
+"""An order of a mission; a longer one makes it grow."""
 
 log = logging.getLogger("swarm.module")
 
@@ -28,6 +28,10 @@ class Accepted:
         self._node = node
         self._path = path
         self._publication: Publication | None = None
+        try:
+            self._publication = self._open()  # now, not when the first command waits for it
+        except SwarmError as error:
+            self._complain(error)
 
     def take(self, frame: Frame) -> None:
         """An accepted one: what the sender wrote, who it was, and when it came."""
@@ -35,10 +39,16 @@ class Accepted:
         kept.stamp_ns = self._node.clock.now_ns()  # of our clock, as all other stamps of this platform
         try:
             if self._publication is None:
-                self._publication = self._node.publication(self._path, slots=SLOTS, slot_bytes=SLOT_BYTES)
+                self._publication = self._open()
             self._publication.publish(encode(kept))
         except SwarmError as error:
-            log.warning("%s: a command is not recorded: %s", self._path, error)
+            self._complain(error)
+
+    def _open(self) -> "Publication":
+        return self._node.publication(self._path, slots=SLOTS, slot_bytes=SLOT_BYTES)
+
+    def _complain(self, error: SwarmError) -> None:
+        log.warning("%s: a command is not recorded: %s", self._path, error)
 
     def close(self) -> None:
         """Stop; what is not yet logged stays readable."""

@@ -3,7 +3,7 @@
 import msgspec
 
 from swarmware.access import Sender
-from swarmware.delivery import sender_of
+from swarmware.delivery import arrival_ns, sender_of
 from swarmware.frame import Frame
 
 
@@ -18,6 +18,8 @@ class Meta(msgspec.Struct, frozen=True, gc=False):
     """On the sender's hardware clock."""
     sender: Sender | None = None
     """The member it came from; None: an application of this platform, or a swarm without keys."""
+    arrived_ns: int | None = None
+    """Own hardware clock when this platform's broker took it off a link; None: it crossed none."""
 
     @classmethod
     def of(cls, frame: Frame) -> "Meta":
@@ -28,4 +30,5 @@ class Meta(msgspec.Struct, frozen=True, gc=False):
             frame.sequence,
             frame.stamp_ns,
             sender_of(frame.extension) if frame.extension else None,
+            arrival_ns(frame.extension) if frame.extension else None,
         )

@@ -13,10 +13,11 @@ import msgspec
 from swarmware import names
 from swarmware.appfile import AppEntry, AppFile, Served
 from swarmware.delivery import Outcome, Status, with_lifetime
-from swarmware.errors import Conflict, InvalidInput, NotFound, OutOfRange, TypeMismatch, from_kind
+from swarmware.errors import Conflict, InvalidInput, OutOfRange, TypeMismatch
 from swarmware.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, Kind
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
+from swarmware.module.answer import answer
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.foreign import ForeignTime
@@ -467,7 +468,7 @@ class Module:
         server = Server(local, cls, handler, self.start, acceptance(self.node, local, self._track))
         self.node.post.serve_requests(served.data_id, self.app_id, server.on_request)
 
-    async def request(
+    def request(
         self,
         path: str,
         value: msgspec.Struct,
@@ -475,8 +476,8 @@ class Module:
         *,
         timeout_s: float = 2.0,
         urgent: bool = False,
-    ) -> R:
-        """Ask an address here or on another platform.
+    ) -> Coroutine[Any, Any, R]:
+        """Ask an address here or on another platform; the question leaves now, the coroutine has the answer.
 
         Raises: the error of the handler as its own class; NoAnswer in time; NotFound when nobody serves it;
         TypeMismatch when it takes another type.
@@ -484,16 +485,13 @@ class Module:
         local = self._local(path)
         platform, name = names.split(local)
         data_id = names.data_id(name, registry.type_name(type(value)))
-        if platform is None and (wrong := self._other_type(name, data_id)):
-            raise TypeMismatch(f"{wrong}, not {registry.type_name(type(value))}")
+
+        def mismatch() -> str:
+            wrong = "" if platform else self._other_type(name, data_id)
+            return wrong and f"{wrong}, not {registry.type_name(type(value))}"
+
+        if wrong := mismatch():
+            raise TypeMismatch(wrong)
         frame = self._frame(Kind.REQUEST, platform, data_id, value, timeout_s)
         frame.flags = Flag.URGENT if urgent else 0
-        try:
-            answer = await self.node.post.request(frame, timeout_s)
-        except NotFound as error:
-            if platform is None and (wrong := self._other_type(name, data_id)):
-                raise TypeMismatch(f"{wrong}, not {registry.type_name(type(value))}") from error
-            raise NotFound(f"{path}: {error}") from error
-        if not answer.ok:
-            raise from_kind(answer.kind, answer.error)
-        return registry.decode(reply, answer.body)
+        return answer(path, self.node.post.request(frame, timeout_s), reply, mismatch)

@@ -56,7 +56,7 @@ class OrderReceipt(msgspec.Struct, frozen=True):
     acked_ns: int
     """Ground station's hardware clock when the answer had come; 0: none came."""
     received_ns: int
-    """The platform's own hardware clock at the receipt; 0: none is known."""
+    """The platform's own hardware clock when its broker took the order off the link; 0: none is known."""
     accepted: bool
     reasons: tuple[str, ...] = ()
     """Why not."""
@@ -139,7 +139,7 @@ class MissionReceipt(msgspec.Struct, frozen=True, array_like=True):
 
     accepted: bool
     received_ns: int
-    """Receiver's hardware clock when the order was there, before it was looked at."""
+    """Receiver's hardware clock when its broker took the order off the link, before it was looked at."""
     reasons: tuple[str, ...] = ()
 
 

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -12,9 +12,10 @@ import uvloop
 
 from swarmd.mission.config import Config
 from swarmd.mission.service import Mission
+from swarmware.delivery import with_sender
 from swarmware.errors import Denied, NoAnswer
 from swarmware.frame import Frame, Kind, encode
-from swarmware.module import BoardReader, BoardWriter, Meta, Module
+from swarmware.module import BoardReader, BoardWriter, Meta, Module, StreamReader
 from swarmware.names import data_id, hardware_id, join
 from swarmware.node import Node
 from swarmware.testing import no_leaks, tmp_node
@@ -145,6 +146,10 @@ class Swarm:
         self.operator = operator
         self.changed = asyncio.Event()
         self.orders: list[OrderReceipt] = []
+        self.arrived: dict[str, list[int]] = {}
+        """Platform → when requests came off its link, on its clock."""
+        self.answered: dict[str, list[str]] = {}
+        """Platform → what it had stated of its mission when it answered the requests of others."""
 
     def __getitem__(self, name: str) -> Member:
         return self.members[name]
@@ -206,7 +211,8 @@ async def swarm(root: Path, *names: str, config: Config = FAST, **batteries: flo
         found = Swarm(members, operator)
         for member in members.values():
             radio = await stack.enter_async_context(Module("radio", node=member.node))
-            member.node.post.set_gateway(lambda frame: _carry(by_hardware, frame))
+            steps = await radio.stream_reader("mission/progress", MissionProgress)
+            member.node.post.set_gateway(partial(_carry, found, by_hardware, steps))
             await _tell_time(radio, members)
             radio.start(_broadcast(radio, found, member), "broadcast")
             radio.start(_follow(radio, found, member), "follow")
@@ -228,10 +234,20 @@ async def _end(member: Member) -> None:
             raise error
 
 
-def _carry(by_hardware: dict[int, Node], frame: Frame) -> None:
+def _carry(
+    found: Swarm, by_hardware: dict[int, Node], steps: StreamReader[MissionProgress], frame: Frame
+) -> None:
     node = by_hardware.get(frame.receiver_hw)
-    if node is not None:
-        node.post.deliver(frame)
+    if node is None:
+        return
+    if frame.kind is Kind.REQUEST:
+        arrived_ns = node.clock.now_ns()
+        found.arrived.setdefault(node.platform, []).append(arrived_ns)
+        frame.extension = with_sender(frame.extension, None, arrived_ns)
+    elif frame.kind is Kind.REPLY and (sender := by_hardware.get(frame.sender_hw)) is not None:
+        stated = [step.event for step in iter(steps.take, None)]
+        found.answered.setdefault(sender.platform, []).extend(stated)
+    node.post.deliver(frame)
 
 
 async def _tell_time(radio: Module, members: dict[str, Member]) -> None:

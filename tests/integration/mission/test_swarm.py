@@ -71,6 +71,9 @@ async def test_one_instruction_flies_the_formation(tmp_path: Path) -> None:
             sent = s["gcs"].node.clock.to_mono_ns(order.sent_ns)
             acked = s["gcs"].node.clock.to_mono_ns(order.acked_ns)
             assert sent < local < acked
+            assert s.arrived[order.platform] == [order.received_ns]
+        # a member's answer leaves before it states what it has taken: the others need that later
+        assert s.answered == {name: [] for name in ("uav1", "uav2", "ugv1", "ugv2")}
 
 
 @on_uvloop

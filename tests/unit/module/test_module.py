@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from swarmware import names
-from swarmware.delivery import Status
+from swarmware.delivery import Status, with_sender
 from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
 from swarmware.frame import Frame, Kind, encode
 from swarmware.module import Meta, Module
@@ -169,6 +169,32 @@ async def test_a_request_is_answered_or_fails_with_the_class_of_the_handlers_err
         with pytest.raises(TypeMismatch, match="takes Int, not Float"):
             await m.request("sys/text", Float(1.0), Text)
         assert await m.request("sys/text", Int(4), Text) == Text("4"), "it goes on"
+
+
+async def test_a_request_leaves_before_its_answer_is_awaited_and_says_when_it_came_off_a_link(
+    tmp_path: Path,
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        left: list[Frame] = []
+        node.post.set_gateway(left.append)
+        asked = m.request("/uav7/cmd/step", Int(1), Int, timeout_s=0.05)
+        assert [frame.receiver_hw for frame in left] == [THERE]
+        with pytest.raises(NoAnswer):
+            await asked
+        metas: list[Meta] = []
+
+        def take(step: Int, meta: Meta) -> Int:
+            metas.append(meta)
+            return step
+
+        await m.serve("cmd/step", Int, take)
+        await m.request("cmd/step", Int(2), Int)
+        frame = left[0]
+        frame.receiver_hw, frame.sender_hw = node.hardware, THERE
+        frame.extension = with_sender(frame.extension, None, 4_000)
+        node.post.deliver(frame)
+        await m.request("cmd/step", Int(3), Int)
+        assert [meta.arrived_ns for meta in metas] == [None, 4_000, None]
 
 
 async def test_who_asks_for_what_nobody_serves_is_told_so_after_the_time_for_starting(tmp_path: Path) -> None:

@@ -23,14 +23,16 @@ class Gate:
         self._roles = {} if roster is None else {m.platform: Role.named(m.role) for m in roster.valid()}
         self._reported: dict[tuple[str, str], tuple[int, int]] = {}
 
-    def check(self, frame: Frame, platform: str, path: str | None) -> None:
-        """Whether it may pass; names its sender in it. `path`: where it goes, None where nobody takes it.
+    def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:
+        """Whether it may pass; names its sender and its arrival in it.
 
+        `path`: where it goes; None where nobody takes it.
         Raises: Denied, WireError when its extension is none.
         """
         sender = None if self._open else Sender(platform, self._roles.get(platform, Role.OBSERVER))
-        frame.extension = with_sender(frame.extension, sender if answerable(frame) else None)
-        if path is not None and answerable(frame):
+        asks = answerable(frame)
+        frame.extension = with_sender(frame.extension, sender if asks else None, arrived_ns if asks else None)
+        if path is not None and asks:
             self._access.check(sender, Verb.CALL, path)
 
     def denied(self, platform: str, path: str, reason: str, now_ns: int) -> Denial | None:

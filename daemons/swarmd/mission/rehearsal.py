@@ -1,0 +1,71 @@
+"""What an order of a stored mission needs is made ready before anybody gives one."""
+
+import asyncio
+from typing import Final
+
+from swarmd.mission.checking import Checker
+from swarmd.mission.store import Store
+from swarmd.mission.values import Values
+from swarmware.errors import MissionError
+from swarmware.mission.assign import Part, Platform, assign
+from swarmware.mission.finding import sound
+from swarmware.mission.folder import Folder
+from swarmware.types import registry
+from swarmware.types.mission import Member, MissionFile, MissionOrder, MissionReceipt, MissionTask
+
+SETTLED_S: Final = 2.0
+"""Platforms come one after the other when a swarm starts: each part is read when no more come."""
+MISSIONS: Final = 16
+"""The checker remembers four times as many: a rehearsal drops nothing that was ordered."""
+
+
+class Rehearsal:
+    """Reads this platform's part in each stored mission, as it would be ordered now.
+
+    An order for another ensemble, or of another mission, is read when it comes.
+    """
+
+    def __init__(self, platform: str, store: Store, checker: Checker, values: Values) -> None:
+        self._platform = platform
+        self._store = store
+        self._checker = checker
+        self._values = values
+        self._seen: frozenset[Platform] = frozenset()
+        self._done: frozenset[Platform] = frozenset()
+
+    def due(self, platforms: frozenset[Platform]) -> bool:
+        """Whether these platforms are the same as at the last call, and their parts are not read yet."""
+        settled, self._seen = platforms == self._seen, platforms
+        return settled and platforms != self._done
+
+    async def play(self, platforms: frozenset[Platform]) -> None:
+        """Reads the parts, one a turn of the event loop."""
+        self._done = platforms
+        for folder in self._store.read[:MISSIONS]:
+            if not sound(await self._checker.check(folder)):
+                continue
+            try:
+                cast = assign(folder, list(platforms), {})
+            except MissionError:
+                continue  # a role stays empty: nobody can order it
+            part = next((part for part in cast.parts if part.member.platform == self._platform), None)
+            if part is not None:
+                await self._read(folder, part, cast.members)
+            await asyncio.sleep(0)
+
+    async def _read(self, folder: Folder, part: Part, members: tuple[Member, ...]) -> None:
+        text, file = folder.texts[part.file], folder.place(part.file)
+        try:
+            mission = await self._checker.load(text, file, part.binding)
+        except MissionError:
+            return  # refused with its reasons when it is ordered
+        # what another platform would have to send for it is asked for with the order only
+        await self._values.open(path for path in mission.resources() if not path.startswith("/"))
+        task = MissionTask(files=(MissionFile(file, text),), params=part.binding.params)
+        params = part.binding.params
+        order = MissionOrder(
+            folder.manifest.name, folder.hash, 0, part.member.role, file, text, "", members, params, "", 0, 0
+        )
+        # the decoders are built at their first use
+        for value in (task, order, MissionReceipt(True, 0)):
+            registry.decode(type(value), registry.encode(value))

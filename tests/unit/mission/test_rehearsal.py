@@ -1,0 +1,91 @@
+"""A platform reads its part of the stored missions before anybody orders one."""
+
+from pathlib import Path
+
+import pytest
+from tests.unit.mission.nets import net
+
+from swarmd.mission import checking
+from swarmd.mission.checking import Checker
+from swarmd.mission.rehearsal import Rehearsal
+from swarmd.mission.store import Store
+from swarmd.mission.values import Values
+from swarmware.mission.assign import Platform, assign
+from swarmware.mission.catalogue import built_in
+from swarmware.mission.check import check_text
+from swarmware.module import Module
+from swarmware.testing import tmp_node
+
+UAV1, UAV2, GCS = Platform("uav1", "uav"), Platform("uav2", "uav"), Platform("gcs", "gcs")
+MANIFEST = """
+name = "climb"
+[[roles]]
+name = "air"
+file = "air.json"
+kinds = ["uav"]
+[roles.params]
+height_m = {first = 5.0, step = 2.0}
+[[roles]]
+name = "control"
+file = "control.json"
+kinds = ["gcs"]
+required = false
+"""
+AIR = net(
+    s="Start>t",
+    t={"type": "Takeoff", "alt": "$param.height_m", "next": "l"},
+    l="Land>e",
+    e="End",
+).replace(
+    '{"mission"',
+    '{"params": {"height_m": 1.0}, "requires": ["battery > 20 %", "age(/gcs/nav/pose) < 9"], "mission"',
+    1,
+)
+
+
+def store(root: Path, checker: Checker, **missions: str) -> Store:
+    for name, air in missions.items():
+        folder = root / "missions" / name
+        folder.mkdir(parents=True)
+        (folder / "mission.toml").write_text(MANIFEST, "utf-8")
+        (folder / "air.json").write_text(air, "utf-8")
+        (folder / "control.json").write_text(net(s="Start>e", e="End"), "utf-8")
+    return Store((root / "missions",), checker)
+
+
+async def test_a_part_is_read_when_the_same_platforms_are_there_twice_and_only_once(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:
+        checker = Checker(built_in())
+        rehearsal = Rehearsal("uav1", store(tmp_path, checker), checker, Values(m))
+        few, all_ = frozenset({UAV1}), frozenset({UAV1, UAV2})
+        assert [rehearsal.due(now) for now in (few, all_, all_)] == [False, False, True]
+        await rehearsal.play(all_)
+        assert [rehearsal.due(now) for now in (all_, few, all_, few, few)] == [False] * 4 + [True]
+
+
+async def test_an_order_of_a_stored_mission_is_answered_from_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:
+        checker, values = Checker(built_in()), Values(m)
+        missions = store(tmp_path, checker, broken="{", climb=AIR)
+        await missions.list()
+        await Rehearsal("uav2", missions, checker, values).play(frozenset({GCS, UAV1, UAV2}))
+        read: list[str] = []
+
+        def seen(text: str, *others: object) -> object:
+            read.append(text)
+            return check_text(text, *others)  # type: ignore[arg-type]  # as it was called
+
+        monkeypatch.setattr(checking, "check_text", seen)
+        folder = missions.folder("climb")
+        first, second, _ = assign(folder, [GCS, UAV1, UAV2], {}).parts
+        mission = await checker.load(AIR, "as the station calls it", second.binding)
+        assert (read, mission.file) == ([], "as the station calls it")
+        assert mission.blocks["t"].params.altitude_m == 7.0  # type: ignore[attr-defined]  # of a Takeoff
+        await checker.load(AIR, "air.json", first.binding)  # the other platform's part
+        assert read == [AIR]
+        # what would have to be sent by another platform is not asked for yet
+        m._flush()
+        assert m.entry.reads == ()
+        assert values.age_s("power/battery") is None
