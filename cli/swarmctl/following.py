@@ -1,15 +1,18 @@
 """The record as it grows: entries from now on, of one logger or of all on this machine."""
 
 import asyncio
+import contextlib
+import time
 from collections.abc import Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Final
 
 from swarmctl.connect import config_dir, folder_asked
+from swarmctl.interleaving import Interleaving
 from swarmctl.lab import record as labs
 from swarmctl.records import absolute
 from swarmctl.settings import Settings
+from swarmware.clock import utc_ns
 from swarmware.config import load_node
 from swarmware.errors import NotFound
 from swarmware.module import BoardReader, Module
@@ -19,20 +22,17 @@ from swarmware.record.ring import segments
 from swarmware.record.segment import SegmentReader
 from swarmware.types.log import LogStats
 
-BATCHES: Final = 64
-"""Batches read and not yet printed; beyond it reading waits, and the files keep what comes."""
-
 
 def follow(settings: Settings, pattern: str) -> Iterator[Entry]:
-    """Entries from now on that match, as the loggers end their batches.
+    """Entries that match and are recorded from now on, in the order of the loggers' wall clock.
 
     Raises: NotFound without a node whose record is on this machine.
     """
     matcher = Pattern(absolute(pattern, settings))
     with asyncio.Runner() as runner:
-        tail = Tail()
+        tail = Tail(_folders(settings))
         try:
-            runner.run(tail.open(_folders(settings)))
+            runner.run(tail.open())
             while True:
                 yield from (entry for entry in runner.run(tail.next()) if matcher.matches(entry.topic))
         finally:
@@ -52,53 +52,61 @@ def _folders(settings: Settings) -> list[Path]:
 class Tail:
     """Waits on the loggers' own reports, then reads what is new in their segments."""
 
-    def __init__(self) -> None:
+    def __init__(self, folders: list[Path]) -> None:
+        self._growing = {folder: Growing(_log_dir(folder)) for folder in folders}
+        self._order = Interleaving(map(str, folders), utc_ns(), time.monotonic_ns())
         self._stack = AsyncExitStack()
-        self._batches: asyncio.Queue[list[Entry]] = asyncio.Queue(BATCHES)
+        self._news = asyncio.Event()
 
-    async def open(self, folders: list[Path]) -> None:
-        """Joins the nodes; what is recorded already was not asked for."""
-        for folder in folders:
-            log_dir = load_node(folder).data_path / "log"
-            if not log_dir.is_dir():
-                raise NotFound(f"log folder {log_dir}: not there; expected the logger of that node to run")
+    async def open(self) -> None:
+        """Joins the nodes."""
+        for folder, growing in self._growing.items():
             module = await self._stack.enter_async_context(Module("swarmctl", config_dir=folder))
             stats = await module.reader("log/stats", LogStats)
-            growing = Growing(log_dir)
+            module.start(self._read(str(folder), stats, growing), "tail")
 
-            async def read(stats: BoardReader[LogStats] = stats, growing: Growing = growing) -> None:
-                async for _ in stats:
-                    if fresh := growing.entries():
-                        await self._batches.put(fresh)
-
-            module.start(read(), "tail")
+    async def _read(self, logger: str, stats: BoardReader[LogStats], growing: "Growing") -> None:
+        async for report in stats:
+            self._order.on_batch(logger, growing.entries(), report.complete_utc_ns, time.monotonic_ns())
+            self._news.set()
 
     async def next(self) -> list[Entry]:
-        """What one logger wrote."""
-        return await self._batches.get()
+        """Entries that are next, as soon as there are some."""
+        while not (ready := self._order.ready(now_ns := time.monotonic_ns())):
+            deadline_ns = self._order.deadline_ns(now_ns)
+            self._news.clear()
+            # at the deadline a logger has not reported for long: the others are not held up by it
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(None if deadline_ns is None else (deadline_ns - now_ns) / 1e9):
+                    await self._news.wait()
+        return ready
 
     async def close(self) -> None:
         """Leaves the nodes."""
         await self._stack.aclose()
 
 
+def _log_dir(folder: Path) -> Path:
+    log_dir = load_node(folder).data_path / "log"
+    if not log_dir.is_dir():
+        raise NotFound(f"log folder {log_dir}: not there; expected the logger of that node to run")
+    return log_dir
+
+
 class Growing:
-    """Segments of one logger from their present end."""
+    """Segments of one logger, from the one that it writes now."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
-        self._reader: SegmentReader | None = None
-        if paths := segments(directory):
-            self._reader = SegmentReader(paths[-1])
-            for _ in self._reader.entries():
-                pass
+        self._readers = [SegmentReader(path) for path in segments(directory)[-1:]]
 
-    def entries(self) -> list[Entry]:
-        """What has come since the last call."""
-        out = list(self._reader.entries()) if self._reader is not None else []
-        last = int(self._reader.path.stem) if self._reader is not None else -1
-        for path in segments(self._directory):
-            if int(path.stem) > last:
-                self._reader = SegmentReader(path)
-                out += self._reader.entries()
-        return out
+    def entries(self) -> Iterator[Entry]:
+        """What is there and was not given by a call before."""
+        last = int(self._readers[-1].path.stem) if self._readers else -1
+        # listed before the reading: a segment that has a successor gets no entry any more
+        newer = [SegmentReader(path) for path in segments(self._directory) if int(path.stem) > last]
+        readers = self._readers + newer
+        self._readers = readers[-1:]
+        for reader in readers:
+            with contextlib.suppress(FileNotFoundError):  # the ring needed its room
+                yield from reader.entries()

@@ -77,7 +77,7 @@ def query(ctx: click.Context, /, **options: Any) -> None:
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N entries.")
 @click.pass_context
 def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
-    """Follow the entries as the loggers of this machine's nodes write them; Ctrl-C ends it.
+    """Follow what the loggers of this machine's nodes record from now on, in order of time; Ctrl-C ends it.
 
     Example: swarmctl log tail '/uav1/mission/**' --json
     """

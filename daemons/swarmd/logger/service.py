@@ -50,6 +50,7 @@ class Logger(Service):
         self._book: Book | None = None
         self._forwarder: Forwarder | None = None
         self._mongodb = "off"
+        self._complete_utc_ns = 0
         self._written = asyncio.Event()
         # one thread for the disk: a batch after the other, while the event loop goes on
         self._disk = ThreadPoolExecutor(1, thread_name_prefix="log-disk")
@@ -183,7 +184,10 @@ class Logger(Service):
 
     async def _write(self, book: Book) -> None:
         batch, self._batch = self._batch, Batch()
+        taken_utc_ns = utc_ns()
         if not batch:
+            if not book.waiting:
+                self._complete_utc_ns = taken_utc_ns
             return
         try:
             await asyncio.get_running_loop().run_in_executor(self._disk, book.write, batch)
@@ -194,6 +198,7 @@ class Logger(Service):
             )
             return
         self.health.report(DISK)
+        self._complete_utc_ns = taken_utc_ns
         self._written.set()
 
     async def _forward(self) -> None:
@@ -272,4 +277,5 @@ class Logger(Service):
             forwarded,
             backlog,
             self._mongodb,
+            self._complete_utc_ns,
         )

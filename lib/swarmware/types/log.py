@@ -51,3 +51,5 @@ class LogStats(msgspec.Struct, frozen=True):
     """Entries in the ring that MongoDB has not acknowledged."""
     mongodb: str = "off"
     """off | connected | away: reason."""
+    complete_utc_ns: int = 0
+    """Logger's wall clock: whatever was recorded before is in the local ring."""

@@ -11,6 +11,8 @@ import pytest
 from mcap.reader import make_reader
 from tests.integration.cli.conftest import Ctl, Lab
 
+from swarmware.clock import utc_ns
+
 GAIN = "/uav2/config/navigator/altitude_kp"
 
 
@@ -87,9 +89,12 @@ def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -
     assert [line["path"] for line in found] == ["/uav1/nav/pose"] * 5
     newest = ctl("log query '/*/nav/pose' --limit 4 --newest --since 1h --json").lines
     assert newest == sorted(newest, key=lambda line: line["utc_ns"])
-    tailed = ctl("log tail '/*/{nav,mission}/**' --count 8 --json").lines
-    assert len(tailed) == 8
-    assert all(line["utc_ns"] > newest[0]["utc_ns"] for line in tailed)
+    began_utc_ns = utc_ns()
+    tailed = ctl("log tail '/*/{nav,mission}/**' --count 40 --json").lines
+    assert len(tailed) == 40
+    assert tailed == sorted(tailed, key=lambda line: line["utc_ns"])
+    assert tailed[0]["utc_ns"] >= began_utc_ns, "what was recorded before was not asked for"
+    assert {line["path"].split("/")[1] for line in tailed} >= {"uav1", "uav2", "ugv1"}
 
     for form in ("jsonl", "csv", "mcap"):
         assert (

@@ -1,0 +1,62 @@
+"""Entries of several loggers in the order in which they were recorded, as they come in."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import msgspec
+
+from swarmware.record.entry import Entry
+
+PATIENCE_NS: Final = 3_000_000_000
+"""How long a logger that does not report holds up the entries of the others; each reports once per second."""
+
+
+class _Logger(msgspec.Struct):
+    complete_utc_ns: int
+    """Whatever it recorded before has been read."""
+    moved_ns: int
+    """When that last moved."""
+
+
+class Interleaving:
+    """Holds entries until no logger can come with an older one.
+
+    A logger writes in batches: what it recorded before `began_utc_ns` may come afterwards, and is left out.
+    """
+
+    def __init__(self, loggers: Iterable[str], began_utc_ns: int, now_ns: int) -> None:
+        self._began_utc_ns = began_utc_ns
+        self._loggers = {name: _Logger(began_utc_ns, now_ns) for name in loggers}
+        self._held: list[Entry] = []
+
+    def on_batch(self, logger: str, entries: Iterable[Entry], complete_utc_ns: int, now_ns: int) -> None:
+        """Takes what one logger wrote; all that it recorded before `complete_utc_ns` has come with it."""
+        state = self._loggers[logger]
+        # only the first batch can reach back: a wall clock that is set back later hides nothing
+        first = state.complete_utc_ns == self._began_utc_ns
+        self._held += [entry for entry in entries if not first or entry.utc_ns >= self._began_utc_ns]
+        if complete_utc_ns > state.complete_utc_ns:
+            state.complete_utc_ns = complete_utc_ns
+            state.moved_ns = now_ns
+
+    def ready(self, now_ns: int) -> list[Entry]:
+        """Entries before which no other can come, in order."""
+        waited_for = self._waited_for(now_ns)
+        until_ns = min((logger.complete_utc_ns for logger in waited_for), default=None)
+        ready = [entry for entry in self._held if until_ns is None or entry.utc_ns < until_ns]
+        if ready:
+            self._held = [entry for entry in self._held if until_ns is not None and entry.utc_ns >= until_ns]
+        return sorted(ready, key=_by_utc)
+
+    def deadline_ns(self, now_ns: int) -> int | None:
+        """When `ready` may give more though no batch came; None when nothing is held."""
+        if not self._held:
+            return None
+        return min((logger.moved_ns + PATIENCE_NS for logger in self._waited_for(now_ns)), default=now_ns)
+
+    def _waited_for(self, now_ns: int) -> list[_Logger]:
+        return [logger for logger in self._loggers.values() if now_ns < logger.moved_ns + PATIENCE_NS]
+
+
+def _by_utc(entry: Entry) -> int:
+    return entry.utc_ns

@@ -1,0 +1,129 @@
+"""`log tail`: which entries it shows, and in which order, whatever the loggers' batches look like."""
+
+import asyncio
+import threading
+from itertools import islice
+from pathlib import Path
+
+from swarmctl.following import Growing, follow
+from swarmctl.interleaving import PATIENCE_NS, Interleaving
+from swarmctl.settings import Settings
+from swarmware.clock import utc_ns
+from swarmware.module import Module
+from swarmware.record.entry import Entry
+from swarmware.record.segment import Channel, SegmentWriter
+from swarmware.testing import make_node
+from swarmware.types.log import LogStats
+
+BEGAN = 1_000
+CHANNEL = Channel("uav1", "nav/pose", "board", "", "uav1:nav:out")
+
+
+def entry(utc_ns: int, platform: str = "uav1") -> Entry:
+    return Entry(f"{platform}:nav:out", 1, platform, "nav/pose", "board", "", 0, utc_ns, b"\xc0")
+
+
+def times(entries: list[Entry]) -> list[int]:
+    return [one.utc_ns for one in entries]
+
+
+def test_what_a_batch_brings_from_before_the_command_began_is_left_out() -> None:
+    order = Interleaving(["a"], BEGAN, 0)
+    order.on_batch("a", map(entry, (600, 990)), 995, 1)
+    order.on_batch("a", map(entry, (997, BEGAN, 1_200)), 1_300, 2)
+    assert times(order.ready(2)) == [BEGAN, 1_200]
+
+
+def test_entries_of_several_loggers_come_in_the_order_in_which_they_were_recorded() -> None:
+    order = Interleaving(["a", "b"], BEGAN, 0)
+    order.on_batch("a", map(entry, (1_100, 1_500)), 1_501, 1)
+    assert order.ready(1) == [], "b may come with an older one"
+    order.on_batch("b", map(entry, (1_050, 1_200, 1_400)), 1_450, 2)
+    assert times(order.ready(2)) == [1_050, 1_100, 1_200, 1_400]
+    order.on_batch("b", map(entry, (1_460,)), 1_600, 3)
+    assert times(order.ready(3)) == [1_460, 1_500]
+
+
+def test_a_logger_that_does_not_report_holds_the_others_up_for_a_bounded_time() -> None:
+    order = Interleaving(["a", "b"], BEGAN, 0)
+    assert order.deadline_ns(0) is None
+    order.on_batch("a", map(entry, (1_100,)), 1_200, 10)
+    assert order.ready(10) == []
+    assert order.deadline_ns(10) == PATIENCE_NS
+    assert times(order.ready(PATIENCE_NS)) == [1_100]
+    order.on_batch("a", map(entry, (1_300, 1_400)), 1_350, PATIENCE_NS + 1)
+    assert times(order.ready(PATIENCE_NS + 1)) == [1_300], "not held up again, but in its own order"
+    order.on_batch("b", map(entry, (1_320,)), 1_330, PATIENCE_NS + 2)
+    assert times(order.ready(PATIENCE_NS + 2)) == [1_320], "late rather than never"
+
+
+def test_a_wall_clock_that_is_set_back_hides_nothing() -> None:
+    order = Interleaving(["a"], BEGAN, 0)
+    order.on_batch("a", map(entry, (1_100,)), 1_200, 1)
+    order.on_batch("a", map(entry, (300, 350)), 400, 2)
+    assert times(order.ready(2)) == [300, 350, 1_100]
+
+
+def test_what_is_written_before_a_segment_has_a_successor_is_read(tmp_path: Path) -> None:
+    old = SegmentWriter(tmp_path / "00000001.mcap", {})
+    old.append(CHANNEL, 1, 0, BEGAN, b"\xc0")
+    old.flush()
+    growing = Growing(tmp_path)
+    assert times(list(growing.entries())) == [BEGAN]
+    old.append(CHANNEL, 2, 0, BEGAN + 1, b"\xc0")
+    old.finish({}, {})
+    old.close()
+    new = SegmentWriter(tmp_path / "00000002.mcap", {CHANNEL.queue: 2})
+    new.append(CHANNEL, 3, 0, BEGAN + 2, b"\xc0")
+    new.close()
+    assert times(list(growing.entries())) == [BEGAN + 1, BEGAN + 2]
+    assert list(growing.entries()) == []
+
+
+def test_a_segment_that_the_ring_removed_does_not_end_the_tail(tmp_path: Path) -> None:
+    SegmentWriter(tmp_path / "00000001.mcap", {}).close()
+    growing = Growing(tmp_path)
+    (tmp_path / "00000001.mcap").unlink()
+    new = SegmentWriter(tmp_path / "00000002.mcap", {})
+    new.append(CHANNEL, 1, 0, BEGAN, b"\xc0")
+    new.close()
+    assert times(list(growing.entries())) == [BEGAN]
+
+
+def test_a_batch_of_the_last_half_second_shows_nothing_from_before_the_command(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    log_dir = tmp_path / "uav1" / "data" / "log"
+    log_dir.mkdir(parents=True)
+    written, ended = threading.Event(), threading.Event()
+    writing = threading.Thread(target=asyncio.run, args=(_log_late(config_dir, log_dir, written, ended),))
+    writing.start()
+    try:
+        assert written.wait(10)
+        began_utc_ns = utc_ns()
+        shown = times(list(islice(follow(Settings(config=str(config_dir)), "/**"), 6)))
+    finally:
+        ended.set()
+        writing.join()
+    assert shown == sorted(shown)
+    assert shown[0] >= began_utc_ns
+
+
+async def _log_late(
+    config_dir: Path, log_dir: Path, written: threading.Event, ended: threading.Event
+) -> None:
+    """A logger whose batches reach back half a second."""
+    segment = SegmentWriter(log_dir / "00000001.mcap", {})
+    async with Module("logger", config_dir=config_dir) as module:
+        stats = await module.writer("log/stats", LogStats)
+        sequence, taken_ns = 0, utc_ns() - 500_000_000
+        while not ended.is_set():
+            now_ns = utc_ns()
+            for part in range(4):
+                sequence += 1
+                segment.append(CHANNEL, sequence, 0, taken_ns + part * (now_ns - taken_ns) // 4, b"\xc0")
+            segment.flush()
+            taken_ns = now_ns
+            stats.write(LogStats(sequence, 0, 0, 1, 1, 0, str(log_dir), complete_utc_ns=now_ns))
+            written.set()
+            await asyncio.sleep(0.5 if sequence == 4 else 0.05)
+    segment.close()
