@@ -201,7 +201,7 @@ def _database(path: Path, uri: str) -> Result:
     from swarmware.record.mongo import MongoStore
 
     try:
-        store = MongoStore(uri, timeout_s=DATABASE_S)
+        store = MongoStore(uri, timeout_s=DATABASE_S, answer_s=DATABASE_S)
     except ConfigError as error:
         return Result("mongodb", "error", f"{path}: {error}", "correct the address; the local log goes on")
     if password_in(uri) and path.stat().st_mode & 0o007:

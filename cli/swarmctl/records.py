@@ -38,7 +38,7 @@ def source(settings: Settings, options: Mapping[str, Any]) -> Iterator[Source]:
         from swarmware.record.mongo import MongoStore
 
         uri, name = database(settings, options["mongodb"], options.get("database") or "")
-        store = MongoStore(uri, name, timeout_s=settings.timeout_s)
+        store = MongoStore(uri, name, timeout_s=settings.timeout_s, answer_s=5 * settings.timeout_s)
         try:
             yield store
         finally:

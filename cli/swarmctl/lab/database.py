@@ -19,7 +19,7 @@ def examine(uri: str, out: Output) -> None:
     from swarmware.record.mongo import MongoStore, check_uri
 
     check_uri(uri)
-    store = MongoStore(uri, timeout_s=PATIENCE_S)
+    store = MongoStore(uri, timeout_s=PATIENCE_S, answer_s=PATIENCE_S)
     try:
         store.ping()
     except SwarmError as error:

@@ -31,3 +31,5 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Entries written to MongoDB at a time."""
     retry_s: Annotated[float, msgspec.Meta(gt=0, le=600)] = 2.0
     """Pause after MongoDB did not answer."""
+    answer_s: Annotated[float, msgspec.Meta(ge=0.1, le=600)] = 5.0
+    """Time that MongoDB may take for a batch: later is a fault, after the double it is tried again."""

@@ -1,6 +1,5 @@
 """Store and forward: from the local ring to MongoDB, each entry once, holes named."""
 
-from itertools import islice
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -12,6 +11,8 @@ from swarmware.types import registry
 from swarmware.types.log import LogGap
 
 OVERWRITTEN: Final = "ring overwritten"
+BATCH_BYTES: Final = 4 << 20
+"""Payload of a batch at most, but for a single entry that has more: what waits in memory for a slow store."""
 
 
 class Store(Protocol):
@@ -42,6 +43,7 @@ class Forwarder:
         self._platform = platform
         self._store = store
         self._batch = batch
+        self._size = batch
         self._cursor: Cursor | None = None
         self._reader: SegmentReader | None = None
         self.forwarded = 0
@@ -75,14 +77,14 @@ class Forwarder:
             # asked before the reading: what is written in between belongs to a segment not yet done with
             complete = self._has_newer(number)
             try:
-                entries = list(islice(reader.entries(), self._batch))
+                entries = self._next_batch(reader)
             except FileNotFoundError:
                 entries, complete = [], True  # the ring overwrote it while we read
             if entries:
                 sequences = dict(cursor.sequences)
                 documents = self._with_gaps(entries, sequences, "damaged" if reader.damaged else OVERWRITTEN)
                 moved = Cursor(number, reader.offset, sequences)
-                self._store.write(documents, self._platform, moved)
+                self._write(documents, moved)
                 self._cursor = moved
                 self.forwarded += len(entries)
                 return len(entries)
@@ -90,6 +92,25 @@ class Forwarder:
                 return 0
             cursor = self._cursor = Cursor(number + 1, 0, cursor.sequences)
         return 0
+
+    def _next_batch(self, reader: SegmentReader) -> list[Entry]:
+        entries: list[Entry] = []
+        room = BATCH_BYTES * self._size // self._batch
+        for entry in reader.entries():
+            entries.append(entry)
+            room -= len(entry.payload)
+            if room <= 0 or len(entries) == self._size:
+                break
+        return entries
+
+    def _write(self, documents: list[Entry], moved: Cursor) -> None:
+        """Stores a batch; after a failure they are smaller: a slow link may not carry a large one in time."""
+        try:
+            self._store.write(documents, self._platform, moved)
+        except BaseException:
+            self._size = max(1, self._size // 2)
+            raise
+        self._size = min(self._batch, self._size * 2)
 
     def _segment(self, cursor: Cursor) -> SegmentReader | None:
         if self._reader is not None and int(self._reader.path.stem) == cursor.segment:

@@ -10,13 +10,12 @@ from typing import Final
 from swarmd.logger import config as settings
 from swarmd.logger.book import GAPS, Batch, Book
 from swarmd.logger.core import Plan, Track
-from swarmd.logger.forward import Forwarder
 from swarmd.logger.taps import Tap
+from swarmd.logger.upload import Upload
 from swarmware import template
 from swarmware.appfile import AppTable
 from swarmware.clock import utc_ns
 from swarmware.delivery import sender_of
-from swarmware.errors import ConfigError, Denied, SwarmError
 from swarmware.frame import Frame
 from swarmware.module import BoardWriter, Meta, Module
 from swarmware.record.address import password_in
@@ -27,7 +26,6 @@ from swarmware.types.log import LogGap, LogStats, LogStatsRequest
 log = logging.getLogger("swarm.logger")
 
 DISK: Final = "disk"
-MONGODB: Final = "mongodb"
 PASSWORD: Final = "mongodb_password"
 """Names of the conditions that `swarmctl health` shows."""
 
@@ -48,10 +46,8 @@ class Logger(Service):
         self._taps: dict[str, Tap] = {}
         self._batch = Batch()
         self._book: Book | None = None
-        self._forwarder: Forwarder | None = None
-        self._mongodb = "off"
         self._complete_utc_ns = 0
-        self._written = asyncio.Event()
+        self._upload = Upload(self.directory, module.platform, config, self.health)
         # one thread for the disk: a batch after the other, while the event loop goes on
         self._disk = ThreadPoolExecutor(1, thread_name_prefix="log-disk")
         self._template = template.load(self._node.config.template, self._node.config.share_path / "templates")
@@ -81,7 +77,8 @@ class Logger(Service):
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._sample(self._book, stats), name="log:sample")
                 if self.config.mongodb_uri:
-                    group.create_task(self._forward(), name="log:forward")
+                    self._warn_of_open_password()
+                    group.create_task(self._upload.run(), name="log:forward")
         finally:
             self._disk.submit(self._end, self._book)
             self._disk.shutdown(wait=True)
@@ -199,37 +196,7 @@ class Logger(Service):
             return
         self.health.report(DISK)
         self._complete_utc_ns = taken_utc_ns
-        self._written.set()
-
-    async def _forward(self) -> None:
-        from swarmware.record.mongo import MongoStore
-
-        config = self.config
-        self.health.report(MONGODB, description="Forwarding to MongoDB")
-        self._warn_of_open_password()
-        try:
-            store = MongoStore(
-                config.mongodb_uri,
-                config.mongodb_database,
-                queue_size=config.queue_size,
-                queue_bytes=config.queue_bytes,
-            )
-        except ConfigError as error:
-            # the local log does not depend on it
-            log.error("%s: forwarding is off", error)
-            self._mongodb = f"off: {error}"
-            self.health.report(MONGODB, "misconfigured", level="warn", detail=str(error))
-            return
-        forwarder = Forwarder(self.directory, self.module.platform, store, config.forward_batch)
-        self._forwarder = forwarder
-        with ThreadPoolExecutor(1, thread_name_prefix="log-mongodb") as thread:
-            try:
-                while True:
-                    self._written.clear()
-                    if not await self._forward_once(forwarder, thread):
-                        await self._written.wait()
-            finally:
-                store.close()
+        self._upload.on_written()
 
     def _warn_of_open_password(self) -> None:
         path = self._node.config_dir / "services" / "logger.toml"
@@ -239,20 +206,6 @@ class Logger(Service):
             self.health.report(
                 PASSWORD, "readable", level="warn", detail=f"{path}: expected mode 0640, group swarm"
             )
-
-    async def _forward_once(self, forwarder: Forwarder, thread: ThreadPoolExecutor) -> bool:
-        """Whether there may be more to forward at once."""
-        try:
-            stored = await asyncio.get_running_loop().run_in_executor(thread, forwarder.step)
-        except (SwarmError, OSError) as error:
-            state = "denied" if isinstance(error, Denied) else "unreachable"
-            self.health.report(MONGODB, state, level="warn", detail=str(error))
-            self._mongodb = f"away: {error}"
-            await asyncio.sleep(self.config.retry_s)
-            return True
-        self.health.report(MONGODB)
-        self._mongodb = "connected"
-        return stored > 0
 
     async def _answer(self, request: LogStatsRequest, _: Meta) -> LogStats:
         assert self._book is not None
@@ -264,18 +217,16 @@ class Logger(Service):
 
     async def _stats(self, book: Book) -> LogStats:
         segments, ring_bytes = await asyncio.get_running_loop().run_in_executor(self._disk, book.size)
-        forwarded = self._forwarder.forwarded if self._forwarder else 0
-        backlog = self._forwarder.behind(book.counters) if self._forwarder else 0
         return LogStats(
             book.totals.frames,
             book.totals.bytes,
-            book.totals.missing + (self._forwarder.gaps if self._forwarder else 0),
+            book.totals.missing + self._upload.gaps,
             len(self._taps),
             segments,
             ring_bytes,
             str(self.directory),
-            forwarded,
-            backlog,
-            self._mongodb,
+            self._upload.forwarded,
+            self._upload.behind(book.counters),
+            self._upload.state,
             self._complete_utc_ns,
         )

@@ -43,8 +43,8 @@ _DENIALS: Final = {13, 18}
 class MongoStore:
     """Circular queues in one collection; slot `<queue>:<sequence mod size>`, written idempotently.
 
-    Every call may block for the time-out. Raises: NoAnswer when the server is away, Denied
-    when it refuses, ConfigError for a URI that is none.
+    A call may block for `timeout_s` to find the server, and for `answer_s` each time that it is asked.
+    Raises: NoAnswer when the server is away, Denied when it refuses, ConfigError for a URI that is none.
     """
 
     def __init__(
@@ -55,6 +55,7 @@ class MongoStore:
         queue_size: int = QUEUE_SIZE,
         queue_bytes: int = QUEUE_BYTES,
         timeout_s: float = 2.0,
+        answer_s: float = 10.0,
         client: Any = None,
     ) -> None:
         self._queue_size = queue_size
@@ -65,7 +66,7 @@ class MongoStore:
             uri,
             serverSelectionTimeoutMS=int(timeout_s * 1000),
             connectTimeoutMS=int(timeout_s * 1000),
-            socketTimeoutMS=int(timeout_s * 5000),
+            socketTimeoutMS=int(answer_s * 1000),
             appname="swarmware",
             tz_aware=True,
         )

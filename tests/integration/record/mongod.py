@@ -61,6 +61,16 @@ class Mongod:
         finally:
             client.close()
 
+    def freeze(self) -> None:
+        """From now on it answers nothing, but its connections stay."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """It answers again; what had been asked is done first."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGCONT)
+
     def kill(self) -> None:
         """kill -9, as a loss of power would."""
         assert self._process is not None
@@ -72,5 +82,6 @@ class Mongod:
         """Ends it if it runs."""
         if self._process is not None:
             self._process.terminate()
+            self.thaw()  # a frozen one ends when it goes on
             self._process.wait(timeout=30)
             self._process = None

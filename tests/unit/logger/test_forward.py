@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.logger.forward import Forwarder
+from swarmd.logger.forward import BATCH_BYTES, Forwarder
 from swarmware.errors import NoAnswer
 from swarmware.record.cursor import Cursor
 from swarmware.record.entry import Entry
@@ -129,3 +129,47 @@ def test_what_the_ring_overwrote_before_it_was_stored_is_a_gap_with_its_size(tmp
     assert gaps[0].where == "ring overwritten"
     assert gaps[0].count == 1000 - len(numbers) == forwarder.gaps
     assert (gaps[0].first, gaps[0].last) == (11, 10 + gaps[0].count)
+
+
+def test_a_batch_of_large_entries_is_bounded_by_its_bytes(tmp_path: Path) -> None:
+    ring = LogRing(tmp_path)
+    for number in range(20):
+        ring.append(CHANNEL, number, number, bytes(1 << 20))
+    ring.flush()
+    store = Slots()
+    forwarder = Forwarder(tmp_path, "uav1", store, batch=1000)
+    assert [forwarder.step() for _ in range(6)] == [BATCH_BYTES >> 20] * 5 + [0]
+    ring.append(CHANNEL, 20, 20, bytes(BATCH_BYTES + 1))
+    ring.flush()
+    assert forwarder.step() == 1, "one that is larger goes alone"
+    ring.close()
+
+
+class Narrow(Slots):
+    """A store behind a link that carries so many entries before the time is over."""
+
+    capacity = 30
+
+    def write(self, entries: list[Entry], platform: str, cursor: Cursor) -> None:
+        if len(entries) > self.capacity:
+            raise NoAnswer("timed out")
+        super().write(entries, platform, cursor)
+
+
+def test_batches_that_a_slow_link_cannot_carry_in_time_become_smaller_for_a_while(
+    tmp_path: Path,
+) -> None:
+    ring = LogRing(tmp_path)
+    fill(ring, range(2000))
+    ring.flush()
+    store = Narrow()
+    forwarder = Forwarder(tmp_path, "uav1", store, batch=1000)
+    drain(forwarder)
+    assert store.numbers() == list(range(2000))
+    store.capacity = 1000
+    fill(ring, range(2000, 6000))
+    ring.flush()
+    sizes = [forwarder.step() for _ in range(10)]
+    ring.close()
+    assert max(sizes) == 1000
+    assert store.numbers() == list(range(6000))

@@ -1,0 +1,114 @@
+"""A database that hangs: the logger goes on, says so, ends in time, and later everything is there once."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import tomli_w
+from tests.integration.logger.test_logger import COUNT, counted, events, flushed, forwarded
+from tests.integration.record.mongod import Mongod
+
+from swarmware.errors import SwarmError
+from swarmware.module import Module
+from swarmware.record.mongo import MongoStore
+from swarmware.record.query import Query
+from swarmware.testing import make_node, spawn
+from swarmware.types.health import Fault, FaultList, FaultQuery
+from swarmware.types.log import LogStats
+from swarmware.types.scalar import Int
+
+CHECK = "logger/mongodb"
+HUNG_S = 60.0
+"""An answer that is waited for longer than the test waits for anything."""
+
+
+async def fault(module: Module) -> Fault:
+    """What the monitor shows of the database, as soon as it does."""
+    async with asyncio.timeout(20):
+        while True:
+            with contextlib.suppress(SwarmError):  # the monitor may still start
+                found = await module.request("sys/health/faults", FaultQuery(), FaultList)
+                for one in found.faults:
+                    if one.check == CHECK:
+                        return one
+            await asyncio.sleep(0.05)
+
+
+@asynccontextmanager
+async def silent_server() -> AsyncIterator[str]:
+    """Takes connections and what comes over them, and never answers."""
+
+    async def swallow(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(ConnectionError):
+            await reader.read()
+        writer.close()
+
+    server = await asyncio.start_server(swallow, "127.0.0.1", 0)
+    async with server:
+        yield f"mongodb://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+
+
+async def test_a_server_that_takes_connections_and_never_answers_is_a_fault_and_stops_no_local_log(
+    tmp_path: Path,
+) -> None:
+    async with silent_server() as uri:
+        logger = {"flush_s": 0.1, "mongodb_uri": uri, "answer_s": 0.3}
+        config = make_node(tmp_path, services={"logger": logger, "health": {}})
+        async with Module("source", config_dir=config) as module, spawn(config, "logger", "health"):
+            writer = await events(module)
+            writer.write(Int(1))
+            found = await fault(module)
+            assert (found.state, found.level) == ("slow", "warn")
+            writer.write(Int(2))
+            stats = await flushed(module)
+            assert stats.mongodb.startswith("away: ")
+            assert stats.backlog >= 2
+        assert counted(tmp_path / "uav1/data/log") == [1, 2]
+
+
+async def test_a_server_that_hangs_and_goes_on_later_gets_everything_once_and_delays_no_stop(
+    tmp_path: Path,
+) -> None:
+    server = Mongod(tmp_path / "db")
+    settings = {"flush_s": 0.1, "mongodb_uri": server.uri, "retry_s": 0.2, "answer_s": 0.5}
+    config = make_node(tmp_path, services={"logger": settings, "health": {}})
+    log = tmp_path / "uav1/data/log"
+    try:
+        server.start()
+        async with Module("source", config_dir=config) as module:
+            writer = await events(module, slots=512)
+            stats = await module.reader("log/stats", LogStats)
+            async with spawn(config, "logger", "health"):
+                writer.write(Int(0))
+                await forwarded(stats, 1)
+                server.freeze()
+                for number in range(1, 200):
+                    writer.write(Int(number))
+                assert (await fault(module)).state in ("slow", "unreachable")
+                await flushed(module)
+                assert counted(log) == list(range(200))
+                server.thaw()
+                await forwarded(stats, 200)
+            (config / "services" / "logger.toml").write_text(tomli_w.dumps(settings | {"answer_s": HUNG_S}))
+            async with spawn(config, "logger") as logger:
+                writer.write(Int(200))
+                await forwarded(stats, 1)
+                server.freeze()
+                for number in range(201, 300):
+                    writer.write(Int(number))
+                await flushed(module)
+                began_s = time.monotonic()
+                assert await logger.terminate() == 0
+                assert time.monotonic() - began_s < HUNG_S / 10
+            server.thaw()
+            async with spawn(config, "logger"):
+                await forwarded(stats, 99)
+        store = MongoStore(server.uri)
+        found = [entry.value() for entry in store.entries(Query(pattern=f"/uav1/{COUNT}"))]
+        store.close()
+        assert found == [Int(number) for number in range(300)]
+    finally:
+        server.stop()
