@@ -15,7 +15,8 @@ import msgspec
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, Mission
-from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Step
+from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Step, build
+from swarmware.mission.reduction import reduce
 
 AHEAD_LIMIT: Final = 3
 """Visits of a barrier by which a member is ahead of another, at most: farther ahead is the same."""
@@ -73,7 +74,9 @@ class _Role:
 
     def __init__(self, part: Part, numbers: Mapping[str, int], budget: Budget) -> None:
         self.part = part
-        self.bits = Bits(part.mission)
+        # what is played between the barriers counts for its end only, and every End is the same
+        gates = [block.id for block in part.mission.barriers()]
+        self.bits = Bits(reduce(build(part.mission, failing=True), gates, budget))
         self.gates: dict[Marking, tuple[Block, Barrier, int]] = {
             self.bits.of[block.id]: (block, block.params, numbers[block.params.id])
             for block in part.mission.barriers()
@@ -116,8 +119,8 @@ class _Role:
         """What it may do while it waits at a barrier, too: marking, barriers entered, label."""
         for step in self.bits.steps(marking):
             if not step.inputs & self._barriers:
-                for result in self._fire(marking, step):
-                    yield result, step.outputs & self._barriers if result else 0, step.label
+                result = _fire(marking, step)
+                yield result, step.outputs & self._barriers if result else 0, " → ".join(step.labels)
 
     def leave(self, marking: Marking, place: Marking, outcome: str) -> tuple[Marking, Marking]:
         """It goes on from a barrier: marking and barriers entered."""
@@ -154,21 +157,17 @@ class _Role:
                 found[now] = None
                 continue
             for step in self.bits.steps(now):
-                for result in self._fire(now, step):
-                    if result not in seen:
-                        seen.add(result)
-                        queue.append(result)
-                        self._budget.pay(_MEMBER + len(self.bits.places) // PLACES_PER_BYTE)
+                result = _fire(now, step)
+                if result not in seen:
+                    seen.add(result)
+                    queue.append(result)
+                    self._budget.pay(_MEMBER + len(self.bits.places) // PLACES_PER_BYTE)
         return found
 
-    def _fire(self, marking: Marking, step: Step) -> Iterator[Marking]:
-        yield marking & ~step.inputs | step.outputs if step.outputs else 0
-        block = self.part.mission.blocks[step.block]
-        ways = [f"{ERROR}:{kind}" for kind in block.spec.errors]
-        if block.timeout_s is not None and block.spec.can_time_out:
-            ways.append(TIMEOUT)
-        if any(block.successor(way) is None for way in ways):
-            yield 0  # the mission fails
+
+def _fire(marking: Marking, step: Step) -> Marking:
+    """The marking after the step; 0: the mission has ended."""
+    return marking & ~step.inputs | step.outputs if step.outputs else 0
 
 
 class _Ensemble:

@@ -4,11 +4,12 @@ A Join has a place per block that leads to it and fires when all of them hold a 
 with several incoming edges is a merge. End consumes its token and clears the net.
 """
 
+from collections.abc import Iterator
 from typing import Final
 
 import msgspec
 
-from swarmware.mission.model import Mission
+from swarmware.mission.model import ERROR, TIMEOUT, Block, Mission
 
 Marking = int
 """A bit for each place that holds a token: a marking of thousands of places is a few hundred bytes."""
@@ -25,6 +26,10 @@ class Transition(msgspec.Struct, frozen=True):
     inputs: frozenset[str]
     outputs: tuple[str, ...]
     """Empty: the End."""
+    path: tuple[str, ...] = ()
+    """Labels of the transitions that a reduction has merged into this one, in order."""
+    passes: frozenset[str] = frozenset()
+    """Blocks that they enter and leave."""
 
     @property
     def label(self) -> str:
@@ -39,6 +44,16 @@ class Net(msgspec.Struct, frozen=True):
     transitions: tuple[Transition, ...]
     owner: dict[str, str]
     """Block of each place."""
+    instant: frozenset[str]
+    """Places that a token leaves at once; an End's are among them."""
+    within: dict[str, frozenset[str]] = {}
+    """Further blocks that a token in this place goes through, once nothing instant comes before."""
+
+    def ends(self) -> frozenset[str]:
+        """Places of the Ends."""
+        ending = {place for t in self.transitions if not t.outputs for place in t.inputs}
+        going = {place for t in self.transitions if t.outputs for place in t.inputs}
+        return frozenset((ending - going) & self.instant)
 
 
 def join_place(source: str, join: str) -> str:
@@ -46,8 +61,15 @@ def join_place(source: str, join: str) -> str:
     return f"{source}→{join}"
 
 
-def build(mission: Mission) -> Net:
-    """The net of a mission whose successors all exist."""
+FAILS: Final = "fails"
+"""Outcome that ends the mission because its block has no successor for it."""
+
+
+def build(mission: Mission, *, failing: bool = False) -> Net:
+    """The net of a mission whose successors all exist.
+
+    `failing`: with a transition for each block that can end the mission by an error or a time-out.
+    """
     joins = {block.id for block in mission.blocks.values() if block.type == "Join"}
     owner = {block_id: block_id for block_id in mission.blocks if block_id not in joins}
     places: dict[str, set[str]] = {join: set() for join in joins}
@@ -76,7 +98,17 @@ def build(mission: Mission) -> Net:
                 Transition(block.id, edge.outcome, inputs, (place_of(block.id, edge.target),))
                 for edge in block.edges
             ]
-    return Net(mission.start, tuple(transitions), owner)
+            if failing and _can_fail(block):
+                transitions.append(Transition(block.id, FAILS, inputs, ()))
+    instant = frozenset(place for place, block in owner.items() if mission.blocks[block].spec.instant)
+    return Net(mission.start, tuple(transitions), owner, instant)
+
+
+def _can_fail(block: Block) -> bool:
+    ways = [f"{ERROR}:{kind}" for kind in block.spec.errors]
+    if block.timeout_s is not None and block.spec.can_time_out:
+        ways.append(TIMEOUT)
+    return any(block.successor(way) is None for way in ways)
 
 
 class Step(msgspec.Struct, frozen=True):
@@ -84,49 +116,56 @@ class Step(msgspec.Struct, frozen=True):
 
     block: str
     outcome: str
-    label: str
+    labels: tuple[str, ...]
     inputs: Marking
     outputs: Marking
     """0: the End."""
     twice: Marking
     """Places that it would mark twice by itself."""
+    passes: frozenset[str]
+    """Blocks that are entered and left with it."""
 
 
 class Bits:
-    """A mission's net over markings."""
+    """A net over markings."""
 
-    def __init__(self, mission: Mission) -> None:
-        net = build(mission)
+    def __init__(self, net: Net) -> None:
         self.owner = net.owner
         self.places = list(net.owner)
+        self._within = net.within
         bit = {place: 1 << index for index, place in enumerate(self.places)}
         self.start = bit[net.start]
         # every transition is looked at only where its first input is marked
         self._by_bit: dict[Marking, list[Step]] = {}
+        self._instant = sum(bit[place] for place in net.instant)
+        self._ends = sum(bit[place] for place in net.ends())
         for transition in net.transitions:
             inputs = sum(bit[place] for place in transition.inputs)
             outputs = twice = 0
             for place in transition.outputs:
                 twice |= outputs & bit[place]
                 outputs |= bit[place]
-            step = Step(transition.block, transition.outcome, transition.label, inputs, outputs, twice)
+            labels = (transition.label, *transition.path)
+            passes = transition.passes | {transition.block}
+            step = Step(transition.block, transition.outcome, labels, inputs, outputs, twice, passes)
             self._by_bit.setdefault(inputs & -inputs, []).append(step)
-        self._instant = sum(
-            bit[place] for place, block in net.owner.items() if mission.blocks[block].spec.instant
-        )
         self.of: dict[str, Marking] = {}
         """Places of each block."""
         for place, block in net.owner.items():
             self.of[block] = self.of.get(block, 0) | bit[place]
 
     def steps(self, marking: Marking) -> list[Step]:
-        """What can happen next; the player does what takes no time before it looks at anything else."""
-        rest = marking & self._instant
-        while rest:
-            first = rest & -rest
-            if found := self._enabled(first, marking):
-                return found
-            rest ^= first
+        """What can happen next; the player does what takes no time before it looks at anything else.
+
+        An End comes last of that, so what is found does not depend on the order of the blocks in the file.
+        """
+        for instant in (self._instant & ~self._ends, self._ends):
+            rest = marking & instant
+            while rest:
+                first = rest & -rest
+                if found := self._enabled(first, marking):
+                    return found
+                rest ^= first
         every: list[Step] = []
         rest = marking & ~self._instant
         while rest:
@@ -135,14 +174,23 @@ class Bits:
             rest ^= first
         return every
 
+    def rests(self, steps: list[Step]) -> bool:
+        """Whether these, all that can happen next, take time."""
+        return not any(step.inputs & self._instant for step in steps)
+
     def blocks(self, marking: Marking) -> list[str]:
         """Blocks that hold a token, in the order of their names."""
-        found: set[str] = set()
+        return sorted({self.owner[place] for place in self._marked(marking)})
+
+    def within(self, marking: Marking) -> set[str]:
+        """Further blocks that these tokens go through."""
+        return {block for place in self._marked(marking) for block in self._within.get(place, ())}
+
+    def _marked(self, marking: Marking) -> Iterator[str]:
         marking &= (1 << len(self.places)) - 1
         while marking:
-            found.add(self.owner[self.places[(marking & -marking).bit_length() - 1]])
+            yield self.places[(marking & -marking).bit_length() - 1]
             marking &= marking - 1
-        return sorted(found)
 
     def _enabled(self, first: Marking, marking: Marking) -> list[Step]:
         """Steps whose first input is this one; a Join's places are all there or it waits."""

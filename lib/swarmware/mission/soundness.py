@@ -5,13 +5,16 @@ end, two tokens in one block, loops that never rest, motions cut short by an End
 """
 
 from collections import deque
+from itertools import chain
 from typing import Final
 
 from swarmware.mission import flight, instants
-from swarmware.mission.budget import Budget
+from swarmware.mission.budget import QUICK_BYTES, Budget
+from swarmware.mission.catalogue import End
 from swarmware.mission.finding import TOO_LARGE, Remark
 from swarmware.mission.model import Mission
-from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Step
+from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Net, Step, build
+from swarmware.mission.reduction import reduce
 
 _STATE: Final = 480
 """Bytes of a visited state: entries of dictionaries and the queue, way back (CPython 3.11)."""
@@ -32,26 +35,54 @@ def check(mission: Mission, budget: Budget | None = None, *, flies: bool = False
     """
     budget = budget or Budget()
     under = flight.below_ground(mission) if flies else []
-    return [*instants.check(mission), *under, *_Exploration(mission, budget, flies=flies).remarks()]
+    return [*instants.check(mission), *under, *_states(mission, budget, flies=flies)]
+
+
+def _states(mission: Mission, budget: Budget, *, flies: bool) -> list[Remark]:
+    """What is wrong in some state: judged on the reduced net, explained on the whole one if that is small."""
+    whole = build(mission)
+    found = explore(mission, reduced(mission, whole, budget), budget, flies=flies)
+    if not found or budget.spent:
+        return found
+    part = Budget(QUICK_BYTES)
+    explained = explore(mission, whole, part, flies=flies)
+    return found if part.spent else explained
+
+
+def reduced(mission: Mission, net: Net, budget: Budget) -> Net:
+    """A smaller net with the same remarks."""
+
+    def result(block: str) -> str:
+        params = mission.blocks[block].params
+        return params.result if isinstance(params, End) else ""
+
+    motions = [block.id for block in mission.blocks.values() if block.spec.motion]
+    return reduce(net, motions, budget, result)
+
+
+def explore(mission: Mission, net: Net, budget: Budget, *, flies: bool) -> list[Remark]:
+    """What is wrong in some state of this net."""
+    return _Exploration(mission, Bits(net), budget, flies=flies).remarks()
 
 
 class _Exploration:
     """Breadth first over the markings, so counter-examples are shortest."""
 
-    def __init__(self, mission: Mission, budget: Budget, *, flies: bool) -> None:
+    def __init__(self, mission: Mission, bits: Bits, budget: Budget, *, flies: bool) -> None:
         self._mission = mission
-        self._bits = bits = Bits(mission)
+        self._bits = bits
         self._budget = budget
         self._size = len(bits.places) // PLACES_PER_BYTE
         self._width = len(bits.places) // 8 + 1  # the bit for the air included
         self._flight = flight.Flight(mission, bits, flies=flies)
         self._motions = sum(bits.of[block.id] for block in mission.blocks.values() if block.spec.motion)
         first = self._key(bits.start)
-        self._came: dict[Key, tuple[Key, Key | None, str]] = {first: (first, None, "")}
+        self._came: dict[Key, tuple[Key, Key | None, tuple[str, ...]]] = {first: (first, None, ())}
         """Visited markings in their order: the same key again, the marking before it, the step from there."""
         self._after: dict[Key, list[Key]] = {}
         self._ends: set[Key] = set()
         self._fired: set[str] = set()
+        """Blocks that are left."""
         self._unsafe: dict[str, Remark] = {}
         self._stuck: list[Key] = []
         self._cut: dict[str, Remark] = {}
@@ -81,7 +112,10 @@ class _Exploration:
             marking = int.from_bytes(key, "little")
             after: list[Key] = []
             self._flight.look(marking, lambda key=key: self._trace(key))  # type: ignore[misc]  # the default binds the value now
-            for step in self._bits.steps(marking):
+            steps = self._bits.steps(marking)
+            if self._bits.rests(steps):
+                self._fired |= self._bits.within(marking)
+            for step in steps:
                 self._fire(marking, key, step, after, queue)
             self._after[key] = after
             if not after and key not in self._ends:
@@ -89,10 +123,10 @@ class _Exploration:
         return True
 
     def _fire(self, marking: Marking, key: Key, step: Step, after: list[Key], queue: deque[Key]) -> None:
-        self._fired.add(step.block)
+        self._fired |= step.passes
         if not step.outputs:
             self._ends.add(key)
-            self._flight.end(step.block, marking, lambda: (*self._trace(key), step.label))
+            self._flight.end(step.block, marking, lambda: (*self._trace(key), *step.labels))
             self._cut_short(marking, key, step)
             return
         rest = marking & ~step.inputs
@@ -106,7 +140,7 @@ class _Exploration:
             came = self._came.get(result)
             if came is None:
                 self._budget.pay(_STATE + self._size)
-                came = self._came[result] = (result, key, step.label)
+                came = self._came[result] = (result, key, step.labels)
                 queue.append(result)
             after.append(came[0])
 
@@ -114,24 +148,24 @@ class _Exploration:
         return marking.to_bytes(self._width, "little")
 
     def _trace(self, key: Key) -> tuple[str, ...]:
-        steps: list[str] = []
-        _, before, label = self._came[key]
+        steps: list[tuple[str, ...]] = []
+        _, before, labels = self._came[key]
         while before is not None:
-            steps.append(label)
-            _, before, label = self._came[before]
-        return tuple(reversed(steps))
+            steps.append(labels)
+            _, before, labels = self._came[before]
+        return tuple(chain.from_iterable(reversed(steps)))
 
     def _two_tokens(self, key: Key, step: Step, twice: Marking) -> None:
         block = self._bits.blocks(twice)[0]
         if block not in self._unsafe:
-            trace = (*self._trace(key), step.label)
+            trace = (*self._trace(key), *step.labels)
             message = f"{block!r} is entered again while it still runs: expected a Join before it"
             self._unsafe[block] = Remark(block, "error", "two-tokens", message, trace)
 
     def _cut_short(self, marking: Marking, key: Key, end: Step) -> None:
         for block in self._bits.blocks(marking & self._motions & ~end.inputs):
             message = f"the motion {block!r} can be cut short by the End {end.block!r}"
-            trace = (*self._trace(key), end.label)
+            trace = (*self._trace(key), *end.labels)
             self._cut[block] = Remark(block, "warning", "cut-short", message, trace)
             self._motions &= ~self._bits.of[block]  # said once
 
@@ -161,7 +195,7 @@ class _Exploration:
         everywhere = 0
         for key in self._came:
             everywhere |= int.from_bytes(key, "little")
-        reached = set(self._bits.blocks(everywhere))
+        reached = self._fired.union(self._bits.blocks(everywhere))
         found: list[Remark] = []
         for block in self._mission.blocks.values():
             if block.id not in reached:

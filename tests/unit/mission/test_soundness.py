@@ -5,7 +5,7 @@ from itertools import count
 from typing import Any
 
 import pytest
-from tests.unit.mission.nets import choice, net
+from tests.unit.mission.nets import choice, lattice, net
 
 from swarmd.mission.core.actions import Ended
 from swarmd.mission.core.player import Player
@@ -155,10 +155,9 @@ def test_a_motion_cut_short_by_an_end_is_a_warning() -> None:
 
 
 def test_too_many_states_give_no_answer_instead_of_a_wrong_one() -> None:
-    branches = {f"w{i}": "Wait>j" for i in range(12)}
-    text = net(s="Start>f", f="Fork>" + ",".join(branches), **branches, j="Join>e", e="End")
+    text = lattice(5, 2)
     assert remarks(text) == []
-    (remark,) = remarks(text, Budget(400_000))
+    (remark,) = remarks(text, Budget(100_000))
     assert (remark.severity, remark.rule) == ("unknown", "too-large")
 
 
