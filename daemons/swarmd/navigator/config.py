@@ -21,6 +21,12 @@ class Estimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     gnss_timeout_s: Positive = 1.0
     """Without a fix for this long the position is lost, and the vehicle holds."""
     imu_timeout_s: Positive = 0.5
+    rest_accel_m_s2: Positive = 0.4
+    """A jolt: this far from its mean the specific force says that the vehicle moves."""
+    rest_gyro_rad_s: Positive = 0.1
+    """A turn: this fast the gyro says that the vehicle moves."""
+    gnss_correlation_s: Positive = 60.0
+    """Fixes closer in time share their errors: an average over less is hardly better than one of them."""
 
 
 class Dwa(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -65,7 +65,7 @@ class Whole(Node):
         links, routes = self.station.on_timer(now_ns)
         self.note(links, lost=any(not route.via for route in routes))
         if now_ns >= self.pace.due_ns:
-            self.station.bulletin.boards[POSE].put(bytes(25), True, now_ns)
+            self.station.bulletin.boards[POSE].put(now_ns.to_bytes(25, "little"), True, now_ns)  # it moves
             if self.pace.urgent or not self.station.is_idle(now_ns):
                 self.pace.left(now_ns)
                 self.send(now_ns)

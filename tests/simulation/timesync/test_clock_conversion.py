@@ -143,3 +143,13 @@ def test_a_partner_that_lies_is_marked_by_the_triangles_that_do_not_close() -> N
         core.on_functions(TimeFunctions(f"n{teller}", "main", 1, now_ns, told), now_ns)
     marks = {known.platform: known.suspect for known in core.functions(now_ns).functions if known.hops == 1}
     assert marks == {"n2": False, "n3": False, "n4": True}
+
+
+@pytest.mark.parametrize(
+    ("delay", "p95_us"), [(lan, 50), (asymmetric, 300), (wifi, 300)], ids=["lan", "asymmetric", "wifi bursts"]
+)
+def test_two_packets_a_second_of_a_swarm_at_rest_are_enough(delay: Delay, p95_us: float) -> None:
+    runs = [simulate(delay, seed, length_s=150, period_s=0.5, echo_s=2.5) for seed in range(6)]
+    settled = sorted(error for run in runs for at_s, error, _ in run.errors if at_s > 60)
+    assert settled[int(0.95 * len(settled))] < p95_us
+    assert all(inside for run in runs for *_, inside in run.errors)

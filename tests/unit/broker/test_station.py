@@ -3,6 +3,7 @@
 from itertools import pairwise
 from typing import Final
 
+import msgspec
 import pytest
 
 from swarmd.broker.core import tick as codec
@@ -197,21 +198,98 @@ def test_a_node_that_started_anew_says_its_session_with_each_of_ten_ticks_a_seco
     assert not again.compose(2 * SECOND + TICK).with_session
 
 
-def test_boards_that_stand_still_need_no_tick(one: Node, other: Node) -> None:
+def told(node: Node, other: Node, ticks: range, payload: bytes | None = None) -> list[tuple[int, Tick]]:
+    """The datagrams of some slots; with a payload the board is written before each of them."""
+    found = []
+    for tick in ticks:
+        now_ns = tick * TICK
+        if payload is not None:
+            node.put(payload, now_ns)
+        if not node.station.is_idle(now_ns):
+            found.append((now_ns, node.compose(now_ns).tick))
+            node.tell(now_ns, other)
+    return found
+
+
+def test_no_tick_is_left_out_while_a_clock_is_new(one: Node, other: Node) -> None:
     meet(one, other)
     one.station.set_plan(TreePlan(0, offers=(OFFER,)))
     one.put(b"parked", 0)
-    told = [0]
-    for tick in range(4, 44):
+    assert len(told(one, other, range(4, 140))) == 136
+
+
+def test_boards_that_stand_still_need_no_tick(one: Node, other: Node) -> None:
+    meet(one, other)
+    one.station.set_plan(TreePlan(0, offers=(OFFER,)))
+    one.put(b"parked", 203 * TICK)
+    at = [now_ns for now_ns, _ in told(one, other, range(204, 244))]
+    assert max(after - before for before, after in pairwise(at)) < SILENCE_NS + TICK
+    assert len(at) <= 11
+    one.put(b"moving", 244 * TICK)
+    assert not one.station.is_idle(244 * TICK)
+
+
+def test_a_board_that_is_written_again_with_the_same_value_needs_no_tick_but_its_newest_stamp_is_told(
+    one: Node, other: Node
+) -> None:
+    meet(one, other)
+    one.station.set_plan(TreePlan(0, offers=(OFFER,)))
+    told(one, other, range(204, 210), b"parked")
+    quiet = told(one, other, range(210, 260), b"parked")
+    assert len(quiet) <= 11, "of 50 slots"
+    assert all(tick.values[0].age_us == 0 for _, tick in quiet)
+
+
+def test_a_change_that_is_written_again_is_told_in_three_ticks_in_a_row(one: Node, other: Node) -> None:
+    meet(one, other)
+    one.station.set_plan(TreePlan(0, offers=(OFFER,)))
+    told(one, other, range(204, 221), b"parked")
+    at = [now_ns // TICK for now_ns, _ in told(one, other, range(221, 228), b"moved")]
+    assert at[:3] == [221, 222, 223]
+    assert at[3:] == []
+
+
+def test_a_board_of_a_slow_rate_waits_for_the_next_tick(one: Node, other: Node) -> None:
+    meet(one, other)
+    one.station.set_plan(TreePlan(0, offers=(msgspec.structs.replace(OFFER, min_interval_ms=1000),)))
+    told(one, other, range(204, 220))
+    one.put(b"99 %", 220 * TICK)
+    at = [now_ns // TICK for now_ns, tick in told(one, other, range(220, 226)) if tick.values]
+    assert len(at) == 1
+
+
+def test_a_new_mission_is_said_at_once_by_a_node_at_rest(one: Node, other: Node) -> None:
+    meet(one, other)
+    one.station.set_plan(TreePlan(0, offers=(OFFER,)))
+    [*_, (last_ns, _)] = told(one, other, range(204, 230), b"parked")
+    assert one.station.is_idle(last_ns + TICK)
+    one.station.set_plan(TreePlan(0, offers=(OFFER,), mission=7))
+    assert not one.station.is_idle(last_ns + TICK)
+
+
+def test_who_passes_on_boards_at_rest_is_quiet_and_passes_on_a_change_at_once() -> None:
+    left, middle, right = Node("uav1"), Node("uav2"), Node("uav3")
+    left.station.set_plan(TreePlan(0, offers=(OFFER,)))
+    right.station.set_plan(TreePlan(0, wants=(Want("uav1", "nav/pose", "Pose", POSE),)))
+    sent, arrived = [], []
+    for tick in range(250):
         now_ns = tick * TICK
-        if not one.station.is_idle(now_ns):
-            one.tell(now_ns, other)
-            told.append(now_ns)
-    gaps = [after - before for before, after in pairwise(told[1:])]
-    assert max(gaps) < SILENCE_NS + TICK
-    assert len(told) < 20
-    one.put(b"moving", 44 * TICK)
-    assert not one.station.is_idle(44 * TICK)
+        left.put(b"parked" if tick < 240 else b"moved!", now_ns)
+        for node, others in ((left, (middle,)), (middle, (left, right)), (right, (middle,))):
+            node.station.on_timer(now_ns)
+            if node.station.is_idle(now_ns):
+                continue
+            arrivals = node.tell(now_ns, *others)
+            if node is middle:
+                sent.append(tick)
+                arrived += [
+                    (tick, news.payload) for arrival in arrivals for _, news in arrival.news if arrival
+                ]
+    assert middle.station.busy
+    assert len([tick for tick in sent if 190 <= tick < 240]) <= 12, "of 50 slots"
+    assert arrived[-1][1] == b"moved!"
+    assert min(tick for tick, payload in arrived if payload == b"moved!") <= 241
+    assert max(b - a for (a, _), (b, _) in pairwise(arrived[-12:])) <= 8, "its age stays young"
 
 
 def test_a_limit_of_a_channel_holds_from_the_next_tick(one: Node, other: Node) -> None:

@@ -8,6 +8,8 @@ from swarmware.types.net import Offer
 
 REFRESH_NS: Final = 1_000_000_000
 """An unchanged value is said again this often: a datagram may be lost, a reader may be new."""
+REPEATS: Final = 3
+"""Datagrams that carry each change without waiting: one in ten may be lost, all three in a thousand."""
 _ALWAYS_NS: Final = 1
 
 
@@ -22,6 +24,7 @@ class Board:
         "path",
         "payload",
         "period_ns",
+        "repeats",
         "sent_ns",
         "sent_version",
         "stamp_ns",
@@ -42,14 +45,18 @@ class Board:
         self.version = 0
         """Counts the values put; 0: none yet."""
         self.sent_version = 0
+        self.repeats = 0
+        """Times that the newest payload is still to be sent without waiting."""
         self.held_back = 0
         """Values that the limit of its channel kept from being sent before a newer one came."""
         self.sent_ns = NEVER_NS
 
     def put(self, payload: bytes, packed: bool, stamp_ns: int) -> None:
-        """The newest value."""
+        """The newest value; one that only has a later stamp waits for a datagram that leaves anyway."""
         if self.limited and self.version != self.sent_version:
             self.held_back += 1
+        if payload != self.payload or packed != self.packed:
+            self.repeats = REPEATS
         self.payload = payload
         self.packed = packed
         self.stamp_ns = stamp_ns
@@ -95,13 +102,20 @@ class Bulletin:
             room -= size
             board.sent_version = board.version
             board.sent_ns = now_ns
+            board.repeats = max(0, board.repeats - 1)
             age_us = (now_ns - board.stamp_ns) // 1000
             values.append(Value(board.data_id, age_us, board.packed, board.payload))
         return values
 
-    def has_news(self, now_ns: int, tick_ns: int) -> bool:
-        """Whether the next datagram would have a value."""
-        return bool(self._due(now_ns, tick_ns))
+    def has_news(self, now_ns: int, tick_ns: int, patience_ns: int) -> bool:
+        """Whether some board has changed and is due; one of a longer period than `patience_ns` can wait."""
+        return any(
+            board.repeats
+            and board.version != board.sent_version
+            and 0 < board.period_ns < patience_ns
+            and now_ns - board.sent_ns + tick_ns // 2 >= board.period_ns
+            for board in self.boards.values()
+        )
 
     def _due(self, now_ns: int, tick_ns: int) -> list[tuple[float, Board]]:
         due: list[tuple[float, Board]] = []

@@ -140,9 +140,9 @@ class Mesh:
         """Whether to say our session with each datagram: most links to the former one end by that."""
         return now_ns < self._new_until_ns
 
-    def is_changing(self, now_ns: int) -> bool:
+    def is_changing(self, now_ns: int, span_ns: int = CHANGING_NS) -> bool:
         """Whether links came up or went down within the last seconds."""
-        return self._changed_ns != NEVER_NS and now_ns - self._changed_ns < CHANGING_NS
+        return self._changed_ns != NEVER_NS and now_ns - self._changed_ns < span_ns
 
     def next_sequence(self) -> int:
         """Number of the next datagram: rises by one, or to what others still hold of us.

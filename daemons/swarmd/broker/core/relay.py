@@ -41,6 +41,7 @@ class News(msgspec.Struct, frozen=True, gc=False):
 class _Entry:
     __slots__ = (
         "age_us",
+        "changed",
         "copies",
         "data_id",
         "have",
@@ -65,6 +66,8 @@ class _Entry:
         self.rx_ns = 0
         self.said_ns = NEVER_NS
         self.told = False
+        self.changed = False
+        """The payload is another one than that passed on last."""
         self.copies = 0
         self.have: set[int] = set()
 
@@ -101,6 +104,7 @@ class Relays:
         elif not self._is_news(entry, stamp_us, age_us, payload, rx_ns):
             self._again(entry, sender_hw, stamp_us - entry.stamp_us, hops, rx_ns)
             return None
+        entry.changed = entry.changed or payload != entry.payload
         entry.stamp_us = stamp_us
         entry.age_us = age_us
         entry.payload = payload
@@ -159,16 +163,12 @@ class Relays:
         the origin not and has not got the value. Priority is the time since it was passed on last,
         in periods of its distance.
         """
-        due: list[tuple[float, _Entry]] = []
-        for entry in self._entries.values():
-            if entry.told or entry.copies >= COPIES or entry.origin_hw in common or entry.hops >= HOPS_MAX:
-                continue
-            if now_ns - entry.rx_ns > OLDEST_NS:
-                continue
-            waited = (now_ns - entry.said_ns) / (PERIOD_NS * entry.hops)
-            if waited >= 1.0:
-                due.append((waited, entry))
-        due.sort(key=_waited, reverse=True)
+        due = [
+            (self._waited(entry, now_ns), entry)
+            for entry in self._entries.values()
+            if self._is_due(entry, now_ns, common)
+        ]
+        due.sort(key=_first, reverse=True)
         out: list[Relay] = []
         for _, entry in due:
             size = relay_bytes(entry.payload)
@@ -178,6 +178,7 @@ class Relays:
                 continue
             room -= size
             entry.told = True
+            entry.changed = False
             entry.said_ns = self._said_ns = now_ns
             age_us = entry.age_us + (now_ns - entry.rx_ns) // 1000
             out.append(
@@ -192,6 +193,23 @@ class Relays:
                 )
             )
         return out
+
+    def has_news(self, now_ns: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]) -> bool:
+        """Whether `compose` would pass on a value that has changed; one at rest waits for the next tick."""
+        return any(
+            entry.changed and self._is_due(entry, now_ns, common) and needed(entry.origin_hw, entry.have)
+            for entry in self._entries.values()
+        )
+
+    def _is_due(self, entry: _Entry, now_ns: int, common: frozenset[int]) -> bool:
+        if entry.told or entry.copies >= COPIES or entry.origin_hw in common or entry.hops >= HOPS_MAX:
+            return False
+        return now_ns - entry.rx_ns <= OLDEST_NS and self._waited(entry, now_ns) >= 1.0
+
+    @staticmethod
+    def _waited(entry: _Entry, now_ns: int) -> float:
+        """Time since it was passed on last, in periods of its distance."""
+        return (now_ns - entry.said_ns) / (PERIOD_NS * entry.hops)
 
     def recently(self, now_ns: int) -> bool:
         """Whether something was passed on within the last second."""
@@ -209,5 +227,5 @@ class Relays:
             del self._entries[key]
 
 
-def _waited(entry: tuple[float, _Entry]) -> float:
+def _first(entry: tuple[float, _Entry]) -> float:
     return entry[0]

@@ -1,5 +1,6 @@
 """One node's side of the tick: what a datagram means, and what the next one says."""
 
+from collections.abc import Callable
 from typing import Final
 
 import msgspec
@@ -36,12 +37,18 @@ HELLO_NS: Final = 2_000_000_000
 HELLO_CHANGING_NS: Final = 1_000_000_000
 """The same while links come and go, because others will come into range, and once after another tree or
 mission."""
-SILENCE_NS: Final = 350_000_000
-"""A node whose boards stand still ticks at least this often: with a slot's delay 2.2 times a second, so
-that its neighbours, who expect more of it, may miss one datagram."""
+SILENCE_NS: Final = 430_000_000
+"""A node whose boards stand still ticks in the first slot after this time: at 10 Hz every half second, as one
+of which nobody wants anything."""
+FIRST_SILENCE_NS: Final = 350_000_000
+"""As long as neighbours may not know of it: they may miss one datagram of a node that they expect more of."""
+REST_HELLOS: Final = 3
+"""Hellos in a row that declare the longer time: one may be lost."""
 OWN_SHARE: Final = 700
 """Bytes of a datagram's body that echoes, rows and own boards may take together before relays and
 names get their turn; a board that is larger than what is left waits for a datagram of its own."""
+SETTLE_NS: Final = 15_000_000_000
+"""No tick is left out for so long after a link came or went: a new clock is measured with all of them."""
 DIRECT_COST: Final = 2 * PERFECT - 2 * HYSTERESIS
 """Two hops cost two perfect links at least, and a node leaves them for one that is better by more than the
 hysteresis; once more that much, because both ends judge the link from samples of their own."""
@@ -127,6 +134,8 @@ class Station:
         self._slowest = slowest or Slowest(0, NEVER_NS)
         self._declared_ns = 0
         """What the last hello said of the time between two."""
+        self._rest_hellos = 0
+        """Hellos in a row that declared the time between two ticks of a node at rest."""
         self._relaying = False
         self._datagram_bytes = _FIRST_DATAGRAM_BYTES
 
@@ -276,9 +285,19 @@ class Station:
 
     def is_idle(self, now_ns: int) -> bool:
         """Whether this tick would say nothing that cannot wait: boards that stand still need none."""
-        if not self.busy or self._relaying or now_ns - self._sent_ns >= SILENCE_NS:
+        silence_ns = SILENCE_NS if self._rest_hellos >= REST_HELLOS else FIRST_SILENCE_NS
+        if not self.busy or self._hello_ns == NEVER_NS or now_ns - self._sent_ns >= silence_ns:
             return False
-        return not self.bulletin.has_news(now_ns, round(1e9 / self.tick_hz()))
+        if self.mesh.is_changing(now_ns, SETTLE_NS):
+            return False
+        if self.bulletin.has_news(now_ns, round(1e9 / self.tick_hz()), SILENCE_NS):
+            return False
+        return not self.relays.has_news(now_ns, *self._relay_terms(now_ns))
+
+    def _relay_terms(self, now_ns: int) -> tuple[frozenset[int], Callable[[int, set[int]], bool]]:
+        """Nodes that all neighbours hear, and whether some neighbour needs a value of another one."""
+        neighbours = self.mesh.neighbours
+        return neighbours.common(now_ns), lambda origin_hw, have: neighbours.needed(origin_hw, have, now_ns)
 
     def compose(self, now_ns: int) -> Departure:
         """The next datagram, the parts in the order of their importance."""
@@ -294,16 +313,12 @@ class Station:
         for value in values:
             channel = self.counters.channel(self.bulletin.boards[value.data_id].path)
             channel.sent(len(value.payload))
-        neighbours = self.mesh.neighbours
-        common = neighbours.common(now_ns)
+        common, needed = self._relay_terms(now_ns)
         members = self.members.rows(now_ns, room, common, self.mesh.directory.next_hop)
         room -= sum(member_bytes(member) for member in members)
-        relays = self.relays.compose(
-            now_ns,
-            min(room, int(self._relay_bytes_s / hz)),
-            common,
-            lambda origin_hw, have: neighbours.needed(origin_hw, have, now_ns),
-        )
+        # the budget of the slots that were left out counts too
+        span_s = min(max((now_ns - self._sent_ns) / 1e9, 1 / hz), SILENCE_NS / 1e9 + 1 / hz)
+        relays = self.relays.compose(now_ns, min(room, int(self._relay_bytes_s * span_s)), common, needed)
         self._relaying = bool(relays) or (self._relaying and self.relays.recently(now_ns))
         tick = Tick(
             hello, shape.echoes, shape.rows, shape.requests, tuple(members), tuple(values), tuple(relays)
@@ -312,16 +327,23 @@ class Station:
         return Departure(self.mesh.next_sequence(), hello is not None, tick, self._slowest.ns if rose else 0)
 
     def _hello(self, now_ns: int) -> Hello | None:
-        period_ns = max(
-            round(1e9 / self.tick_hz()), min(self._gap_ns, SILENCE_NS + round(1e9 / self._busy_hz))
-        )
+        slot_ns = round(1e9 / self.tick_hz())
+        rest_ns = -(-SILENCE_NS // slot_ns) * slot_ns
+        left_out = self._sent_ns != NEVER_NS and now_ns - self._sent_ns >= FIRST_SILENCE_NS > slot_ns
+        rests = self.busy and left_out
+        period_ns = rest_ns if rests else max(slot_ns, min(self._gap_ns, rest_ns))
         # half a tick early rather than a tick late: at 10 Hz every tenth, or twentieth, datagram has it
         calm = not self.mesh.is_changing(now_ns) and now_ns - self._replanned_ns >= HELLO_NS
         again_ns = HELLO_NS if calm else HELLO_CHANGING_NS
         waits = now_ns - self._hello_ns < again_ns - round(0.5e9 / self._busy_hz)
         waits = waits and not self.mesh.is_new(now_ns)  # until then nobody sends to us again
+        waits = waits and not (rests and self._rest_hellos < REST_HELLOS)
         if waits and period_ns <= SLOWER * self._declared_ns:
             return None
+        if rests:
+            self._rest_hellos += 1
+        elif period_ns < rest_ns:
+            self._rest_hellos = 0
         self._hello_ns = now_ns
         self._declared_ns = period_ns
         who = self.identity
@@ -340,7 +362,7 @@ class Station:
 
     def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:
         """The datagram left."""
-        self._gap_ns = tx_ns - self._sent_ns
+        self._gap_ns = 0 if self._sent_ns == NEVER_NS else tx_ns - self._sent_ns
         self._sent_ns = tx_ns
         more = datagram_bytes - self._datagram_bytes
         self._datagram_bytes += more / (4 if more > 0 else 16)  # sooner too few datagrams than too many

@@ -57,7 +57,8 @@ class Detour:
                 best, best_price = turn, price
         if math.isinf(best_price):
             return ahead_m
-        self._side = (best > 0) - (best < 0)
+        if best:  # straight on is free for a short reach, too, in front of what it goes around
+            self._side = (best > 0) - (best < 0)
         angle = bearing + best * _STEP_RAD
         return pose.x_m + distance * math.cos(angle), pose.y_m + distance * math.sin(angle)
 

@@ -24,6 +24,7 @@ from swarmware.types.vehicle import (
     VehicleState,
 )
 
+_STOP: Final = Setpoint(0.0)
 _ARM_GRACE_S: Final = 1.0
 """A goal may overtake the news that the motors are armed by this much."""
 _EXTRAPOLATE_S: Final = 1.0
@@ -91,6 +92,7 @@ class Navigator:
         self._mistake = ""
         self._anchor: Pose | None = None
         self._arrived = False
+        self._setpoint = _STOP
         self._moved_ns = 0
         self._status = NavStatus(0, "idle")
         self._status_ns = -(1 << 62)
@@ -146,8 +148,12 @@ class Navigator:
 
     def on_timer(self, now_ns: int) -> Step:
         """Pose, set-point and status for now."""
+        vehicle = self._vehicle
+        landed = vehicle is not None and vehicle.landed
+        armed = vehicle is not None and vehicle.armed
+        self._estimator.on_driven(not landed or (armed and self._setpoint != _STOP))
         self._estimator.predict(now_ns)
-        if self._vehicle is not None and self._vehicle.landed and self._pilot.flies:
+        if landed and armed and self._pilot.flies:
             self._estimator.on_landed()
         pose = self._estimator.pose()
         if pose is not None and self._scan is not None:
@@ -158,6 +164,7 @@ class Navigator:
             setpoint = self._pilot.stop()
         else:
             setpoint = self._pilot.steer(pose, plan.target, self._around(now_ns), now_ns)
+        self._setpoint = setpoint
         return Step(pose, setpoint, self._report(self._checked(plan, pose, now_ns), now_ns))
 
     # what to do

@@ -1,8 +1,13 @@
 """How far a value can be trusted: its owner, its age, the way to it."""
 
 from enum import StrEnum
+from typing import Final
 
 from swarmd.tree.core.index import Leaf
+
+TICKED_S: Final = 1.25
+"""A board of another platform that stands still comes with a tick each half second; after 2.5 of them without
+any the link itself is given up."""
 
 
 class Quality(StrEnum):
@@ -17,13 +22,20 @@ class Quality(StrEnum):
     """No value has been seen here."""
 
 
-def quality(leaf: Leaf, age_s: float | None, *, reachable: bool, known: bool) -> Quality:
-    """Quality of a resource. `known`: there is a value; `age_s`: None when its clock is not known here."""
+def quality(
+    leaf: Leaf, age_s: float | None, *, reachable: bool, known: bool, mirrored: bool = False
+) -> Quality:
+    """Quality of a resource. `known`: there is a value; `age_s`: None when its clock is not known here.
+
+    `mirrored`: it came from another platform, whose ticks leave out what has not changed.
+    """
     if leaf.lost or not reachable:
         return Quality.LOST
     if not known:
         return Quality.NONE
     limit_s = leaf.resource.stale_after_s
+    if mirrored and leaf.resource.link == "tick":
+        limit_s = max(limit_s, TICKED_S)
     if age_s is None:
         return Quality.LIVE if limit_s == float("inf") else Quality.STALE
     return Quality.LIVE if age_s <= limit_s else Quality.STALE
