@@ -1,5 +1,6 @@
 """What `swarmctl doctor` looks at on this machine: each check says what is wrong and what to do."""
 
+import contextlib
 import os
 import shutil
 import socket
@@ -15,10 +16,15 @@ from swarmctl.lab import record
 from swarmware.appfile import AppTable
 from swarmware.config import load_node, load_service, share_dir
 from swarmware.errors import ConfigError, SwarmError
+from swarmware.frame import decode
 from swarmware.record.address import password_in, without_password
 from swarmware.security import Keys
 from swarmware.service.find import find
+from swarmware.shm.layout import ring_file
 from swarmware.shm.reap import reap
+from swarmware.shm.ring import RingReader
+from swarmware.types import registry
+from swarmware.types.net import Traffic
 
 SOCKET_PATH_BYTES: Final = 107
 """Longest path of a Unix socket (sun_path without its zero)."""
@@ -180,9 +186,30 @@ def _node(folder: Path, fix: bool) -> Iterator[Result]:
         yield Result(
             "remains", "ok", "what dead processes left was removed" if fix else "nobody lives here", fixed=fix
         )
+    if "broker" in alive:
+        yield processor(node.shm_path)
     yield from _settings(folder, node.services)
     yield _keys(node.keys_dir, node.platform)
     yield _disk(node.data_path)
+
+
+def processor(shm_dir: Path) -> Result:
+    """Whether the broker's ticks leave when they are due, from its board `net/traffic`."""
+    try:
+        with contextlib.closing(RingReader(ring_file(shm_dir, "net/traffic"))) as ring:
+            data = ring.newest()
+        if data is None:
+            return Result("processor", "ok", "the broker has just started")
+        frame = decode(data)
+        traffic = registry.decode(Traffic, frame.payload, frame.codec)
+    except SwarmError as error:
+        return Result("processor", "warning", f"net/traffic cannot be read: {error}", "swarmctl traffic ls")
+    if traffic.slowdown > 1:
+        text = f"ticks slowed {traffic.slowdown:g} times: processor short ({traffic.slowed_ticks} so far)"
+        return Result("processor", "warning", text, "run fewer services or nodes on this computer")
+    return Result(
+        "processor", "ok", f"{traffic.tick_hz:g} ticks a second, {traffic.slowed_ticks} slowed so far"
+    )
 
 
 def _settings(folder: Path, services: Iterable[str]) -> Iterator[Result]:

@@ -103,6 +103,10 @@ def ls(ctx: click.Context) -> None:
         link.out.text(
             f"refused: {refused}; requests answered: {found.requests}; values received: {found.notifications}"
         )
+        if found.slowed_ticks:
+            link.out.text(
+                f"ticks slowed: {found.slowed_ticks}, {found.slowdown:g} times at present: processor short"
+            )
 
     run(settings(ctx), work)
 

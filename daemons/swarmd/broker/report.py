@@ -112,4 +112,6 @@ class Report:
             links=counters.link_table(),
             channels=counters.channel_table(),
             failed_ticks=counters.failed_ticks,
+            slowed_ticks=station.slowdown.ticks,
+            slowdown=round(station.slowdown.factor, 2),
         )

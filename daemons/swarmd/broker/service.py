@@ -126,6 +126,7 @@ class Broker(Service):
             )
             await self._open_boards()
             self.health.report("name", description="One computer for each name")
+            self.health.report("processor", description="Ticks begin when they are due")
             node.post.set_gateway(self._frames.from_here)
             stack.callback(node.post.set_gateway, None)
             if config.seeds:
@@ -234,6 +235,8 @@ class Broker(Service):
         if self._plan.position != self._plan_at:
             self._take_plan()
         now_ns = self._clock.now_ns()
+        if station.slowdown.on_tick(now_ns - self._pace.due_ns, round(1e9 / station.tick_hz())):
+            self._report_slowdown()
         self._own.poll(now_ns)
         if self._pace.urgent or self._datagrams.has_checks or not station.is_idle(now_ns):
             self._pace.left(now_ns)
@@ -242,6 +245,21 @@ class Broker(Service):
             self._timing_stream.write(TimingBatch(tuple(self._timings)))
             self._timings.clear()
         self._pace.next(now_ns, round(1e9 / station.tick_hz()))
+
+    def _report_slowdown(self) -> None:
+        slowdown = self._station.slowdown
+        if slowdown.factor == 1:
+            self.health.report("processor")
+            return
+        self.health.report(
+            "processor",
+            "short",
+            level="warn",
+            detail=f"ticks slowed {slowdown.factor:.1f} times: half of them began"
+            f" {slowdown.late_ns / 1e6:.0f} ms late; run fewer services or nodes on this computer",
+            description="Ticks begin when they are due",
+            clear_s=5.0,
+        )
 
     def _take_plan(self) -> None:
         self._plan_at = self._plan.position

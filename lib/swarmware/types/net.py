@@ -206,6 +206,10 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     channels: tuple[ChannelTraffic, ...] = ()
     failed_ticks: int = 0
     """Ticks that could not be composed or encoded and were left out; the log has the place."""
+    slowed_ticks: int = 0
+    """Ticks that were due later than wanted, because the processor was short."""
+    slowdown: float = 1.0
+    """How many times slower than wanted the node ticks at present for lack of processor; 1: it keeps up."""
 
 
 @register

@@ -116,7 +116,7 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
             ),
         ),
         ("config show node -n uav1", lambda d: '"uav1"' in {s["value"] for s in d["settings"]}),
-        ("doctor", lambda d: {"services", "keys"} <= {r["check"] for r in d["results"]}),
+        ("doctor", lambda d: {"services", "keys", "processor"} <= {r["check"] for r in d["results"]}),
         ("lab ls", lambda d: "labs" in d),
     ],
 )

@@ -1,10 +1,32 @@
 """When datagrams leave: spread, soon when it matters, never more than the air carries."""
 
+import math
+
 import pytest
 
-from swarmd.broker.core.pace import AIRTIME, HURRY_NS, JITTER, Pace, airtime_s, allowed_hz
+from swarmd.broker.core.mesh import Mesh
+from swarmd.broker.core.pace import (
+    AIRTIME,
+    CALM_TIMES,
+    HURRY_NS,
+    IDLE_HZ,
+    JITTER,
+    JUDGED,
+    JUDGED_NS,
+    SLOWDOWN_MAX,
+    STEP_MAX,
+    STEP_MIN,
+    Pace,
+    Slowdown,
+    airtime_s,
+    allowed_hz,
+)
+from swarmd.broker.core.station import Identity, Station
+from swarmd.broker.core.tick import PlatformKind
+from swarmd.broker.core.traffic import Counters
 
 SECOND = 1_000_000_000
+MS = SECOND // 1000
 PERIOD = SECOND // 10
 
 
@@ -49,3 +71,79 @@ def test_no_number_of_events_makes_a_node_send_more_than_the_air_allows() -> Non
 def test_the_rate_falls_below_one_hertz_among_hundreds(heard: int) -> None:
     assert 0.2 < allowed_hz(heard, 1100) < 1.0
     assert (heard + 1) * allowed_hz(heard, 1100) * airtime_s(1100) <= 0.25
+
+
+def judge(slowdown: Slowdown, late_ms: float, period_ms: float, times: int = 1) -> float:
+    """So many whole judgements of ticks that all begin so late."""
+    for _ in range(times * max(JUDGED, math.ceil(JUDGED_NS / MS / period_ms))):
+        slowdown.on_tick(round(late_ms * MS), round(period_ms * MS))
+    return slowdown.factor
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "period_ms", "factor"),
+    [
+        (0, 100, 1.0),
+        (20, 100, 1.0),
+        (21, 100, STEP_MIN),
+        (30, 100, 1.5),
+        (90, 100, STEP_MAX),
+        (99, 500, 1.0),
+        (150, 500, 1.5),
+    ],
+)
+def test_ticks_that_begin_late_are_slowed_by_how_late_they_are(
+    late_ms: float, period_ms: float, factor: float
+) -> None:
+    assert judge(Slowdown(), late_ms, period_ms) == pytest.approx(factor)
+
+
+def test_single_stalls_slow_nothing_down() -> None:
+    slowdown = Slowdown()
+    for tick in range(90):
+        assert not slowdown.on_tick((400 if tick % 3 == 0 else 1) * MS, PERIOD)
+    assert (slowdown.factor, slowdown.ticks) == (1.0, 0)
+
+
+def test_a_processor_that_stays_short_slows_down_to_a_limit_and_every_such_tick_is_counted() -> None:
+    slowdown = Slowdown()
+    assert judge(slowdown, 90, 100, times=9) == SLOWDOWN_MAX
+    assert slowdown.ticks == 8 * 9
+    assert slowdown.late_ns == 90 * MS
+
+
+def test_a_node_that_is_far_behind_slows_down_after_three_ticks() -> None:
+    slowdown = Slowdown()
+    for late_ms in (0, 400, 101, 900):
+        assert slowdown.factor == 1.0
+        slowdown.on_tick(late_ms * MS, PERIOD)
+    assert slowdown.factor == STEP_MAX
+    assert slowdown.late_ns == 400 * MS
+
+
+def test_what_was_slowed_comes_back_in_steps_when_the_faster_rate_would_be_calm() -> None:
+    slowdown = Slowdown()
+    judge(slowdown, 40, 100)
+    assert slowdown.factor == 2.0
+    assert judge(slowdown, 17, 200, times=20) == 2.0, "neither short nor calm: it stays"
+    assert judge(slowdown, 5, 200, times=CALM_TIMES - 1) == 2.0
+    assert judge(slowdown, 5, 200) == 2.0 / STEP_MIN
+    assert judge(slowdown, 5, 160, times=20) == 1.0
+    assert not slowdown.on_tick(0, PERIOD)
+
+
+def test_a_stretched_period_is_declared_before_links_fall() -> None:
+    identity = Identity(1, "uav1", "main", PlatformKind.UAV, 1, b"")
+    station = Station(identity, Mesh(1, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=0.0)
+    station.on_timer(0)
+    assert station.compose(0).tick.hello is not None
+    assert station.compose(PERIOD).tick.hello is None
+    judge(station.slowdown, 60, 500)
+    assert station.tick_hz() == IDLE_HZ
+    judge(station.slowdown, 200, 500)
+    assert station.tick_hz() == IDLE_HZ / 2
+    hello = station.compose(2 * PERIOD).tick.hello
+    assert hello is not None
+    assert hello.period_ms == 1000
+    judge(station.slowdown, 900, 1000, times=9)
+    assert station.tick_hz() == IDLE_HZ / SLOWDOWN_MAX

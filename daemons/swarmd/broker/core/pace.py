@@ -16,6 +16,19 @@ HURRY_NS: Final = 60_000_000
 """What cannot wait leaves within this time, spread by chance: many hear of it at once."""
 JITTER: Final = 0.05
 """Ticks are spread by this share of their period."""
+SHORT: Final = 0.2
+"""The processor is short when half of the last ticks began later than this share of their period."""
+CALM: Final = 0.1
+"""It is not when at the faster rate they would have begun less late than this share."""
+JUDGED_NS: Final = 900_000_000
+"""Time after which the lateness of ticks is judged: at 10 Hz before the link timeout of a second ends."""
+JUDGED: Final = 3
+"""Ticks that are judged together at least; at once when all of them begin a whole period late."""
+CALM_TIMES: Final = 2
+"""A node becomes faster when it was found calm so often in a row, and slower at once: it must not swing."""
+STEP_MIN: Final = 1.25
+STEP_MAX: Final = 4.0
+SLOWDOWN_MAX: Final = 10.0
 _FRAME_S: Final = 173e-6
 _BYTE_S: Final = 1.333e-6
 """OFDM at the 6 Mb/s basic rate of multicast, DIFS, backoff and preamble; fits 180 B in 413 µs and
@@ -35,6 +48,54 @@ def allowed_hz(heard: int, datagram_bytes: float) -> float:
 def tick_hz(wanted_hz: float, heard: int, datagram_bytes: float) -> float:
     """Tick rate among so many others in hearing range."""
     return min(wanted_hz, allowed_hz(heard, datagram_bytes))
+
+
+class Slowdown:
+    """How much slower than wanted a node ticks, because its processor does not keep up.
+
+    A node whose ticks begin late is taken for gone by its neighbours. It says less often that it is there,
+    and says so (the hello declares its period), before links fall; what it saves is processor time here and
+    at all that hear it.
+    """
+
+    def __init__(self) -> None:
+        self.factor = 1.0
+        """Times the wanted period; 1: the processor keeps up."""
+        self.ticks = 0
+        """Ticks that were due later because of it."""
+        self.late_ns = 0
+        """Half of the ticks judged last began later than this."""
+        self._late_ns: list[int] = []
+        self._calm = 0
+
+    def on_tick(self, late_ns: int, period_ns: int) -> bool:
+        """A tick begins `late_ns` after it was due. True: the factor has changed.
+
+        `period_ns`: between two ticks at present.
+        """
+        if self.factor > 1:
+            self.ticks += 1
+        self._late_ns.append(late_ns)
+        newest = self._late_ns[-JUDGED:]
+        behind = min(newest) > period_ns
+        if len(newest) < JUDGED or (len(self._late_ns) * period_ns < JUDGED_NS and not behind):
+            return False
+        judged = sorted(newest if behind else self._late_ns)
+        self.late_ns = judged[len(judged) // 2]
+        self._late_ns.clear()
+        before = self.factor
+        if self.late_ns > SHORT * period_ns:
+            self._calm = 0
+            step = min(max(self.late_ns / (SHORT * period_ns), STEP_MIN), STEP_MAX)
+            self.factor = min(before * step, SLOWDOWN_MAX)
+        elif self.late_ns > CALM * period_ns / STEP_MIN:
+            self._calm = 0
+        else:
+            self._calm += 1
+            if self._calm >= CALM_TIMES:
+                self._calm = 0
+                self.factor = max(before / STEP_MIN, 1.0)
+        return self.factor != before
 
 
 class Pace:

@@ -11,7 +11,7 @@ from swarmd.broker.core.directory import HYSTERESIS, RouteChanged
 from swarmd.broker.core.members import Members, wire_name
 from swarmd.broker.core.mesh import LinkChanged, LinkState, Mesh, Timing
 from swarmd.broker.core.neighbour import CLOCK_HIGH_MAX, PERFECT, Neighbour
-from swarmd.broker.core.pace import IDLE_HZ, QUICK_HZ, allowed_hz
+from swarmd.broker.core.pace import IDLE_HZ, LEAST_HZ, QUICK_HZ, Slowdown, allowed_hz
 from swarmd.broker.core.relay import News, Relays
 from swarmd.broker.core.slowest import Slowest
 from swarmd.broker.core.tick import (
@@ -115,6 +115,7 @@ class Station:
         self.members = Members(identity.hw)
         self.bulletin = Bulletin()
         self.relays = Relays()
+        self.slowdown = Slowdown()
         self.tcp_port = 0
         self.reserved_bytes = 0
         """Of the next body, for what is put into it after it was composed."""
@@ -167,7 +168,7 @@ class Station:
             wanted_hz = self._busy_hz
         else:
             wanted_hz = min(QUICK_HZ if self.mesh.is_changing(self._now_ns) else IDLE_HZ, self._busy_hz)
-        return min(wanted_hz, self.allowed_hz())
+        return max(min(wanted_hz, self.allowed_hz()) / self.slowdown.factor, LEAST_HZ)
 
     def allowed_hz(self) -> float:
         """Most datagrams per second that the air has room for."""

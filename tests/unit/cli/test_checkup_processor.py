@@ -1,0 +1,44 @@
+"""What doctor says of a processor that is short, read off the broker's board."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmctl.checkup import processor
+from swarmware.frame import Frame, Kind, encode
+from swarmware.names import data_id
+from swarmware.shm.layout import ring_file
+from swarmware.shm.ring import RingWriter
+from swarmware.types import registry
+from swarmware.types.net import Refused, Traffic
+
+BOARD = "net/traffic"
+
+
+def frame(slowed_ticks: int, slowdown: float) -> bytes:
+    counts = (0,) * 14
+    traffic = Traffic(0, 1, *counts, 10.0 / slowdown, Refused(), slowed_ticks=slowed_ticks, slowdown=slowdown)
+    return encode(Frame(Kind.BOARD, data_id(BOARD, "Traffic"), payload=registry.encode(traffic)))
+
+
+@pytest.mark.parametrize(
+    ("data", "verdict", "text"),
+    [
+        (None, "ok", "just started"),
+        (frame(0, 1.0), "ok", "10 ticks a second, 0 slowed so far"),
+        (frame(70, 1.0), "ok", "70 slowed so far"),
+        (frame(70, 4.0), "warning", "ticks slowed 4 times: processor short (70 so far)"),
+        (b"x" * 60, "warning", "net/traffic cannot be read"),
+    ],
+)
+def test_a_short_processor_is_named(tmp_path: Path, data: bytes | None, verdict: str, text: str) -> None:
+    with RingWriter(ring_file(tmp_path, BOARD), slots=4, slot_bytes=1024) as ring:
+        if data is not None:
+            ring.write(data)
+        found = processor(tmp_path)
+    assert (found.check, found.verdict) == ("processor", verdict)
+    assert text in found.text
+
+
+def test_a_board_that_is_not_there_is_named(tmp_path: Path) -> None:
+    assert processor(tmp_path).verdict == "warning"
