@@ -49,9 +49,10 @@ OWN_SHARE: Final = 700
 names get their turn; a board that is larger than what is left waits for a datagram of its own."""
 SETTLE_NS: Final = 15_000_000_000
 """No tick is left out for so long after a link came or went: a new clock is measured with all of them."""
-DIRECT_COST: Final = 2 * PERFECT - 2 * HYSTERESIS
+DIRECT_COST: Final = 2 * PERFECT - HYSTERESIS - PERFECT // 2
 """Two hops cost two perfect links at least, and a node leaves them for one that is better by more than the
-hysteresis; once more that much, because both ends judge the link from samples of their own."""
+hysteresis; half a link more, because both ends judge it from samples of their own: they may differ by two
+datagrams of sixteen."""
 DIRECT_NS: Final = 5_000_000_000
 """By then both ends have judged the link from the same datagrams, and chosen their ways."""
 SLOWER: Final = 1.25
