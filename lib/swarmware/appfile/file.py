@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from swarmware.appfile import trace
 from swarmware.appfile.entry import AppEntry, decode, encode
@@ -25,7 +26,9 @@ INSTANCES = 64
 class AppFile:
     """The locked file of one application.
 
-    `announce` is called after each change. Raises: Conflict when the instance, or every instance, is taken.
+    `announce` is called after each change. `config` stands there from the beginning: whoever finds the file of
+    a guard decides by it who starts the next one.
+    Raises: Conflict when the instance, or every instance, is taken.
     """
 
     def __init__(
@@ -36,6 +39,7 @@ class AppFile:
         endpoint: str,
         started_ns: int,
         instance: int | None = None,
+        config: dict[str, Any] | None = None,
         announce: Callable[[], None] = lambda: None,
     ) -> None:
         check_application(name)
@@ -51,6 +55,7 @@ class AppFile:
             pid_start=start_ticks(pid),
             endpoint=endpoint,
             started_ns=started_ns,
+            config=config or {},
         )
         self.write(self.entry)
 

@@ -91,6 +91,7 @@ class Module:
                 endpoint=self.node.post.endpoint,
                 started_ns=self.node.clock.now_ns(),
                 instance=self._given_instance,
+                config=msgspec.to_builtins(self.config) if self.config is not None else None,
                 announce=self.node.announce_apps,
             )
         except BaseException:
@@ -106,8 +107,6 @@ class Module:
         self.node.post.add_clocks(self.foreign)
         self._tasks = await asyncio.TaskGroup().__aenter__()
         self._leave_signals = self.node.ending.enter()
-        if self.config is not None:
-            self._flush()
         return self
 
     async def __aexit__(
@@ -183,14 +182,12 @@ class Module:
         self._flush_comes = False
         if self._file.closed:
             return
-        config = msgspec.to_builtins(self.config) if self.config is not None else {}
         self._file.write(
             msgspec.structs.replace(
                 self._file.entry,
                 provides=tuple(self._provides.values()),
                 serves=tuple(self._serves.values()),
                 reads=tuple(self._reads),
-                config=config,
             )
         )
 

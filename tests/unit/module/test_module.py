@@ -1,6 +1,7 @@
 """A module on a node: boards, streams, inboxes and requests, through the doors that users take."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -14,6 +15,13 @@ from swarmware.testing import tmp_node
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import StreamLoss, StreamLosses
+
+
+class Supervised(msgspec.Struct):
+    """Settings of a service."""
+
+    supervisor: str
+
 
 THERE = names.hardware_id("uav7")
 
@@ -53,6 +61,23 @@ async def test_what_a_module_provides_stands_in_its_entry_until_it_withdraws_it(
             assert node.table.named("planner") is not None
         node.table.refresh(probe=True)
         assert node.table.named("planner") is None
+
+
+async def test_the_first_that_is_seen_of_a_service_has_its_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with tmp_node(tmp_path) as node:
+        seen: list[dict[str, Any]] = []
+
+        def look() -> None:
+            node.table.refresh(probe=True)
+            if (entry := node.table.named("guard")) is not None:
+                seen.append(entry.config)
+
+        monkeypatch.setattr(node, "announce_apps", look)
+        async with Module("guard", node=node, config=Supervised("systemd")):
+            assert seen[0] == {"supervisor": "systemd"}
+        assert all(config == seen[0] for config in seen)
 
 
 async def test_what_cannot_be_written_is_refused_and_says_what_was_expected(tmp_path: Path) -> None:
