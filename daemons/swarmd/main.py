@@ -1,11 +1,17 @@
 """`swarmd`: runs daemons of a node."""
 
 import argparse
+import os
 import sys
+import time
 from pathlib import Path
+from typing import Final
 
 from swarmware import __version__
 from swarmware.errors import SwarmError
+
+FAILED_S: Final = 2.0
+"""A process of systemd that fails earlier ends only then."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -47,6 +53,19 @@ def parser() -> argparse.ArgumentParser:
 def main(args: list[str] | None = None) -> int:
     """Runs one command; errors the user can cause are one line and an exit code."""
     options = parser().parse_args(args)
+    began_s = time.monotonic()
+    failed = True
+    try:
+        code = _carry_out(options)
+        failed = code != 0
+        return code
+    finally:
+        # systemd starts it again at once, and without limit
+        if failed and os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid()):
+            time.sleep(max(0.0, began_s + FAILED_S - time.monotonic()))
+
+
+def _carry_out(options: argparse.Namespace) -> int:
     try:
         match options.command:
             case "ls":

@@ -38,7 +38,7 @@ def allowed_calls(unit: str) -> set[str]:
 def installed(tmp_path: Path) -> Path:
     """The units as they would be installed, with the swarmd of this environment."""
     swarmd = Path(sys.executable).parent / "swarmd"
-    for name in ("swarmd@.service", "swarm.target"):
+    for name in ("swarmd@.service", "swarm.target", "swarm-node.service"):
         text = (UNITS / name).read_text().replace("/usr/bin/swarmd", str(swarmd))
         (tmp_path / name).write_text(text)
     instance = tmp_path / "swarmd@broker.service"
@@ -47,7 +47,7 @@ def installed(tmp_path: Path) -> Path:
 
 
 @needs_systemd
-@pytest.mark.parametrize("unit", ["swarmd@broker.service", "swarm.target"])
+@pytest.mark.parametrize("unit", ["swarmd@broker.service", "swarm.target", "swarm-node.service"])
 def test_systemd_finds_nothing_to_say_about_the_units(installed: Path, unit: str) -> None:
     done = subprocess.run(
         ["systemd-analyze", "verify", "--recursive-errors=no", str(installed / unit)],
@@ -62,12 +62,13 @@ def test_systemd_finds_nothing_to_say_about_the_units(installed: Path, unit: str
 
 
 @needs_systemd
-def test_the_hardening_stays_under_its_ceiling(installed: Path) -> None:
+@pytest.mark.parametrize("unit", ["swarmd@broker.service", "swarm-node.service"])
+def test_the_hardening_stays_under_its_ceiling(installed: Path, unit: str) -> None:
     done = subprocess.run(
         [
             *("systemd-analyze", "security", "--offline=true", "--no-pager"),
             f"--threshold={EXPOSURE * 10:.0f}",
-            str(installed / "swarmd@broker.service"),
+            str(installed / unit),
         ],
         capture_output=True,
         text=True,
@@ -84,6 +85,28 @@ def test_no_daemon_is_wanted_but_by_node_toml() -> None:
     assert not re.findall(r"^(Wants|Requires)=", (UNITS / "swarm.target").read_text(), re.MULTILINE)
     assert "WantedBy=swarm.target" in (UNITS / "swarmd@.service").read_text()
     assert "swarmd units" in OPERATIONS.read_text()
+
+
+def settings(unit: str) -> list[str]:
+    """Lines that set something, in their order."""
+    return [line for line in unit.splitlines() if re.match(r"[A-Z]\w+=", line)]
+
+
+@pytest.mark.parametrize("unit", sorted(path.name for path in UNITS.glob("*.service")))
+def test_no_unit_is_ever_given_up(unit: str) -> None:
+    found = settings((UNITS / unit).read_text())
+    assert "Restart=always" in found
+    assert "StartLimitIntervalSec=0" in found
+    assert not [line for line in found if line.startswith(("StartLimitBurst", "RestartPreventExitStatus"))]
+
+
+def test_the_unit_of_the_whole_node_is_hardened_as_those_of_its_daemons() -> None:
+    daemon, node = (
+        settings((UNITS / name).read_text()) for name in ("swarmd@.service", "swarm-node.service")
+    )
+    begin = "User=swarm"
+    assert daemon[daemon.index(begin) : -1] == node[node.index(begin) : -1]
+    assert "KillMode=mixed" in node, "nothing of a node whose parent was killed stands in the way of the next"
 
 
 def test_libzmq_may_set_the_scheduling_of_its_threads() -> None:

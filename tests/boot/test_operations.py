@@ -4,7 +4,7 @@ import json
 import re
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -89,6 +89,15 @@ def left(machine: Machine) -> str:
     return machine.must(f"{files}; {processes}")
 
 
+def healed(machine: Machine, also: Callable[[], bool] = lambda: True) -> None:
+    """Every unit is active, and stays so while the node answers."""
+    deadline_s = time.monotonic() + HEAL_S
+    while not also() or set(states(machine).values()) != {"active"}:
+        assert time.monotonic() < deadline_s, machine.must("journalctl --no-pager -u 'swarm*' -n 60")
+        time.sleep(0.2)
+    assert "uav1" in machine.must("swarmctl node ls")
+
+
 def test_every_service_of_node_toml_is_active(node: Machine) -> None:
     expected = {f"swarmd@{name}.service" for name in NodeConfig().services} | {"swarm.target"}
     assert states(node) == dict.fromkeys(expected, "active")
@@ -143,11 +152,53 @@ def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) 
 def test_a_killed_daemon_comes_back(node: Machine, service: str) -> None:
     before = pid(node, service)
     node.must(f"kill -9 {before}")
-    deadline_s = time.monotonic() + HEAL_S
-    while pid(node, service) in {0, before} or set(states(node).values()) != {"active"}:
-        assert time.monotonic() < deadline_s, states(node)
-        time.sleep(0.2)
-    assert "uav1" in node.must("swarmctl node ls")
+    healed(node, lambda: pid(node, service) not in {0, before})
+
+
+def test_a_daemon_is_not_given_up_however_often_it_is_killed(node: Machine) -> None:
+    kill = "p=$(systemctl show -p MainPID --value swarmd@timesync); test $p = 0 || kill -9 $p"
+    node.must(f"i=0; while [ $i -lt 40 ]; do i=$((i+1)); {kill}; sleep 0.2; done")
+    assert int(node.must("systemctl show -p NRestarts --value swarmd@timesync")) > 10
+    healed(node)
+
+
+def test_a_daemon_that_cannot_start_takes_no_core_and_is_there_as_soon_as_it_can(node: Machine) -> None:
+    file = "/etc/swarm/services/timesync.toml"
+    node.must(
+        f"cp {file} kept.toml; echo 'nonsense = 1' >> {file}; systemctl --no-block restart swarmd@timesync"
+    )
+    before = int(node.must("systemctl show -p NRestarts --value swarmd@timesync"))
+    node.must("sleep 8")
+    assert 1 <= int(node.must("systemctl show -p NRestarts --value swarmd@timesync")) - before <= 5
+    assert "nonsense" in node.must("journalctl --no-pager -u swarmd@timesync -n 20")
+    node.must(f"cp kept.toml {file}")
+    healed(node)
+
+
+def test_a_whole_node_in_one_unit_is_back_when_all_its_processes_were_killed_at_once(
+    node: Machine, page: dict[str, list[str]]
+) -> None:
+    (block,) = page["One unit for the whole node"]
+    node.must(block)
+    for processes in ("one", "per-daemon"):
+        node.must(f"sed -i 's/^processes = .*/processes = \"{processes}\"/' /etc/swarm/node.toml")
+        node.must("systemctl restart swarm-node")
+        for who in ("main", "all"):
+            before = node.must("systemctl show -p MainPID --value swarm-node")
+            node.must(f"systemctl kill --signal=KILL --kill-who={who} swarm-node")
+            deadline_s = time.monotonic() + HEAL_S
+            while (
+                node.must("systemctl show -p MainPID --value swarm-node") in {"0\n", before}
+                or node.run("systemctl is-active swarm-node").returncode
+            ):
+                assert time.monotonic() < deadline_s, node.must("journalctl --no-pager -u swarm-node -n 30")
+                time.sleep(0.2)
+            assert "uav1" in node.must("swarmctl node ls")
+    node.must("systemctl disable --now swarm-node; rm /etc/systemd/system/swarm-node.service")
+    assert left(node) == ""
+    for part in ("Configure", "Start"):
+        for commands in page[part]:
+            node.must(commands)
 
 
 def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
