@@ -26,8 +26,8 @@ INSTANCES = 64
 class AppFile:
     """The locked file of one application.
 
-    `announce` is called after each change. `config` stands there from the beginning: whoever finds the file of
-    a guard decides by it who starts the next one.
+    `announce` is called after each change. `config` stands there from the beginning: whoever finds the file
+    of a guard decides by it who starts the next one.
     Raises: Conflict when the instance, or every instance, is taken.
     """
 
