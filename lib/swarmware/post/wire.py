@@ -11,7 +11,7 @@ from typing import Final
 import zmq
 
 from swarmware.errors import InvalidInput
-from swarmware.post.port import Port, make_socket
+from swarmware.post.port import Port, make_context, make_socket
 from swarmware.shm.access import make_folder, share
 
 IPC_PATH_LIMIT: Final = 107
@@ -82,7 +82,7 @@ class Wire:
                 " at most: choose a shorter run_dir"
             )
         self.loop = asyncio.get_running_loop()
-        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context(io_threads=1)
+        self.context = make_context()
         self.dropped = 0
         """Frames for which a peer's queue had no room."""
         self._on_data = on_data

@@ -15,6 +15,7 @@ from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
 from swarmware.errors import ConfigError
 from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
+from swarmware.post.port import make_context
 from swarmware.security import Keys
 
 SEND_HIGH_WATER: Final = 4
@@ -202,8 +203,7 @@ class Links:
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
         self._on_frame = on_frame
         self._ways: dict[int, _Way] = {}
-        self._context: zmq.Context[Socket] = zmq.Context(io_threads=1)
-        self._context.set(zmq.MAX_SOCKETS, SOCKETS_MAX)
+        self._context = make_context(SOCKETS_MAX)
         # before the first socket with CURVE: without an answering authenticator libzmq would let all in
         self._zap = Zap(self._context, loop, keys)
         router = self.make_socket(zmq.ROUTER)
