@@ -303,7 +303,7 @@ def test_cost_counts_the_loss_of_both_directions(table: Neighbours, peer: Peer) 
     bring_up(table, peer, 0)
     assert peer.neighbour.cost == 256
     peer.datagram(200 * MS, listed(table, 200 * MS, quality=128))
-    assert peer.neighbour.cost == 510
+    assert peer.neighbour.cost == 1016, "half of them, twice over"
 
 
 def test_the_offset_is_bounded_from_both_sides(table: Neighbours) -> None:
