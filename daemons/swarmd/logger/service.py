@@ -88,7 +88,7 @@ class Logger(Service):
     async def stop(self) -> None:
         """The last values of a node are as good as any."""
         if self._book is not None:
-            self._look()
+            self._look(closely=True)
             await self._write(self._book)
 
     def _tell_damage(self, book: Book) -> None:
@@ -123,8 +123,10 @@ class Logger(Service):
 
     def _follow_table(self) -> None:
         changed = self._table.refresh()
-        if not changed and self._plan.tracks:
+        if not changed and self._taps:
             return
+        for tap in self._taps.values():
+            tap.look_again()
         assert self._book is not None
         opened, closed = self._plan.update(self._resources())
         for path in closed:
@@ -147,10 +149,15 @@ class Logger(Service):
                 found.setdefault(resource.path, resource)
         return [resource for path, resource in found.items() if path != GAPS]
 
-    def _look(self) -> None:
+    def _look(self, *, closely: bool = False) -> None:
+        """Takes what is new. `closely`: also out of rings that have just appeared."""
         now_ns, wall_ns = self.module.now_ns(), utc_ns()
-        for track in self._plan.tracks:
-            tap = self._taps[track.path]
+        for tap in self._taps.values():
+            if closely:
+                tap.look_again()
+            if tap.still(now_ns):
+                continue
+            track = tap.track
             if track.every:
                 self._take_all(tap)
             elif self._plan.due(track.path, now_ns) and (frame := tap.newest()) is not None:
@@ -211,7 +218,7 @@ class Logger(Service):
         assert self._book is not None
         if request.flush:
             self._follow_table()
-            self._look()
+            self._look(closely=True)
             await self._write(self._book)
         return await self._stats(self._book)
 

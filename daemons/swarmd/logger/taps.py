@@ -1,6 +1,7 @@
 """A tap into one resource's ring: takes what is to be logged out of shared memory."""
 
 from pathlib import Path
+from typing import Final
 
 from swarmd.logger.core import Track
 from swarmware import frame as wire
@@ -9,6 +10,9 @@ from swarmware.frame import Codec, Frame
 from swarmware.shm.layout import ring_file
 from swarmware.shm.ring import RingReader
 from swarmware.types import registry
+
+LOOK_NS: Final = 500_000_000
+"""A ring that is not there is looked for this often, and when applications come or go."""
 
 
 class Tap:
@@ -23,6 +27,22 @@ class Tap:
         self._after_ns = after_ns
         self._ring: RingReader | None = None
         self._lost = 0
+        self._look_ns = 0
+
+    def still(self, now_ns: int) -> bool:
+        """Whether there cannot be anything new: the ring shows it, or was missed a moment ago."""
+        ring = self._ring
+        if ring is not None:
+            at = ring.position if self.track.every else ring.seen
+            return ring.sequence == at and not ring.moved
+        if now_ns < self._look_ns:
+            return True
+        self._look_ns = now_ns + LOOK_NS
+        return False
+
+    def look_again(self) -> None:
+        """A ring that was missing may be there now."""
+        self._look_ns = 0
 
     def newest(self) -> Frame | None:
         """The newest frame, when it is another one than last time."""

@@ -28,6 +28,19 @@ def test_periods_that_were_slept_through_are_counted_and_not_made_up_for() -> No
     assert schedule.delay_s(110 * MS) == 0.01
 
 
+def test_devices_that_are_opened_at_different_instants_are_read_together() -> None:
+    dues = set()
+    for opened_ms in (3, 41, 77):
+        schedule = Schedule(f"at {opened_ms}", 0.1, 0)
+        schedule.opened(opened_ms * MS)
+        assert schedule.delay_s(opened_ms * MS) == 0.0, "the first read is not kept waiting"
+        schedule.begin(opened_ms * MS)
+        dues.add(opened_ms + round(schedule.delay_s(opened_ms * MS) * 1000))
+        schedule.begin(100 * MS)
+        assert schedule.delay_s(100 * MS) == 0.1
+    assert dues == {100}
+
+
 def test_a_report_tells_rate_and_worst_lateness_since_the_last_one() -> None:
     schedule = Schedule("gnss", 0.1, 0)
     schedule.opened(0)

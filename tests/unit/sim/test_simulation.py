@@ -47,6 +47,7 @@ class Run:
 def test_samples_lie_at_fixed_instants_however_late_the_calls_are() -> None:
     run = Run()
     run.simulation.on_timer(run.now_ns)
+    run.simulation.on_arm(True)
     chance = random.Random(2)
     for _ in range(500):
         run.now_ns += chance.randrange(1, 60_000_000)
@@ -57,6 +58,35 @@ def test_samples_lie_at_fixed_instants_however_late_the_calls_are() -> None:
     deadline_ns = run.simulation.deadline_ns()
     assert deadline_ns is not None
     assert run.now_ns < deadline_ns <= run.now_ns + STEP_NS
+
+
+@pytest.mark.parametrize("kind", ["ugv", "uav", "usv"])
+def test_a_parked_vehicle_is_sampled_only_with_its_sensors_and_each_keeps_its_rate(kind: str) -> None:
+    run = Run(kind)
+    simulation = run.simulation
+    begin_ns = run.now_ns
+    while run.now_ns < begin_ns + 10_000_000_000:
+        sample = simulation.on_timer(run.now_ns)
+        if sample is not None:
+            run.samples.append(sample)
+        due_ns = simulation.deadline_ns()
+        assert due_ns is not None
+        run.now_ns = due_ns
+    assert len(run.samples) <= 255, "half of the 500 steps"
+    for sensor, count in (("imu", 250), ("gnss", 100), ("scan", 100), ("battery", 10)):
+        assert sum(getattr(one, sensor) is not None for one in run.samples) == pytest.approx(count, abs=2)
+    simulation.on_arm(True)
+    due_ns = simulation.deadline_ns()
+    assert due_ns is not None
+    assert due_ns <= run.now_ns + STEP_NS, "an armed one moves with each step"
+
+
+def test_a_parked_vehicle_that_somebody_moves_is_simulated_again() -> None:
+    run = Run("uav").go(1.0)
+    simulation = run.simulation
+    simulation.vehicle.stop_at(1.0, 2.0, 3.0)
+    run.go(0.1)
+    assert run.samples[-1].truth.x_m == 1.0
 
 
 def test_before_its_first_call_it_waits_for_nothing() -> None:

@@ -17,6 +17,7 @@ class Schedule:
         "_due_ns",
         "_errors",
         "_failed_in_a_row",
+        "_first",
         "_late_ns",
         "_missed",
         "_name",
@@ -35,12 +36,16 @@ class Schedule:
         self._since_ns = now_ns
         self._reads = self._since_reads = self._errors = self._missed = self._late_ns = 0
         self._failed_in_a_row = 0
+        self._first = False
         self._state = "waiting"
         self._note = ""
 
     def opened(self, now_ns: int) -> None:
-        """The device is there; the first read is due at once."""
-        self._state, self._note, self._due_ns = "running", "", now_ns
+        """The device is there; the first read is due at once, the others at multiples of the period.
+
+        So devices are read together, and a process that reads them wakes less often.
+        """
+        self._state, self._note, self._due_ns, self._first = "running", "", now_ns, True
         self._failed_in_a_row = 0
 
     def closed(self, state: str, note: str) -> None:
@@ -58,6 +63,11 @@ class Schedule:
         skipped = max(0, late_ns // self._period_ns)
         self._missed += skipped
         self._due_ns += (skipped + 1) * self._period_ns
+        if self._first:
+            self._first = False
+            self._due_ns -= self._due_ns % self._period_ns
+            if self._due_ns <= now_ns:
+                self._due_ns += self._period_ns
 
     def done(self) -> None:
         """The read brought something."""

@@ -96,6 +96,8 @@ class Simulation:
         self._setpoint_ns = 0
         self._told: VehicleState | None = None
         self._touched: frozenset[str] = frozenset()
+        self._parked: Pose | None = None
+        """Where it stands with its motors off: nothing changes there from sample to sample."""
         self._close: set[str] = set()
         self._near: dict[str, tuple[Pose, int]] = {}
         self.stalls = 0
@@ -107,6 +109,7 @@ class Simulation:
         self._every_sonar = self._every(rates.sonar_hz)
         self._every_battery = self._every(_BATTERY_HZ)
         self._every_contact = self._every(config.contacts_hz)
+        self._every_parked = min(self._every_gnss, self._every_imu, self._every_scan, self._every_sonar)
 
     def _every(self, rate_hz: float) -> int:
         return max(1, round(self._config.rate_hz / rate_hz))
@@ -158,16 +161,36 @@ class Simulation:
             due = most
         first = self._steps
         hits: list[Collision] = []
-        for _ in range(due):
-            hits += self._step()
+        if self._is_parked():
+            hits += self._stay(due)
+        else:
+            for _ in range(due):
+                hits += self._step()
         return self._sample(first, tuple(hits))
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` has something to do; None before its first call."""
-        return None if self._start_ns is None else self._start_ns + (self._steps + 1) * self._dt_ns
+        if self._start_ns is None:
+            return None
+        # the truth about a parked vehicle needs no sample between those of the fastest sensor
+        every = self._every_parked if self._is_parked() else 1
+        return self._start_ns + (self._steps // every + 1) * every * self._dt_ns
+
+    def _is_parked(self) -> bool:
+        vehicle = self.vehicle
+        return self._parked is not None and not vehicle.armed and vehicle.pose() == self._parked
 
     def _stamp_ns(self) -> int:
         return (self._start_ns or 0) + self._steps * self._dt_ns
+
+    def _stay(self, count: int) -> list[Collision]:
+        """Samples of a parked vehicle, at once."""
+        first, self._steps = self._steps, self._steps + count
+        vehicle = self.vehicle
+        self._battery.draw(vehicle.power_w(), count * self._dt_s)
+        if self._near and self._steps // self._every_contact > first // self._every_contact:
+            return self._contacts(vehicle.pose(), 0.0, self._stamp_ns())
+        return []
 
     def _step(self) -> list[Collision]:
         self._steps += 1
@@ -182,6 +205,7 @@ class Simulation:
         pose = vehicle.pose()
         speed = math.hypot(before.vx_m_s, before.vy_m_s, before.vz_m_s)
         hits = [_collision(GROUND, pose, impact_m_s)] if impact_m_s > 0.0 else []
+        self._parked = pose if pose == before and not vehicle.armed else None
         if pose.x_m != before.x_m or pose.y_m != before.y_m or pose.z_m != before.z_m:
             hits += self._obstacles(before, pose, speed)
         if self._near and self._steps % self._every_contact == 0:
