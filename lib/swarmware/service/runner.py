@@ -15,6 +15,7 @@ import uvloop
 from swarmware import config
 from swarmware.errors import SwarmError
 from swarmware.node import Node
+from swarmware.service import garbage
 from swarmware.service.births import GUARD
 from swarmware.service.find import find
 from swarmware.service.guardwatch import GuardWatch
@@ -39,7 +40,8 @@ def run_services(config_dir: Path, names: list[str]) -> int:
     Raises: SwarmError when the configuration does not fit or the node cannot be joined.
     """
     node_config = config.load_node(config_dir)
-    prepared = [_prepare(config_dir, name) for name in names]
+    with garbage.spared():
+        prepared = [_prepare(config_dir, name) for name in names]
     _log_to_stderr(node_config.log_level, node_config.platform)
     _open_many_files(len(names))
     try:
@@ -129,6 +131,7 @@ async def _speak(host: Host, notifier: Notifier) -> None:
     await host.started()
     notifier.ready(f"{host.node.platform}: {', '.join(host.names)}")
     log.info("ready: %s", ", ".join(host.names))
+    garbage.settle(asyncio.get_running_loop())
     while notifier.watchdog_s is not None:
         notifier.alive()
         await asyncio.sleep(notifier.watchdog_s)

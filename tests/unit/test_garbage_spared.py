@@ -1,0 +1,46 @@
+"""What lives as long as a process of services is not searched for garbage again and again."""
+
+import asyncio
+import gc
+from collections.abc import Iterator
+
+import pytest
+
+from swarmware.service import garbage
+
+
+@pytest.fixture
+def thawed() -> Iterator[None]:
+    """Frozen objects of the test are given back."""
+    gc.unfreeze()
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("thawed")
+def test_what_is_made_while_services_are_imported_is_spared_also_when_an_import_fails() -> None:
+    with pytest.raises(ImportError), garbage.spared():
+        assert not gc.isenabled()
+        raise ImportError
+    assert gc.isenabled()
+    assert gc.get_freeze_count() > 0
+
+
+@pytest.mark.usefixtures("thawed")
+async def test_a_settled_process_spares_all_but_its_garbage(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(garbage, "SETTLED_S", 0.0)
+    collected = asyncio.Event()
+
+    class Circle:
+        def __init__(self) -> None:
+            self.me = self
+
+        def __del__(self) -> None:
+            collected.set()
+
+    Circle()
+    garbage.settle(asyncio.get_running_loop())
+    async with asyncio.timeout(5):
+        await collected.wait()
+    await asyncio.sleep(0)
+    assert gc.get_freeze_count() > 0
