@@ -105,7 +105,7 @@ def start(
 ) -> None:
     """Give the swarm one instruction: a mission by name, folder or file.
 
-    It says who would take part, and which known platforms would not and why, and asks.
+    It says what the check warns of, who would take part, which known platforms would not and why, and asks.
 
     Example: swarmctl mission start formation --set speed_m_s=1.0 --yes --watch
     """
@@ -123,6 +123,8 @@ def start(
         plan = await link.ask(
             "sys/mission/plan", wish, MissionPlan, timeout_s=max(link.settings.timeout_s, 15.0)
         )
+        for warning in plan.warnings:
+            link.out.warn(warning)
         for left in plan.left_out:
             link.out.warn(f"{left.platform}: takes no part: {left.why}")
         without = ", ".join(left.platform for left in plan.left_out)

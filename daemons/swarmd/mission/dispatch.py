@@ -62,10 +62,10 @@ class Dispatcher:
 
         Raises: as `task`.
         """
-        folder = await self._checked(task)
+        folder, warnings = await self._checked(task)
         cast = assign(folder, self._chosen(task, platforms), task.params)
         left_out = _left_out(task, cast, platforms, absent)
-        return MissionPlan(folder.manifest.name, folder.hash, cast.members, left_out)
+        return MissionPlan(folder.manifest.name, folder.hash, cast.members, left_out, warnings)
 
     async def task(
         self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut], instructed_ns: int
@@ -74,7 +74,7 @@ class Dispatcher:
 
         Raises: MissionError, NotFound, ConfigError; then no order has left.
         """
-        folder = await self._checked(task)
+        folder, warnings = await self._checked(task)
         cast = assign(folder, self._chosen(task, platforms), task.params)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
         # the own order crosses no link: its check waits until the others' orders have left
@@ -94,7 +94,9 @@ class Dispatcher:
                 tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
             )
         left_out = _left_out(task, cast, platforms, absent)
-        return TaskAnswer(name, folder.hash, epoch, accepted, tuple(receipts), left_out, instructed_ns)
+        return TaskAnswer(
+            name, folder.hash, epoch, accepted, tuple(receipts), left_out, instructed_ns, warnings
+        )
 
     async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
         """Tells all these platforms to stop; those that did not acknowledge."""
@@ -110,10 +112,12 @@ class Dispatcher:
             platform for platform, outcome in zip(platforms, outcomes, strict=True) if not outcome.delivered
         )
 
-    async def _checked(self, task: MissionTask) -> Folder:
+    async def _checked(self, task: MissionTask) -> tuple[Folder, tuple[str, ...]]:
+        """The mission, and the warnings about it."""
         folder = self._sent(task) if task.files else self._store.folder(task.name)
-        refuse(await self._checker.check(folder))
-        return folder
+        findings = await self._checker.check(folder)
+        refuse(findings)
+        return folder, tuple(map(str, findings))
 
     def _sent(self, task: MissionTask) -> Folder:
         """The mission by content; one that is stored here with the same content is not parsed again."""

@@ -88,6 +88,8 @@ class MissionPlan(msgspec.Struct, frozen=True):
     members: tuple[Member, ...]
     left_out: tuple[LeftOut, ...] = ()
     """Empty as well where the instruction itself names who takes part."""
+    warnings: tuple[str, ...] = ()
+    """What the check says against the mission, although it may be flown."""
 
 
 @register
@@ -104,6 +106,8 @@ class TaskAnswer(msgspec.Struct, frozen=True):
     """Known platforms that take no part, and why."""
     instructed_ns: int = 0
     """Ground station's hardware clock when the instruction was given there, or arrived from elsewhere."""
+    warnings: tuple[str, ...] = ()
+    """What the check says against the mission, although it may be flown."""
 
 
 @register

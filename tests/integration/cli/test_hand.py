@@ -64,13 +64,20 @@ def test_who_is_not_named_or_not_there_or_no_vehicle_is_refused(ctl: Ctl) -> Non
 def test_vehicles_in_the_air_are_held_returned_and_killed_one_by_one(
     lab: Lab, ctl: Ctl, tmp_path: Path
 ) -> None:
-    (tmp_path / "up.json").write_text(json.dumps({"mission": UP}))
+    unsure = UP | {"l": {"type": "Land", "next": "d", "nextError": "e"}}
+    (tmp_path / "up.json").write_text(json.dumps({"mission": unsure}))
     assert ctl("mission abort --yes").code == 6, "none runs yet"
     start = f"mission start {tmp_path}/up.json --member uav1 --member uav2"
     asked = ctl(start)
     assert asked.code == 2
     assert "start up with uav1, uav2: they will move" in asked.err
-    assert ctl(f"{start} --yes").code == 0
+    # what `check` warns of is said once, and stands in the document
+    (warning,) = [line for line in asked.err.splitlines() if line.startswith("warning: ")]
+    assert "the mission can end at 'e' in the air: expected a Land before it" in warning
+    started = ctl(f"{start} --yes --json")
+    assert started.code == 0
+    assert started.err.splitlines() == [warning]
+    assert started.document["warnings"] == [warning.removeprefix("warning: ")]
     while node(ctl, "uav1")["height_m"] < 2.5 or node(ctl, "uav2")["height_m"] < 2.5:
         pass
     assert ctl("mission watch uav7").code == 6
