@@ -18,6 +18,7 @@ class AppTable:
 
     def __init__(self, run_dir: Path) -> None:
         self._folder = folder(run_dir)
+        self._folder_name = str(self._folder)
         self._folder_ns = 0
         self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
         self._served: dict[int, tuple[AppEntry, Served]] = {}
@@ -34,7 +35,7 @@ class AppTable:
     def refresh(self, *, probe: bool = False) -> bool:
         """Look for changes; with `probe` also for applications that died. True: something is different."""
         try:
-            folder_ns = self._folder.stat().st_mtime_ns
+            folder_ns = os.stat(self._folder_name).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
         except FileNotFoundError:
             folder_ns = 0
         if folder_ns == self._folder_ns and not probe:

@@ -1,5 +1,6 @@
 """The same board of many platforms: a mapping that grows as mirrors appear."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from typing import Generic, TypeVar
 
@@ -29,6 +30,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         self._node = node
         self._open = open_reader
         self._readers: dict[str, BoardReader[T]] = {}
+        self._folder = str(node.shm_dir)
         self._folder_ns = -1
         self._listening = False
         self._wakeup = Wakeup()
@@ -36,7 +38,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
 
     def _refresh(self) -> None:
         try:
-            folder_ns = self._node.shm_dir.stat().st_mtime_ns
+            folder_ns = os.stat(self._folder).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
         except FileNotFoundError:
             return
         if folder_ns == self._folder_ns:

@@ -172,7 +172,8 @@ class Node:
                     log.warning("%s: damaged or removed; replaced", publication.path)
             except (OSError, SwarmError) as error:
                 self._complain(f"{publication.path}: damaged or removed, and cannot be replaced: {error}")
-        missing = [readers for readers in self._listens if not (readers / self.doorbell.name).exists()]
+        name = self.doorbell.name
+        missing = [readers for readers in self._listens if not os.access(f"{readers}/{name}", os.F_OK)]
         for readers in missing:
             try:
                 self._enter(readers)

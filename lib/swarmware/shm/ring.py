@@ -59,6 +59,7 @@ class RingWriter:
         self._map, self.taken_over = ringfile.claim(path, geometry, mode, heritage)
         self._words = memoryview(self._map).cast("Q")
         self._lineage = self._words[layout.W_LINEAGE]
+        self._name = str(path)  # a look once a second by this costs a third of one by `Path`
         self._file = path.lstat()
         self._stride = geometry.stride
         self._checked = geometry.checked
@@ -158,11 +159,8 @@ class RingWriter:
         """Whether the file at the path is still this one, whole, with our header: nobody damaged it."""
         if self._map.closed:
             return True
-        try:
-            found = self.path.lstat()
-        except OSError:
-            return False
-        if not os.path.samestat(found, self._file) or self._cut():
+        found = self._found()
+        if found is None or found.st_size != len(self._map):
             return False
         words = self._words
         return (
@@ -174,11 +172,16 @@ class RingWriter:
 
     def _cut(self) -> bool:
         """Whether the file at the path has lost pages: to touch the map of such a file ends a process."""
+        found = self._found()
+        return found is not None and found.st_size != len(self._map)
+
+    def _found(self) -> os.stat_result | None:
+        """The file at the path if it is still ours."""
         try:
-            found = self.path.lstat()
+            found = os.lstat(self._name)
         except OSError:
-            return False
-        return os.path.samestat(found, self._file) and found.st_size != len(self._map)
+            return None
+        return found if os.path.samestat(found, self._file) else None
 
     def discard(self) -> ringfile.Heritage:
         """Let go of a damaged file; what a new writer in its place needs to go on."""

@@ -97,7 +97,8 @@ def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
     without them; None: no TCP."""
     sock = None
     try:
-        sock = socket.socket(fileno=fd)
+        # its kind given, the kernel is not asked for it; what is no TCP has no TCP_INFO
+        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=fd)
         info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
     except OSError:
         return None
