@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from swarmware.errors import ConfigError, NotFound
-from swarmware.mission import flight, soundness
+from swarmware.mission import flight, soundness, vocabulary
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import FLYING, Catalogue, built_in, installed
@@ -15,6 +15,7 @@ from swarmware.mission.ensemble import Role, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
 from swarmware.mission.loader import Reading, read
+from swarmware.mission.model import Mission
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 
@@ -57,6 +58,8 @@ def check_text(
     reading = read(text, file, binding, catalogue or built_in())
     findings = list(reading.findings)
     mission = reading.mission
+    if mission is not None:
+        findings += _conditions(mission, text, file)
     if mission is not None and not any(finding.rule in _GRAPH_RULES for finding in findings):
         remarks = soundness.check(mission, budget, flies=binding.kind == FLYING if flies is None else flies)
         if remarks:
@@ -65,6 +68,26 @@ def check_text(
                 pointer = mission.blocks[remark.block].pointer
                 findings.append(remark.finding(file, source.line(pointer), pointer))
     return reading, findings
+
+
+def _conditions(mission: Mission, text: str, file: str) -> list[Finding]:
+    """What its conditions say of resources, held against the templates."""
+    problems = vocabulary.shipped().check(mission) if mission.resources() else []
+    if not problems:
+        return []
+    source = parse_source(text, file)
+    return [
+        Finding(
+            file,
+            source.line(problem.pointer),
+            problem.pointer,
+            problem.severity,
+            "condition",
+            problem.message,
+            column=source.column(problem.pointer, problem.text, problem.at),
+        )
+        for problem in problems
+    ]
 
 
 def check_folder(

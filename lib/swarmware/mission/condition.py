@@ -61,6 +61,8 @@ class Literal(msgspec.Struct, frozen=True, tag=True):
     """A value that stands in the text."""
 
     value: Scalar
+    percent: bool = False
+    """Written with %."""
 
 
 class Field(msgspec.Struct, frozen=True, tag=True):
@@ -68,12 +70,16 @@ class Field(msgspec.Struct, frozen=True, tag=True):
 
     path: str
     field: str
+    at: int = 0
+    """Where it stands in the text, from 0."""
 
 
 class Age(msgspec.Struct, frozen=True, tag=True):
     """Age of a resource in seconds."""
 
     path: str
+    at: int = 0
+    """Where its path stands in the text, from 0."""
 
 
 class Compare(msgspec.Struct, frozen=True, tag=True):
@@ -146,6 +152,8 @@ class _Reader:
         self.kind = ""
         self.word = ""
         self._number = 0.0
+        self._percent = False
+        self._begin = 0
         self._advance()
 
     def wrong(self, expected: str) -> MissionError:
@@ -162,10 +170,12 @@ class _Reader:
             self.kind, self.word = "?", rest.strip()[:10]
             raise self.wrong("a number, a resource path, 'text' or a comparison")
         self._at = found.end()
+        self._begin = found.start() + len(found[0]) - len(found[0].lstrip())
         self.kind = found.lastgroup or ""
         if found["number"] is not None:
             self.kind, self.word = "number", found[0].strip()
-            self._number = float(found["number"]) / (100.0 if found["percent"] else 1.0)
+            self._percent = found["percent"] is not None
+            self._number = float(found["number"]) / (100.0 if self._percent else 1.0)
         else:
             self.word = found[self.kind]
 
@@ -207,30 +217,30 @@ class _Reader:
         return left
 
     def _operand(self) -> Operand:
-        kind, word, number = self.kind, self.word, self._number
+        kind, word, number, percent, begin = self.kind, self.word, self._number, self._percent, self._begin
         if kind not in {"number", "text", "path"} or (kind == "path" and word in {"and", "or", "not"}):
             raise self.wrong("a number, a resource path or 'text'")
         self._advance()
         if kind == "number":
-            return Literal(number)
+            return Literal(number, percent)
         if kind == "text":
             return Literal(word)
         if word in {"true", "false"}:
             return Literal(word == "true")
         if word == "age" and self._take("symbol", "("):
-            path = self.word
+            path, begin = self.word, self._begin
             if self.kind != "path" or not self._resource(path):
                 raise self.wrong("a resource path")
             self._advance()
             if not self._take("symbol", ")"):
                 raise self.wrong(")")
-            return Age(path)
+            return Age(path, begin)
         full = SHORT_NAMES.get(word.lower(), word)
         path, _, field = full.partition(".")
         if not self._resource(path):
             self.kind, self.word = kind, word
             raise self.wrong(f"a resource path such as power/battery, or one of {', '.join(SHORT_NAMES)}")
-        return Field(path, field)
+        return Field(path, field, begin)
 
     @staticmethod
     def _resource(path: str) -> bool:

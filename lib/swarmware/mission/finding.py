@@ -24,9 +24,13 @@ class Finding(msgspec.Struct, frozen=True):
     """What is wrong and what was expected."""
     trace: tuple[str, ...] = ()
     """Counter-example: block outcomes that lead there, in order."""
+    column: int = 0
+    """From 1; 0 when the remark is about the whole value."""
 
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}" if self.line else self.file
+        if self.column:
+            place += f":{self.column}"
         where = f" {self.pointer}:" if self.pointer else ""
         steps = f" (after {' → '.join(self.trace)})" if self.trace else ""
         return f"{place}:{where} {self.message}{steps}"

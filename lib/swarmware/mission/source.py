@@ -37,13 +37,24 @@ class Source:
 
     def line(self, pointer: str) -> int:
         """Line of the value, or of its nearest parent that exists."""
+        offset = self._offset(pointer)
+        return bisect_left(self._ends, offset) + 1
+
+    def column(self, pointer: str, text: str, at: int) -> int:
+        """Column of a character of the text that stands there; of its beginning, if it is escaped."""
+        offset = self._offset(pointer)
+        before = self._text.rfind("\n", 0, offset)
+        same = self._text.startswith(f'"{text}"', offset)
+        return offset - before + (at + 1 if same else 0)
+
+    def _offset(self, pointer: str) -> int:
         if self._offsets is None:
             # computed only when something is wrong: sound missions are loaded at the speed of the C parser
             self._offsets = _Walk(self._text).offsets
             self._ends = [found.start() for found in re.finditer("\n", self._text)]
         while pointer and pointer not in self._offsets:
             pointer = pointer.rpartition("/")[0]
-        return bisect_left(self._ends, self._offsets.get(pointer, 0)) + 1
+        return self._offsets.get(pointer, 0)
 
     def finding(self, pointer: str, rule: str, message: str, trace: tuple[str, ...] = ()) -> Finding:
         """An error at this place."""

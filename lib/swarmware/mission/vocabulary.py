@@ -1,0 +1,267 @@
+"""What conditions may speak of: the resources of the templates, the fields of their types, what fits them."""
+
+from collections.abc import Generator, Iterable, Iterator
+from difflib import get_close_matches
+from functools import cache
+from typing import Any, Final, get_type_hints
+
+import msgspec
+import msgspec.inspect
+
+from swarmware import template
+from swarmware.config import share_dir
+from swarmware.errors import NotFound
+from swarmware.mission.condition import (
+    Age,
+    Both,
+    Compare,
+    Condition,
+    Either,
+    Field,
+    Literal,
+    Node,
+    Not,
+    Operand,
+)
+from swarmware.mission.finding import Severity
+from swarmware.mission.model import Mission
+from swarmware.names import split
+from swarmware.resource import Kind, Resource
+from swarmware.types import registry
+
+_RATIO: Final = "_ratio"
+"""Ends the name of a share from 0 to 1."""
+_NUMBER, _TRUTH, _TEXT = "a number", "true or false", "a text"
+_EQUAL: Final = ("==", "!=")
+_VALUELESS: Final = {
+    Kind.BRANCH: "a branch, which has no value",
+    Kind.COMMAND: "a command, which has no value",
+    Kind.FILE: "a file, whose value is no number",
+    Kind.STREAM: "a stream, which has no present value",
+}
+
+
+class Problem(msgspec.Struct, frozen=True):
+    """Something wrong with a condition."""
+
+    pointer: str
+    """Of the condition's text."""
+    text: str
+    at: int
+    """Where in it, from 0."""
+    severity: Severity
+    message: str
+
+
+class _Value(msgspec.Struct, frozen=True):
+    """What an operand is."""
+
+    name: str
+    sort: str = ""
+    """One of the three; empty: not known here."""
+    choices: tuple[str, ...] = ()
+    """The texts that it can be; empty: any."""
+    span: tuple[float, float] | None = None
+    """Least and greatest number that it can be."""
+
+
+_Said = tuple[int, Severity, str]
+"""Where in the condition, how bad, what."""
+_Looking = Generator[_Said, None, _Value | None]
+
+
+class Vocabulary:
+    """Resources by local path, from the templates of all kinds of platforms."""
+
+    def __init__(self, resources: Iterable[Resource]) -> None:
+        self._known: dict[str, Resource] = {resource.path: resource for resource in resources}
+
+    def check(self, mission: Mission) -> list[Problem]:
+        """What the conditions of a mission cannot mean."""
+        conditions = [(f"/requires/{n}", condition) for n, condition in enumerate(mission.requires)]
+        conditions += [
+            (f"{edge.pointer.removesuffix('/next')}/if", edge.condition)
+            for block in mission.blocks.values()
+            for edge in block.edges
+            if edge.condition
+        ]
+        return [problem for where in conditions for problem in self._condition(*where)]
+
+    def _condition(self, pointer: str, condition: Condition) -> Iterator[Problem]:
+        for at, severity, message in self._truth(condition.node):
+            yield Problem(pointer, condition.text, at, severity, f"condition {condition.text!r}: {message}")
+
+    def _truth(self, node: Node) -> Iterator[_Said]:
+        if isinstance(node, Both | Either):
+            yield from self._truth(node.left)
+            yield from self._truth(node.right)
+        elif isinstance(node, Not):
+            yield from self._truth(node.inner)
+        elif isinstance(node, Compare):
+            yield from self._compare(node)
+        else:
+            value = yield from self._operand(node)
+            if value is not None and value.sort not in {"", _TRUTH}:
+                yield (
+                    _at(node),
+                    "error",
+                    f"{value.name} is {value.sort}: expected a comparison with {value.sort}",
+                )
+
+    def _compare(self, node: Compare) -> Iterator[_Said]:
+        left = yield from self._operand(node.left)
+        right = yield from self._operand(node.right)
+        if left is None or right is None or not left.sort or not right.sort:
+            return
+        at = _at(node.left) if isinstance(node.right, Literal) else _at(node.right)
+        if left.sort != right.sort:
+            yield at, "error", f"{left.name} is {left.sort}, {right.name} is {right.sort}: expected the same"
+        elif left.sort != _NUMBER and node.symbol not in _EQUAL:
+            yield at, "error", f"{left.name} is {left.sort}: expected == or !=, not {node.symbol}"
+        else:
+            for value, literal in ((left, node.right), (right, node.left)):
+                if isinstance(literal, Literal):
+                    yield from _literal(value, literal, at)
+
+    def _operand(self, node: Operand) -> _Looking:
+        if isinstance(node, Literal):
+            sort = (
+                _TRUTH if isinstance(node.value, bool) else _TEXT if isinstance(node.value, str) else _NUMBER
+            )
+            return _Value(repr(node.value) if sort == _TEXT else str(node.value).lower(), sort)
+        local = split(node.path)[1]
+        resource = self._known.get(local)
+        if resource is None:
+            near = get_close_matches(local, self._known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            yield (
+                node.at,
+                "warning",
+                f"resource {node.path!r} stands in no template{hint} (an application may provide it)",
+            )
+            return _Value(node.path, _NUMBER if isinstance(node, Age) else "")
+        if resource.kind in _VALUELESS:
+            yield node.at, "error", f"{node.path!r} is {_VALUELESS[resource.kind]}: expected a board"
+            return None
+        if isinstance(node, Age):
+            return _Value(f"age({node.path})", _NUMBER)
+        try:
+            cls = registry.find(resource.type)
+        except NotFound:
+            message = (
+                f"type {resource.type!r} of {node.path!r} is not installed here: its fields are not checked"
+            )
+            yield node.at, "warning", message
+            return _Value(node.path)
+        return (yield from self._field(node, resource, cls))
+
+    def _field(self, node: Field, resource: Resource, cls: type[msgspec.Struct]) -> _Looking:
+        fields = _fields(cls)
+        if not node.field and len(fields) != 1:
+            names = ", ".join(fields)
+            yield node.at, "error", f"{node.path!r} is a {cls.__name__}: expected one of its fields ({names})"
+            return None
+        found: Any = msgspec.inspect.type_info(cls)
+        name = node.field or next(iter(fields))
+        for step in name.split("."):
+            inner = _fields(found.cls) if isinstance(found, msgspec.inspect.StructType) else {}
+            if step not in inner:
+                near = [field for field in inner if field.startswith(f"{step}_")]  # its unit was left out
+                near += get_close_matches(step, inner, n=1, cutoff=0.4)
+                hint = f"did you mean {near[0]!r}?" if near else "expected one of these"
+                owner = found.cls.__name__ if inner else node.path
+                names = ", ".join(inner) or "it has none"
+                yield node.at, "error", f"{owner} has no field {step!r}; {hint} ({names})"
+                return None
+            found = _present(inner[step])
+        value = _value(f"{node.path}.{node.field}" if node.field else node.path, found)
+        if value is None:
+            yield (
+                node.at,
+                "error",
+                f"{node.path}.{name} is no single value: expected a number, a text or a truth",
+            )
+            return None
+        if name.endswith(_RATIO):
+            return msgspec.structs.replace(value, span=(0.0, 1.0))
+        plain = len(fields) == 1
+        return msgspec.structs.replace(
+            value,
+            span=resource.range if plain else None,
+            choices=resource.choices if plain and resource.choices else value.choices,
+        )
+
+
+@cache
+def shipped() -> Vocabulary:
+    """The resources of this installation's templates.
+
+    Raises: ConfigError when a template is wrong.
+    """
+    folder = share_dir() / "templates"
+    return Vocabulary(
+        resource for name in template.names_in(folder) for resource in template.load(name, folder).resources
+    )
+
+
+def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Said]:
+    """A value compared with one that stands in the text."""
+    if isinstance(literal.value, str):
+        if value.choices and literal.value not in value.choices:
+            names = ", ".join(map(repr, value.choices))
+            yield at, "error", f"{value.name} is never {literal.value!r}: expected one of {names}"
+    elif not isinstance(literal.value, bool):
+        share = value.span == (0.0, 1.0)
+        if literal.percent and not share and not value.name[:1].isdigit():
+            yield at, "error", f"{value.name} is no share: expected a number without %"
+        elif value.span and not value.span[0] <= literal.value <= value.span[1]:
+            low, high = value.span
+            hint = f", or {literal.value:g} %" if share and 1 < literal.value <= 100 else ""
+            yield at, "error", f"{value.name} is never {literal.value:g}: expected {low:g} to {high:g}{hint}"
+
+
+def _at(node: Operand) -> int:
+    return 0 if isinstance(node, Literal) else node.at
+
+
+@cache
+def _fields(cls: type[msgspec.Struct]) -> dict[str, Any]:
+    """Types of its fields, and of what it computes from them, by name."""
+    info: Any = msgspec.inspect.type_info(cls)
+    found = {field.name: field.type for field in info.fields}
+    for name in dir(cls):
+        attribute = getattr(cls, name, None)
+        if isinstance(attribute, property) and not name.startswith("_") and attribute.fget is not None:
+            returns = get_type_hints(attribute.fget).get("return")
+            if returns in {bool, int, float, str}:
+                found[name] = msgspec.inspect.type_info(returns)
+    return found
+
+
+def _present(found: Any) -> Any:
+    """The type of a value that is there."""
+    if isinstance(found, msgspec.inspect.UnionType):
+        types = [kind for kind in found.types if not isinstance(kind, msgspec.inspect.NoneType)]
+        return types[0] if len(types) == 1 else found
+    return found
+
+
+def _value(name: str, found: Any) -> _Value | None:
+    match found:
+        case msgspec.inspect.BoolType():
+            return _Value(name, _TRUTH)
+        case msgspec.inspect.IntType() | msgspec.inspect.FloatType():
+            return _Value(name, _NUMBER)
+        case msgspec.inspect.StrType():
+            return _Value(name, _TEXT)
+        case msgspec.inspect.EnumType():
+            values = tuple(member.value for member in found.cls)
+        case msgspec.inspect.LiteralType():
+            values = tuple(found.values)
+        case msgspec.inspect.UnionType() | msgspec.inspect.AnyType():
+            return _Value(name)
+        case _:
+            return None
+    if all(isinstance(value, str) for value in values):
+        return _Value(name, _TEXT, values)
+    return _Value(name, _NUMBER)

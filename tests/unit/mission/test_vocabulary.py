@@ -1,0 +1,123 @@
+"""Conditions against the templates: resources, fields, types and units, with the place in the file."""
+
+import json
+
+import pytest
+
+from swarmware.mission.binding import Binding
+from swarmware.mission.check import check_text
+from swarmware.mission.finding import Finding, sound
+from swarmware.mission.loader import load
+from swarmware.mission.vocabulary import Vocabulary
+from swarmware.resource import Resource
+
+
+def found(condition: str) -> list[Finding]:
+    text = (
+        '{"requires": [' + json.dumps(condition) + '],\n "mission": {"s": {"type": "Start", "next": "e"},'
+        ' "e": {"type": "End"}}}'
+    )
+    return check_text(text, "m.json", Binding())[1]
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        "battery < 80 %",
+        "altitude > 10",
+        "/uav1/nav/pose.z_m > 3",
+        "nav/pose.yaw_rad > 1 and not (nav/pose.z_m < power/battery.remaining_ratio)",
+        "vehicle/state.armed",
+        "vehicle/state.armed == true or vehicle/state.armed != false",
+        "health/state.level != 'error'",
+        "mission/state.state == 'running'",
+        "age(/gcs/nav/pose) < 9 and 30 % < battery",
+        "not vehicle/state.armed and power/battery.remaining_ratio >= 0.3",
+    ],
+)
+def test_what_can_be_meant_is_sound(condition: str) -> None:
+    assert found(condition) == []
+
+
+@pytest.mark.parametrize(
+    ("condition", "said", "column"),
+    [
+        ("nav/pose.z > 3", "Pose has no field 'z'; did you mean 'z_m'?", 1),
+        ("battery > 3 % and /uav1/nav/pose.hight_m > 3", "Pose has no field 'hight_m'", 19),
+        ("nav/pose.z_m.q > 3", "has no field 'q'", 1),
+        ("nav/pose > 3", "'nav/pose' is a Pose: expected one of its fields (x_m, y_m, z_m", 1),
+        ("nav/pose.z_m == 'high'", "nav/pose.z_m is a number, 'high' is a text: expected the same", 1),
+        ("3 < vehicle/state.armed", "3.0 is a number, vehicle/state.armed is true or false", 5),
+        ("nav/pose.z_m", "nav/pose.z_m is a number: expected a comparison", 1),
+        ("age(nav/pose)", "age(nav/pose) is a number: expected a comparison", 5),
+        ("age(nav/pose) < 'old'", "is a number, 'old' is a text", 5),
+        ("vehicle/state.armed > false", "expected == or !=, not >", 1),
+        ("health/state.level < 'error'", "expected == or !=, not <", 1),
+        ("health/state.level == 'eror'", "is never 'eror': expected one of ", 1),
+        ("battery < 80", "is never 80: expected 0 to 1, or 80 %", 1),
+        ("altitude > 50 %", "nav/pose.z_m is no share: expected a number without %", 1),
+        ("age(nav/pose) > 5 %", "age(nav/pose) is no share", 5),
+        ("age(nav) < 1", "'nav' is a branch", 0),
+        ("sys/vehicle/arm.armed", "is a command, which has no value", 1),
+        ("health/state.faults == 'x'", "is no single value", 1),
+    ],
+)
+def test_what_can_never_be_meant_is_refused_with_its_place(condition: str, said: str, column: int) -> None:
+    findings = found(condition)
+    if column == 0:  # no path of a resource at all
+        assert findings and "expected a resource path" in findings[0].message
+        return
+    (finding,) = findings
+    assert (finding.severity, finding.rule, finding.pointer) == ("error", "condition", "/requires/0")
+    assert said in finding.message
+    assert finding.line == 1
+    assert finding.column == len('{"requires": ["') + column
+    assert str(finding).startswith(f"m.json:1:{finding.column}: /requires/0: condition ")
+
+
+def test_a_condition_of_a_decision_stands_at_its_line_and_column() -> None:
+    text = """{"mission": {"s": {"type": "Start", "next": "d"},
+ "d": {"type": "Decision", "next": "e", "cases": [
+  {"if": "nav/pose.z_m > $id", "next": "e"},
+  {"if": "nav/pose.x > 1", "next": "e"}]},
+ "e": {"type": "End"}}}"""
+    (finding,) = check_text(text.replace("$id", "1"), "m.json", Binding())[1]
+    assert (finding.line, finding.column, finding.pointer) == (4, 11, "/mission/d/cases/1/if")
+
+
+def test_a_resource_of_no_template_is_a_warning_with_the_nearest_one() -> None:
+    (finding,) = found("nav/poze.z_m > 3")
+    assert finding.severity == "warning"
+    assert "stands in no template; did you mean 'nav/pose'?" in finding.message
+    assert sound([finding])
+    assert [f.severity for f in found("crop/wetness.ratio > 0.5 and age(crop/wetness) < 3")] == [
+        "warning"
+    ] * 2
+
+
+def test_a_type_of_a_package_that_is_not_installed_is_a_warning() -> None:
+    text = '{"requires": ["crop/wetness.depth_m > 3"],'
+    text += '"mission": {"s": {"type": "Start", "next": "e"}, "e": {"type": "End"}}}'
+    mission = load(text, "m.json", Binding())
+    (problem,) = Vocabulary([Resource(path="crop/wetness", type="Wetness")]).check(mission)
+    assert problem.severity == "warning"
+    assert "type 'Wetness' of 'crop/wetness' is not installed here" in problem.message
+
+
+def test_plain_values_are_held_against_range_and_choices() -> None:
+    vocabulary = Vocabulary(
+        [
+            Resource(path="winch/length", type="Float", range=(0.0, 12.0)),
+            Resource(path="winch/mode", type="Text", choices=("in", "out")),
+        ]
+    )
+
+    def said(condition: str) -> list[str]:
+        text = json.dumps(
+            {"requires": [condition], "mission": {"s": {"type": "Start", "next": "e"}, "e": {"type": "End"}}}
+        )
+        return [problem.message for problem in vocabulary.check(load(text, "m.json", Binding()))]
+
+    assert said("winch/length > 3 and winch/mode == 'in'") == []
+    assert "winch/length is never 20: expected 0 to 12" in said("winch/length > 20")[0]
+    assert "winch/mode is never 'up': expected one of 'in', 'out'" in said("winch/mode == 'up'")[0]
