@@ -174,6 +174,11 @@ def from_files(
     """
     if not 1 <= len(files) <= FILE_LIMIT:
         raise ConfigError(f"{where}: {len(files)} files; expected 1 to {FILE_LIMIT}")
+    for file in files:
+        try:
+            (file.name + file.text).encode()
+        except UnicodeEncodeError as error:
+            raise ConfigError(f"{where}: file {file.name!r}: {error.reason}; expected UTF-8") from error
     texts = {file.name: file.text for file in files}
     if len(texts) != len(files):
         raise ConfigError(f"{where}: two files of one name; expected each once")
