@@ -17,6 +17,9 @@ PAYLOAD_LIMIT: Final = 4 * 1024 * 1024
 
 _HEADER = struct.Struct("<2sBBHBBIIIIIIqII")
 assert _HEADER.size == HEADER_BYTES
+_MOVING = struct.Struct("<IqII")
+_MOVING_AT: Final = HEADER_BYTES - _MOVING.size
+"""The end of the header: sequence, stamp and echo times."""
 
 HOPS: Final = 24
 """Hops a frame may take: more than the diameter of any swarm simulated (18 at 1 000 nodes)."""
@@ -117,6 +120,24 @@ def encode(frame: Frame) -> bytes:
     except struct.error as error:
         raise WireError(_misfit(frame)) from error
     return b"".join((header, frame.extension, frame.payload))
+
+
+def restamp(
+    frame: bytearray, sequence: int, stamp_ns: int, *, echo_tx_us: int = 0, echo_rx_us: int = 0
+) -> None:
+    """Another sequence number and other times for an encoded frame, in place.
+
+    Raises: WireError when the stamp does not fit its field.
+    """
+    try:
+        frame[_MOVING_AT:HEADER_BYTES] = _MOVING.pack(
+            sequence & 0xFFFF_FFFF,
+            stamp_ns,
+            echo_tx_us & 0xFFFF_FFFF,
+            echo_rx_us & 0xFFFF_FFFF,
+        )
+    except struct.error as error:
+        raise WireError(f"frame: stamp_ns is {stamp_ns}: expected 64 bits") from error
 
 
 _RANGES: Final = {

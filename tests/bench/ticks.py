@@ -118,7 +118,7 @@ class Peer:
 
 
 class Costs(NamedTuple):
-    """Microseconds of one datagram or tick, median."""
+    """Microseconds of one datagram or tick."""
 
     received_us: float
     bare_us: float
@@ -188,10 +188,10 @@ class Cell:
                     together.append(self._receive(several, cold) // TOGETHER)
             self.clock.at_ns = start_ns + TICK
         return Costs(
-            statistics.median(received) / 1000,
-            statistics.median(bare) / 1000,
-            statistics.median(together) / 1000,
-            statistics.median(sent) / 1000,
+            quick_us(received),
+            quick_us(bare),
+            quick_us(together),
+            quick_us(sent),
             statistics.mean(sizes),
         )
 
@@ -245,6 +245,11 @@ class Cell:
         began = time.perf_counter_ns()
         unpack(receive(2048, 32)[0])
         return time.perf_counter_ns() - began
+
+
+def quick_us(took_ns: list[int]) -> float:
+    """The fastest tenth: what other processes of this machine add is left out."""
+    return statistics.quantiles(took_ns, n=10)[0] / 1000
 
 
 def wants(names: list[str]) -> tuple[Want, ...]:
@@ -313,7 +318,7 @@ def main() -> None:
         table = {state: {**costs._asdict(), "ratio": costs.ratio} for state, costs in found.items()}
         print(json.dumps(table))
         return
-    print(f"{NEIGHBOURS} neighbours at 10 Hz, {found['hot'].bytes:.0f} bytes a datagram; µs, median")
+    print(f"{NEIGHBOURS} neighbours at 10 Hz, {found['hot'].bytes:.0f} bytes a datagram; µs, fastest tenth")
     print(f"{'caches':<8}{'received':>10}{'bare':>8}{'ratio':>8}{'together':>10}{'tick sent':>11}")
     for state, costs in found.items():
         print(

@@ -8,7 +8,7 @@ from swarmd.broker.core.relay import News
 from swarmd.broker.core.tick import BODY_LIMIT, NEVER_NS, value_bytes
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import NotFound, SwarmError, WireError
-from swarmware.frame import Codec, Frame, Kind, decode, encode
+from swarmware.frame import HEADER_BYTES, Codec, Frame, Kind, decode, encode, restamp
 from swarmware.node import Node, Publication
 from swarmware.shm.layout import ring_file
 from swarmware.shm.ring import RingReader
@@ -19,7 +19,6 @@ VALUE_LIMIT: Final = BODY_LIMIT - 200
 """Largest value: it must fit beside a hello and some rows."""
 LOOK_AGAIN_NS: Final = 500_000_000
 """A board whose ring is not there yet is looked for this often."""
-_MASK32: Final = 0xFFFF_FFFF
 
 log = logging.getLogger("swarm.broker")
 
@@ -115,60 +114,81 @@ def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:
     return packed, codec is Codec.PACKED
 
 
+class _Mirror:
+    """One board of another platform: its ring, and its newest frame, of which the next is made in place."""
+
+    __slots__ = ("_form", "_frame", "_publication", "_sequence")
+
+    def __init__(self, publication: Publication) -> None:
+        self._publication = publication
+        self._sequence = publication.sequence
+        self._frame = bytearray()
+        self._form = (0, 0, False, -1)
+        """What a frame must share with the one before to be made of it: data id, origin, coding, length."""
+
+    def write(self, want: Want, news: News) -> None:
+        payload = news.payload
+        form = (want.data_id, news.origin_hw, news.packed, len(payload))
+        sequence, stamp_ns = self._sequence + 1, news.stamp_us * 1000
+        # our clock when the value was made, as far as ages on the way tell: good enough to
+        # judge its age where the origin's clock is not known yet
+        made_us = news.rx_ns // 1000 - news.age_us
+        if form == self._form:
+            restamp(self._frame, sequence, stamp_ns, echo_rx_us=made_us)
+            self._frame[HEADER_BYTES:] = payload
+        else:
+            self._frame = bytearray(
+                encode(
+                    Frame(
+                        Kind.BOARD,
+                        want.data_id,
+                        news.origin_hw,
+                        sequence=sequence,
+                        stamp_ns=stamp_ns,
+                        echo_rx_us=made_us,
+                        codec=Codec.PACKED if news.packed else Codec.NONE,
+                        payload=payload,
+                    )
+                )
+            )
+            self._form = form
+        self._sequence = self._publication.publish(self._frame)
+
+    def close(self, *, unlink: bool) -> None:
+        self._publication.close(unlink=unlink)
+
+
 class Mirrors:
     """Writes values of other platforms where their readers here look for them."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._rings: dict[tuple[str, str], Publication] = {}
+        self._mirrors: dict[tuple[str, str], _Mirror] = {}
         self._complained: set[tuple[str, str]] = set()
 
     def write(self, want: Want, news: News) -> bool:
         """One value; False when it could not be written."""
         key = (want.platform, want.path)
-        ring = self._rings.get(key)
-        if ring is None:
-            try:
-                ring = self._rings[key] = self._node.mirror_writer(want.platform, want.path)
-            except SwarmError as error:
-                return self._failed(key, error)
+        mirror = self._mirrors.get(key)
         try:
-            ring.publish(self._frame(want, news, ring.sequence + 1))
+            if mirror is None:
+                mirror = self._mirrors[key] = _Mirror(self._node.mirror_writer(*key))
+            mirror.write(want, news)
         except SwarmError as error:
-            return self._failed(key, error)
+            if key not in self._complained:
+                self._complained.add(key)
+                log.warning("mirror of /%s/%s: %s", *key, error)
+            return False
         return True
-
-    def _failed(self, key: tuple[str, str], error: SwarmError) -> bool:
-        if key not in self._complained:
-            self._complained.add(key)
-            log.warning("mirror of /%s/%s: %s", *key, error)
-        return False
-
-    @staticmethod
-    def _frame(want: Want, news: News, sequence: int) -> bytes:
-        return encode(
-            Frame(
-                Kind.BOARD,
-                want.data_id,
-                news.origin_hw,
-                sequence=sequence,
-                stamp_ns=news.stamp_us * 1000,
-                # our clock when the value was made, as far as ages on the way tell: good enough to
-                # judge its age where the origin's clock is not known yet
-                echo_rx_us=(news.rx_ns // 1000 - news.age_us) & _MASK32,
-                codec=Codec.PACKED if news.packed else Codec.NONE,
-                payload=news.payload,
-            )
-        )
 
     def keep_only(self, wants: tuple[Want, ...]) -> None:
         """Takes away mirrors that nobody reads any more."""
         wanted = {(want.platform, want.path) for want in wants}
-        for key in [key for key in self._rings if key not in wanted]:
-            self._rings.pop(key).close()
+        for key in [key for key in self._mirrors if key not in wanted]:
+            self._mirrors.pop(key).close(unlink=True)
 
     def close(self) -> None:
         """Stops writing; the newest values stay readable, a broker that is started again goes on."""
-        for ring in self._rings.values():
-            ring.close(unlink=False)
-        self._rings.clear()
+        for mirror in self._mirrors.values():
+            mirror.close(unlink=False)
+        self._mirrors.clear()

@@ -13,7 +13,7 @@ from swarmd.broker.core import checks
 from swarmd.broker.core import tick as codec
 from swarmd.broker.core.admission import Admission
 from swarmd.broker.core.mesh import LinkState
-from swarmd.broker.core.sessions import Outcome, Sessions
+from swarmd.broker.core.sessions import BELIEVED, Outcome, Sessions
 from swarmd.broker.core.station import Arrival, Departure, Station
 from swarmd.broker.core.traffic import EVERYBODY, Counters
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
@@ -226,7 +226,7 @@ class Datagrams:
                 self._counters.datagram_received(len(data), _UNKNOWN)
                 return
             self._admission.good(address)
-            header = msgspec.structs.replace(header, session=opened.session)
+            header.session = opened.session
             self._take(header, tick, address, rx_ns, by_multicast, len(data))
         except FAULTS:
             self._counters.refused.failed += 1
@@ -266,6 +266,8 @@ class Datagrams:
         self, hw: int, session: int, tick: codec.Tick, address: Address, by_multicast: bool, now_ns: int
     ) -> bool:
         outcome = self._sessions.on_datagram(hw, session, tick.checks, now_ns)
+        if outcome is BELIEVED:
+            return True
         if outcome.adopted:
             self._opener.adopt(hw, session)
         if outcome.soon or outcome.duplicate:

@@ -18,6 +18,7 @@ from swarmd.broker.core.sessions import Outcome, Sessions
 from swarmd.broker.core.slowest import Slowest
 from swarmd.broker.core.station import Arrival, Identity, Station
 from swarmd.broker.core.tick import PlatformKind
+from swarmd.broker.core.timing import Timing
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.datagrams import Datagrams
 from swarmd.broker.former import Former
@@ -73,7 +74,8 @@ class Broker(Service):
         self._pace = Pace(self._since_ns, random.random)
         self._shape_changed = False
         self._plan_at = -1
-        self._timings: list[TimingSample] = []
+        self._timings: list[Timing] = []
+        """Since our last tick."""
         self._duplicate_ns = 0
         self._counters = Counters()
 
@@ -242,8 +244,7 @@ class Broker(Service):
             self._pace.left(now_ns)
             self._datagrams.tick(now_ns)
         if self._timings:
-            self._timing_stream.write(TimingBatch(tuple(self._timings)))
-            self._timings.clear()
+            self._write_timings()
         self._pace.next(now_ns, round(1e9 / station.tick_hz()))
 
     def _report_slowdown(self) -> None:
@@ -261,13 +262,32 @@ class Broker(Service):
             clear_s=5.0,
         )
 
+    def _write_timings(self) -> None:
+        find = self._station.members.get
+        samples = [
+            TimingSample(
+                member.platform,
+                member.unit,
+                timing.hw,
+                timing.boot_id,
+                timing.rx_ns,
+                timing.reverse_ns,
+                timing.forward_tx_ns,
+                timing.forward_ns,
+            )
+            for timing in self._timings
+            if (member := find(timing.hw)) is not None
+        ]
+        self._timings.clear()
+        if samples:
+            self._timing_stream.write(TimingBatch(tuple(samples)))
+
     def _take_plan(self) -> None:
         self._plan_at = self._plan.position
         plan = self._plan.value
         if plan is not None:
             self._mirrors.keep_only(plan.wants)
-            for want, news in self._station.set_plan(plan):
-                self._mirror(want, news)
+            self._mirror(self._station.set_plan(plan))
 
     def _publish(self, now_ns: int) -> None:
         if now_ns >= self._publish_ns:
@@ -286,23 +306,10 @@ class Broker(Service):
     # what a datagram changed
 
     def _arrived(self, arrival: Arrival) -> None:
-        timing = arrival.timing
-        member = self._station.members.get(timing.hw) if timing is not None else None
-        if timing is not None and member is not None:
-            self._timings.append(
-                TimingSample(
-                    member.platform,
-                    member.unit,
-                    timing.hw,
-                    timing.boot_id,
-                    timing.rx_ns,
-                    timing.reverse_ns,
-                    timing.forward_tx_ns,
-                    timing.forward_ns,
-                )
-            )
-        for want, news in arrival.news:
-            self._mirror(want, news)
+        if arrival.timing is not None:
+            self._timings.append(arrival.timing)
+        if arrival.news:
+            self._mirror(arrival.news)
         if arrival.stranger:
             self._station.say_hello()
         if arrival.links or arrival.routes:
@@ -339,9 +346,10 @@ class Broker(Service):
             clear_s=5.0,
         )
 
-    def _mirror(self, want: Want, news: News) -> None:
-        if self._mirrors.write(want, news):
-            self._counters.notifications += 1
+    def _mirror(self, found: list[tuple[Want, News]]) -> None:
+        for want, news in found:
+            if self._mirrors.write(want, news):
+                self._counters.notifications += 1
 
     def _hurry(self) -> None:
         if self._pace.hurry(self._clock.now_ns(), round(1e9 / self._station.allowed_hz())):

@@ -26,7 +26,7 @@ class Publication:
         self._ring = RingWriter(path, slots=slots, slot_bytes=slot_bytes, mode=mode)
         self._heritage: Heritage | None = None
         """Of a damaged ring that could not be replaced yet."""
-        self._newest: bytes | None = None
+        self._newest: bytes | bytearray | None = None
         """The newest frame of this process; None: it was a loan, or there was none yet."""
         self._bells = Bells(readers_folder(path), pulls)
         self._bells.ring()  # readers may have been waiting for a writer to come
@@ -36,8 +36,11 @@ class Publication:
         """Ring sequence of the newest frame; it goes on over restarts of the writer."""
         return self._ring.sequence
 
-    def publish(self, data: bytes) -> int:
-        """Publish one encoded frame and wake its readers; returns the ring sequence."""
+    def publish(self, data: bytes | bytearray) -> int:
+        """Publish one encoded frame and wake its readers; returns the ring sequence.
+
+        A bytearray may be changed afterwards, for the next frame only.
+        """
         if self._heritage is not None:
             self._replace()
         if len(data) > self._ring.slot_bytes:

@@ -35,7 +35,7 @@ class Admission:
             self._second = second
             self._strangers = self._failures = 0
             self._by_address.clear()
-        if self._by_address.get(address, 0) >= FAILURES_S:
+        if self._by_address and self._by_address.get(address, 0) >= FAILURES_S:
             return False
         if address in self._good:
             return True
@@ -48,9 +48,12 @@ class Admission:
 
     def good(self, address: Address) -> None:
         """A datagram of a member came from there."""
-        if address not in self._good and len(self._good) >= GOOD_MAX:
-            del self._good[min(self._good, key=lambda key: self._good[key])]
-        self._good[address] = self._second
+        good = self._good
+        if good.get(address) == self._second:
+            return
+        if address not in good and len(good) >= GOOD_MAX:
+            del good[min(good, key=lambda key: good[key])]
+        good[address] = self._second
 
     def bad(self, address: Address) -> None:
         """One that nobody of the swarm sealed came from there."""

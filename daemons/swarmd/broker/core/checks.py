@@ -5,9 +5,13 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final, NamedTuple
 
+from swarmware.errors import WireError
+
 _CHECK: Final = struct.Struct("<BII")
-_EXTRA_BYTES: Final = 3
-"""Type and length before them in the body."""
+_PART: Final = struct.Struct("<BH")
+"""Type and length of an extra part of a body."""
+_CHECKS: Final = 1
+"""Type of the one with questions and answers about sessions; others are skipped."""
 
 
 class CheckKind(IntEnum):
@@ -33,14 +37,27 @@ class Check(NamedTuple):
 
 def body_bytes(count: int) -> int:
     """Bytes that so many take in the body."""
-    return _EXTRA_BYTES + count * _CHECK.size if count else 0
+    return _PART.size + count * _CHECK.size if count else 0
 
 
 def encode(checks: Iterable[Check]) -> bytes:
-    """The checks one after the other. Raises: struct.error when a number does not fit its field."""
-    return b"".join([_CHECK.pack(*check) for check in checks])
+    """The extra part of a body that has them. Raises: struct.error when a number does not fit its field."""
+    part = b"".join([_CHECK.pack(*check) for check in checks])
+    return _PART.pack(_CHECKS, len(part)) + part
 
 
-def decode(part: bytes) -> tuple[Check, ...]:
-    """The checks in these bytes. Raises: struct.error when they are cut short."""
-    return tuple([Check(*check) for check in _CHECK.iter_unpack(part)])
+def decode(data: bytes, at: int) -> tuple[tuple[Check, ...], int]:
+    """The checks among the extra parts that begin there, and where those end: perhaps behind the body.
+
+    Raises: struct.error when one is cut short, WireError when there is none.
+    """
+    if at >= len(data):
+        raise WireError(f"tick of {len(data)} bytes: its extra parts are missing")
+    found: tuple[Check, ...] = ()
+    while at < len(data):
+        kind, length = _PART.unpack_from(data, at)
+        at += _PART.size
+        if kind == _CHECKS:
+            found = tuple([Check(*check) for check in _CHECK.iter_unpack(data[at : at + length])])
+        at += length
+    return found, at

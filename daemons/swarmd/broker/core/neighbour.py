@@ -5,6 +5,7 @@ meter, their echoes say that we are heard, how well, and when.
 """
 
 import math
+from functools import lru_cache
 from typing import Final
 
 from swarmd.broker.core.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
@@ -24,6 +25,8 @@ PERFECT: Final = 256
 COST_MAX: Final = 8192
 PERIODS: Final = 2.5
 """A sender without loss may miss one datagram before its silence counts."""
+_HALVES: Final = round(2 * (PERIODS - 2))
+"""Half periods beyond the datagrams that may be missed."""
 FALSE_ALARM: Final = 1e-4
 """Silence counts when so many datagrams in a row are less likely to be lost than this, divided by the
 number of neighbours."""
@@ -44,6 +47,8 @@ LISTING_EACH_NS: Final = 50_000_000
 LISTINGS: Final = 3
 """Missed one after the other, they take a link without loss down to half open."""
 UNLISTED_SLACK_NS: Final = 1_000_000_000
+_LISTED_NS: Final = LISTINGS * LISTING_NS + UNLISTED_SLACK_NS
+"""Listed within this time, a link is taken for one in both directions, whatever its loss."""
 HEARS_SLACK_NS: Final = 500_000_000
 """A neighbour's word that it hears somebody holds for three of its listings and this."""
 QUALITY_STEP: Final = 64
@@ -151,6 +156,8 @@ class Neighbour:
     @property
     def quality(self) -> int:
         """Share of its last datagrams that arrived, in 1/255."""
+        if self.window & _WINDOW_MASK == _WINDOW_MASK and not self.missed:
+            return _FULL  # most links, most of the time
         expected = max(LEAST_EXPECTED, min(WINDOW, self.expected + self.missed))
         received = (self.window << self.missed & _WINDOW_MASK).bit_count()
         return min(round(_FULL * received / expected), _FULL)
@@ -168,14 +175,16 @@ class Neighbour:
 
     def misses(self, neighbours: int) -> int:
         """How many datagrams in a row that do not come mean that none will, among so many neighbours."""
+        if self.hello is None:
+            return 2
+        if self.window == _LONG_MASK:
+            return _misses(_LOSS_MIN, neighbours)
         lost = min(LONG_WINDOW, self.expected) - self.window.bit_count()
         long_loss = lost / max(WINDOW, min(LONG_WINDOW, self.expected))
-        if long_loss >= _BAD or self.hello is None:
+        if long_loss >= _BAD:
             return 2
         lately = min(WINDOW, self.expected) - (self.window & _WINDOW_MASK).bit_count()
-        loss = min(max(long_loss, lately / WINDOW, _LOSS_MIN), _BAD)
-        misses = math.ceil(math.log(FALSE_ALARM / neighbours) / math.log(loss))
-        return min(max(misses, 2), MISSES_MAX)
+        return _misses(min(max(long_loss, lately / WINDOW, _LOSS_MIN), _BAD), neighbours)
 
     def hears_until_ns(self, hw: int) -> int:
         """Until when its word holds that it hears this node."""
@@ -205,6 +214,8 @@ class Neighbours:
         self._common: frozenset[int] = frozenset()
         self._linked: frozenset[int] = frozenset()
         self._common_ns = NEVER_NS
+        self._heard = 0
+        """Neighbours that are not down."""
 
     def get(self, hw: int) -> Neighbour | None:
         """A neighbour, whatever its state."""
@@ -224,7 +235,7 @@ class Neighbours:
 
     def heard_count(self) -> int:
         """Nodes that share the air with us."""
-        return sum(n.state is not LinkState.DOWN for n in self._all.values())
+        return self._heard
 
     # what comes in
 
@@ -254,8 +265,8 @@ class Neighbours:
         neighbour.received += 1
         self._count(neighbour, header)
         neighbour.missed = 0
-        periods = neighbour.misses(len(self._all)) + PERIODS - 2
-        neighbour.deadline_ns = rx_ns + max(self._timeout_ns, round(periods * neighbour.period_ns))
+        half_periods = 2 * neighbour.misses(len(self._all)) + _HALVES
+        neighbour.deadline_ns = rx_ns + max(self._timeout_ns, half_periods * neighbour.period_ns // 2)
         return neighbour
 
     def on_hello(self, neighbour: Neighbour, header: Header, hello: Hello) -> None:
@@ -348,10 +359,10 @@ class Neighbours:
                 self._event(neighbour, LinkEvent.SILENT, now_ns, changes)
             else:
                 period_ns = neighbour.period_ns
-                neighbour.missed = max(
-                    0, min((now_ns - neighbour.heard_ns - period_ns // 2) // period_ns, WINDOW)
-                )
-                self._look_for_listing(neighbour, now_ns, changes)
+                late_ns = now_ns - neighbour.heard_ns - period_ns // 2
+                neighbour.missed = 0 if late_ns < period_ns else min(late_ns // period_ns, WINDOW)
+                if now_ns - max(neighbour.listed_ns, neighbour.since_ns) > _LISTED_NS:
+                    self._look_for_listing(neighbour, now_ns, changes)
         for hw in forgotten:
             del self._all[hw]
         return changes
@@ -464,5 +475,12 @@ class Neighbours:
         changes.append(LinkChanged(neighbour.hw, neighbour.state, after, event))
         if LinkState.UP in (after, neighbour.state):
             self._common_ns = NEVER_NS
+        self._heard += (after is not LinkState.DOWN) - (neighbour.state is not LinkState.DOWN)
         neighbour.state = after
         neighbour.since_ns = now_ns
+
+
+@lru_cache(maxsize=1024)
+def _misses(loss: float, neighbours: int) -> int:
+    misses = math.ceil(math.log(FALSE_ALARM / neighbours) / math.log(loss))
+    return min(max(misses, 2), MISSES_MAX)

@@ -45,6 +45,10 @@ class Outcome(msgspec.Struct, frozen=True, gc=False):
     """Two computers use this sender's name at the same time."""
 
 
+BELIEVED: Final = Outcome(believed=True)
+"""Nothing more follows: so it is with most datagrams."""
+
+
 class _Claim:
     __slots__ = ("answered", "asked_ns", "count", "first_ns", "heard_ns", "proven", "session")
 
@@ -89,6 +93,10 @@ class Sessions:
 
     def on_datagram(self, hw: int, session: int, checks: tuple[Check, ...], now_ns: int) -> Outcome:
         """A datagram with a good seal, perhaps in our own name by somebody else."""
+        present = self._present.get(hw)
+        if not checks and present is not None and present.session == session:
+            present.heard_ns = now_ns
+            return BELIEVED
         answered = prove = soon = False
         for check in checks:
             if check.hw != self._own_hw or check.digest != self._digest:
@@ -103,7 +111,6 @@ class Sessions:
             # another computer with our name; a record of our own former session cannot answer us
             self._answer(hw, session)
             return Outcome(False, soon=True, duplicate=answered)
-        present = self._present.get(hw)
         if present is not None and present.session == session:
             present.heard_ns = now_ns
             return Outcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))

@@ -28,7 +28,7 @@ from swarmd.broker.core.tick import (
     member_bytes,
     value_bytes,
 )
-from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
+from swarmd.broker.core.traffic import IP_UDP_BYTES, Channel, Counters
 from swarmware.names import hardware_id
 from swarmware.types.net import TreePlan, Want
 
@@ -71,6 +71,17 @@ class Identity(msgspec.Struct, frozen=True):
     boot_id: int
     curve_public: bytes
     """Empty where the roster has it."""
+
+
+class _Wanted:
+    """A board that somebody here reads."""
+
+    __slots__ = ("channel", "want")
+
+    def __init__(self, want: Want) -> None:
+        self.want = want
+        self.channel: Channel | None = None
+        """Its counters, once there is something to count."""
 
 
 class Arrival(msgspec.Struct, frozen=True, gc=False):
@@ -124,7 +135,8 @@ class Station:
         self._relay_bytes_s = relay_bytes_s
         self._plan = TreePlan(0)
         self._limits_version = 0
-        self._wants: dict[tuple[int, int], Want] = {}
+        self._wants: dict[tuple[int, int], _Wanted] = {}
+        """By origin and data id."""
         self._hello_ns = NEVER_NS
         self._replanned_ns = NEVER_NS
         """When tree or mission, which the hello names, changed last."""
@@ -150,11 +162,11 @@ class Station:
             self._replanned_ns = self._now_ns
         self._plan = plan
         self.bulletin.offer(plan.offers, self.channels.max_hz)
-        wants = {(hardware_id(want.platform, want.unit), want.data_id): want for want in plan.wants}
+        wants = {(hardware_id(want.platform, want.unit), want.data_id): _Wanted(want) for want in plan.wants}
         heard: list[tuple[Want, News]] = []
-        for key, want in wants.items():
+        for key, wanted in wants.items():
             if key not in self._wants and (news := self.relays.newest(*key)) is not None:
-                heard.append((want, news))
+                heard.append((wanted.want, news))
         self._wants = wants
         return heard
 
@@ -226,11 +238,11 @@ class Station:
                 news = on_value(
                     hw, hw, data_id, clock_us - age_us, age_us, 1, value.packed, value.payload, rx_ns
                 )
-                want = wants.get((hw, data_id))
-                if want is not None:
-                    self._count(want, value.payload, news)
+                wanted = wants.get((hw, data_id))
+                if wanted is not None:
+                    self._count(wanted, len(value.payload), news)
                     if news is not None:
-                        found.append((want, news))
+                        found.append((wanted.want, news))
         for relay in tick.relays:
             origin_hw = relay.origin_hw
             if origin_hw == self.identity.hw:
@@ -246,16 +258,19 @@ class Station:
                 relay.payload,
                 rx_ns,
             )
-            want = wants.get((origin_hw, relay.data_id))
-            if want is not None:
-                self._count(want, relay.payload, news)
+            wanted = wants.get((origin_hw, relay.data_id))
+            if wanted is not None:
+                self._count(wanted, len(relay.payload), news)
                 if news is not None:
-                    found.append((want, news))
+                    found.append((wanted.want, news))
         return found
 
-    def _count(self, want: Want, payload: bytes, news: News | None) -> None:
-        channel = self.counters.channel(want.path)
-        channel.received(len(payload))
+    def _count(self, wanted: _Wanted, size: int, news: News | None) -> None:
+        channel = wanted.channel
+        if channel is None:
+            channel = wanted.channel = self.counters.channel(wanted.want.path)
+        channel.received_frames += 1
+        channel.received_bytes += size
         if news is None:
             if self.relays.was_late:
                 channel.late += 1

@@ -45,9 +45,6 @@ _REQUEST: Final = struct.Struct("<IHB")
 _MEMBER: Final = struct.Struct("<IIBB")
 _VALUE: Final = struct.Struct("<IHB")
 _RELAY: Final = struct.Struct("<IIIHHBB")
-_EXTRA: Final = struct.Struct("<BH")
-_CHECKS: Final = 1
-"""Type of the extra part with questions and answers about sessions."""
 
 HEADER_BYTES: Final = _HEADER.size
 SESSION_BYTES: Final = 8
@@ -88,7 +85,7 @@ class PlatformKind(IntEnum):
     GCS = 4
 
 
-class Header(msgspec.Struct, frozen=True, gc=False):
+class Header(msgspec.Struct, gc=False):
     """The clear part: enough to find the key, authenticated with the rest."""
 
     epoch: int
@@ -321,8 +318,7 @@ def _encode(tick: Tick) -> bytes:
             out += (head, long, relay.payload)
     if tick.checks:
         sections |= Section.EXTRA
-        part = checks.encode(tick.checks)
-        out += (_EXTRA.pack(_CHECKS, len(part)), part)
+        out.append(checks.encode(tick.checks))
     out[0] = bytes((sections,))
     return b"".join(out)
 
@@ -347,11 +343,133 @@ def decode(data: bytes) -> Tick:
     Raises: WireError for anything that is none.
     """
     try:
-        return _Reader(data).tick()
+        return _decode(data)
     except (struct.error, IndexError) as error:
         raise WireError(f"tick of {len(data)} bytes: cut short: {error}") from None
     except UnicodeDecodeError as error:
         raise WireError(f"tick: a name that is no UTF-8: {error}") from None
+
+
+def _decode(data: bytes) -> Tick:
+    """One pass over the body; what is cut short raises, or leads behind the end."""
+    sections = data[0]
+    at = 1
+    hello: Hello | None = None
+    echoes: tuple[Echo, ...] = ()
+    rows: tuple[Row, ...] = ()
+    requests: tuple[SequenceRequest, ...] = ()
+    members: tuple[MemberRow, ...] = ()
+    values: tuple[Value, ...] = ()
+    relays: tuple[Relay, ...] = ()
+    found: tuple[Check, ...] = ()
+    if sections & Section.HELLO:
+        hello, at = _decode_hello(data, at)
+    if sections & Section.ECHOES:
+        block, at = _block(data, at, ECHO_BYTES)
+        echoes = tuple([Echo(h, s, lo | hi << 16, q) for h, s, lo, hi, q in _ECHO.iter_unpack(block)])
+    if sections & Section.ROWS:
+        block, at = _block(data, at, ROW_BYTES)
+        rows = tuple([Row(*row) for row in _ROW.iter_unpack(block)])
+    if sections & Section.REQUESTS:
+        block, at = _block(data, at, REQUEST_BYTES)
+        requests = tuple([SequenceRequest(*request) for request in _REQUEST.iter_unpack(block)])
+    if sections & Section.MEMBERS:
+        members, at = _decode_members(data, at)
+    if sections & Section.VALUES:
+        values, at = _decode_values(data, at)
+    if sections & Section.RELAYS:
+        relays, at = _decode_relays(data, at)
+    if sections & Section.EXTRA:
+        found, at = checks.decode(data, at)
+    if at < len(data):
+        raise WireError(f"tick: {len(data) - at} bytes after its last section")
+    if at > len(data):
+        raise WireError(f"tick of {len(data)} bytes: its parts need {at}")
+    return Tick(hello, echoes, rows, requests, members, values, relays, found)
+
+
+def _block(data: bytes, at: int, size: int) -> tuple[bytes, int]:
+    end = at + 1 + data[at] * size
+    return data[at + 1 : end], end
+
+
+def _payload(data: bytes, at: int, mark: int) -> tuple[bytes, int]:
+    length = mark & _LONG
+    if length == _LONG:
+        length = int.from_bytes(data[at : at + 2], "little")
+        at += 2
+    end = at + length
+    return data[at:end], end
+
+
+def _decode_hello(data: bytes, at: int) -> tuple[Hello, int]:
+    end = at + 1 + data[at]
+    boot_id, clock_high, tcp_port, tree_version, mission, period_ms, listing_ms, kind, key = (
+        _HELLO.unpack_from(data, at + 1)
+    )
+    at += 1 + _HELLO.size
+    if key not in (0, _CURVE_BYTES) or not at + key < end <= len(data):
+        raise WireError(f"hello: a key of {key} bytes and a name up to byte {end} do not fit")
+    hello = Hello(
+        boot_id,
+        clock_high,
+        tcp_port,
+        tree_version,
+        mission,
+        _platform_kind(kind),
+        data[at + key : end].decode(),
+        data[at : at + key],
+        period_ms,
+        listing_ms,
+    )
+    return hello, end
+
+
+def _decode_members(data: bytes, at: int) -> tuple[tuple[MemberRow, ...], int]:
+    members: list[MemberRow] = []
+    count = data[at]
+    at += 1
+    for _ in range(count):
+        hw, tree_version, kind, length = _MEMBER.unpack_from(data, at)
+        at += _MEMBER.size
+        name = data[at : at + length].decode()
+        at += length
+        members.append(MemberRow(hw, tree_version, _platform_kind(kind), name))
+    return tuple(members), at
+
+
+def _decode_values(data: bytes, at: int) -> tuple[tuple[Value, ...], int]:
+    values: list[Value] = []
+    count = data[at]
+    at += 1
+    for _ in range(count):
+        data_id, age, mark = _VALUE.unpack_from(data, at)
+        payload, at = _payload(data, at + _VALUE.size, mark)
+        values.append(Value(data_id, decode_age(age), mark >= _PACKED, payload))
+    return tuple(values), at
+
+
+def _decode_relays(data: bytes, at: int) -> tuple[tuple[Relay, ...], int]:
+    relays: list[Relay] = []
+    count = data[at]
+    at += 1
+    for _ in range(count):
+        origin_hw, data_id, low, high, age, hops, mark = _RELAY.unpack_from(data, at)
+        if not 1 <= hops <= HOPS_MAX:
+            raise WireError(f"tick: a relayed value of {hops} hops: expected 1 to {HOPS_MAX}")
+        stamp_us = low | high << 32
+        if high >= 0x8000:  # a clock before its zero: simulated ones have offsets
+            stamp_us -= 1 << 48
+        payload, at = _payload(data, at + _RELAY.size, mark)
+        relays.append(Relay(origin_hw, data_id, stamp_us, decode_age(age), hops, mark >= _PACKED, payload))
+    return tuple(relays), at
+
+
+def _platform_kind(number: int) -> PlatformKind:
+    try:
+        return PlatformKind(number)
+    except ValueError:
+        return PlatformKind.OTHER
 
 
 def _size(payload: bytes, packed: bool) -> tuple[int, bytes]:
@@ -379,119 +497,3 @@ def _encode_hello(hello: Hello) -> bytes:
         + hello.name.encode()
     )
     return bytes((len(body),)) + body
-
-
-class _Reader:
-    """Walks once over a body; `struct.error` and `IndexError` mean that it is cut short."""
-
-    __slots__ = ("at", "data")
-
-    def __init__(self, data: bytes) -> None:
-        self.data = data
-        self.at = 1
-
-    def tick(self) -> Tick:
-        data = self.data
-        sections = data[0]
-        hello = self.hello() if sections & Section.HELLO else None
-        echoes: tuple[Echo, ...] = ()
-        rows: tuple[Row, ...] = ()
-        requests: tuple[SequenceRequest, ...] = ()
-        if sections & Section.ECHOES:
-            block = self.block(_ECHO.size)
-            echoes = tuple([Echo(h, s, lo | hi << 16, q) for h, s, lo, hi, q in _ECHO.iter_unpack(block)])
-        if sections & Section.ROWS:
-            rows = tuple([Row(*row) for row in _ROW.iter_unpack(self.block(_ROW.size))])
-        if sections & Section.REQUESTS:
-            block = self.block(_REQUEST.size)
-            requests = tuple([SequenceRequest(*request) for request in _REQUEST.iter_unpack(block)])
-        members = tuple([self.member() for _ in range(self.count())]) if sections & Section.MEMBERS else ()
-        values = tuple([self.value() for _ in range(self.count())]) if sections & Section.VALUES else ()
-        relays = tuple([self.relay() for _ in range(self.count())]) if sections & Section.RELAYS else ()
-        found: tuple[Check, ...] = ()
-        if sections & Section.EXTRA:
-            if self.at == len(data):
-                raise WireError(f"tick of {len(data)} bytes: its extra parts are missing")
-            while self.at < len(data):
-                kind, length = _EXTRA.unpack_from(data, self.at)
-                self.at += _EXTRA.size
-                part = self.take(length)
-                if kind == _CHECKS:
-                    found = checks.decode(part)
-        if self.at != len(data):
-            raise WireError(f"tick: {len(data) - self.at} bytes after its last section")
-        return Tick(hello, echoes, rows, requests, members, values, relays, found)
-
-    def count(self) -> int:
-        count = self.data[self.at]
-        self.at += 1
-        return count
-
-    def take(self, length: int) -> bytes:
-        end = self.at + length
-        if end > len(self.data):
-            raise WireError(f"tick of {len(self.data)} bytes: a part of it needs {end}")
-        part = self.data[self.at : end]
-        self.at = end
-        return part
-
-    def block(self, size: int) -> bytes:
-        return self.take(self.count() * size)
-
-    def payload(self, size: int) -> tuple[bool, bytes]:
-        length = size & _LONG
-        if length == _LONG:
-            length = int.from_bytes(self.take(2), "little")
-        return bool(size & _PACKED), self.take(length)
-
-    def hello(self) -> Hello:
-        end = self.at + 1 + self.count()
-        boot_id, clock_high, tcp_port, tree_version, mission, period_ms, listing_ms, kind, key = (
-            _HELLO.unpack_from(self.data, self.at)
-        )
-        self.at += _HELLO.size
-        if key not in (0, _CURVE_BYTES) or not self.at + key < end <= len(self.data):
-            raise WireError(f"hello: a key of {key} bytes and a name up to byte {end} do not fit")
-        curve_public = self.take(key)
-        name = self.take(end - self.at).decode()
-        return Hello(
-            boot_id,
-            clock_high,
-            tcp_port,
-            tree_version,
-            mission,
-            _platform_kind(kind),
-            name,
-            curve_public,
-            period_ms,
-            listing_ms,
-        )
-
-    def member(self) -> MemberRow:
-        hw, tree_version, kind, length = _MEMBER.unpack_from(self.data, self.at)
-        self.at += _MEMBER.size
-        return MemberRow(hw, tree_version, _platform_kind(kind), self.take(length).decode())
-
-    def value(self) -> Value:
-        data_id, age, size = _VALUE.unpack_from(self.data, self.at)
-        self.at += _VALUE.size
-        packed, payload = self.payload(size)
-        return Value(data_id, decode_age(age), packed, payload)
-
-    def relay(self) -> Relay:
-        origin_hw, data_id, low, high, age, hops, size = _RELAY.unpack_from(self.data, self.at)
-        self.at += _RELAY.size
-        if not 1 <= hops <= HOPS_MAX:
-            raise WireError(f"tick: a relayed value of {hops} hops: expected 1 to {HOPS_MAX}")
-        packed, payload = self.payload(size)
-        stamp_us = low | high << 32
-        if high >= 0x8000:  # a clock before its zero: simulated ones have offsets
-            stamp_us -= 1 << 48
-        return Relay(origin_hw, data_id, stamp_us, decode_age(age), hops, packed, payload)
-
-
-def _platform_kind(number: int) -> PlatformKind:
-    try:
-        return PlatformKind(number)
-    except ValueError:
-        return PlatformKind.OTHER
