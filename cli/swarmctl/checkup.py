@@ -34,6 +34,9 @@ DISK_LOW_BYTES: Final = 512 << 20
 DATABASE_S: Final = 2.0
 """A server on the same network answers within milliseconds."""
 
+REFUSALS_SHOWN: Final = 8
+"""Lines about members that were turned away."""
+
 Verdict = Literal["ok", "warning", "error"]
 
 
@@ -188,6 +191,8 @@ def _node(folder: Path, fix: bool) -> Iterator[Result]:
         )
     if "broker" in alive:
         yield processor(node.shm_path)
+    if alive:
+        yield from _present(folder, monitored="health" in alive)
     yield from _settings(folder, node.services)
     yield _keys(node.keys_dir, node.platform)
     yield _disk(node.data_path)
@@ -210,6 +215,34 @@ def processor(shm_dir: Path) -> Result:
     return Result(
         "processor", "ok", f"{traffic.tick_hz:g} ticks a second, {traffic.slowed_ticks} slowed so far"
     )
+
+
+def _present(folder: Path, *, monitored: bool) -> Iterator[Result]:
+    """What the node has found itself."""
+    from swarmctl.present import look
+
+    try:
+        present = look(folder)
+    except SwarmError as error:
+        yield Result(
+            "faults", "warning", f"the node cannot be joined: {error}", "ask as its user, or as root"
+        )
+        return
+    for fault in present.faults:
+        text = f"{fault.check}: {fault.state}: {fault.message or fault.freeze}"
+        yield Result(
+            "fault", "error" if fault.level == "error" else "warning", text, "swarmctl health faults"
+        )
+    if monitored and present.silent:
+        yield Result("faults", "error", present.silent, "swarmctl app ls shows whether `health` hangs")
+    elif monitored and not present.faults:
+        yield Result("faults", "ok", "the node has found none")
+    for one in present.refusals[:REFUSALS_SHOWN]:
+        text = f"{one.role}@{one.platform}: {one.path}: {one.count} times, last {one.age_s:.0f} s ago"
+        advice = "give it the role in the roster, or stop what sends there"
+        yield Result("denied", "warning", f"{text}: {one.reason}", advice)
+    if more := present.refusals[REFUSALS_SHOWN:]:
+        yield Result("denied", "warning", f"{sum(one.count for one in more)} times in {len(more)} other ways")
 
 
 def _settings(folder: Path, services: Iterable[str]) -> Iterator[Result]:

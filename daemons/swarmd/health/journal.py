@@ -1,5 +1,6 @@
 """What the monitor must know again after it was killed: registrations and open faults (S1.25)."""
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -22,7 +23,6 @@ class JournalFile:
     """One small file, replaced as a whole: a kill leaves the one before."""
 
     def __init__(self, folder: Path, boot_id: int) -> None:
-        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
         self._path = folder / "journal.json"
         self._boot_id = boot_id
 
@@ -36,7 +36,16 @@ class JournalFile:
         return found if found.boot_id == self._boot_id else empty
 
     def save(self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...]) -> None:
-        """Replaces the file. It outlives processes, not the node: no fsync."""
+        """Replaces the file. It outlives processes, not the node: no fsync.
+
+        Raises: OSError when it cannot be written; the one before holds then.
+        """
+        self._path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
         temporary = self._path.with_suffix(f".{os.getpid()}")
-        temporary.write_bytes(msgspec.json.encode(Journal(self._boot_id, registrations, faults)))
-        temporary.replace(self._path)
+        try:
+            temporary.write_bytes(msgspec.json.encode(Journal(self._boot_id, registrations, faults)))
+            temporary.replace(self._path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+            raise

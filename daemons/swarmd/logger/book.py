@@ -10,7 +10,7 @@ from swarmd.logger.core import Track
 from swarmd.logger.taps import payload
 from swarmware.errors import SwarmError
 from swarmware.frame import Frame
-from swarmware.record.ring import Hole, LogRing
+from swarmware.record.ring import LogRing, Repairs
 from swarmware.record.segment import Channel, Full
 from swarmware.types import registry
 from swarmware.types.log import LogGap
@@ -42,7 +42,9 @@ class Totals(msgspec.Struct):
 class Book:
     """Writes batches; blocks on the disk, so its calls belong into a thread."""
 
-    def __init__(self, directory: Path, platform: str, config: Config, boot_id: int = 0) -> None:
+    def __init__(
+        self, directory: Path, platform: str, config: Config, boot_id: int = 0, repairs: Repairs | None = None
+    ) -> None:
         self.directory = directory
         self._platform = platform
         self._ring = LogRing(
@@ -52,6 +54,7 @@ class Book:
             min_free_bytes=config.min_free_bytes,
             sync=config.sync,
             boot_id=boot_id,
+            repairs=repairs,
         )
         self._channels: dict[tuple[Track, str], Channel] = {}
         self.totals = Totals()
@@ -67,21 +70,6 @@ class Book:
     def counters(self) -> dict[str, int]:
         """Last sequence of each queue."""
         return self._ring.counters
-
-    @property
-    def repaired_bytes(self) -> int:
-        """What the last crash had left half-written."""
-        return self._ring.repaired_bytes
-
-    @property
-    def holes(self) -> list[Hole]:
-        """Entries of the last run that were damaged."""
-        return self._ring.holes
-
-    @property
-    def set_aside(self) -> list[Path]:
-        """Segments in which nothing could be read."""
-        return self._ring.set_aside
 
     @property
     def waiting(self) -> int:

@@ -19,6 +19,7 @@ from swarmware.delivery import sender_of
 from swarmware.frame import Frame
 from swarmware.module import BoardWriter, Meta, Module
 from swarmware.record.address import password_in
+from swarmware.record.ring import Repairs
 from swarmware.resource import Kind, Resource
 from swarmware.service import Service
 from swarmware.types.log import LogGap, LogStats, LogStatsRequest
@@ -28,6 +29,7 @@ log = logging.getLogger("swarm.logger")
 DISK: Final = "disk"
 PASSWORD: Final = "mongodb_password"
 """Names of the conditions that `swarmctl health` shows."""
+DISK_RETRY_S: Final = 1.0
 
 
 class Logger(Service):
@@ -59,14 +61,7 @@ class Logger(Service):
 
     async def run(self) -> None:
         """Samples, writes and forwards until cancelled."""
-        loop = asyncio.get_running_loop()
-        self._book = await loop.run_in_executor(
-            self._disk, Book, self.directory, self.module.platform, self.config, self._node.clock.boot_id
-        )
-        if self._book.repaired_bytes:
-            log.warning("the last run did not end: %d bytes were half-written", self._book.repaired_bytes)
-        self._tell_damage(self._book)
-        self.health.report(DISK, description="The disk takes the log")
+        self._book = await self._open_book()
         stats = await self.module.writer(
             "log/stats", LogStats, rate_hz=1.0, link="request", description="How the logger does"
         )
@@ -91,12 +86,38 @@ class Logger(Service):
             self._look(closely=True)
             await self._write(self._book)
 
-    def _tell_damage(self, book: Book) -> None:
+    async def _open_book(self) -> Book:
+        """Waits for a disk that takes the log; what is to be logged waits in shared memory."""
+        self.health.report(DISK, description="The disk takes the log")
+        loop = asyncio.get_running_loop()
+        platform, boot_id, repairs = self.module.platform, self._node.clock.boot_id, Repairs()
+        while True:
+            try:
+                book = await loop.run_in_executor(
+                    self._disk, Book, self.directory, platform, self.config, boot_id, repairs
+                )
+            except OSError as error:
+                self._say_disk(error)
+                await asyncio.sleep(DISK_RETRY_S)
+            else:
+                break
+        self.health.report(DISK)
+        if repairs.bytes:
+            log.warning("the last run did not end: %d bytes were half-written", repairs.bytes)
+        self._tell_damage(repairs)
+        return book
+
+    def _say_disk(self, error: OSError) -> None:
+        state = "full" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "failing"
+        detail = f"{self.directory}: {error.strerror or error}"
+        self.health.report(DISK, state, level="warn", detail=detail)
+
+    def _tell_damage(self, repairs: Repairs) -> None:
         now_ns, wall_ns = self.module.now_ns(), utc_ns()
-        for hole in book.holes:
+        for hole in repairs.holes:
             gap = LogGap("damaged", hole.queue, "", hole.last - hole.first + 1, hole.first, hole.last)
             self._batch.gaps.append((gap, now_ns, wall_ns))
-        for path in book.set_aside:
+        for path in repairs.set_aside:
             log.warning("%s: nothing in it can be read, it was set aside", path)
             self._batch.gaps.append((LogGap("damaged", "", path.name, 0), now_ns, wall_ns))
 
@@ -189,17 +210,13 @@ class Logger(Service):
     async def _write(self, book: Book) -> None:
         batch, self._batch = self._batch, Batch()
         taken_utc_ns = utc_ns()
-        if not batch:
-            if not book.waiting:
-                self._complete_utc_ns = taken_utc_ns
+        if not batch and not book.waiting:
+            self._complete_utc_ns = taken_utc_ns
             return
         try:
             await asyncio.get_running_loop().run_in_executor(self._disk, book.write, batch)
         except OSError as error:
-            state = "full" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "failing"
-            self.health.report(
-                DISK, state, level="warn", detail=f"{self.directory}: {error.strerror or error}"
-            )
+            self._say_disk(error)
             return
         self.health.report(DISK)
         self._complete_utc_ns = taken_utc_ns

@@ -4,6 +4,8 @@ import shutil
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
+import msgspec
+
 from swarmware.record.scan import MAGIC
 from swarmware.record.segment import TAIL, Channel, SegmentReader, SegmentWriter, ended
 
@@ -27,6 +29,17 @@ class Hole(NamedTuple):
     last: int
 
 
+class Repairs(msgspec.Struct):
+    """What was mended of what the last run had left; kept over starts that fail."""
+
+    bytes: int = 0
+    """Of half-written records."""
+    set_aside: list[Path] = []
+    """Segments in which nothing could be read."""
+    holes: list[Hole] = []
+    """Entries damaged in the segment that the last run had not ended."""
+
+
 class LogRing:
     """Segments `<number>.mcap` in one directory; the oldest goes when the ring is full.
 
@@ -42,6 +55,7 @@ class LogRing:
         min_free_bytes: int = 256 << 20,
         sync: Sync = "segment",
         boot_id: int = 0,
+        repairs: Repairs | None = None,
     ) -> None:
         self.directory = directory
         self._boot_id = boot_id
@@ -50,12 +64,7 @@ class LogRing:
         self._min_free_bytes = min_free_bytes
         self._sync = sync
         directory.mkdir(parents=True, exist_ok=True)
-        self.repaired_bytes = 0
-        """Bytes of half-written records that the last crash had left."""
-        self.set_aside: list[Path] = []
-        """Segments in which nothing could be read."""
-        self.holes: list[Hole] = []
-        """Entries damaged in the segment that the last run had not ended."""
+        self.repairs = Repairs() if repairs is None else repairs
         self._counters: dict[str, int] = {}
         self.last_stamps: dict[str, int] = {}
         """Newest stamp of this boot by local path; empty in a new ring."""
@@ -95,22 +104,24 @@ class LogRing:
     def _repair(self, path: Path) -> SegmentReader | None:
         """Gives a segment a valid end; None when nothing can be read in it."""
         reader = SegmentReader(path)
-        self.holes += _drain(reader)
+        holes = _drain(reader)
         size = path.stat().st_size
         if reader.offset == len(MAGIC):
             if size <= _BARE:
                 path.unlink()
-                self.repaired_bytes += size
+                self.repairs.bytes += size
             else:
-                self.set_aside.append(path.rename(path.with_suffix(DAMAGED)))
+                self.repairs.set_aside.append(path.rename(path.with_suffix(DAMAGED)))
             return None
-        if not reader.ended:
-            self.repaired_bytes += size - reader.offset
         with path.open("r+b") as file:
             # behind the last whole record only a half one can stand: everything else was read or passed over
             file.truncate(reader.offset)
             file.seek(0, 2)
             file.write(TAIL)
+        # only now: without room for the end the next start repairs the segment once more
+        self.repairs.holes += holes
+        if not reader.ended:
+            self.repairs.bytes += size - reader.offset
         return reader
 
     def _last_number(self) -> int:
@@ -169,8 +180,8 @@ class LogRing:
         self._old.flush()
         if self._sync != "none":
             self._old.sync()
-        self._old.close()
-        self._old = None
+        old, self._old = self._old, None  # its bytes are safe, whatever the closing says
+        old.close()
 
     def _prune(self) -> None:
         paths = _files(self.directory)

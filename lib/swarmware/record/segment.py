@@ -106,9 +106,9 @@ class Output:
 
     def close(self) -> None:
         """Gives the file back; what still waits is lost."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+        fd, self._fd = self._fd, -1  # given back even when closing says that something went wrong
+        if fd >= 0:
+            os.close(fd)
 
 
 class SegmentWriter:

@@ -1,5 +1,6 @@
 """The monitor's journal: what it must know again after a kill."""
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,25 @@ def test_what_was_saved_is_loaded_by_the_same_start_of_the_node_only(tmp_path: P
     journal.save((REGISTRATION,), (FAULT,))
     assert JournalFile(tmp_path / "health", 5).load() == Journal(5, (REGISTRATION,), (FAULT,))
     assert JournalFile(tmp_path / "health", 6).load() == Journal(6)
+    assert [path.name for path in (tmp_path / "health").iterdir()] == ["journal.json"]
+
+
+def test_a_full_disk_keeps_the_journal_before_and_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = JournalFile(tmp_path / "health", 5)
+    journal.save((REGISTRATION,), (FAULT,))
+
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", no_room)
+        with pytest.raises(OSError, match="No space"):
+            journal.save((), ())
+        patch.setattr(Path, "mkdir", no_room)
+        assert JournalFile(tmp_path / "elsewhere", 5).load() == Journal(5), "a monitor starts without room"
+    assert journal.load() == Journal(5, (REGISTRATION,), (FAULT,))
     assert [path.name for path in (tmp_path / "health").iterdir()] == ["journal.json"]
 
 

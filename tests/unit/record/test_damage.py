@@ -150,7 +150,7 @@ def test_damage_in_what_a_crash_left_is_a_hole_with_its_queue_and_sequences(tmp_
     path.write_bytes(data)
     ring = LogRing(tmp_path)
     ring.close()
-    assert ring.holes == [(POSE.queue, 31, 31)]
+    assert ring.repairs.holes == [(POSE.queue, 31, 31)]
     assert ring.counters[POSE.queue] == COUNT
 
 
@@ -160,7 +160,7 @@ def test_a_segment_in_which_nothing_can_be_read_is_set_aside_and_named(tmp_path:
     ring = LogRing(tmp_path)
     ring.close()
     assert [left.name for left in set_aside(tmp_path)] == ["00000001.damaged"]
-    assert ring.set_aside == set_aside(tmp_path)
+    assert ring.repairs.set_aside == set_aside(tmp_path)
     source = FolderSource([tmp_path])
     assert list(source.entries(Query())) == []
     assert "00000001.damaged" in source.losses()[0]

@@ -112,7 +112,7 @@ def test_a_cut_at_any_byte_loses_only_what_stood_behind_it(tmp_path: Path, data:
             assert sum(1 for _ in make_reader(file).iter_messages()) == len(before)
         again = LogRing(tmp_path)
         again.close()
-        assert again.repaired_bytes == 0
+        assert again.repairs.bytes == 0
     finally:
         for left in segments(tmp_path):
             left.unlink()
@@ -138,7 +138,7 @@ def test_a_ring_left_by_a_crash_goes_on_with_the_next_sequence(tmp_path: Path) -
     ring.close()
     path.write_bytes(data[: len(data) - 7])  # and the last whole record was cut
     again = LogRing(tmp_path)
-    assert again.repaired_bytes > 0
+    assert again.repairs.bytes > 0
     assert again.counters == {"uav1:navigator:out": 4}
     fill(again, 1)
     again.close()

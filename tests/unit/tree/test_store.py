@@ -1,13 +1,16 @@
 """Settings on disk: replaced whole, kept aside when broken, unchanged when they cannot be written."""
 
+import errno
 import logging
+import os
 from pathlib import Path
 
 import pytest
+import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarmd.tree.store import Store
+from swarmd.tree.store import Kept, Store
 
 
 def test_what_was_kept_is_there_after_a_start(tmp_path: Path) -> None:
@@ -63,6 +66,33 @@ def test_what_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
         kept = one.get("config/a")
         assert kept is not None
         assert kept.value == 1.0
+
+
+@pytest.mark.parametrize("call", ["open", "write", "fsync", "replace"])
+def test_a_full_disk_refuses_a_setting_and_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    path = tmp_path / "settings.toml"
+    store = Store(path)
+    store.put("config/a", 1.0, 0.0)
+
+    def no_room(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        match call:
+            case "fsync":
+                patch.setattr(os, "fsync", no_room)
+            case "write":
+                patch.setattr(tomli_w, "dump", no_room)
+            case _:
+                patch.setattr(Path, call, no_room)
+        with pytest.raises(OSError, match="No space"):
+            store.put("config/a", 2.0, 1.0)
+    assert [file.name for file in tmp_path.iterdir()] == ["settings.toml"]
+    for one in (store, Store(path)):
+        assert one.get("config/a") == Kept(value=1.0, version=1, before=0.0)
+    assert store.put("config/a", 2.0, 1.0).version == 2
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -1,0 +1,72 @@
+"""`swarmctl doctor` shows what the running node has found itself."""
+
+import asyncio
+from pathlib import Path
+
+from swarmctl.checkup import Result, examine
+from swarmware.module import Module
+from swarmware.testing import make_node
+from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
+from swarmware.types.net import Denial
+
+
+async def examined(config_dir: Path, *checks: str) -> list[Result]:
+    results = await asyncio.to_thread(examine, config_dir, fix=False)
+    return [result for result in results if result.check in checks]
+
+
+async def test_who_was_turned_away_is_said_with_the_address_and_how_often(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    async with Module("broker", config_dir=config_dir) as broker:
+        denials = await broker.stream_writer("net/denials", Denial, kind="event")
+        assert await examined(config_dir, "denied") == []
+        for count in (1, 3):
+            denials.write(Denial("uav2", "node", "call", "cmd/goto", count, "expected role operator"))
+        denials.write(Denial("uav3", "observer", "call", "sys/tree/set", 1, "expected role operator"))
+        first, second = await examined(config_dir, "denied")
+    assert first.verdict == second.verdict == "warning"
+    assert first.text.startswith("node@uav2: cmd/goto: 4 times, last 0 s ago: expected role operator")
+    assert second.text.startswith("observer@uav3: sys/tree/set: 1 times")
+
+
+async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    async with Module("broker", config_dir=config_dir) as broker:
+        denials = await broker.stream_writer("net/denials", Denial, kind="event")
+        for number in range(20):
+            denials.write(Denial(f"uav{number}", "node", "call", "cmd/goto", 2, "expected role operator"))
+        found = await examined(config_dir, "denied")
+    assert len(found) == 9
+    assert found[-1].text == "24 times in 12 other ways"
+
+
+async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    full = Fault("logger/disk", "full", "warn", Phase.CONFIRMED, 1, 2, 1, "/data/log: no space left")
+    away = Fault("age/nav/pose", "lost", "error", Phase.CONFIRMED, 1, 2, 1, message="none for 3 s")
+    over = Fault("logger/mongodb", "slow", "warn", Phase.HEALED, 1, 2, 1)
+    faults = [full, away, over]
+
+    async with Module("health", config_dir=config_dir) as health:
+        await health.serve(
+            "sys/health/faults",
+            FaultQuery,
+            lambda *_: FaultList("uav1", 3, tuple(faults)),
+            reply=FaultList,
+        )
+        shown = await examined(config_dir, "fault", "faults")
+        faults.clear()
+        well = await examined(config_dir, "fault", "faults")
+    assert [(one.verdict, one.text) for one in shown] == [
+        ("warning", "logger/disk: full: /data/log: no space left"),
+        ("error", "age/nav/pose: lost: none for 3 s"),
+    ]
+    assert [(one.verdict, one.check) for one in well] == [("ok", "faults")]
+
+
+async def test_a_monitor_that_does_not_answer_is_an_error(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    async with Module("health", config_dir=config_dir):
+        (found,) = await examined(config_dir, "fault", "faults")
+    assert found.verdict == "error"
+    assert "sys/health/faults" in found.text
