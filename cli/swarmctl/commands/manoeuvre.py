@@ -5,31 +5,16 @@ from typing import Any
 
 import click
 
-from swarmctl import completing
+from swarmctl.addressed import EVERYTHING, PLATFORMS, REASON, Decorator, waiting
 from swarmctl.lazy import Command
 from swarmctl.settings import settings
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def _options(wait_s: float) -> Decorator:
     """What these commands have in common."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for decorator in (
-            click.argument("platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completing.platforms),
-            click.option("--all", "everything", is_flag=True, help="Every vehicle that is known."),
-            click.option("--reason", default="operator", help="Why; it stands in every log."),
-            click.option(
-                "--timeout",
-                "wait_s",
-                metavar="SECONDS",
-                type=click.FloatRange(min=0, min_open=True),
-                default=wait_s,
-                help=f"Longest wait until it is seen to be done; default: {wait_s:g}.",
-            ),
-            click.pass_context,
-        ):
+        for decorator in (PLATFORMS, EVERYTHING, REASON, waiting(wait_s), click.pass_context):
             function = decorator(function)
         return function
 

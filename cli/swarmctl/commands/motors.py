@@ -3,6 +3,7 @@
 import click
 
 from swarmctl import completing
+from swarmctl.addressed import EVERYTHING, PLATFORMS, REASON, waiting
 from swarmctl.lazy import Command
 from swarmctl.settings import settings
 
@@ -10,17 +11,10 @@ _WAIT_S = 10.0
 
 
 @click.command(cls=Command)
-@click.argument("platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completing.platforms)
-@click.option("--all", "everything", is_flag=True, help="Every vehicle that is known.")
+@PLATFORMS
+@EVERYTHING
 @click.option("--yes", is_flag=True, help="Do not ask; motors may turn.")
-@click.option(
-    "--timeout",
-    "wait_s",
-    metavar="SECONDS",
-    type=click.FloatRange(min=0, min_open=True),
-    default=_WAIT_S,
-    help=f"Longest wait until it is seen to be done; default: {_WAIT_S:g}.",
-)
+@waiting(_WAIT_S)
 @click.pass_context
 def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: bool, wait_s: float) -> None:
     """Arm vehicles on the ground, after a question that names them. Names may be patterns: 'uav*'.
@@ -42,16 +36,9 @@ def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: b
 
 
 @click.command(cls=Command)
-@click.argument("platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completing.platforms)
-@click.option("--all", "everything", is_flag=True, help="Every vehicle that is known.")
-@click.option(
-    "--timeout",
-    "wait_s",
-    metavar="SECONDS",
-    type=click.FloatRange(min=0, min_open=True),
-    default=_WAIT_S,
-    help=f"Longest wait until it is seen to be done; default: {_WAIT_S:g}.",
-)
+@PLATFORMS
+@EVERYTHING
+@waiting(_WAIT_S)
 @click.pass_context
 def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wait_s: float) -> None:
     """Disarm vehicles that are on the ground; one in the air refuses. Names may be patterns: 'uav*'.
@@ -75,15 +62,8 @@ def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wai
 @click.option(
     "--confirm", "again", metavar="PLATFORM", default="", help="The same name again, instead of typing it."
 )
-@click.option("--reason", default="operator", help="Why; it stands in every log.")
-@click.option(
-    "--timeout",
-    "wait_s",
-    metavar="SECONDS",
-    type=click.FloatRange(min=0, min_open=True),
-    default=_WAIT_S,
-    help=f"Longest wait until it is seen to be done; default: {_WAIT_S:g}.",
-)
+@REASON
+@waiting(_WAIT_S)
 @click.pass_context
 def kill(ctx: click.Context, platform: str, again: str, reason: str, wait_s: float) -> None:
     """Stop the motors of one vehicle at once, also in the air: it falls. Its name is asked for twice.
