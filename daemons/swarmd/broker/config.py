@@ -30,7 +30,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     hear_only: tuple[Platform, ...] = ()
     """Platforms whose datagrams are heard; empty: all. Forms multi-hop swarms on one machine."""
     tick_hz: Annotated[float, msgspec.Meta(ge=1, le=50)] = 10.0
-    """Tick rate while somebody wants boards of this node; otherwise 2 Hz. Less where the air is full."""
+    """While somebody wants boards of this node and they change; 5 Hz at least while links come and go,
+    otherwise 2 Hz. Each of them is less where the air is full."""
     link_timeout_s: Annotated[float, msgspec.Meta(ge=0.2, le=60)] = 1.0
     """A neighbour that was silent for so long is down; 2.5 of its periods where that is longer."""
     relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 2200.0
