@@ -167,13 +167,21 @@ class Mission(Service):
     # -- what comes in
 
     def _on_order(self, order: MissionOrder, meta: Meta) -> Awaitable[MissionReceipt]:
-        return self._accept(order, meta.arrived_ns or self.module.now_ns())
+        return self._accept(order, meta.arrived_ns or self.module.now_ns(), self._sender(meta))
 
-    async def _accept(self, order: MissionOrder, received_ns: int) -> MissionReceipt:
+    def _sender(self, meta: Meta) -> str | None:
+        """The platform that a request came from; None where nothing proves it."""
+        if meta.sender is not None:
+            return meta.sender.platform
+        return self.module.platform if meta.sender_hw == self.module.node.hardware else None
+
+    async def _accept(
+        self, order: MissionOrder, received_ns: int, sender: str | None = None
+    ) -> MissionReceipt:
         if self._has_taken(order):
             return MissionReceipt(True, received_ns)
         try:
-            binding = self._admission.verify(order, received_ns, self._expiry(order, received_ns))
+            binding = self._admission.verify(order, received_ns, self._expiry(order, received_ns), sender)
             mission = await self._checker.load(order.text, order.file, binding)
             run = self._admission.run(order, mission)
             await self._values.open(run.mission.resources())

@@ -93,6 +93,15 @@ def test_an_order_that_came_too_late_is_refused() -> None:
         admit(order(), 12 * S)
 
 
+@pytest.mark.parametrize("sender", ["uav2", "uav1", "gcs2"])
+def test_an_order_in_the_name_of_another_platform_is_refused(sender: str) -> None:
+    with pytest.raises(
+        MissionError, match=f"order of gcs: sent by {sender}; expected it from its issuer itself"
+    ):
+        Admission("uav1", "uav").verify(order(), S, 10 * S, sender)
+    Admission("uav1", "uav").verify(order(), S, 10 * S, "gcs")
+
+
 def test_an_unsound_mission_is_refused_with_the_place() -> None:
     text = net(s="Start>t", t={"type": "Arm", "next": "e"}, e="End", x={"type": "Arm", "next": "e"})
     with pytest.raises(MissionError, match=r"hop/air\.json:1: /mission/x: 'x' can never be reached"):

@@ -15,12 +15,18 @@ class Admission:
         self._platform = platform
         self._kind = kind
 
-    def verify(self, order: MissionOrder, now_ns: int, expires_ns: int) -> Binding:
+    def verify(self, order: MissionOrder, now_ns: int, expires_ns: int, sender: str | None = None) -> Binding:
         """How the order's mission is to be read here.
 
-        `expires_ns` is the order's expiry on this platform's clock.
+        `expires_ns` is the order's expiry on this platform's clock; `sender` the platform that sent it, None
+        where nothing proves it.
         Raises: MissionError with the reason.
         """
+        # its expiry is in the issuer's time, and members answer to it: nobody orders in another's name
+        if sender is not None and sender != order.issuer:
+            raise MissionError(
+                f"order of {order.issuer}: sent by {sender}; expected it from its issuer itself"
+            )
         if now_ns > expires_ns:
             late_s = (now_ns - expires_ns) / 1e9
             raise MissionError(f"order of {order.issuer}: came {late_s:.1f} s after it had expired")
