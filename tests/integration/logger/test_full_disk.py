@@ -83,7 +83,8 @@ async def test_a_full_disk_is_shown_and_costs_nothing_when_there_is_room_again(
             for number in range(1, 400):
                 writer.write(Int(number))
             await until_shown(health, full=True)
-            found = {result.text for result in examine(config, fix=False) if result.check == "fault"}
+            results = await asyncio.to_thread(examine, config, fix=False)
+            found = {result.text for result in results if result.check == "fault"}
             assert any(text.startswith(f"logger/disk: full: {log}") for text in found), found
 
             with pytest.raises(SwarmError, match="cannot be kept"):
