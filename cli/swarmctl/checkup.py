@@ -229,7 +229,7 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[Result]:
         )
         return
     for fault in present.faults:
-        text = f"{fault.check}: {fault.state}: {fault.message or fault.freeze}"
+        text = f"{fault.check}: {fault.state}: {fault.what}"
         yield Result(
             "fault", "error" if fault.level == "error" else "warning", text, "swarmctl health faults"
         )

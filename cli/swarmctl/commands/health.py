@@ -155,7 +155,7 @@ def faults(ctx: click.Context, cleared: bool) -> None:
                 fault.count,
                 spoken((found.stamp_ns - fault.first_ns) / 1e9),
                 spoken((found.stamp_ns - fault.last_ns) / 1e9),
-                fault.message or fault.freeze,
+                fault.what,
             )
             for fault in found.faults
         ]

@@ -113,6 +113,11 @@ class Fault(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The data at the moment it was confirmed first."""
     message: str = ""
 
+    @property
+    def what(self) -> str:
+        """For people: what the check is about, and what it saw."""
+        return ": ".join(part for part in (self.message, self.freeze) if part)
+
 
 @register
 class HealthState(msgspec.Struct, frozen=True, array_like=True, gc=False):

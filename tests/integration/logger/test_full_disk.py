@@ -85,7 +85,9 @@ async def test_a_full_disk_is_shown_and_costs_nothing_when_there_is_room_again(
             await until_shown(health, full=True)
             results = await asyncio.to_thread(examine, config, fix=False)
             found = {result.text for result in results if result.check == "fault"}
-            assert any(text.startswith(f"logger/disk: full: {log}") for text in found), found
+            assert any(
+                text.startswith("logger/disk: full: ") and f"{log}: No space left" in text for text in found
+            ), found
 
             with pytest.raises(SwarmError, match="cannot be kept"):
                 await set_gain(module, 2.0)

@@ -43,7 +43,7 @@ async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp
 async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     full = Fault("logger/disk", "full", "warn", Phase.CONFIRMED, 1, 2, 1, "/data/log: no space left")
-    away = Fault("age/nav/pose", "lost", "error", Phase.CONFIRMED, 1, 2, 1, message="none for 3 s")
+    away = Fault("age/nav/pose", "lost", "error", Phase.CONFIRMED, 1, 2, 1, "3.1", "none for 3 s")
     over = Fault("logger/mongodb", "slow", "warn", Phase.HEALED, 1, 2, 1)
     faults = [full, away, over]
 
@@ -59,7 +59,7 @@ async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_pat
         well = await examined(config_dir, "fault", "faults")
     assert [(one.verdict, one.text) for one in shown] == [
         ("warning", "logger/disk: full: /data/log: no space left"),
-        ("error", "age/nav/pose: lost: none for 3 s"),
+        ("error", "age/nav/pose: lost: none for 3 s: 3.1"),
     ]
     assert [(one.verdict, one.check) for one in well] == [("ok", "faults")]
 
