@@ -1,4 +1,4 @@
-"""Opens connections from several addresses behind the firewall rules of a file; prints how many there were."""
+"""Opens connections from several addresses behind the firewall rules of a file; prints how many."""
 
 import json
 import socket
