@@ -70,6 +70,33 @@ def test_the_compared_nets_have_all_that_can_be_found() -> None:
     assert set(rules.split()) | {"ends-in-the-air"} <= set(seen)
 
 
+@pytest.mark.parametrize(
+    ("text", "rules"),
+    [
+        # the End comes at once: nobody is ever in b twice
+        (net(s="Start>f", f="Fork>a,b,e", a="Wait>b", b="Wait>e", e="End"), {"dead-block"}),
+        # the End of one branch cuts short the motion of the other
+        (
+            net(
+                s="Start>f",
+                f="Fork>a,m",
+                a={"type": "Arm", "next": "j", "nextTimeout": "e2"},
+                m="Hold>j",
+                j="Join>e",
+                e="End",
+                e2={"type": "End", "result": "failed"},
+            ),
+            {"cut-short"},
+        ),
+    ],
+    ids=["an End at once", "an End of one branch"],
+)
+def test_nothing_is_merged_that_an_end_can_tell_apart(text: str, rules: set[str]) -> None:
+    compared = both(text)
+    assert compared is not None
+    assert [{rule for _, rule in found} for found in compared] == [rules, rules]
+
+
 def polls(n: int) -> dict[str, Any]:
     """Looks at a value until it is as it should be."""
     cases = [{"if": "battery < 30 %", "next": "j"}]
