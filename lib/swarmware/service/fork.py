@@ -42,7 +42,7 @@ def own_folder(run_dir: Path, name: str) -> str:
 
 
 class Started:
-    """A process that was started here; `status` tells how it ended when the fork server is its parent."""
+    """A process that was started here; `status` reports how it ended when the fork server is its parent."""
 
     def __init__(self, pid: int, status: socket.socket | None = None) -> None:
         self.pid = pid
