@@ -162,6 +162,6 @@ def test_at_rest_nothing_is_sent_however_long(patterns: dict[str, tuple[str, ...
 
 def test_to_join_a_swarm_of_sixteen_costs_a_question_and_an_answer_with_each_and_the_structures() -> None:
     swarm = cell({})
-    assert swarm.structure_bytes["uav15"] <= 2_800
+    assert swarm.structure_bytes["uav15"] <= 850
     # thirty exchanges of some 150 bytes, of which the frames' headers are a hundred
     assert swarm.bytes["uav15"] - swarm.structure_bytes["uav15"] <= 4_700

@@ -213,6 +213,15 @@ def _bomb(paths: int) -> bytes:
     return zlib.compress(msgspec.msgpack.encode([[], [], [""] * paths]), 9)
 
 
+def test_changes_are_read_with_the_dictionary_or_without_and_one_resource_takes_few_bytes() -> None:
+    data = structure.encode([leaf(STEP)], [])
+    plain = zlib.decompressobj(zdict=structure.DICTIONARY).decompress(data)
+    assert structure.decode(zlib.compress(plain)) == structure.decode(data)
+    assert len(data) < len(zlib.compress(plain, 9)) / 2
+    with pytest.raises(WireError, match="structure"):
+        structure.decode(zlib.compressobj(6, zdict=b"another").flush() + data)
+
+
 def test_a_structure_of_two_million_paths_is_refused_before_it_takes_memory() -> None:
     bomb = _bomb(2_000_000)
     assert len(bomb) < 10_000

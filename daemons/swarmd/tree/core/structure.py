@@ -31,6 +31,16 @@ class Form(IntEnum):
     """A template and the changes to it."""
 
 
+DICTIONARY: Final = (
+    b"\xa4kind\xa7command\xa6access\xa2rw\xa4unit\xa5reply\xa5range\xa7choices\xa7confirm\xa8critical\xc3\xa4mode"
+    b"\xa3log\xa31hz\xa3all\xa7rate_hz\xcb@$\x00\x00\x00\x00\x00\x00\xa4link\xa4tick\xabdescription"
+    b"\xa4kind\xa6stream\xa4kind\xa5event\xa4kind\xa7setting\xa8category\xa8periodic"
+    b"/sys/nav/plan/cmd/config/health/vehicle/sensor/log/mission/state/status"
+    b"\x94\x90\x90\x90\x90\x94\x91\x84\x94\x91\x85\xde\x00\x05\xa4path\xa7app/\xa4type\xa4Text"
+    b"\xa8category\xabconditional\xa4link\xa6notify\xa5owner\xa7planner\x90\x90\x90"
+)
+"""What both sides of the compression know beforehand (RFC 1950, FDICT): words of most descriptors. One
+resource beside a template takes 27 bytes with it, 88 without."""
 PATHS_LIMIT: Final = 10_000
 """Resources of one platform, and paths in one change: a hundred times the largest template."""
 PLAIN_LIMIT: Final = 4 * PATHS_LIMIT * 128
@@ -96,7 +106,8 @@ def encode(put: Iterable[Leaf], removed: Iterable[str], template: Iterable[Leaf]
         tuple(sorted(removed)),
         tuple(item.resource for item in template),
     )
-    return zlib.compress(_encoder.encode(changes), 6)
+    deflate = zlib.compressobj(6, zdict=DICTIONARY)
+    return deflate.compress(_encoder.encode(changes)) + deflate.flush()
 
 
 class Patches:
@@ -128,7 +139,7 @@ class Patches:
 
 def decode(data: bytes) -> Patch:
     """Changes from the wire. Raises: WireError."""
-    inflate = zlib.decompressobj()
+    inflate = zlib.decompressobj(zdict=DICTIONARY)
     try:
         plain = inflate.decompress(data, PLAIN_LIMIT)
         if not inflate.eof:
