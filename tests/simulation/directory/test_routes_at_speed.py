@@ -40,13 +40,13 @@ def fly(swarm: Swarm, seconds: int) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("seeds", "nodes", "seconds", "budget_bytes_s"),
-    [(range(1, 5), 16, 10, 300), (range(1, 5), 50, 8, 800), (range(1, 2), 100, 6, 800)],
+    [(range(1, 5), 16, 10, 300), (range(1, 5), 50, 8, 600), (range(1, 3), 100, 6, 750)],
 )
 def test_swarms_at_10_m_s_have_their_routes(
     seeds: range, nodes: int, seconds: int, budget_bytes_s: int
 ) -> None:
     flights = [fly(Swarm(seed, nodes, SECOND // 10, speed_m_s=10.0), seconds) for seed in seeds]
-    assert sum(routed for routed, _ in flights) / len(flights) >= 0.995, flights
+    assert sum(routed for routed, _ in flights) / len(flights) >= 0.998, flights
     assert max(bytes_s for _, bytes_s in flights) <= budget_bytes_s
 
 
