@@ -129,7 +129,7 @@ class Broker(Service):
             await self._open_boards()
             self.health.report("name", description="One computer for each name")
             self.health.report("processor", description="Ticks begin when they are due")
-            node.post.set_gateway(self._frames.from_here)
+            node.post.set_gateway(self._frames.from_here, self._frames.links.together)
             stack.callback(node.post.set_gateway, None)
             if config.seeds:
                 module.start(self._datagrams.look_up_seeds(), "seeds")

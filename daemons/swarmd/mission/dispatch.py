@@ -80,8 +80,9 @@ class Dispatcher:
         # the own order crosses no link: its check waits until the others' orders have left
         parts = sorted(cast.parts, key=lambda part: part.member.platform == self._module.platform)
         orders = [(part.member.platform, self._order(folder, cast, part, epoch)) for part in parts]
-        # all leave before any answer is looked at
-        receipts = await asyncio.gather(*[self._send(order, platform) for platform, order in orders])
+        with self._module.node.post.together():
+            answers = [self._send(order, platform) for platform, order in orders]
+        receipts = await asyncio.gather(*answers)
         accepted = all(receipt.accepted for receipt in receipts)
         name = folder.manifest.name
         if accepted:

@@ -3,6 +3,7 @@
 import asyncio
 from collections import Counter
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
@@ -45,6 +46,8 @@ RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
 """Takes a request and, then or later, gives its answer to the function."""
 Gateway = Callable[[Frame], None]
 """Takes frames for other platforms: the broker, when it is in this process."""
+Together = Callable[[], AbstractContextManager[None]]
+"""Holds frames back until all of them are there."""
 
 
 class Clocks(Protocol):
@@ -77,6 +80,7 @@ class Post:
         self._wire = Wire(socket_path, self._on_data)
         self.endpoint = self._wire.endpoint
         self._gateway: Gateway | None = None
+        self._together: Together = nullcontext
         self._served: dict[int, _Served] = {}
         self._apps: set[int] = set()
         self._clocks: dict[Clocks, None] = {}
@@ -129,9 +133,14 @@ class Post:
         clocks = next(reversed(self._clocks), None)
         return clocks is not None and expired_here(frame, now_ns, clocks.conversion(frame.sender_hw))
 
-    def set_gateway(self, gateway: Gateway | None) -> None:
+    def set_gateway(self, gateway: Gateway | None, together: Together = nullcontext) -> None:
         """Frames for other platforms go to this function: called by the broker."""
         self._gateway = gateway
+        self._together = together
+
+    def together(self) -> AbstractContextManager[None]:
+        """Frames for other platforms that are sent meanwhile leave at its end, as close as they can."""
+        return self._together()
 
     # -- sending
 

@@ -40,6 +40,24 @@ async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_pat
 
 
 @on_uvloop
+async def test_frames_that_are_sent_together_leave_when_all_are_there(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        await pair["uav1"].until_up("uav2")
+        await serve_echo(pair["uav2"])
+        app = pair["uav1"].app
+        await app.request("/uav2/cmd/echo", Text("connected"), Text)
+        before = (await pair["uav1"].traffic()).sent_frames
+        with app.node.post.together(), app.node.post.together():
+            asked = [app.request("/uav2/cmd/echo", Text(f"{number}"), Text) for number in range(3)]
+            assert (await pair["uav1"].traffic()).sent_frames == before
+        assert [text.value for text in await asyncio.gather(*asked)] == [
+            "uav2: 0",
+            "uav2: 1",
+            "uav2: 2",
+        ]
+
+
+@on_uvloop
 async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         for station in pair.values():

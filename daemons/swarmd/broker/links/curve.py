@@ -2,7 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 import msgspec
@@ -153,9 +154,13 @@ class _Way:
         gone = self.queue.put(data, frame, now_ns)
         if lane(frame) not in self._connections:
             self._connections[lane(frame)] = _Connection(self, lane(frame))
+        if not self.links.holds(self):
+            self.flush(now_ns)
+        return gone
+
+    def flush(self, now_ns: int) -> None:
         for connection in tuple(self._connections.values()):
             connection.flush(now_ns)
-        return gone
 
     def deny(self, reason: str) -> None:
         log.warning("no frames go to %s: %s", self.peer.platform, reason)
@@ -203,6 +208,8 @@ class Links:
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
         self._on_frame = on_frame
         self._ways: dict[int, _Way] = {}
+        self._held: dict[_Way, None] | None = None
+        """Ways with frames that wait for the end of `together`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
         # before the first socket with CURVE: without an answering authenticator libzmq would let all in
         self._zap = Zap(self._context, loop, keys)
@@ -248,6 +255,32 @@ class Links:
         return socket
 
     # out
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Frames that are sent meanwhile are handed to libzmq at its end, one right behind the other.
+
+        Otherwise its thread sends the first while others are still being made, and on a busy computer the
+        receivers that this wakes take its turns until the last has waited for all of them.
+        """
+        if self._held is not None:
+            yield  # the outer one sends them
+            return
+        self._held = {}
+        try:
+            yield
+        finally:
+            held, self._held = self._held, None
+            now_ns = self.now_ns()
+            for way in held:
+                way.flush(now_ns)
+
+    def holds(self, way: _Way) -> bool:
+        """Whether the frames of this way are sent later; then they will be."""
+        if self._held is None:
+            return False
+        self._held[way] = None
+        return True
 
     def send(self, peer: Peer, data: bytes, frame: Frame) -> list[Waiting]:
         """Sends a frame to a neighbour, or queues it; what had to be dropped for it."""
