@@ -22,7 +22,7 @@ TURN: Final = 64
 """Datagrams taken from a socket before the event loop gets its turn: about 3 ms."""
 COALESCE_S: Final = 0.02
 """While datagrams come faster than this, they are taken together this often, a fifth of a tick late at most.
-One costs 20 µs right after another one, several times that when other processes had the caches meanwhile
+One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
 (`tests/bench/ticks.py`). The kernel's stamps say when each of them came."""
 DATAGRAM_MAX: Final = 2048
 RECEIVE_BYTES: Final = 512 * 1024
