@@ -163,29 +163,31 @@ class Air:
         self.delivery = self.hears()
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap(seed: int) -> None:
-    air = Air(seed, count=16, degree=6.0, speed_m_s=5.0)
-    air.run(4.0)
-    warm_bytes = sum(radio.sent_bytes for radio in air.radios)
-    for _ in range(16):
-        air.run(0.5)
-        air.move(0.5)
-        air.look()
-    per_node = (sum(radio.sent_bytes for radio in air.radios) - warm_bytes) / 16 / 8.0
-    assert per_node <= 2200, "bytes per node and second"
-    near, far = np.array(air.ages_s[1]), np.array(air.ages_s[2])
-    assert np.quantile(near, 0.95) <= 0.25
-    assert np.quantile(far, 0.95) <= 0.4
-    assert max(air.ages_s) >= 3, "this seed shows nothing about many hops"
-    assert np.quantile(np.array(air.ages_s[3]), 0.95) <= 0.8
-    hops = air.distances()
-    for index, radio in enumerate(air.radios):
-        for other, name in enumerate(air.names):
-            if hops[index][other]:
-                member = radio.station.members.get(hardware_id(name))
-                assert member is not None
-                assert member.platform == name
+def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
+    ages_s: dict[int, list[float]] = defaultdict(list)
+    for seed in range(5):
+        air = Air(seed, count=16, degree=6.0, speed_m_s=5.0)
+        air.run(4.0)
+        warm_bytes = sum(radio.sent_bytes for radio in air.radios)
+        for _ in range(16):
+            air.run(0.5)
+            air.move(0.5)
+            air.look()
+        per_node = (sum(radio.sent_bytes for radio in air.radios) - warm_bytes) / 16 / 8.0
+        assert per_node <= 2200, "bytes per node and second"
+        assert max(air.ages_s) >= 3, "this seed shows nothing about many hops"
+        for hops, found_s in air.ages_s.items():
+            ages_s[hops] += found_s
+        distances = air.distances()
+        for index, radio in enumerate(air.radios):
+            for other, name in enumerate(air.names):
+                if distances[index][other]:
+                    member = radio.station.members.get(hardware_id(name))
+                    assert member is not None
+                    assert member.platform == name
+    # of all swarms together: in one of them a single node at the edge decides about three hops
+    for hops, limit_s in ((1, 0.15), (2, 0.35), (3, 0.65)):
+        assert np.quantile(np.array(ages_s[hops]), 0.95) <= limit_s
 
 
 def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby() -> None:
