@@ -18,12 +18,12 @@ import numpy as np
 
 from swarmctl.connect import Link, connect
 from swarmctl.lab import record, upkeep
-from swarmctl.lab.experiment import TASK, TASK_S, mission_task
+from swarmctl.lab.experiment import PLAN, TASK, TASK_S, mission_task
 from swarmctl.lab.record import LabRecord
 from swarmctl.lab.recording import ClockTruth
 from swarmctl.lab.report import LIMITS
 from swarmctl.lab.watch import SwarmWatch
-from swarmware.types.mission import AbortAnswer, MissionAbort, TaskAnswer
+from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, TaskAnswer
 
 NODES: Final = 16
 OWN: Final = "bench-orders"
@@ -73,6 +73,8 @@ async def measure(lab: LabRecord, orders: int) -> list[dict[str, object]]:
     async with connect(upkeep.way_in(lab)) as link:
         watch = await SwarmWatch.open(link)
         await watch.until_quiet(QUIET_S)
+        # as `mission start`: who would take part is asked before the instruction is given
+        await link.ask(PLAN, mission_task(lab.experiment), MissionPlan, timeout_s=TASK_S)
         first = await one(link, lab)
         others = [await one(link, lab) for _ in range(orders)]
     return [

@@ -26,8 +26,9 @@ from swarmware import __version__, document
 from swarmware.config import share_dir
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.mission.folder import MANIFEST
-from swarmware.types.mission import MissionFile, MissionState, MissionTask, TaskAnswer
+from swarmware.types.mission import MissionFile, MissionPlan, MissionState, MissionTask, TaskAnswer
 
+PLAN: Final = "sys/mission/plan"
 TASK: Final = "sys/mission/task"
 TASK_S: Final = 30.0
 """Longest wait until all platforms have answered the order."""
@@ -169,6 +170,10 @@ async def _mission(link: Link, lab: LabRecord, course: Course, duration_s: float
     task = mission_task(lab.experiment)
     if not await watch.until_quiet(QUIET_S):
         out.say("the links are still busy; going on")
+    # as `mission start`: who would take part is asked before the instruction is given
+    plan = await link.ask(PLAN, task, MissionPlan, timeout_s=TASK_S)
+    for left in plan.left_out:
+        out.warn(f"{left.platform}: takes no part: {left.why}")
     course.command()
     try:
         course.answer = answer = await link.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
