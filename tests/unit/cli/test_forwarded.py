@@ -7,7 +7,7 @@ import pytest
 
 from swarmctl import checkup, configuration, records
 from swarmctl.lab import record
-from swarmctl.lab.folders import Wish, make
+from swarmctl.lab.folders import Wish, make, remove
 from swarmctl.settings import Settings
 from swarmware.config import load_service
 from swarmware.errors import NotFound, Partial
@@ -45,10 +45,11 @@ def test_a_node_that_forwards_nowhere_has_no_database_of_its_own(tmp_path: Path)
 
 
 def test_the_database_of_a_lab_is_recorded_and_read_and_its_files_are_closed_to_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     monkeypatch.setenv("SWARMCTL_LABS", str(tmp_path))
     lab = make(Wish(experiment="formation", nodes=3, seed=1, name="field", mongodb_uri=URI))
+    request.addfinalizer(lambda: remove(lab))  # its folders of shared memory are not below tmp_path
     assert record.load(Path(lab.folder)).mongodb_database == "swarm_field"
     assert records.database(Settings(lab="field"), "mongodb://h", "") == ("mongodb://h", "swarm_field")
     files = [Path(lab.folder) / record.FILE, lab.nodes[0].config_dir / "services" / "logger.toml"]
