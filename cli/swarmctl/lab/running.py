@@ -74,8 +74,10 @@ def environment(lab: LabRecord, node: NodeRecord) -> dict[str, str]:
 class RunningLab:
     """Starts the nodes, a few at a time, and watches them through the kernel: no polling."""
 
-    def __init__(self, lab: LabRecord) -> None:
+    def __init__(self, lab: LabRecord, *, heals: bool = True) -> None:
+        """`heals`: a node whose parent was killed is started again."""
         self.record = lab
+        self._heals = heals
         self.log_of: Callable[[NodeRecord], Path] = lambda node: node.log_file
         """Where a node's log is found when the lab has ended."""
         self.watcher: Watcher = lambda _platform, _what: None
@@ -213,7 +215,8 @@ class RunningLab:
         os.close(fd)
         code = self._children[platform].wait()
         pause_s = None
-        if self._watching and code < 0 and -code not in ASKED and not folders.ending(self.record):
+        killed = code < 0 and -code not in ASKED
+        if killed and self._heals and self._watching and not folders.ending(self.record):
             pause_s = self._lives[platform].on_end(time.monotonic_ns(), killed=-code == signal.SIGKILL)
         if pause_s is None:
             self.fallen[platform] = code

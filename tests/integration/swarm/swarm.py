@@ -35,7 +35,7 @@ class Swarm:
 
     async def start(self, *platforms: str) -> None:
         """Starts these nodes and returns when each has said that it is ready."""
-        started = RunningLab(self.record)
+        started = RunningLab(self.record, heals=False)  # whoever kills a node here also starts it again
         for platform in platforms:
             if (
                 before := self._starts.pop(platform, None)
