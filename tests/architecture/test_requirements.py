@@ -1,0 +1,161 @@
+"""The page of requirements: every capability once, with a state, and with tests and commands that exist."""
+
+import ast
+import re
+import shlex
+from collections import Counter
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+from swarmctl.main import cli
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "share/doc/requirements.md"
+COUNTS = {"S0": 92, "S1": 85, "S2": 56, "S3": 32, "S4": 43}
+COMPLETE: tuple[str, ...] = ()
+"""Sources all of whose lines are on the page."""
+
+THEMES = ("node", "links", "missions", "record", "ground", "scale")
+STATE = re.compile(rf"done|none|part: \S.{{5,}}|later: ({'|'.join(THEMES)})")
+CITATION = re.compile(r"\b(S[0-4])\.(\d+)(?:(?:–| to )(?:S[0-4]\.)?(\d+))?")
+DAEMON_COMMANDS = ("run", "node", "units", "ls")
+FOLDERS = ("lib", "daemons", "cli", "etc", "share", "tests")
+
+
+class Line(NamedTuple):
+    """One capability as the page has it."""
+
+    id: str
+    capability: str
+    state: str
+    shown_by: str
+    source: str
+    """Of the heading above it."""
+
+
+def lines() -> list[Line]:
+    found, source = [], ""
+    for text in PAGE.read_text().splitlines():
+        if heading := re.match(r"## (S\d) ", text):
+            source = heading[1]
+        if re.match(r"\| *S\d\.", text):
+            cells = [cell.strip() for cell in text.strip().strip("|").split(" | ")]
+            assert len(cells) == 4, f"expected four cells: {text}"
+            found.append(Line(cells[0], cells[1], cells[2], cells[3], source))
+    return found
+
+
+LINES = lines()
+
+
+def names_of(source: str) -> list[str]:
+    return [f"{source}.{number}" for number in range(1, COUNTS[source] + 1)]
+
+
+@cache
+def functions(path: Path) -> frozenset[str]:
+    tree = ast.parse(path.read_text())
+    return frozenset(n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
+
+
+@cache
+def targets() -> frozenset[str]:
+    return frozenset(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
+def accept_swarmctl(words: list[str]) -> None:
+    """Raises: click.ClickException, when the command or an option of it does not exist."""
+    command: click.Command = cli
+    context = click.Context(cli, info_name="swarmctl")
+    while isinstance(command, click.Group) and words:
+        found = command.get_command(context, words[0])
+        if found is None:
+            raise click.UsageError(f"no command {words[0]!r} in {context.command_path!r}")
+        command, words = found, words[1:]
+        context = click.Context(command, parent=context, info_name=command.name)
+    if not isinstance(command, click.Group):
+        command.make_context(command.name, words, parent=context.parent)
+
+
+def accept(shown: str) -> None:
+    """Raises: click.ClickException, when the test or command does not exist."""
+    if "::" in shown:
+        path, _, function = shown.partition("::")
+        if not path.startswith("tests/") or not (ROOT / path).is_file():
+            raise click.UsageError("no such file below tests/")
+        if not function.startswith("test_") or function not in functions(ROOT / path):
+            raise click.UsageError("no such test in the file")
+        return
+    program, *words = shlex.split(shown)
+    if program == "swarmctl":
+        accept_swarmctl(words)
+    elif not (
+        (program == "swarmd" and words and words[0] in DAEMON_COMMANDS)
+        or (program == "make" and words and words[0] in targets())
+        or (program == "python" and words and (ROOT / words[0]).is_file())
+    ):
+        raise click.UsageError(
+            "expected a test, or a command of swarmctl, swarmd, make or python that exists"
+        )
+
+
+def faults_of(line: Line) -> list[str]:
+    """What is wrong with the last cell of a line."""
+    if line.state != "done" and not line.state.startswith("part"):
+        return [] if line.shown_by == "–" else ["nothing is there, so nothing can show it: expected –"]
+    shown = re.findall(r"`([^`]+)`", line.shown_by)
+    if not shown or re.sub(r"`[^`]+`|,", "", line.shown_by).strip():
+        return ["expected tests and commands in backticks, nothing else"]
+    faults = []
+    for each in shown:
+        try:
+            accept(each)
+        except click.ClickException as error:
+            faults.append(f"{each}: {error.format_message()}")
+    return faults
+
+
+def test_every_capability_stands_on_the_page_at_most_once_and_below_its_source() -> None:
+    assert not [name for name, count in Counter(line.id for line in LINES).items() if count > 1]
+    known = {name for source in COUNTS for name in names_of(source)}
+    assert not [line.id for line in LINES if line.id not in known]
+    assert not [line.id for line in LINES if line.id.split(".")[0] != line.source]
+
+
+def test_the_page_has_all_capabilities_of_each_source_in_order() -> None:
+    for source in COMPLETE:
+        assert [line.id for line in LINES if line.source == source] == names_of(source)
+
+
+def test_the_page_says_how_many_capabilities_there_are() -> None:
+    assert f"The {sum(COUNTS.values())} capabilities" in PAGE.read_text()
+
+
+def test_a_capability_has_a_sentence_and_a_state() -> None:
+    assert not [line for line in LINES if not re.fullmatch(r"[A-Z0-9]\S*( \S+){3,}\.", line.capability)]
+    assert not [f"{line.id}: {line.state}" for line in LINES if not STATE.fullmatch(line.state)]
+
+
+def test_what_is_there_is_shown_by_tests_and_commands_that_exist() -> None:
+    faults = [f"{line.id}: {fault}" for line in LINES for fault in faults_of(line)]
+    assert not faults
+
+
+def test_what_the_repository_cites_stands_on_the_page() -> None:
+    known = {line.id for line in LINES}
+    known |= {name for source in COUNTS if source not in COMPLETE for name in names_of(source)}
+    missing = []
+    for path in (path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*"))):
+        if path == PAGE or not path.is_file() or "__pycache__" in path.parts:
+            continue
+        try:
+            text = path.read_text()
+        except UnicodeDecodeError:  # a picture or a recording
+            continue
+        for source, first, last in CITATION.findall(text):
+            cited = (f"{source}.{number}" for number in range(int(first), int(last or first) + 1))
+            missing += [f"{path.relative_to(ROOT)}: {name}" for name in cited if name not in known]
+    assert not missing
