@@ -14,7 +14,7 @@ from swarmware.errors import SwarmError
 
 
 class Kind(StrEnum):
-    """What a resource is; the kind decides how its value may move (design, section 10)."""
+    """What a resource is; the kind decides how its value may move."""
 
     BRANCH = "branch"
     """An inner node of the tree: has a description, no value."""
@@ -38,7 +38,7 @@ Link = Literal["", "tick", "notify", "request"]
 Plain = bool | int | float | str
 
 STALE_PERIODS = 3.0
-"""A periodic value that missed three periods in a row is stale (design, section 12)."""
+"""A periodic value that missed three periods in a row is stale; two lost datagrams in a row are usual."""
 
 SLOWEST_HZ = 1e-6
 FASTEST_HZ = 1e6

@@ -32,7 +32,7 @@ from swarmware.types.scalar import Blob
 ROUNDS = 5
 PAYLOAD_BYTES = 200
 BUDGET_US = 500.0
-"""Message app → broker → broker → app, p50; design, section 17."""
+"""Message app → broker → broker → app, p50, on one machine with CURVE."""
 STAMP = 8
 
 

@@ -1,4 +1,4 @@
-"""The frame header of design section 5, byte by byte."""
+"""The frame header of share/doc/protocol.md, section 2, byte by byte."""
 
 import contextlib
 

@@ -96,13 +96,13 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Limits(msgspec.Struct, frozen=True):
-    """What the experiment must reach (issue of the walking swarm, two cores)."""
+    """What the experiment must reach, on two cores."""
 
     ready_s: float = 15.0
     formation_error_m: float = 1.0
     receipt_p50_ms: float = 6.0
     receipt_p99_ms: float = 11.95
-    """S0's own figure."""
+    """The paper's own figure."""
     bytes_per_notification: float = 200.0
 
 

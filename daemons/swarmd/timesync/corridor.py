@@ -3,7 +3,8 @@
 A packet that arrives bounds the remote clock from below (it left earlier), its echo from above
 (it arrived later). All such bounds together leave a corridor; the line in its middle, at the skew
 where it is widest, is the conversion function, half its width the honest error bound.
-Source: scale.md 4.3.
+Source: Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements (1999),
+for one side; here both sides have one skew in common, and older points are loosened by `AGEING` (ADR 7).
 """
 
 import math
@@ -325,7 +326,7 @@ def _residuals(upper: list[Point], lower: list[Point], skew: float) -> tuple[lis
 def _trust(above: list[float], below: list[float], span_s: float) -> float:
     """How far a skew found over a short span is believed against the prior one, 0–1.
 
-    scale.md has (span/8)² alone; weighing the variance of quartz against that of the envelopes
+    (span/8)² alone is slow on a quiet link; weighing the variance of quartz against that of the envelopes
     takes a LAN from 68 to 1 µs (median, seconds 4–8) and changes nothing on jittery links.
     """
     by_span = (span_s / SETTLED_S) ** 2

@@ -8,7 +8,7 @@ from swarmd.timesync.corridor import SKEW_LIMIT, Corridor, Estimate, NoLine
 from swarmware.types.time import Conversion
 
 RESOLUTION_NS: Final = 1_000
-"""Stamps travel as whole µs (scale.md 4.1): a difference of two is off by less than one."""
+"""Stamps travel as whole µs (share/doc/protocol.md 3.1): a difference of two is off by less than one."""
 
 STEP_MARGIN_NS: Final = 200_000
 """A prediction outside the bounds by more than this and its own error is a clock step."""

@@ -1,7 +1,8 @@
 """Who is the master: a file lock decides, a pidfd tells of the holder's death, bells tell of its wishes.
 
-Measured with seven stand-bys: the role is taken over 0.7 ms after a kill (scale.md 5). A lock survives in a
-forked child, so processes of a node are spawned, never forked.
+The kernel drops the lock and readies the pidfd in the same instant, so a stand-by takes over within
+milliseconds; a lease in shared memory would have to run out first. A lock survives in a forked child, so no
+process that holds one is ever forked (ADR 20).
 """
 
 import asyncio

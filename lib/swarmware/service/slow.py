@@ -8,7 +8,7 @@ from contextvars import Context
 from typing import Any, Final
 
 SLOW_NS: Final = 50_000_000
-"""Two and a half periods of the fastest loop, the simulation's 50 Hz (style.md, habits)."""
+"""Two and a half periods of the fastest loop, the simulation's 50 Hz."""
 QUIET_NS: Final = 10_000_000_000
 """A task that is always slow says so this often."""
 

@@ -54,7 +54,7 @@ MIN_SLOTS = 4
 """A reader that starts on the newest frame has three writes' time to finish."""
 MAX_SLOTS = 1 << 16
 MAX_SLOT_BYTES = 64 << 20
-"""Eight times the largest camera frame of the budget (design, section 17)."""
+"""Eight uncompressed camera frames of 1920 × 1080 pixels and 4 bytes."""
 MAX_RING_BYTES = 1 << 30
 LENGTH_MASK = 0xFFFF_FFFF
 """META: length of the frame in the lower half, its checksum in the upper."""

@@ -12,10 +12,12 @@ from swarmware.types.bounds import Count, Instant, Uint32
 from swarmware.types.registry import register
 
 AGEING: Final = 5.196e-8
-"""Drift slack in s per s^1.5: 3·q/√3 with a random walk of q = 0.03 ppm/√s (scale.md 4.3)."""
+"""Drift slack in s per s^1.5: 3·q/√3, three standard deviations of a clock whose rate walks at random by
+q = 0.03 ppm/√s."""
 
 LIKELY_SIGMAS: Final = 8.0
-"""Sigmas that hold 99.9 % of composed errors in simulation (scale.md 4.4)."""
+"""Standard deviations that held 99.9 % of the errors of simulated chains of one to ten links: the errors of
+a link have heavier tails than a normal distribution, of which four would do."""
 
 
 SKEW_LIMIT: Final = 0.01
@@ -157,7 +159,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     def then(self, further: "Conversion", via: str) -> "Conversion":
         """Composition over one more hop: `self` is ours → via, `further` is via → the unit of the result.
 
-        Source: scale.md 4.4.
+        Offsets add at the converted instant, rates multiply, bounds add, variances add.
         """
         # The older of the two: a composed function must not look fresher than its oldest link.
         at_ns = min(self.t0_ns, self.to_local(further.t0_ns))

@@ -1,4 +1,4 @@
-"""Estimator on simulated clocks and links: the delay models of scale.md 4.2, seeded, in virtual time."""
+"""Estimator on simulated clocks and links: four models of delay, seeded, in virtual time."""
 
 from itertools import pairwise
 from random import Random

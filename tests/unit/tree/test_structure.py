@@ -1,7 +1,9 @@
 """Structures on the wire, and the history of one's own."""
 
 import contextlib
+import re
 import zlib
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -30,6 +32,15 @@ def test_changes_applied_on_the_other_side_give_the_same_digest() -> None:
 def test_a_template_travels_with_the_changes() -> None:
     patch = structure.decode(structure.encode([C], [], [A, B]))
     assert Index(patch.template).digest == Index([A, B]).digest
+
+
+def test_the_dictionary_of_the_protocol_page_opens_our_structures() -> None:
+    page = (Path(__file__).parents[3] / "share/doc/protocol.md").read_text("utf-8")
+    (shown,) = re.findall(r"```structure-dictionary\n([0-9a-f]+)\n```", page)
+    dictionary = bytes.fromhex(shown)
+    plain = zlib.decompressobj(zdict=dictionary).decompress(structure.encode([A, B], ["c"]))
+    assert msgspec.msgpack.decode(plain, type=Changes).put == (A.resource, B.resource)
+    assert f"dictionary id {zlib.adler32(dictionary):#x}" in " ".join(page.split())
 
 
 def test_the_version_changes_with_the_start_and_with_the_content() -> None:

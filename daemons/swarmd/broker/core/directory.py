@@ -13,7 +13,7 @@ import msgspec
 from swarmd.broker.core.tick import HOPS_MAX, INFINITY, LOST, NEVER_NS, Row, SequenceRequest
 
 HYSTERESIS: Final = 96
-"""A new next hop must be this much better; scale study, section 2.3."""
+"""A new next hop must be better by this: loss that comes and goes must not move a route."""
 REFRESH_NS: Final = 250_000_000
 """Refresh period of a row per hop of distance."""
 REFRESH_MAX_NS: Final = 2_000_000_000

@@ -25,7 +25,7 @@ CHANGING_NS: Final = 5_000_000_000
 NEW_NS: Final = 1_500_000_000
 """For so long after its first datagram a node that was started again names its session in all of them."""
 ROWS_MAX: Final = 60
-"""Rows in one datagram; scale study, section 2.3."""
+"""Rows in one datagram: 480 of its 1 238 bytes at most, the rest is for values."""
 _JUMP_MAX: Final = 0x7FFF
 JUMPS: Final = 4
 """Raises of our own sequence number in a row: each holder of a number of a former session may need one."""

@@ -13,7 +13,7 @@ from swarmd.broker.core.tick import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo,
 from swarmd.broker.core.timing import Timing
 
 WINDOW: Final = 16
-"""Datagrams over which loss is judged; scale study, section 2.3."""
+"""Datagrams over which loss is judged: the hello history of Babel (RFC 8966, appendix A.1)."""
 _WINDOW_MASK: Final = (1 << WINDOW) - 1
 LONG_WINDOW: Final = 64
 """Datagrams over which the loss is judged that a link's deadline has to bear."""

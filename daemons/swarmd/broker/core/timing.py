@@ -4,7 +4,7 @@ import msgspec
 
 
 class Timing(msgspec.Struct, frozen=True, gc=False):
-    """Clock differences read off one datagram; scale study, section 4.1. Theirs minus ours."""
+    """Clock differences read off one datagram (share/doc/protocol.md, section 3.4). Theirs minus ours."""
 
     hw: int
     boot_id: int

@@ -301,8 +301,8 @@ class Links:
     def drop(self, hw: int) -> list[Waiting]:
         """Closes the connections to a neighbour that is gone; what still waited for it.
 
-        A connection that stayed open through an outage would wait for TCP's back-off after it
-        (scale study, section 7, fact 8); a new one is there within milliseconds.
+        A connection that stayed open through an outage would wait for TCP's back-off after it (RFC 6298,
+        section 5.5), about half of the outage's length; a new one is there within milliseconds (ADR 9).
         """
         way = self._ways.pop(hw, None)
         return way.close() if way is not None else []

@@ -27,7 +27,7 @@ BYTES_LIMIT: Final = 32 * 1024
 """Of values in one notification: a lost one is sent again whole."""
 LEASE_MAX_S: Final = 3600.0
 SUBSCRIBERS_LIMIT: Final = 2000
-"""Twice the largest swarm simulated (scale study, section 2)."""
+"""Bounds the memory that invented names can take; twenty times the swarm of `tests/simulation/tree`."""
 
 
 class Intervals(msgspec.Struct, frozen=True, kw_only=True):

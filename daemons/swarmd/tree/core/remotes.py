@@ -37,7 +37,7 @@ RETIRED: Final = 8
 TEMPLATES_LIMIT: Final = 64
 """Templates learnt from others and kept."""
 PLATFORMS_LIMIT: Final = 2000
-"""Twice the largest swarm simulated (scale study, section 2)."""
+"""Bounds the memory that invented names can take; twenty times the swarm of `tests/simulation/tree`."""
 
 
 class Patience(msgspec.Struct, frozen=True, kw_only=True):

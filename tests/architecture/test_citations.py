@@ -1,0 +1,104 @@
+"""Every document that is cited is in the repository, and so is the part of it that is meant."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PLACES = ("lib", "daemons", "cli", "etc", "share", "tests", ".ci", ".")
+"""Folders whose text may cite; of the root only its own files."""
+TEXT = {".py", ".md", ".toml", ".json", ".yaml", ".yml", ".sh", ".service", ".conf", ".target", ""}
+MADE = {"build", "dist", "report", "node_modules", "target", "__pycache__"}
+DOCUMENT = re.compile(r"(?<![\w/.*-])((?:[\w.-]+/)*[\w-]+\.md)\b")
+MARKDOWN_LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)\s#]+)(?:#[^)]*)?\)")
+DECISION = re.compile(r"\bADRs? (\d+)(?:(?:, | and |-|–| to )(\d+))*")
+SECTION = re.compile(r"([\w/-]+\.md),? (?:section )?(\d+(?:\.\d+)*)")
+ELSEWHERE = re.compile(
+    r"scale study|the study\b|\bdesign,? section|\bissue of the\b|\bthe design\b", re.IGNORECASE
+)
+"""Documents by another name than their file's: of those nobody can open one."""
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    for place in PLACES:
+        folder = ROOT / place
+        for path in sorted(folder.glob("*") if place == "." else folder.rglob("*")):
+            if (
+                path.is_file()
+                and path.suffix in TEXT
+                and not MADE & set(path.parts)
+                and path != Path(__file__)
+            ):
+                yield str(path.relative_to(ROOT)), path.read_text("utf-8", errors="replace")
+
+
+TEXTS = dict(texts())
+DOCUMENTS = {name for name in TEXTS if name.endswith(".md")}
+DECISIONS = {int(Path(name).name[:4]) for name in DOCUMENTS if re.search(r"/adr/\d{4}-", name)}
+
+
+def found(cited: str, by: str) -> str | None:
+    """The document that is meant: from the root, beside the one who cites, or the only one of this name."""
+    beside = Path(by).parent / cited
+    near = {str(Path(*_flat(beside.parts))), cited}
+    named = [name for name in sorted(DOCUMENTS) if name in near or name.endswith(f"/{cited}")]
+    return named[0] if named else None
+
+
+def _flat(parts: tuple[str, ...]) -> list[str]:
+    flat: list[str] = []
+    for part in parts:
+        if part == ".." and flat:
+            flat.pop()
+        elif part != ".":
+            flat.append(part)
+    return flat
+
+
+def test_every_document_that_is_cited_is_in_the_repository() -> None:
+    missing = [
+        f"{name}: {cited}"
+        for name, text in TEXTS.items()
+        for cited in DOCUMENT.findall(text)
+        if found(cited, name) is None
+    ]
+    assert missing == []
+
+
+def test_every_section_that_is_cited_by_its_number_has_a_heading() -> None:
+    missing = [
+        f"{name}: {cited} {number}"
+        for name, text in TEXTS.items()
+        for cited, number in SECTION.findall(re.sub(r"\s+", " ", text))
+        if (page := found(cited, name)) is not None
+        and not re.search(rf"^#+ {re.escape(number)}\b", TEXTS[page], re.MULTILINE)
+    ]
+    assert missing == []
+
+
+def test_every_decision_that_is_cited_has_its_page() -> None:
+    cited = {
+        (name, int(number))
+        for name, text in TEXTS.items()
+        for match in DECISION.finditer(re.sub(r"\s+", " ", text))
+        for number in re.findall(r"\d+", match[0])
+    }
+    assert cited
+    assert sorted(item for item in cited if item[1] not in DECISIONS) == []
+
+
+def test_decisions_are_numbered_without_gaps() -> None:
+    names = sorted(name for name in DOCUMENTS if "/adr/" in name)
+    assert set(range(1, len(names) + 1)) == DECISIONS, names
+
+
+@pytest.mark.parametrize("name", sorted(DOCUMENTS))
+def test_every_link_of_a_page_leads_somewhere(name: str) -> None:
+    links = MARKDOWN_LINK.findall(TEXTS[name])
+    assert [link for link in links if not ((ROOT / name).parent / link).exists()] == []
+
+
+def test_no_text_rests_on_a_document_outside_the_repository() -> None:
+    assert {name: ELSEWHERE.findall(text) for name, text in TEXTS.items() if ELSEWHERE.search(text)} == {}
