@@ -3,17 +3,28 @@
 With the folder of a report (`make figures`) that run is the one whose figures and paths the README shows.
 """
 
+import ast
+import inspect
 import re
 import shutil
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
+from typing import Any
 
 import click
 import msgspec
 
+import swarmware.types
 from swarmctl.lab import report
 from swarmctl.main import cli
+from swarmd.tree.core import structure
+from swarmware import resource, template
+from swarmware.appfile import entry
+from swarmware.types.quantised import Form
 
 HERE = Path(__file__).parent
 README = HERE.parent.parent / "README.md"
@@ -104,7 +115,220 @@ def readme() -> str:
     return _FIGURES.sub(lambda block: block[1] + table + block[3], README.read_text())
 
 
-PAGES = {HERE / "cli.md": cli_page, README: readme}
+_TYPES_HEAD = """# Payload types
+
+What the payloads of [the protocol](protocol.md) hold. This page is generated from the types in the code and
+from the templates by `make docs`; a test holds it against them.
+
+A payload is the MessagePack of its type. Of a type that is an **array** it is the array of the fields in this
+order: fields at the end that have a default may be missing, and items behind those known here are ignored. Of
+a type that is a **map** it is a map from the names of the fields: a field that has a default may be missing,
+unknown keys are ignored. No type has a tag. The name of a type is part of the data id: a change that old
+readers cannot take is a new name.
+
+| here | MessagePack |
+|---|---|
+| `bool` | boolean |
+| `int` | integer of 64 bits, in the shortest form; a range in brackets holds for what is received |
+| `float` | float 64; a receiver takes an integer, too |
+| `text` | string, UTF-8 |
+| `bytes` | binary |
+| `[T]` | array of any length |
+| `[T, U]` | array of just these |
+| `{T: U}` | map |
+| `T?` | T or nil |
+| `"a" \\| "b"` | string, one of these |
+
+Units are SI. Instants end in `_ns` and are readings of a hardware clock, or of the wall clock where they end
+in `utc_ns`. World coordinates are east, north, up; body coordinates forward, left, up (REP-103).
+"""
+
+_PATHS_HEAD = """
+## Addresses of every platform
+
+What the template `common` names: the daemons of every node. The path, a colon and the name of the type give
+the data id; of a command it is the type of the request. Vehicles have more: `swarmctl tree ls`.
+
+| path | kind | type | answer | on links |
+|---|---|---|---|---|
+"""
+
+_UNITS = (
+    ("_m_s2", "m/s²"),
+    ("_rad_s", "rad/s"),
+    ("_m_s", "m/s"),
+    ("_ns", "ns"),
+    ("_ms", "ms"),
+    ("_hz", "Hz"),
+    ("_degc", "°C"),
+    ("_deg", "°"),
+    ("_rad", "rad"),
+    ("_percent", "%"),
+    ("_bytes", "B"),
+    ("_mb", "MB"),
+    ("_ratio", "1"),
+    ("_m", "m"),
+    ("_s", "s"),
+    ("_v", "V"),
+    ("_a", "A"),
+)
+"""Ends of names and the units they stand for, the first that fits."""
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def field_docs(module: ModuleType) -> dict[tuple[str, str], str]:
+    """The docstrings below the fields of a module's classes, by class and field."""
+    found = {}
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if not isinstance(node, ast.ClassDef):
+            continue
+        for field, below in zip(node.body, node.body[1:], strict=False):
+            if (
+                isinstance(field, ast.AnnAssign)
+                and isinstance(field.target, ast.Name)
+                and isinstance(below, ast.Expr)
+                and isinstance(below.value, ast.Constant)
+                and isinstance(below.value.value, str)
+            ):
+                found[node.name, field.target.id] = below.value.value
+    return found
+
+
+def _wire_type(kind: Any) -> str:
+    """A field's type as the page writes it."""
+    match kind:
+        case msgspec.inspect.BoolType():
+            return "`bool`"
+        case msgspec.inspect.IntType(ge=low, le=high):
+            return "`int`" if low is None and high is None else f"`int` [{_bound(low)}, {_bound(high)}]"
+        case msgspec.inspect.FloatType(ge=low, le=high):
+            return "`float`" if low is None and high is None else f"`float` [{_bound(low)}, {_bound(high)}]"
+        case msgspec.inspect.StrType(max_length=longest):
+            return "`text`" if longest is None else f"`text`, at most {longest} characters"
+        case msgspec.inspect.BytesType():
+            return "`bytes`"
+        case msgspec.inspect.NoneType():
+            return "nil"
+        case msgspec.inspect.AnyType():
+            return "anything"
+        case msgspec.inspect.LiteralType(values=values):
+            return " | ".join(f'`"{value}"`' for value in values)
+        case msgspec.inspect.EnumType(cls=cls):
+            return " | ".join(f'`"{one.value}"`' for one in cls)
+        case msgspec.inspect.StructType(cls=cls):
+            return f"[{cls.__name__}](#{cls.__name__.lower()})"
+        case msgspec.inspect.VarTupleType(item_type=item, max_length=longest):
+            return f"[{_wire_type(item)}]" + ("" if longest is None else f", at most {longest}")
+        case msgspec.inspect.TupleType(item_types=items):
+            return f"[{', '.join(map(_wire_type, items))}]"
+        case msgspec.inspect.DictType(key_type=key, value_type=value):
+            return f"{{{_wire_type(key)}: {_wire_type(value)}}}"
+        case msgspec.inspect.UnionType(types=types):
+            rest = [one for one in types if not isinstance(one, msgspec.inspect.NoneType)]
+            return " | ".join(map(_wire_type, rest)) + ("?" if len(rest) < len(types) else "")
+    raise TypeError(f"{kind!r}: a field of a payload; expected a type that this page can name")
+
+
+def _bound(number: float | None) -> str:
+    if number is None:
+        return "…"
+    if isinstance(number, int) and number > 1 << 16:
+        power = (number + 1).bit_length() - 1
+        return f"2^{power} − 1" if number == (1 << power) - 1 else str(number)
+    if isinstance(number, int) and -number > 1 << 16:
+        power = (-number).bit_length() - 1
+        return f"−2^{power}" if -number == 1 << power else str(number)
+    return f"{number:g}".replace("-", "−")
+
+
+def _unit(name: str, wire: str) -> str:
+    ending, unit = next(((e, u) for e, u in _UNITS if name.endswith(e)), ("", ""))
+    # a whole number of metres or seconds is a count with a short name
+    return "" if "int" in wire and ending in {"_m", "_s", "_v", "_a"} else unit
+
+
+def _default(field: msgspec.inspect.Field) -> str:
+    if field.required:
+        return ""
+    value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
+    if isinstance(value, msgspec.Struct):
+        return "its own"
+    return f"`{msgspec.json.encode(value).decode()}`"
+
+
+def struct_section(cls: type[msgspec.Struct], docs: dict[tuple[str, str], str], level: str = "###") -> str:
+    """One type: what it is, its layout, its fields."""
+    info = msgspec.inspect.type_info(cls)
+    assert isinstance(info, msgspec.inspect.StructType)
+    layout = "array" if info.array_like else "map"
+    if cls.__struct_config__.omit_defaults:
+        layout += ", without what equals its default"
+    out = [f"\n{level} {cls.__name__}\n\n{_cell(inspect.getdoc(cls) or '')} ({layout})\n"]
+    if info.fields:
+        out.append("\n| | field | type | unit | default | |\n|---|---|---|---|---|---|\n")
+    for number, field in enumerate(info.fields):
+        wire = _wire_type(field.type)
+        doc = docs.get((cls.__name__, field.name), "")
+        cells = (
+            str(number), f"`{field.name}`", wire, _unit(field.name, wire), _default(field), doc,
+        )  # fmt: skip
+        out.append(f"| {' | '.join(_cell(cell) for cell in cells)} |\n")
+    forms: tuple[Form, ...] = getattr(cls, "forms", ())
+    out += [_form_table(cls.__name__, form) for form in forms]
+    return "".join(out)
+
+
+def _form_table(name: str, form: Form) -> str:
+    rows, at = [], 0
+    for part in form.parts:
+        rows.append(f"| {at} | {part.name} | {part.wire} | {_cell(part.meaning)} |\n")
+        at += part.size
+    if form.rest:
+        rows.append(f"| {at} | | | {_cell(form.rest)} |\n")
+    return (
+        f"\nQuantised form of {name}, {form.when}:\n\n| at | | type | |\n|---|---|---|---|\n{''.join(rows)}"
+    )
+
+
+def types_page() -> str:
+    """The page of all payload types."""
+    out = [_TYPES_HEAD]
+    out.append(_PATHS_HEAD)
+    for one in template.load("common", HERE.parent / "swarm" / "templates").resources:
+        if one.kind is not resource.Kind.BRANCH:
+            reply = one.reply and f"[{one.reply}](#{one.reply.lower()})"
+            out.append(
+                f"| `{one.path}` | {one.kind} | [{one.type}](#{one.type.lower()}) | {reply} | {one.link} |\n"
+            )
+    for found in iter_modules(swarmware.types.__path__):
+        module = import_module(f"swarmware.types.{found.name}")
+        own = [
+            cls
+            for cls in vars(module).values()
+            if isinstance(cls, type)
+            and issubclass(cls, msgspec.Struct)
+            and cls.__module__ == module.__name__
+            and swarmware.types.registry.known(cls)
+        ]
+        if own:
+            docs = field_docs(module)
+            out.append(f"\n## Types of {found.name}\n\n{_cell(inspect.getdoc(module) or '')}\n")
+            out += [struct_section(cls, docs) for cls in own]
+    out.append("\n## Descriptors\n\nWhat is no payload by itself, but stands in payloads and files.\n")
+    for module, classes in (
+        (resource, (resource.Resource,)),
+        (structure, (structure.Changes,)),
+        (entry, (entry.AppEntry, entry.Served)),
+    ):
+        docs = field_docs(module)
+        out += [struct_section(cls, docs) for cls in classes]
+    return "".join(out)
+
+
+PAGES = {HERE / "cli.md": cli_page, HERE / "types.md": types_page, README: readme}
 
 
 def main(folder: str = "") -> int:

@@ -1,11 +1,11 @@
 """Missions between processes and platforms: order and receipt, and the state that barriers work through."""
 
-import struct
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 import msgspec
 
 from swarmware.errors import WireError
+from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
 
 STATES: Final = ("idle", "ready", "running", "ending", "recovering", "done", "failed", "aborted")
@@ -14,8 +14,14 @@ KINDS: Final = ("", "uav", "ugv", "usv", "gcs")
 HASH_DIGITS: Final = 8
 """Of a mission's hash, on its board: enough to tell the versions of one mission apart."""
 
-_HEAD: Final = struct.Struct("<IIBBB")
-"""Epoch, hash, state, kind, progress in 1/255; the rest follows as MessagePack."""
+_HEAD_PARTS: Final = (
+    Part("epoch", "u32", "epoch"),
+    Part("hash", "u32", f"the {HASH_DIGITS} hexadecimal digits of the hash as a number; 0 without a mission"),
+    Part("state", "u8", "place of the state in " + ", ".join(STATES)),
+    Part("kind", "u8", "place of the kind in none, " + ", ".join(KINDS[1:])),
+    Part("progress", "u8", "progress_ratio in 1/255"),
+)
+_HEAD: Final = packer(_HEAD_PARTS)
 
 ParamValue = bool | int | float | str | tuple[tuple[float, ...], ...]
 """Value of a mission parameter: a number, a text, yes or no, or points in metres."""
@@ -214,6 +220,10 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     """What is played: the mission, or the built-in one that brings the vehicle to safety."""
     kind: str = ""
     """Kind of the platform, one of KINDS: whoever hands out roles needs it."""
+
+    forms: ClassVar[tuple[Form, ...]] = (
+        Form("always", _HEAD_PARTS, "MessagePack array of active, arrivals, meetings, text and mission"),
+    )
 
     def pack(self) -> bytes:
         """The short form for the tick."""

@@ -24,7 +24,8 @@ _encoder = msgspec.msgpack.Encoder()
 class Packs(Protocol):
     """A type with a quantised wire form of its own, shorter than MessagePack.
 
-    Its classmethod `unpack(data)` is the inverse and raises WireError for anything else.
+    Its classmethod `unpack(data)` is the inverse and raises WireError for anything else; its class variable
+    `forms` documents the layouts.
     """
 
     def pack(self) -> bytes:
@@ -47,6 +48,11 @@ def register(cls: type[T]) -> type[T]:
 def type_name(cls: type[msgspec.Struct]) -> str:
     """Name of a payload type in descriptors and data ids."""
     return cls.__name__
+
+
+def known(cls: type[msgspec.Struct]) -> bool:
+    """Whether it is a payload type, not a part of the code that makes one."""
+    return _TYPES.get(cls.__name__) is cls
 
 
 def find(name: str) -> type[msgspec.Struct]:

@@ -1,22 +1,40 @@
 """What vehicles measure, want and do: SI units, ENU world, FLU body (REP-103)."""
 
 import math
-import struct
 from enum import StrEnum
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 import msgspec
 
 from swarmware.errors import WireError
 from swarmware.types.bounds import Finite
+from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
 
-_REST: Final = struct.Struct("<HIhhhh")
-"""Attitude as 16 and 32 of its 48 bits; velocity cm/s; yaw rate mrad/s."""
+_FAR_PARTS: Final = (
+    Part("x", "i32", "x_m in mm"),
+    Part("y", "i32", "y_m in mm"),
+    Part("z", "i32", "z_m in mm"),
+)
+_NEAR_PARTS: Final = tuple(Part(part.name, "i24", part.meaning) for part in _FAR_PARTS)
+_REST_PARTS: Final = (
+    Part(
+        "attitude_high",
+        "u16",
+        "upper 16 of the 48 bits of the attitude: bits 45 and 46 are the index of the largest of x, y, z, w,"
+        " which is made positive by the sign of all; below are the three others in this order, 15 bits each,"
+        " 16384 + √2 · 16383 times the component",
+    ),
+    Part("attitude_low", "u32", "lower 32 bits of the attitude"),
+    Part("vx", "i16", "vx_m_s in cm/s"),
+    Part("vy", "i16", "vy_m_s in cm/s"),
+    Part("vz", "i16", "vz_m_s in cm/s"),
+    Part("wz", "i16", "wz_rad_s in mrad/s"),
+)
+_REST: Final = packer(_REST_PARTS)
 _NEAR_BYTES: Final = 9 + _REST.size
-"""Position mm in three times 24 bits, within 8.3 km of the map's origin: 23 bytes against about 110."""
-_FAR: Final = struct.Struct("<iii")
-"""Position mm in three times 32 bits."""
+"""Within 8.3 km of the map's origin: 23 bytes against about 110."""
+_FAR: Final = packer(_FAR_PARTS)
 _FAR_BYTES: Final = _FAR.size + _REST.size
 _NEAR_MAX: Final = (1 << 23) - 1
 
@@ -58,6 +76,11 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Velocity in the map frame."""
     wz_rad_s: Finite = 0.0
     """Yaw rate, counter-clockwise."""
+
+    forms: ClassVar[tuple[Form, ...]] = (
+        Form(f"{_NEAR_BYTES} bytes: every coordinate fits 24 bits", (*_NEAR_PARTS, *_REST_PARTS)),
+        Form(f"{_FAR_BYTES} bytes", (*_FAR_PARTS, *_REST_PARTS)),
+    )
 
     @classmethod
     def planar(
