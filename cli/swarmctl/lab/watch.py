@@ -26,7 +26,9 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
 """Boards of each vehicle, besides the mission's, that an operator has before his eyes."""
 LOST: Final = "lost"
 """No state of a platform's own: it was restarted and does not know the mission any more."""
-ENDED: Final = frozenset({GOOD, "failed", "aborted", LOST})
+NOT_STARTED: Final = "idle"
+"""It was withdrawn before it began."""
+ENDED: Final = frozenset({GOOD, "failed", "aborted", LOST, NOT_STARTED})
 """States that a mission does not leave."""
 UNKNOWN: Final = "unknown"
 """Nothing was seen of the member's mission."""
@@ -50,7 +52,11 @@ class Outcome(msgspec.Struct, frozen=True):
         """What went wrong, for people; empty when nothing did."""
         if self.completed:
             return ""
-        bad = [f"{name} {state}" for name, state in sorted(self.states.items()) if state != GOOD]
+        bad = [
+            f"{name} {'not started' if state == NOT_STARTED else state}"
+            for name, state in sorted(self.states.items())
+            if state != GOOD
+        ]
         return ("out of time: " if not self.in_time else "") + (", ".join(bad) or "nobody took part")
 
 

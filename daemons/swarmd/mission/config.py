@@ -15,7 +15,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     lost_after_s: Seconds = 3.0
     """Silence after which a member is lost, if nothing else is heard of its computer either."""
     barrier_lead_s: Annotated[float, msgspec.Meta(ge=0.05, le=5)] = 0.25
-    """From the opening of a barrier to the common time: the news must have reached everybody by then."""
+    """Least time from the opening of a barrier to the common time; longer while the links' rate is low."""
     order_timeout_s: Seconds = 3.0
     """How long the ground station waits for a platform's answer to an order."""
     order_expiry_s: Seconds = 10.0

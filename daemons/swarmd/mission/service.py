@@ -15,6 +15,7 @@ from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
 from swarmd.mission.core.admission import Admission
 from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS, Announcer
+from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.member import MissionCore
 from swarmd.mission.core.phases import REST, Phase
@@ -48,7 +49,7 @@ from swarmware.types.mission import (
     OrderReceipt,
     TaskAnswer,
 )
-from swarmware.types.net import Routes
+from swarmware.types.net import Neighbours, Routes, Traffic
 from swarmware.types.rpc import Empty
 from swarmware.types.vehicle import VehicleState
 
@@ -99,7 +100,8 @@ class Mission(Service):
             built_in(module.platform, self._kind),
             self._values,
             random.random,
-            Limits(self.config.start_timeout_s, self.config.lost_after_s, self.config.barrier_lead_s),
+            Limits(self.config.start_timeout_s, self.config.lost_after_s),
+            self._lead_ns,
         )
         vehicle = await Vehicle.open(module, self.config) if self._kind in VEHICLES else None
         self._runner = Runner(module, vehicle, self._plugins, self._ended, self._core.report)
@@ -128,6 +130,8 @@ class Mission(Service):
         self._others: BoardSet[MissionState] = await module.readers("/*/mission/state", MissionState)
         self._census = Census(module.platform, round(self.config.lost_after_s * 1e9), self._roster())
         self._routes: BoardReader[Routes] = await module.reader("net/routes", Routes)
+        self._traffic: BoardReader[Traffic] = await module.reader("net/traffic", Traffic)
+        self._neighbours: BoardReader[Neighbours] = await module.reader("net/neighbours", Neighbours)
         self._aborts: Inbox[MissionAbort] = await module.inbox(ABORT_PATH, MissionAbort)
         await self._serve()
 
@@ -286,6 +290,18 @@ class Mission(Service):
             # no conversion yet: what remained when it was written, less than a tick ago
             local_ns = now_ns + meeting.leave_ns - meta.stamp_ns
         return msgspec.structs.replace(meeting, leave_ns=local_ns)
+
+    def _lead_ns(self, platforms: frozenset[str]) -> int:
+        """How long the news of an opened barrier takes to these platforms, at the links' present rates."""
+        traffic, neighbours, routes = self._traffic.value, self._neighbours.value, self._routes.value
+        ways = [route for route in routes.routes if route.platform in platforms] if routes else []
+        relays = {route.via for route in ways if route.hops > 1}
+        rates_hz = [n.tick_hz for n in neighbours.neighbours if n.platform in relays] if neighbours else []
+        if traffic is not None:
+            rates_hz.append(traffic.tick_hz)
+        least_ns = round(self.config.barrier_lead_s * 1e9)
+        hops = max((route.hops for route in ways), default=1)
+        return lead_ns(least_ns, min((hz for hz in rates_hz if hz > 0), default=0.0), hops)
 
     async def _watch_links(self) -> None:
         async for _ in self.module.every(HEARTBEAT_NS / 1e9):

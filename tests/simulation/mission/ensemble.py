@@ -10,6 +10,7 @@ import msgspec
 
 from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
 from swarmd.mission.core.announce import Announcer
+from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.member import START, MissionCore
 from swarmd.mission.core.run import Limits, Run
 from swarmware.mission.binding import Binding
@@ -47,6 +48,8 @@ class World(msgspec.Struct, frozen=True):
     loss: float = 0.1
     """Of each datagram at each receiver."""
     delay_ms: tuple[float, float] = (1.0, 60.0)
+    beacon_hz: float = 10.0
+    """Rate of the links as the members know it."""
     conversion_error_us: float = 100.0
     block_s: tuple[float, float] = (0.2, 3.0)
     fail: float = 0.0
@@ -68,10 +71,17 @@ class Passage(msgspec.Struct, frozen=True):
 class Node:
     """A member with a clock of its own."""
 
-    def __init__(self, member: Member, chance: Random) -> None:
+    def __init__(self, member: Member, chance: Random, beacon_hz: float) -> None:
         self.name = member.platform
         built_in = {} if member.kind == "gcs" else BUILT_IN
-        self.core = MissionCore(member.platform, built_in, Nothing(), chance.random, Limits())
+        self.core = MissionCore(
+            member.platform,
+            built_in,
+            Nothing(),
+            chance.random,
+            Limits(),
+            lambda _: lead_ns(S // 4, beacon_hz, 1),
+        )
         self.announcer = Announcer()
         self.offset_ns = round(chance.uniform(-5, 5) * S)
         self.rate = 1 + chance.uniform(-50e-6, 50e-6)
@@ -95,7 +105,7 @@ class Ensemble:
         self.members = members
         self.world = world
         self.chance = Random(seed)
-        self.nodes = {m.platform: Node(m, self.chance) for m in members}
+        self.nodes = {m.platform: Node(m, self.chance, world.beacon_hz) for m in members}
         self.now_ns = S
         self.passages: list[Passage] = []
         self.cut_off: set[str] = set()

@@ -53,6 +53,18 @@ def test_all_leave_every_barrier_together(seed: int, loss: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("loss", [0.0, 0.1])
+def test_all_leave_together_while_the_links_are_slow(seed: int, loss: float) -> None:
+    """Computers short of processor time send a beacon a second: the news of a barrier takes that long."""
+    ensemble = ordered(seed, World(loss=loss, beacon_hz=1.0, delay_ms=(940.0, 1000.0)))
+    ensemble.run(200)
+    assert set(ensemble.outcomes().values()) == {"done"}
+    spreads = ensemble.spreads_ns()
+    assert len(spreads) == 5
+    assert max(spreads.values()) <= 500_000, f"seed {seed}: {spreads}"
+
+
+@pytest.mark.parametrize("seed", range(10))
 def test_a_member_that_dies_sends_all_others_down(seed: int) -> None:
     ensemble = ordered(seed, World(loss=0.1))
     victim = ensemble.chance.choice(SIXTEEN[:-1]).platform

@@ -7,7 +7,6 @@ import pytest
 from swarmd.broker.core.mesh import Mesh
 from swarmd.broker.core.pace import (
     AIRTIME,
-    CALM_TIMES,
     HURRY_NS,
     IDLE_HZ,
     JITTER,
@@ -126,10 +125,34 @@ def test_what_was_slowed_comes_back_in_steps_when_the_faster_rate_would_be_calm(
     judge(slowdown, 40, 100)
     assert slowdown.factor == 2.0
     assert judge(slowdown, 17, 200, times=20) == 2.0, "neither short nor calm: it stays"
-    assert judge(slowdown, 5, 200, times=CALM_TIMES - 1) == 2.0
-    assert judge(slowdown, 5, 200) == 2.0 / STEP_MIN
-    assert judge(slowdown, 5, 160, times=20) == 1.0
+    assert judge(slowdown, 14, 200) == 2.0, "not calm for long enough"
+    assert judge(slowdown, 14, 200) == pytest.approx(1.4), "where 14 ms will be a tenth of the period"
+    assert judge(slowdown, 5, 140, times=20) == 1.0
     assert not slowdown.on_tick(0, PERIOD)
+
+
+def test_a_node_that_was_slowed_as_far_as_can_be_is_at_its_rate_again_within_ten_seconds() -> None:
+    slowdown = Slowdown()
+    judge(slowdown, 300, 100)
+    judge(slowdown, 300, 400)
+    judge(slowdown, 300, 1000)
+    assert slowdown.factor == SLOWDOWN_MAX
+    now_ns = 0
+    while slowdown.factor > 1:
+        period_ns = round(PERIOD * slowdown.factor)
+        slowdown.on_tick(MS, period_ns)
+        now_ns += period_ns
+    assert now_ns < 12 * SECOND
+
+
+def test_a_node_that_is_short_at_its_full_rate_does_not_swing() -> None:
+    """Ticks begin late while the period is below twice the wanted one."""
+    slowdown = Slowdown()
+    short = 0
+    for _ in range(3000):
+        late_ns = 50 * MS if slowdown.factor < 2 else 2 * MS
+        short += slowdown.on_tick(late_ns, round(PERIOD * slowdown.factor)) and late_ns > 2 * MS
+    assert short <= 3000 / 20
 
 
 def test_a_stretched_period_is_declared_before_links_fall() -> None:

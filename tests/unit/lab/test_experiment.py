@@ -45,6 +45,7 @@ def test_the_phase_is_what_most_platforms_do() -> None:
         ({"a": "done", "b": "done"}, True, ""),
         ({"a": "done", "b": "aborted", "c": "failed"}, True, "b aborted, c failed"),
         ({"a": "done", "b": "running"}, False, "out of time: b running"),
+        ({"a": "failed", "b": "idle"}, True, "a failed, b not started"),
         ({}, True, "nobody took part"),
     ],
 )
@@ -77,6 +78,15 @@ def test_a_member_that_was_restarted_has_lost_its_mission_and_nobody_waits_for_i
     assert members.ended
     assert members.outcome(in_time=True).failure() == "a lost, c aborted", "what was done stays done"
     assert experiment.phase(members.states) == "3 of 3 ended"
+
+
+def test_nobody_waits_for_members_that_were_withdrawn_at_the_start() -> None:
+    members = Members(["a", "b"], 7)
+    members.take({"a": of_epoch(7, "ready"), "b": of_epoch(7, "running")})
+    before = members.ended
+    members.take({"a": of_epoch(7, "idle"), "b": of_epoch(7, "failed")})
+    assert (before, members.ended) == (False, True)
+    assert members.outcome(in_time=True).failure() == "a not started, b failed"
 
 
 def node_facts(platform: str, *, ended: str = "", reasons: tuple[str, ...] = ()) -> NodeFacts:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.mission.core.barrier import Barriers, Gate, Passed
+from swarmd.mission.core.barrier import Barriers, Gate, Passed, lead_ns
 from swarmware.types.mission import Arrival, Meeting, Member, MissionState
 
 S = 1_000_000_000
@@ -16,7 +16,7 @@ class Ensemble:
     """Members on one clock; `talk` lets all hear all."""
 
     def __init__(self, members: tuple[Member, ...] = MEMBERS) -> None:
-        self.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, LEAD) for m in members}
+        self.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, lambda: LEAD) for m in members}
         for barriers in self.of.values():
             barriers.expect_all(0)
 
@@ -40,6 +40,22 @@ class Ensemble:
 
 def outcomes(passed: dict[str, list[Passed]]) -> dict[str, str]:
     return {name: p.outcome for name, found in passed.items() for p in found}
+
+
+@pytest.mark.parametrize(
+    ("beacon_hz", "hops", "lead_s"),
+    [
+        (10.0, 1, 0.25),
+        (10.0, 0, 0.25),
+        (50.0, 1, 0.25),
+        (10.0, 3, 0.75),
+        (1.0, 1, 2.5),
+        (0.2, 4, 5.0),
+        (0.0, 1, 0.25),
+    ],
+)
+def test_the_common_time_leaves_the_news_time_to_travel(beacon_hz: float, hops: int, lead_s: float) -> None:
+    assert lead_ns(LEAD, beacon_hz, hops) == round(lead_s * S)
 
 
 def test_all_leave_at_the_time_the_first_member_names() -> None:
@@ -188,7 +204,7 @@ def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
 
 
 def test_a_member_alone_does_not_wait() -> None:
-    alone = Barriers("a", MEMBERS[:1], 7, 3 * S, LEAD)
+    alone = Barriers("a", MEMBERS[:1], 7, 3 * S, lambda: LEAD)
     alone.arrive(1, GATE, 5)
     assert alone.on_timer(5) == [Passed(1, "ok")]
 
@@ -203,7 +219,7 @@ def test_a_stranger_is_not_listened_to() -> None:
 def with_a_station(strict: frozenset[str] = frozenset()) -> Ensemble:
     members = (Member("a", "air", "uav"), Member("b", "air", "uav"), Member("c", "control", "gcs"))
     e = Ensemble(members)
-    e.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, LEAD, strict) for m in members}
+    e.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, lambda: LEAD, strict) for m in members}
     for barriers in e.of.values():
         barriers.expect_all(0)
     return e

@@ -41,7 +41,7 @@ class Member1:
     def __init__(self, kind: str = "uav") -> None:
         self.values = Values()
         built_in = {"land": LAND, "hold": HOLD} if kind != "gcs" else {}
-        self.core = MissionCore("a", built_in, self.values, lambda: 0.0, Limits())
+        self.core = MissionCore("a", built_in, self.values, lambda: 0.0, Limits(), lambda _: S // 4)
 
     def order(
         self, text: str = ARM, members: tuple[Member, ...] = (A,), now: int = 0, **top: Any

@@ -24,8 +24,8 @@ JUDGED_NS: Final = 900_000_000
 """Time after which the lateness of ticks is judged: at 10 Hz before the link timeout of a second ends."""
 JUDGED: Final = 3
 """Ticks that are judged together at least; at once when all of them begin a whole period late."""
-CALM_TIMES: Final = 2
-"""A node becomes faster when it was found calm so often in a row, and slower at once: it must not swing."""
+CALM_NS: Final = 2 * JUDGED_NS
+"""A node becomes faster when it was calm for this long, and slower at once: it must not swing."""
 STEP_MIN: Final = 1.25
 STEP_MAX: Final = 4.0
 SLOWDOWN_MAX: Final = 10.0
@@ -66,7 +66,9 @@ class Slowdown:
         self.late_ns = 0
         """Half of the ticks judged last began later than this."""
         self._late_ns: list[int] = []
-        self._calm = 0
+        self._calm_ns = 0
+        self._short_at = 1.0
+        """Factor at which the processor was short last; 1: it has been calm at that one since."""
 
     def on_tick(self, late_ns: int, period_ns: int) -> bool:
         """A tick begins `late_ns` after it was due. True: the factor has changed.
@@ -82,20 +84,30 @@ class Slowdown:
             return False
         judged = sorted(newest if behind else self._late_ns)
         self.late_ns = judged[len(judged) // 2]
+        span_ns = len(self._late_ns) * period_ns
         self._late_ns.clear()
         before = self.factor
         if self.late_ns > SHORT * period_ns:
-            self._calm = 0
+            self._calm_ns = 0
+            self._short_at = before
             step = min(max(self.late_ns / (SHORT * period_ns), STEP_MIN), STEP_MAX)
             self.factor = min(before * step, SLOWDOWN_MAX)
         elif self.late_ns > CALM * period_ns / STEP_MIN:
-            self._calm = 0
+            self._calm_ns = 0
         else:
-            self._calm += 1
-            if self._calm >= CALM_TIMES:
-                self._calm = 0
-                self.factor = max(before / STEP_MIN, 1.0)
+            self._calm_ns += span_ns
+            if self._calm_ns >= CALM_NS:
+                self._calm_ns = 0
+                self._recover(period_ns)
         return self.factor != before
+
+    def _recover(self, period_ns: int) -> None:
+        """In one step to the rate that promises to be calm, but near the one that was not in small steps."""
+        if self.factor <= self._short_at:
+            self._short_at = 1.0
+        step = min(CALM * period_ns / max(self.late_ns, 1), STEP_MAX)
+        small = self.factor / STEP_MIN
+        self.factor = max(min(small, max(self.factor / step, self._short_at * STEP_MIN)), 1.0)
 
 
 class Pace:

@@ -7,6 +7,7 @@ gave up is not needed, unless the barrier names its role.
 """
 
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import Final
 
 import msgspec
@@ -26,10 +27,20 @@ MEMORY: Final = 16
 TOLD: Final = 3
 """Of these it keeps telling the newest, for those who come late."""
 
+LEAD_BEACONS: Final = 2.5
+"""The news of an opened barrier crosses a hop with the next beacon, or with the one after if that is lost."""
+LEAD_MAX_NS: Final = 5_000_000_000
 LATE_NS: Final = 500_000_000
 """A member that waits, and learns so long after the common time that the others have left, stays behind."""
 
 Key = tuple[str, int]
+
+
+def lead_ns(least_ns: int, beacon_hz: float, hops: int) -> int:
+    """From the opening of a barrier to the common time, with members so many hops away."""
+    if beacon_hz <= 0:
+        return least_ns
+    return max(least_ns, min(round(LEAD_BEACONS * max(hops, 1) * 1e9 / beacon_hz), LEAD_MAX_NS))
 
 
 class Gate(msgspec.Struct, frozen=True):
@@ -95,9 +106,10 @@ class Barriers:
         members: tuple[Member, ...],
         epoch: int,
         lost_after_ns: int,
-        lead_ns: int,
+        lead: Callable[[], int],
         strict: frozenset[str] = frozenset(),
     ) -> None:
+        """`lead`: nanoseconds from the opening of a barrier to the common time, asked when one opens."""
         self._me = me
         self._members = members
         self._stations = frozenset(member.platform for member in members if member.kind == STATION)
@@ -105,7 +117,7 @@ class Barriers:
         """Barriers that a ground station breaks like any other member."""
         self._epoch = epoch
         self._lost_after_ns = lost_after_ns
-        self._lead_ns = lead_ns if len(members) > 1 else 0
+        self._lead = lead if len(members) > 1 else lambda: 0
         self._rank = {member.platform: rank for rank, member in enumerate(members)}
         self._peers = {member.platform: _Peer() for member in members if member.platform != me}
         self._waiting: dict[int, _Waiting] = {}
@@ -233,7 +245,7 @@ class Barriers:
         key = (gate.barrier, gate.visit)
         if len(there) >= needed:
             if there[0] == self._me:
-                self._learn(key, now_ns + self._lead_ns, self._rank[self._me], relayed=False, now_ns=now_ns)
+                self._learn(key, now_ns + self._lead(), self._rank[self._me], relayed=False, now_ns=now_ns)
             elif waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
                 self._learn(key, None, self._rank[self._me], relayed=False, now_ns=now_ns)
         elif (

@@ -47,13 +47,16 @@ class MissionCore:
         lookup: Lookup,
         chance: Callable[[], float],
         limits: Limits,
+        lead: Callable[[frozenset[str]], int],
     ) -> None:
+        """`lead`: nanoseconds that the news of an opened barrier needs to reach these platforms."""
         self._platform = platform
         self._built_in = built_in
         """What a vehicle of this kind can do by itself: land, hold. A ground station has none."""
         self._lookup = lookup
         self._chance = chance
         self._limits = limits
+        self._lead = lead
         self._tokens = count(1)
         self._phase = Phase.IDLE
         self._since_ns = 0
@@ -140,12 +143,13 @@ class MissionCore:
         self._run, self._player = run, None
         self._playing = self._title = run.name
         self._unmet, self._misses, self._ratios = (), {}, {}
+        others = frozenset(member.platform for member in run.members) - {self._platform}
         self._barriers = Barriers(
             self._platform,
             run.members,
             run.epoch,
             round(self._limits.lost_after_s * 1e9),
-            round(self._limits.lead_s * 1e9),
+            lambda: self._lead(others),
             strict=frozenset({START, *run.strict_barriers()}),
         )
         self._barriers.arrive(0, Gate(START, 1, timeout_s=self._limits.start_timeout_s), now_ns)

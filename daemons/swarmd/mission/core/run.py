@@ -31,7 +31,5 @@ class Limits(msgspec.Struct, frozen=True):
     """Until all members stand ready; afterwards nobody starts."""
     lost_after_s: float = 3.0
     """Silence after which a member is lost: three heartbeats."""
-    lead_s: float = 0.25
-    """From the opening of a barrier to the common time: two ticks and the way."""
     requirement_misses: int = 3
     """Checks in a row, one a second, in which a requirement cannot be told before it counts as unmet."""
