@@ -4,7 +4,9 @@ from typing import Final
 
 import msgspec
 
+from swarmd.timesync.config import Config
 from swarmd.timesync.peer import Exchange, Peer
+from swarmware.runtime.core import AT_ONCE
 from swarmware.types.time import FUNCTIONS_LIMIT, HOPS_LIMIT, Conversion, TimeFunctions
 
 MEASURED_NS: Final = 10_000_000_000
@@ -39,7 +41,15 @@ class Rebooted(msgspec.Struct, frozen=True):
     unit: str
 
 
-Action = Publish | Stepped | Rebooted
+class Refused(msgspec.Struct, frozen=True):
+    """A partner states functions that no two real clocks can have, in another number than before."""
+
+    platform: str
+    refused: int
+    of: int
+
+
+Action = Publish | Stepped | Rebooted | Refused
 
 
 class Heard(msgspec.Struct, frozen=True, gc=False):
@@ -61,33 +71,27 @@ class TimeCore:
         unit: str,
         hardware: int,
         boot_id: int,
+        config: Config,
         *,
         first_epoch: int,
-        window_s: float = 60.0,
-        solve_s: float = 3.0,
-        publish_s: float = 1.0,
-        forget_s: float = 3600.0,
-        functions_limit: int = 128,
     ) -> None:
         self._me = (platform, unit, hardware, boot_id)
+        self._config = config
         self._first_epoch = first_epoch
-        self._window_s = window_s
-        self._solve_s = solve_s
-        self._publish_ns = round(publish_s * 1e9)
-        self._forget_ns = round(forget_s * 1e9)
-        self._limit = functions_limit
+        self._publish_ns = round(config.publish_s * 1e9)
+        self._forget_ns = round(config.forget_s * 1e9)
         self._peers: dict[int, Peer] = {}
         self._told: dict[int, tuple[TimeFunctions, int]] = {}
         self._suspects: set[int] = set()
-        self.refused = 0
-        """Functions of partners that no two real clocks can have."""
+        self._refused: dict[str, int] = {}
+        """Functions refused in the last list of each partner."""
         self._published_ns: int | None = None
         self._expiry_ns: int | None = None
         """When the next composed function of the list ends."""
         self._changed = False
         self._urgent = False
 
-    def on_exchange(self, heard: Heard) -> list[Action]:
+    def on_exchange(self, heard: Heard, now_ns: int) -> list[Action]:
         """One received packet of a neighbour; `on_timer` makes functions of what has come."""
         actions: list[Action] = []
         peer = self._peers.get(heard.hardware)
@@ -104,8 +108,8 @@ class TimeCore:
                 heard.unit,
                 heard.hardware,
                 heard.boot_id,
-                window_s=self._window_s,
-                pause_s=self._solve_s,
+                window_s=self._config.window_s,
+                pause_s=self._config.solve_s,
                 conv_epoch=self._first_epoch,
             )
             self._peers[heard.hardware] = peer
@@ -113,19 +117,15 @@ class TimeCore:
             actions.append(self._stepped(peer))
         return actions
 
-    def on_functions(self, told: TimeFunctions, now_ns: int) -> int:
-        """A partner's functions: first values, plausibility, and the way to units not heard here (S1.70).
-
-        How many of them were refused.
-        """
+    def on_functions(self, told: TimeFunctions, now_ns: int) -> list[Action]:
+        """A partner's functions: first values, plausibility, and the way to units not heard here (S1.70)."""
         peer = next(
             (p for p in self._peers.values() if (p.platform, p.unit) == (told.platform, told.unit)), None
         )
         if peer is None or peer.boot_id != told.boot_id:
-            return 0
+            return []
         taken = tuple(one for one in told.functions[:FUNCTIONS_LIMIT] if one.plausible())
         refused = len(told.functions) - len(taken)
-        self.refused += refused
         told = msgspec.structs.replace(told, functions=taken)
         self._told[peer.hardware] = (told, now_ns)
         self._changed = True
@@ -137,7 +137,11 @@ class TimeCore:
             peer.conversion = msgspec.structs.replace(seen, samples=0, rtt_ns=0)
             self._urgent = self._urgent or known is None
         self._suspects = self._find_suspects(now_ns)
-        return refused
+        before = self._refused.get(peer.platform, 0)
+        self._refused[peer.platform] = refused
+        if refused in {0, before}:
+            return []
+        return [Refused(peer.platform, refused, refused + len(taken))]
 
     def unmeasured(self) -> set[str]:
         """Platforms that are heard and have no function yet: their own of us is a first value."""
@@ -151,6 +155,8 @@ class TimeCore:
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` has something to do."""
+        if self._urgent or (self._changed and self._published_ns is None):
+            return AT_ONCE
         dues = [due for peer in self._peers.values() if (due := peer.due_ns()) is not None]
         if self._expiry_ns is not None:
             dues.append(self._expiry_ns)
@@ -202,7 +208,9 @@ class TimeCore:
             if known is None or _better(function, known, now_ns):
                 best[function.hardware] = function
                 self._expiry_ns = until_ns if self._expiry_ns is None else min(self._expiry_ns, until_ns)
-        chosen = sorted(best.values(), key=lambda function: function.bound_at_ns(now_ns))[: self._limit]
+        chosen = sorted(best.values(), key=lambda function: function.bound_at_ns(now_ns))[
+            : self._config.functions_limit
+        ]
         chosen.sort(key=lambda function: (function.platform, function.unit))
         platform, unit, _, boot_id = self._me
         return TimeFunctions(platform, unit, boot_id, now_ns, tuple(chosen))

@@ -8,17 +8,15 @@ import asyncio
 import contextlib
 
 from swarmd.timesync import config as settings
-from swarmd.timesync.core import Heard, Publish, Rebooted, Stepped, TimeCore
+from swarmd.timesync.core import Action, Heard, Publish, Rebooted, Refused, Stepped, TimeCore
 from swarmd.timesync.peer import Exchange
-from swarmware.errors import NoAnswer, SwarmError
+from swarmware.errors import SwarmError
 from swarmware.module import BoardReader, BoardWriter, Meta, Module, StreamReader
 from swarmware.service import Service
 from swarmware.types.net import Routes, TimingBatch, TimingSample
 from swarmware.types.rpc import Empty
 from swarmware.types.time import TimeFunctions
 
-QUIET_S = 10.0
-"""Wait for a batch when nothing is due: a lone node has none."""
 ASK_S = 10.0
 """How often a neighbour is asked for its functions: over 10 s a quartz wanders by less than 0.1 µs."""
 ASK_FIRST_S = 2.0
@@ -45,19 +43,14 @@ class TimeSync(Service):
             node.config.unit,
             node.hardware,
             node.clock.boot_id,
+            config,
             # of a restarted service larger than of the one before, whose functions others may still hold
             first_epoch=(node.clock.now_ns() // 1_000_000_000) & 0xFFFF_FFFF,
-            window_s=config.window_s,
-            solve_s=config.solve_s,
-            publish_s=config.publish_s,
-            forget_s=config.forget_s,
-            functions_limit=config.functions_limit,
         )
+        self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._board: BoardWriter[TimeFunctions] | None = None
         self._met = asyncio.Event()
         """Somebody is heard whose clock cannot be measured yet."""
-        self._odd: dict[str, int] = {}
-        """Functions refused in the last list of each partner."""
 
     async def run(self) -> None:
         """Converts what comes until cancelled."""
@@ -79,40 +72,43 @@ class TimeSync(Service):
         timing = await module.stream_reader("net/timing", TimingBatch)
         self._publish(self._core.functions(module.now_ns()))
         async with asyncio.TaskGroup() as group:
+            group.create_task(self._driver.run(), name="time: driver")
             group.create_task(self._measure(timing), name="time: measure")
             routes = await module.reader("net/routes", Routes)
             group.create_task(self._exchange(routes), name="time: exchange")
 
     async def _measure(self, timing: StreamReader[TimingBatch]) -> None:
-        while True:
-            deadline_ns = self._core.deadline_ns()
+        async for batch in timing:
             now_ns = self.module.now_ns()
-            wait_s = QUIET_S if deadline_ns is None else min(QUIET_S, (deadline_ns - now_ns) / 1e9)
-            batch: TimingBatch | None = timing.take()
-            if batch is None and wait_s > 0:
-                try:
-                    batch = await timing.next(timeout_s=wait_s)
-                except NoAnswer:
-                    batch = None
-            while batch is not None:
-                for sample in batch.samples:
-                    self._carry_out(self._core.on_exchange(_heard(sample)))
-                batch = timing.take()
-            self._carry_out(self._core.on_timer(self.module.now_ns()))
-            if self._core.unmeasured():
-                self._met.set()
+            self._driver.feed(
+                [
+                    action
+                    for sample in batch.samples
+                    for action in self._core.on_exchange(_heard(sample), now_ns)
+                ]
+            )
 
-    def _carry_out(self, actions: list[Publish | Stepped | Rebooted]) -> None:
-        for action in actions:
-            match action:
-                case Publish(functions=functions):
-                    self._publish(functions)
-                case Stepped(platform=platform, unit=unit, conv_epoch=epoch):
-                    self.module.log.warning(
-                        "%s.%s: its clock or ours has stepped, epoch %d", platform, unit, epoch
-                    )
-                case Rebooted(platform=platform, unit=unit):
-                    self.module.log.info("%s.%s: started anew, its clock is another one", platform, unit)
+    def _settled(self) -> None:
+        if self._core.unmeasured():
+            self._met.set()
+
+    def _perform(self, action: Action) -> None:
+        log = self.module.log
+        match action:
+            case Publish(functions):
+                self._publish(functions)
+            case Stepped(platform, unit, epoch):
+                log.warning("%s.%s: its clock or ours has stepped, epoch %d", platform, unit, epoch)
+            case Rebooted(platform, unit):
+                log.info("%s.%s: started anew, its clock is another one", platform, unit)
+            case Refused(platform, refused, of):
+                log.warning(
+                    "functions of %s: %d of %d refused; "
+                    "expected finite numbers, a skew within ±0.001 per link",
+                    platform,
+                    refused,
+                    of,
+                )
 
     def _publish(self, functions: TimeFunctions) -> None:
         if self._board is not None:
@@ -151,17 +147,7 @@ class TimeSync(Service):
         except SwarmError as error:
             self.module.log.debug("functions of %s: %s", platform, error)
             return
-        now_ns = self.module.now_ns()
-        refused = self._core.on_functions(told, now_ns)
-        if refused and refused != self._odd.get(platform):
-            self.module.log.warning(
-                "functions of %s: %d of %d refused; expected finite numbers, a skew within ±0.001 per link",
-                platform,
-                refused,
-                len(told.functions),
-            )
-        self._odd[platform] = refused
-        self._carry_out(self._core.on_timer(now_ns))
+        self._driver.feed(self._core.on_functions(told, self.module.now_ns()))
 
     def _on_request(self, _: Empty, __: Meta) -> TimeFunctions:
         return self._core.functions(self.module.now_ns())

@@ -15,6 +15,7 @@ import uvloop
 from swarmware import config
 from swarmware.errors import SwarmError
 from swarmware.node import Node
+from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
 from swarmware.service.births import GUARD
 from swarmware.service.find import find
@@ -22,7 +23,6 @@ from swarmware.service.guardwatch import GuardWatch
 from swarmware.service.host import Host, Prepared
 from swarmware.service.notify import Notifier
 from swarmware.service.reason import reason
-from swarmware.service.slow import warn_if_slow
 
 DRAIN_S: Final = 4.0
 """From SIGTERM to the end; units give five seconds."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import msgspec
 
 from swarmware.health import HealthMonitor
 from swarmware.module import Module
+from swarmware.runtime.core import Action, Core
+from swarmware.runtime.driver import Boundary, CoreDriver
 
 
 class NoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -33,6 +37,25 @@ class Service(ABC):
         self.config = config
         self.health = HealthMonitor(module)
         """Where the service registers checks and states conditions: `self.health.report(…)`."""
+
+    def drive(
+        self,
+        core: Core[Action],
+        perform: Callable[[Action], None],
+        *,
+        settled: Callable[[], None] | None = None,
+        boundary: Boundary | None = None,
+    ) -> CoreDriver[Action]:
+        """A driver for a core of this service; `run` it, or feed it and stop it. See CoreDriver."""
+        return CoreDriver(
+            core,
+            perform,
+            name=self.name,
+            clock=self.module.clock,
+            loop=asyncio.get_running_loop(),
+            settled=settled,
+            boundary=boundary,
+        )
 
     @abstractmethod
     async def run(self) -> None:

@@ -7,6 +7,10 @@ from collections.abc import Callable, Hashable
 from itertools import count
 from typing import Generic, TypeVar
 
+from swarmware.clock import Clock
+from swarmware.runtime.core import Action, Core, HardwareClock
+from swarmware.runtime.driver import CoreDriver
+
 Name = TypeVar("Name", bound=Hashable)
 
 Link = Callable[[Name, Name], bool]
@@ -56,6 +60,30 @@ class VirtualTime:
 
         return arm
 
+    def call_later(self, delay: float, callback: Callable[[], None], /) -> "VirtualAlarm":
+        """Have it happen after so many seconds unless it is cancelled, as an event loop does."""
+        alarm = VirtualAlarm(callback)
+        self.after(delay, alarm)
+        return alarm
+
+    def drive(
+        self,
+        core: Core[Action],
+        perform: Callable[[Action], None],
+        *,
+        clock: HardwareClock | None = None,
+        settled: Callable[[], None] | None = None,
+    ) -> CoreDriver[Action]:
+        """The driver that a daemon has for its core; `clock`: the node's, if it has its own."""
+        return CoreDriver(
+            core,
+            perform,
+            name=type(core).__name__,
+            clock=VirtualClock(self) if clock is None else clock,
+            loop=self,
+            settled=settled,
+        )
+
     def step(self) -> bool:
         """Let the next event happen; False when there is none."""
         if not self._events:
@@ -73,6 +101,36 @@ class VirtualTime:
     def run_for(self, seconds: float) -> None:
         """Let everything happen for some time."""
         self.run_until(self.now_ns + round(seconds * 1e9))
+
+
+class VirtualAlarm:
+    """An event that can be cancelled until it happens."""
+
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self._callback: Callable[[], None] | None = callback
+
+    def __call__(self) -> None:
+        callback, self._callback = self._callback, None
+        if callback is not None:
+            callback()
+
+    def cancel(self) -> None:
+        """It does not happen."""
+        self._callback = None
+
+
+class VirtualClock(Clock):
+    """The clock of a node in virtual time, with an offset and a drift of its own."""
+
+    __slots__ = ("_time",)
+
+    def __init__(self, time: VirtualTime, offset_s: float = 0.0, drift_ppm: float = 0.0) -> None:
+        super().__init__(offset_s, drift_ppm)
+        self._time = time
+
+    def now_ns(self) -> int:
+        """The present instant."""
+        return self.from_mono_ns(self._time.now_ns)
 
 
 class VirtualSwarm(VirtualTime, Generic[Name]):

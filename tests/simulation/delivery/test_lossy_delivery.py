@@ -72,11 +72,8 @@ class Sending:
         self.outbox = Outbox(hardware)
         self._hardware = hardware
         self._ahead_ns = ahead_ns
-        self._arm = net.wake(self.outbox.deadline_ns, self._on_timer)
+        self._driver = net.drive(self.outbox, self._perform)
         net.join(hardware, self.on_data)
-
-    def _on_timer(self, now_ns: int) -> None:
-        self._do(self.outbox.on_timer(now_ns))
 
     def submit(self, sequence: int, timeout_s: float) -> None:
         frame = Frame(
@@ -89,26 +86,22 @@ class Sending:
             stamp_ns=self.net.now_ns + self._ahead_ns,
             extension=with_lifetime(timeout_s),
         )
-        self._do(self.outbox.submit(frame, self.net.now_ns, round(timeout_s * 1e9)))
-        self._arm()
+        self._driver.feed(self.outbox.submit(frame, self.net.now_ns, round(timeout_s * 1e9)))
 
     def on_data(self, sender: int, data: bytes) -> None:
         frame = decode(data)
         ack = registry.decode(Ack, frame.payload)
-        self._do(
-            self.outbox.on_ack((frame.receiver_app, frame.data_id, frame.sequence), ack, self.net.now_ns)
-        )
-        self._arm()
+        key = (frame.receiver_app, frame.data_id, frame.sequence)
+        self._driver.feed(self.outbox.on_ack(key, ack, self.net.now_ns))
 
-    def _do(self, actions: list[Transmit | Settle]) -> None:
-        for action in actions:
-            if isinstance(action, Transmit):
-                self.net.send(self._hardware, RECEIVER, encode(action.frame))
-            else:
-                sequence = action.key[2]
-                assert sequence not in self.told, "told twice"
-                self.told[sequence] = action.outcome.status
-                self.told_ns[sequence] = self.net.now_ns
+    def _perform(self, action: Transmit | Settle) -> None:
+        if isinstance(action, Transmit):
+            self.net.send(self._hardware, RECEIVER, encode(action.frame))
+        else:
+            sequence = action.key[2]
+            assert sequence not in self.told, "told twice"
+            self.told[sequence] = action.outcome.status
+            self.told_ns[sequence] = self.net.now_ns
 
 
 @pytest.mark.parametrize("seed", range(40))

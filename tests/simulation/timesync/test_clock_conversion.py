@@ -15,6 +15,7 @@ from tests.simulation.timesync.clocks import (
     wifi,
 )
 
+from swarmd.timesync.config import Config
 from swarmd.timesync.core import Heard, Publish, TimeCore
 from swarmd.timesync.peer import Exchange
 from swarmware.types.time import Conversion, TimeFunctions
@@ -82,7 +83,7 @@ class Node:
         self.name = name
         self.hardware = hardware
         self.quartz = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
-        self.core = TimeCore(name, "main", hardware, 1, first_epoch=0)
+        self.core = TimeCore(name, "main", hardware, 1, Config(), first_epoch=0)
         self.board = TimeFunctions(name, "main", 1, 0)
 
 
@@ -105,7 +106,7 @@ def test_units_never_met_are_converted_over_their_neighbours_within_the_summed_b
                 echo[0] if echo else 0,
                 echo[1] - echo[0] if echo else None,
             )
-            a.core.on_exchange(Heard(b.name, "main", b.hardware, 1, exchange))
+            a.core.on_exchange(Heard(b.name, "main", b.hardware, 1, exchange), received_ns)
             for action in a.core.on_timer(received_ns):
                 if isinstance(action, Publish):
                     a.board = action.functions
@@ -132,10 +133,12 @@ def test_a_partner_that_lies_is_marked_by_the_triangles_that_do_not_close() -> N
     def function(of: int, offset_ns: int) -> Conversion:
         return Conversion(f"n{of}", "main", of, 1, offset_ns, 0.0, now_ns, 50_000, 2_000, 1e-7, 0, samples=99)
 
-    core = TimeCore("n1", "main", 1, 1, first_epoch=0)
+    core = TimeCore("n1", "main", 1, 1, Config(), first_epoch=0)
     for of in (2, 3, 4):
         for _ in range(3):
-            core.on_exchange(Heard(f"n{of}", "main", of, 1, Exchange(now_ns, -50_000, now_ns, 50_000)))
+            core.on_exchange(
+                Heard(f"n{of}", "main", of, 1, Exchange(now_ns, -50_000, now_ns, 50_000)), now_ns
+            )
     core.on_timer(now_ns)
     honest = {2: {3: 0, 4: 9_000_000}, 3: {2: 0, 4: 9_000_000}}
     for teller, offsets in honest.items():

@@ -6,6 +6,7 @@ from random import Random
 import pytest
 from tests.simulation.timesync.clocks import Quartz, lan, whole_us
 
+from swarmd.timesync.config import Config
 from swarmd.timesync.core import Heard, Publish, TimeCore
 from swarmd.timesync.peer import Exchange
 from swarmware.types.time import Conversion, TimeFunctions
@@ -22,7 +23,7 @@ class Node:
         self.name = name
         self.hardware = hardware
         self.quartz = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
-        self.core = TimeCore(name, "main", hardware, 1, first_epoch=0)
+        self.core = TimeCore(name, "main", hardware, 1, Config(), first_epoch=0)
         self.board = TimeFunctions(name, "main", 1, 0)
 
 
@@ -68,7 +69,7 @@ class Chain:
         exchange = Exchange(
             received_ns, sent_ns - received_ns, echo[0] if echo else 0, echo[1] - echo[0] if echo else None
         )
-        a.core.on_exchange(Heard(b.name, "main", b.hardware, 1, exchange))
+        a.core.on_exchange(Heard(b.name, "main", b.hardware, 1, exchange), received_ns)
 
     def _reached(self, start: int, without: int) -> set[int]:
         reached, edge = {start}, [start]

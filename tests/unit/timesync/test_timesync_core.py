@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.timesync.core import Action, Heard, Publish, Rebooted, Stepped, TimeCore
+from swarmd.timesync.config import Config
+from swarmd.timesync.core import Action, Heard, Publish, Rebooted, Refused, Stepped, TimeCore
 from swarmd.timesync.peer import Exchange
+from swarmware.runtime.core import AT_ONCE
 from swarmware.types import registry
 from swarmware.types.time import Conversion, TimeFunctions
 
@@ -18,7 +20,7 @@ DELAY = 100_000
 
 
 def core(**changes: float) -> TimeCore:
-    return TimeCore("uav1", "main", 1, 10, first_epoch=40, **changes)  # type: ignore[arg-type]
+    return TimeCore("uav1", "main", 1, 10, Config(**changes), first_epoch=40)  # type: ignore[arg-type]
 
 
 def heard(at_ns: int, offset_ns: int = 0, *, of: int = 2, boot_id: int = 5) -> Heard:
@@ -29,7 +31,7 @@ def heard(at_ns: int, offset_ns: int = 0, *, of: int = 2, boot_id: int = 5) -> H
 def run(timer: TimeCore, *stream: Heard) -> list[Action]:
     actions: list[Action] = []
     for one in stream:
-        actions += timer.on_exchange(one)
+        actions += timer.on_exchange(one, one.exchange.received_ns)
         actions += timer.on_timer(one.exchange.received_ns)
     return actions
 
@@ -46,7 +48,7 @@ def test_the_first_exchange_already_gives_a_function() -> None:
 
 def test_without_an_echo_there_is_no_function() -> None:
     timer = core()
-    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)))
+    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     assert timer.on_timer(SECOND) == []
     assert timer.functions(SECOND).functions == ()
 
@@ -149,7 +151,7 @@ def test_what_a_partner_states_does_not_outlast_packets_that_come() -> None:
 
 def test_a_partner_gives_the_first_value_where_nothing_was_echoed_yet() -> None:
     timer = core()
-    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)))
+    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     timer.on_timer(SECOND)
     timer.on_functions(told(2, function(1, boot_id=10)), SECOND)
     first = timer.functions(SECOND).of("uav2")
@@ -235,12 +237,13 @@ def test_a_function_that_no_two_clocks_can_have_is_refused_and_the_others_are_us
 ) -> None:
     timer = core()
     run(timer, heard(SECOND))
-    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)))
+    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)), SECOND)
     bad = msgspec.structs.replace(function(8), **wrong)
-    assert timer.on_functions(told(2, bad, function(9)), SECOND) == 1
+    assert timer.on_functions(told(2, bad, function(9)), SECOND) == [Refused("uav2", 1, 2)]
+    assert timer.on_functions(told(2, bad, function(9)), SECOND) == [], "it is said once"
     # as a first value of our own clock, and as the way to another
-    assert timer.on_functions(told(3, msgspec.structs.replace(function(1, boot_id=10), **wrong)), SECOND) == 1
-    assert timer.refused == 2
+    of_us = msgspec.structs.replace(function(1, boot_id=10), **wrong)
+    assert timer.on_functions(told(3, of_us), SECOND) == [Refused("uav3", 1, 1)]
     timer.on_timer(2 * SECOND)
     known = timer.functions(2 * SECOND)
     assert {one.platform for one in known.functions} == {"uav2", "uav9"}
@@ -282,7 +285,7 @@ def test_whatever_a_partner_says_the_list_is_published_and_every_number_in_it_is
 ) -> None:
     timer = core()
     run(timer, heard(SECOND, of=2))
-    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)))
+    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)), SECOND)
     for by in (2, 3):
         timer.on_functions(told(by, *functions), now_ns)
     timer.on_timer(now_ns)
@@ -295,7 +298,7 @@ def test_whatever_a_partner_says_the_list_is_published_and_every_number_in_it_is
 
 def test_who_is_heard_without_an_echo_has_no_function_yet() -> None:
     timer = core()
-    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)))
+    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     timer.on_timer(SECOND)
     assert timer.unmeasured() == {"uav2"}
     run(timer, heard(2 * SECOND))
@@ -336,7 +339,7 @@ def test_of_two_stated_functions_that_cannot_both_be_true_the_newer_is_taken() -
 def test_a_first_value_of_a_partner_is_renewed_as_long_as_nothing_is_measured() -> None:
     timer = core()
     for offset_ns, at_s in ((3_000, 1), (9_000_000, 30)):
-        timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(at_s * SECOND, -DELAY)))
+        timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(at_s * SECOND, -DELAY)), at_s * SECOND)
         of_us = msgspec.structs.replace(
             function(1, boot_id=10), platform="uav1", offset_ns=-offset_ns, t0_ns=at_s * SECOND
         )
@@ -359,3 +362,21 @@ def test_what_a_partner_stated_ends_unless_it_states_it_again() -> None:
     assert at_ns < 65 * SECOND
     assert published is not None
     assert published.functions.of("uav9") is None
+
+
+def test_a_step_and_a_first_word_of_a_partner_are_published_in_the_next_turn() -> None:
+    timer = core()
+    run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
+    jumped = [heard(12 * SECOND + n, 5 * SECOND) for n in range(3)]
+    assert any(
+        isinstance(action, Stepped)
+        for one in jumped
+        for action in timer.on_exchange(one, one.exchange.received_ns)
+    )
+    assert timer.deadline_ns() == AT_ONCE
+    other = core()
+    other.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
+    other.on_functions(told(2, function(1, boot_id=10)), SECOND)
+    assert other.deadline_ns() == AT_ONCE
+    assert [type(action) for action in other.on_timer(SECOND)] == [Publish]
+    assert other.deadline_ns() != AT_ONCE

@@ -20,7 +20,7 @@ class _Timed(Coroutine[Any, Any, Any]):
 
     __slots__ = ("_coroutine", "_report")
 
-    def __init__(self, coroutine: Coroutine[Any, Any, Any], report: Callable[[int], None]) -> None:
+    def __init__(self, coroutine: Coroutine[Any, Any, Any], report: Callable[[int, int], None]) -> None:
         self._coroutine = coroutine
         self._report = report
 
@@ -29,9 +29,9 @@ class _Timed(Coroutine[Any, Any, Any]):
         try:
             return self._coroutine.send(value)
         finally:
-            took_ns = time.monotonic_ns() - began_ns
-            if took_ns > SLOW_NS:
-                self._report(took_ns)
+            ended_ns = time.monotonic_ns()
+            if ended_ns - began_ns > SLOW_NS:
+                self._report(began_ns, ended_ns)
 
     def throw(self, *error: Any) -> Any:
         return self._coroutine.throw(*error)
@@ -46,17 +46,30 @@ class _Timed(Coroutine[Any, Any, Any]):
         return getattr(self._coroutine, name)  # cr_frame, cr_code …: what stack traces and repr look at
 
 
+class SlowSteps:
+    """Reports steps of one task or timer that held the event loop for more than 50 ms."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._reported_ns: int | None = None
+
+    def took(self, began_ns: int, ended_ns: int) -> None:
+        """A step has ended."""
+        if ended_ns - began_ns <= SLOW_NS:
+            return
+        if self._reported_ns is None or ended_ns - self._reported_ns >= QUIET_NS:
+            self._reported_ns = ended_ns
+            log.warning("%s held the event loop for %d ms", self._name, (ended_ns - began_ns) // 1_000_000)
+
+
 def warn_if_slow(loop: asyncio.AbstractEventLoop) -> None:
     """From now on, name each task of the loop that holds it for more than 50 ms."""
-    warned_ns: dict[str, int] = {}
+    tasks: dict[str, SlowSteps] = {}
 
-    def report(took_ns: int) -> None:
+    def report(began_ns: int, ended_ns: int) -> None:
         task = asyncio.current_task(loop)
         name = "a task" if task is None else task.get_name()
-        now_ns = time.monotonic_ns()
-        if now_ns - warned_ns.get(name, -QUIET_NS) >= QUIET_NS:
-            warned_ns[name] = now_ns
-            log.warning("%s held the event loop for %d ms", name, took_ns // 1_000_000)
+        tasks.setdefault(name, SlowSteps(name)).took(began_ns, ended_ns)
 
     def make(
         loop: asyncio.AbstractEventLoop, coroutine: Any, *, context: Context | None = None, **named: Any
