@@ -1,0 +1,50 @@
+"""The pages on architecture and terms name what is there: files, classes, layers, contracts."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = ROOT / "share/doc"
+ROOTS = (ROOT, ROOT / "lib/swarmware", ROOT / "daemons/swarmd", ROOT / "cli")
+"""A path of the pages is below one of these."""
+ARCHITECTURE = (DOCUMENTS / "architecture.md").read_text("utf-8")
+CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+FILE = re.compile(r"(?<![\w/<.-])([a-z_][\w/]*\.(?:py|toml))\b")
+
+
+def files(text: str) -> list[str]:
+    return sorted(set(FILE.findall(text)) - {"node.toml"})
+
+
+def places(name: str) -> list[Path]:
+    return [root / name for root in ROOTS if (root / name).is_file()]
+
+
+@pytest.mark.parametrize("name", files(ARCHITECTURE))
+def test_a_file_of_the_architecture_is_there(name: str) -> None:
+    assert places(name), f"{name}: below none of lib/swarmware, daemons/swarmd, cli; expected a file"
+
+
+def test_the_layers_of_the_page_are_those_of_the_contract() -> None:
+    (shown,) = re.findall(r"```layers\n(.*?)\n```", ARCHITECTURE, re.DOTALL)
+    (floors,) = (contract["layers"] for contract in CONTRACTS if contract["id"] == "floors")
+    assert shown.splitlines() == floors
+
+
+def test_the_contracts_of_the_page_are_those_of_the_build() -> None:
+    shown = dict(re.findall(r"^\| `([\w-]+)` \| (.*?) \|$", ARCHITECTURE.split("## 3.")[0], re.MULTILINE))
+    named = {contract["id"]: contract["name"] for contract in CONTRACTS}
+    assert {name: shown.get(name) for name in named} == named
+
+
+def test_every_daemon_is_in_the_picture() -> None:
+    daemons = {path.parent.name for path in (ROOT / "daemons/swarmd").glob("*/service.py")}
+    shown = set(re.findall(r"^\| `(\w+)` \| ", ARCHITECTURE.split("## 2.")[0], re.MULTILINE))
+    assert shown == daemons
+
+
+def test_the_architecture_fits_one_reading() -> None:
+    assert len(ARCHITECTURE.splitlines()) < 400
