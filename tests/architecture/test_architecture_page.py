@@ -48,3 +48,27 @@ def test_every_daemon_is_in_the_picture() -> None:
 
 def test_the_architecture_fits_one_reading() -> None:
     assert len(ARCHITECTURE.splitlines()) < 400
+
+
+GLOSSARY = (DOCUMENTS / "glossary.md").read_text("utf-8")
+TERMS = [
+    [cell.strip() for cell in line.strip("|").split("|")]
+    for line in GLOSSARY.splitlines()
+    if line.startswith("| ") and not line.startswith("| term ")
+]
+
+
+def test_the_terms_are_in_order_and_each_is_there_once() -> None:
+    terms = [row[0] for row in TERMS]
+    assert len(terms) >= 40
+    assert terms == sorted(set(terms))
+
+
+@pytest.mark.parametrize("row", TERMS, ids=[row[0] for row in TERMS])
+def test_a_term_has_a_meaning_an_equivalent_and_a_name_in_a_file(row: list[str]) -> None:
+    _, meaning, elsewhere, code = row
+    assert meaning and elsewhere
+    found = re.fullmatch(r"`([\w/]+\.py)` `(\w+)`", code)
+    assert found, f"{code}: expected `path.py` `Name`"
+    path, name = found.groups()
+    assert any(re.search(rf"\b{name}\b", place.read_text("utf-8")) for place in places(path)), code
