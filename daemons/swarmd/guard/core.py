@@ -5,7 +5,11 @@ from typing import Final
 
 import msgspec
 
+from swarmd.guard.config import Config
 from swarmware.types.health import GuardStatus, WatchedService
+
+LOOK_NS: Final = 1_000_000_000
+"""Beats are read as often as they come."""
 
 
 class State(StrEnum):
@@ -78,7 +82,24 @@ class Tell(msgspec.Struct, frozen=True):
     service: WatchedService
 
 
-Action = Spawn | Kill | Ask | Tell
+class Follow(msgspec.Struct, frozen=True):
+    """Report the end of this process of a service."""
+
+    service: str
+    pid: int
+
+
+class Joined(msgspec.Struct, frozen=True):
+    """The service is on the node: the note of its start is not needed any more."""
+
+    service: str
+
+
+class Look(msgspec.Struct, frozen=True):
+    """See who is on the node and who beats, then call `on_looked`: nobody is judged by what was not read."""
+
+
+Action = Spawn | Kill | Ask | Tell | Follow | Joined | Look
 
 
 class Watched(msgspec.Struct):
@@ -125,24 +146,19 @@ class GuardCore:
         self,
         services: tuple[str, ...],
         supervisor: str,
-        *,
-        hung_s: float,
-        start_s: float,
-        back_off_s: tuple[float, ...],
-        settled_s: float,
-        restart_limit: int,
-        stop_s: float,
+        config: Config,
     ) -> None:
         self._services = {name: Watched(name) for name in services}
         self._supervisor = supervisor
-        self._hung_ns = round(hung_s * 1e9)
-        self._start_ns = round(start_s * 1e9)
-        self._back_off_ns = [round(pause_s * 1e9) for pause_s in back_off_s]
-        self._settled_ns = round(settled_s * 1e9)
-        self._limit = restart_limit
-        self._stop_ns = round(stop_s * 1e9)
+        self._hung_ns = round(config.hung_s * 1e9)
+        self._start_ns = round(config.start_s * 1e9)
+        self._back_off_ns = [round(pause_s * 1e9) for pause_s in config.back_off_s]
+        self._settled_ns = round(config.settled_s * 1e9)
+        self._limit = config.restart_limit
+        self._stop_ns = round(config.stop_s * 1e9)
         self._stopping: list[str] | None = None
-        self._timer_ns: int | None = None
+        self._look_ns: int | None = None
+        """When beats are read next."""
 
     def __contains__(self, name: str) -> bool:
         return name in self._services
@@ -173,17 +189,19 @@ class GuardCore:
 
     # -- what happens
 
-    def start(self, running: dict[str, int], born: dict[str, int], now_ns: int) -> list[Action]:
+    def on_start(self, running: dict[str, int], born: dict[str, int], now_ns: int) -> list[Action]:
         """Adopts what runs already (pid by name), waits for what was just started, starts the rest."""
+        self._look_ns = now_ns
         actions: list[Action] = []
         for watched in self._services.values():
             if watched.name in running:
-                self._adopt(watched, running[watched.name], now_ns)
+                actions += self._adopt(watched, running[watched.name], now_ns)
                 continue
             spawn = self._spawn(watched, now_ns)
             if watched.name in born:
                 watched.pid = born[watched.name]
                 watched.adopted = True
+                actions.append(Follow(watched.name, watched.pid))
                 continue
             if watched.missed:
                 watched.restarts += 1
@@ -192,26 +210,30 @@ class GuardCore:
             actions.append(spawn)
         return actions
 
-    def on_spawned(self, name: str, pid: int) -> None:
-        """The process was started."""
+    def on_spawned(self, name: str, pid: int, now_ns: int) -> list[Action]:
+        """The process was started; 0: by somebody else, who does not say which it is."""
         self._services[name].pid = pid
+        return [Follow(name, pid)] if pid else []
 
-    def on_joined(self, name: str, pid: int, now_ns: int) -> None:
+    def on_joined(self, name: str, pid: int, now_ns: int) -> list[Action]:
         """The service has an application file, by whomever it was started."""
         watched = self._services[name]
         if watched.state is State.STARTING and watched.pid in {pid, 0}:
             watched.to(Event.JOINED, now_ns)
-            watched.pid = pid
+            followed, watched.pid = watched.pid, pid
             self._expect_beat(watched, now_ns)
-        elif (watched.state, Event.ADOPT) in TRANSITIONS and watched.state is not State.WAITING:
-            self._adopt(watched, pid, now_ns)
+            return [Joined(name)] if followed else [Joined(name), Follow(name, pid)]
+        if (watched.state, Event.ADOPT) in TRANSITIONS and watched.state is not State.WAITING:
+            return self._adopt(watched, pid, now_ns)
+        return []
 
-    def on_beat(self, name: str, beat: int, now_ns: int) -> None:
+    def on_beat(self, name: str, beat: int, now_ns: int) -> list[Action]:
         """The count on its status board; only a change is a sign of life."""
         watched = self._services[name]
         if watched.state is State.RUNNING and beat != watched.beat and not watched.blame:
             watched.beat = beat
             self._expect_beat(watched, now_ns)
+        return []
 
     def on_restarted(self, name: str, restarts: int, now_ns: int) -> list[Action]:
         """Somebody else, the runner of its process, has restarted the service so often."""
@@ -265,7 +287,7 @@ class GuardCore:
             return [self._spawn(watched, now_ns)]
         return []
 
-    def stop(self, now_ns: int) -> list[Action]:
+    def on_stop(self, now_ns: int) -> list[Action]:
         """Ends everything, the last started first, each after the one before has ended."""
         if self._stopping is not None:
             return []
@@ -277,17 +299,29 @@ class GuardCore:
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` has something to do."""
+        if self.stopped or self._look_ns is None:
+            return None
+        deadline_ns = self._service_deadline_ns()
+        return self._look_ns if deadline_ns is None else min(self._look_ns, deadline_ns)
+
+    def _service_deadline_ns(self) -> int | None:
         return min(
             (watched.deadline_ns for watched in self._services.values() if watched.deadline_ns is not None),
             default=None,
         )
 
     def on_timer(self, now_ns: int) -> list[Action]:
+        """Once a second, and whenever something is due."""
+        if self._look_ns is not None and self._look_ns <= now_ns:
+            self._look_ns = now_ns + LOOK_NS
+        return [Look()]
+
+    def on_looked(self, now_ns: int) -> list[Action]:
         """What is due: pauses that are over, services that hang or do not end.
 
         When the guard itself was kept from running, nobody else is blamed for having been silent.
         """
-        deadline_ns = self.deadline_ns()
+        deadline_ns = self._service_deadline_ns()
         late_ns = now_ns - deadline_ns if deadline_ns is not None else 0
         if late_ns > self._hung_ns // 2:
             for watched in self._services.values():
@@ -328,11 +362,12 @@ class GuardCore:
         watched.deadline_ns = now_ns + self._start_ns
         return Spawn(watched.name)
 
-    def _adopt(self, watched: Watched, pid: int, now_ns: int) -> None:
+    def _adopt(self, watched: Watched, pid: int, now_ns: int) -> list[Action]:
         watched.to(Event.ADOPT, now_ns)
         watched.adopted = True
         watched.pid = pid
         self._expect_beat(watched, now_ns)
+        return [Joined(watched.name), Follow(watched.name, pid)]
 
     def _expect_beat(self, watched: Watched, now_ns: int) -> None:
         watched.deadline_ns = now_ns + self._hung_ns

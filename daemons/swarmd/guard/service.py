@@ -1,11 +1,10 @@
 """The guard's shell: looks at application files, beats and deaths, and has decisions carried out."""
 
 import asyncio
-import contextlib
 from typing import ClassVar
 
 from swarmd.guard import config as settings
-from swarmd.guard.core import Action, Ask, GuardCore, Kill, Spawn, State
+from swarmd.guard.core import Action, Ask, Follow, GuardCore, Joined, Kill, Look, Spawn, State, Tell
 from swarmd.guard.supervisor import Processes, Runner, Supervisor, Systemd
 from swarmware.appfile import AppTable
 from swarmware.errors import NotFound
@@ -16,9 +15,6 @@ from swarmware.service import Service
 from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
-
-LOOK_S = 1.0
-"""How often beats are read: as often as they come."""
 
 
 class Guard(Service):
@@ -38,21 +34,12 @@ class Guard(Service):
         # its own: a table tells of a change only once
         self._table = AppTable(module.node.run_dir)
         self._supervisor = self._choose()
-        self._core = GuardCore(
-            names,
-            self._supervisor.kind,
-            hung_s=config.hung_s,
-            start_s=config.start_s,
-            back_off_s=config.back_off_s,
-            settled_s=config.settled_s,
-            restart_limit=config.restart_limit,
-            stop_s=config.stop_s,
-        )
+        self._core = GuardCore(names, self._supervisor.kind, config)
+        self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._names = names
         self._beats: dict[str, BoardReader[AppStatus]] = {}
         self._board: BoardWriter[GuardStatus] | None = None
         self._events: BoardWriter[WatchedService] | None = None
-        self._news = asyncio.Event()
         self._stopped = asyncio.Event()
         self._shown: GuardStatus | None = None
 
@@ -92,7 +79,7 @@ class Guard(Service):
         self._show()  # before anything is started: whoever finds this board knows that there was a guard
         try:
             self._begin()
-            await self._watch()
+            await self._driver.run()
         finally:
             self._node.unwatch(self)
             self._node.unlisten(self._node.shm_dir / APPS_TABLE)
@@ -102,13 +89,13 @@ class Guard(Service):
         """Ends the services it has started or adopted, the last started first."""
         if not self._supervisor.stops or self._board is None:
             return
-        self._act(self._core.stop(self.module.now_ns()))
+        self._driver.feed(self._core.on_stop(self.module.now_ns()))
         await self._stopped.wait()
 
     def poll(self) -> None:
         """The doorbell has rung: perhaps a service has joined."""
         if self._table.refresh():
-            self._news.set()
+            self._look()
 
     # -- what happens
 
@@ -119,74 +106,56 @@ class Guard(Service):
             for name in self._names
             if name not in running and (pid := self._supervisor.running(name))
         }
-        self._act(self._core.start(running, born, self.module.now_ns()))
-        for name, pid in (running | born).items():
-            self._follow(name, pid)
+        self._driver.feed(self._core.on_start(running, born, self.module.now_ns()))
         if running:
             self.module.log.info("found running: %s", ", ".join(running))
 
-    async def _watch(self) -> None:
-        look_ns = 0
-        while True:
-            now_ns = self.module.now_ns()
-            deadline_ns = self._core.deadline_ns()
-            until_ns = look_ns if deadline_ns is None else min(look_ns, deadline_ns)
-            if self._core.stopped:
-                self._stopped.set()
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._news.wait(), max(0.0, (until_ns - now_ns) / 1e9))
-            self._news.clear()
-            now_ns = self.module.now_ns()
-            self._look(now_ns)
-            if now_ns >= look_ns:
-                look_ns = now_ns + round(LOOK_S * 1e9)
-            self._act(self._core.on_timer(now_ns))
-
-    def _look(self, now_ns: int) -> None:
+    def _look(self) -> None:
         """Who has joined, who beats."""
         self._table.refresh()
+        now_ns = self.module.now_ns()
+        actions: list[Action] = []
         for entry in self._table:
-            if entry.name not in self._core:
-                continue
-            before = self._core.pid(entry.name)
-            self._core.on_joined(entry.name, entry.pid, now_ns)
-            if self._core.pid(entry.name) == entry.pid:
-                self._supervisor.joined(entry.name)
-                if before != entry.pid:
-                    self._follow(entry.name, entry.pid)
+            if entry.name in self._core:
+                actions += self._core.on_joined(entry.name, entry.pid, now_ns)
         for name, reader in self._beats.items():
             if (status := reader.value) is not None:
-                self._core.on_beat(name, status.beat, now_ns)
+                actions += self._core.on_beat(name, status.beat, now_ns)
                 if self._supervisor.kind == Runner.kind:
-                    self._act(self._core.on_restarted(name, status.restarts, now_ns))
-        self._show()
-
-    def _follow(self, name: str, pid: int) -> None:
-        if not self._supervisor.watch(name, pid):
-            self._on_exit(name, pid, "gone")
+                    actions += self._core.on_restarted(name, status.restarts, now_ns)
+        self._driver.feed(actions + self._core.on_looked(now_ns))
 
     def _on_exit(self, name: str, pid: int, how: str) -> None:
         self._table.refresh(probe=True)  # or the dead one would be found and adopted
-        self._act(self._core.on_exit(name, pid, how, self.module.now_ns()))
-        self._news.set()
+        self._driver.feed(self._core.on_exit(name, pid, how, self.module.now_ns()))
+        self._look()  # that refresh may have brought others, too
 
     # -- what follows
 
-    def _act(self, actions: list[Action]) -> None:
-        for action in actions:
-            match action:
-                case Spawn(service=name):
-                    if pid := self._supervisor.spawn(name):
-                        self._core.on_spawned(name, pid)
-                        self._follow(name, pid)
-                case Ask(service=name, pid=pid):
-                    self._supervisor.ask(name, pid)
-                case Kill(service=name, pid=pid, reason=reason):
-                    self.module.log.warning("%s: killed, pid %d: %s", name, pid, reason)
-                    self._supervisor.kill(name, pid)
-                case _:
-                    self._tell(action.service)
+    def _perform(self, action: Action) -> None:
+        match action:
+            case Look():
+                self._look()
+            case Spawn(name):
+                pid = self._supervisor.spawn(name)
+                self._driver.feed(self._core.on_spawned(name, pid, self.module.now_ns()))
+            case Joined(name):
+                self._supervisor.joined(name)
+            case Follow(name, pid):
+                if not self._supervisor.watch(name, pid):
+                    self._on_exit(name, pid, "gone")
+            case Ask(name, pid):
+                self._supervisor.ask(name, pid)
+            case Kill(name, pid, reason):
+                self.module.log.warning("%s: killed, pid %d: %s", name, pid, reason)
+                self._supervisor.kill(name, pid)
+            case Tell(service):
+                self._tell(service)
+
+    def _settled(self) -> None:
         self._show()
+        if self._core.stopped:
+            self._stopped.set()
 
     def _tell(self, service: WatchedService) -> None:
         if self._events is not None:
@@ -213,6 +182,5 @@ class Guard(Service):
                 f"service {order.service!r}: not under this guard; expected one of {', '.join(self._names)}"
             )
         self.module.log.info("%s: restarted on request", order.service)
-        self._act(self._core.on_order(order.service, self.module.now_ns()))
-        self._news.set()
+        self._driver.feed(self._core.on_order(order.service, self.module.now_ns()))
         return self._core.status()

@@ -6,7 +6,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.guard.core import TRANSITIONS, Action, Ask, Event, GuardCore, Kill, Spawn, State, Tell
+from swarmd.guard.config import Config
+from swarmd.guard.core import (
+    TRANSITIONS,
+    Action,
+    Ask,
+    Event,
+    Follow,
+    GuardCore,
+    Joined,
+    Kill,
+    Look,
+    Spawn,
+    State,
+    Tell,
+)
+from swarmware.testing import VirtualTime
 from swarmware.types.health import GuardStatus, WatchedService
 
 SECOND = 1_000_000_000
@@ -21,14 +36,14 @@ def guard(*services: str, **changes: Any) -> GuardCore:
         "restart_limit": 4,
         "stop_s": 3.0,
     }
-    return GuardCore(services or ("tree", "health"), "self", **(numbers | changes))
+    return GuardCore(services or ("tree", "health"), "self", Config(**(numbers | changes)))
 
 
 def running(core: GuardCore, now_ns: int = 0) -> None:
     """Starts everything; the pid of a service is 10, 20, … in the order of the start."""
-    for number, action in enumerate(core.start({}, {}, now_ns), 1):
+    for number, action in enumerate(core.on_start({}, {}, now_ns), 1):
         assert isinstance(action, Spawn)
-        core.on_spawned(action.service, 10 * number)
+        core.on_spawned(action.service, 10 * number, now_ns)
         core.on_joined(action.service, 10 * number, now_ns)
 
 
@@ -40,22 +55,36 @@ def without_tell(actions: list[Action]) -> list[Action]:
     return [action for action in actions if not isinstance(action, Tell)]
 
 
+def spawned(actions: list[Action]) -> list[str]:
+    return [action.service for action in actions if isinstance(action, Spawn)]
+
+
+def until_something(core: GuardCore) -> tuple[int, list[Action]]:
+    """Looks at each deadline until there is something to do; when that is, and what."""
+    while (deadline_ns := core.deadline_ns()) is not None:
+        assert core.on_timer(deadline_ns) == [Look()]
+        if actions := without_tell(core.on_looked(deadline_ns)):
+            return deadline_ns, actions
+    raise AssertionError("nothing will ever be done")
+
+
 def test_everything_that_does_not_run_is_started_in_order() -> None:
-    assert guard("tree", "health", "sim").start({"health": 7}, {}, 0) == [Spawn("tree"), Spawn("sim")]
+    assert spawned(guard("tree", "health", "sim").on_start({"health": 7}, {}, 0)) == ["tree", "sim"]
 
 
 def test_what_runs_already_is_adopted() -> None:
     core = guard()
-    core.start({"health": 7}, {}, 0)
+    actions = core.on_start({"health": 7}, {}, 0)
+    assert actions == [Spawn("tree"), Joined("health"), Follow("health", 7)]
     assert (service(core, "health").state, service(core, "health").pid) == ("running", 7)
     assert service(core, "health").adopted
 
 
 def test_a_process_that_was_just_started_by_a_former_guard_is_waited_for() -> None:
     core = guard()
-    assert core.start({}, {"health": 7}, 0) == [Spawn("tree")]
+    assert core.on_start({}, {"health": 7}, 0) == [Spawn("tree"), Follow("health", 7)]
     assert service(core, "health").state == "starting"
-    core.on_joined("health", 7, SECOND)
+    assert core.on_joined("health", 7, SECOND) == [Joined("health")], "its end is awaited already"
     assert service(core, "health").state == "running"
 
 
@@ -77,17 +106,14 @@ def test_one_that_dies_again_and_again_waits_longer_and_longer_and_is_given_up()
         pid = 10 if attempt == 1 else 100 + attempt - 1
         actions = without_tell(core.on_exit("tree", pid, "exit 1", now_ns))
         if not actions:
-            deadline_ns = core.deadline_ns()
             if service(core, "tree").state == "failed":
                 break
-            assert deadline_ns is not None
-            pauses.append((deadline_ns - now_ns) / SECOND)
-            assert without_tell(core.on_timer(deadline_ns - 1)) == []
-            now_ns = deadline_ns
-            actions = without_tell(core.on_timer(now_ns))
+            core.on_beat("health", attempt, now_ns)
+            began_ns = now_ns
+            now_ns, actions = until_something(core)
+            pauses.append((now_ns - began_ns) / SECOND)
         assert actions == [Spawn("tree")]
-        core.on_spawned("tree", 100 + attempt)
-        core.on_beat("health", attempt, now_ns)
+        core.on_spawned("tree", 100 + attempt, 0)
     assert pauses == [0.5, 2.0, 2.0]
     assert service(core, "tree").state == "failed"
     assert "given up after 4 restarts" in service(core, "tree").reason
@@ -97,7 +123,7 @@ def test_one_that_ran_for_long_is_started_without_a_pause_again() -> None:
     core = guard()
     running(core)
     core.on_exit("tree", 10, "exit 1", SECOND)
-    core.on_spawned("tree", 11)
+    core.on_spawned("tree", 11, 0)
     core.on_joined("tree", 11, 2 * SECOND)
     assert without_tell(core.on_exit("tree", 11, "exit 1", 13 * SECOND)) == [Spawn("tree")]
 
@@ -106,7 +132,7 @@ def test_an_operator_can_revive_one_that_was_given_up() -> None:
     core = guard(restart_limit=1)
     running(core)
     core.on_exit("tree", 10, "exit 1", SECOND)
-    core.on_spawned("tree", 11)
+    core.on_spawned("tree", 11, 0)
     core.on_exit("tree", 11, "exit 1", SECOND)
     assert service(core, "tree").state == "failed"
     assert core.on_order("tree", 2 * SECOND) == [Spawn("tree")]
@@ -119,26 +145,26 @@ def test_a_beat_that_stands_still_is_a_hang_and_is_killed() -> None:
         core.on_beat("tree", second, second * SECOND)
     for second in range(4, 8):
         core.on_beat("tree", 3, second * SECOND)
-        assert core.on_timer(second * SECOND) == []
+        assert core.on_looked(second * SECOND) == []
     core.on_beat("tree", 3, 8 * SECOND)
-    assert core.on_timer(8 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.0 s")]
+    assert core.on_looked(8 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.0 s")]
     core.on_exit("tree", 10, "signal 9", 8 * SECOND)
     assert service(core, "tree").reason == "hung: no beat for 5.0 s"
 
 
 def test_one_that_never_joins_the_node_is_killed() -> None:
     core = guard("tree")
-    core.start({}, {}, 0)
-    core.on_spawned("tree", 10)
-    assert core.on_timer(20 * SECOND) == [Kill("tree", 10, "hung: not on the node 20 s after its start")]
+    core.on_start({}, {}, 0)
+    core.on_spawned("tree", 10, 0)
+    assert core.on_looked(20 * SECOND) == [Kill("tree", 10, "hung: not on the node 20 s after its start")]
 
 
 def test_nobody_is_blamed_for_a_time_in_which_the_guard_itself_did_not_run() -> None:
     core = guard("tree")
     running(core)
-    assert core.on_timer(30 * SECOND) == []
-    assert core.on_timer(32 * SECOND) == []
-    assert core.on_timer(33 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.5 s")]
+    assert core.on_looked(30 * SECOND) == []
+    assert core.on_looked(32 * SECOND) == []
+    assert core.on_looked(33 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.5 s")]
 
 
 def test_a_restart_on_request_asks_first_and_kills_later() -> None:
@@ -146,7 +172,7 @@ def test_a_restart_on_request_asks_first_and_kills_later() -> None:
     running(core)
     assert core.on_order("tree", SECOND) == [Ask("tree", 10)]
     core.on_beat("tree", 99, 2 * SECOND)
-    assert core.on_timer(4 * SECOND) == [Kill("tree", 10, "restarted on request")]
+    assert core.on_looked(4 * SECOND) == [Kill("tree", 10, "restarted on request")]
     assert without_tell(core.on_exit("tree", 10, "signal 9", 4 * SECOND)) == [Spawn("tree")]
     assert service(core, "tree").reason == "restarted on request"
 
@@ -161,7 +187,7 @@ def test_the_end_of_another_process_of_the_same_name_means_nothing() -> None:
 def test_one_that_dies_while_others_are_stopped_is_not_started_again() -> None:
     core = guard("broker", "tree", "sim")
     running(core)
-    assert core.stop(0) == [Ask("sim", 30)]
+    assert core.on_stop(0) == [Ask("sim", 30)]
     assert core.on_exit("tree", 20, "signal 9", 1) == []
     assert core.on_exit("sim", 30, "exit 0", 2) == [Ask("broker", 10)]
     assert not core.stopped
@@ -173,11 +199,11 @@ def test_one_that_waits_for_its_next_start_is_not_started_by_a_stop() -> None:
     core = guard("tree")
     running(core)
     core.on_exit("tree", 10, "exit 1", SECOND)
-    core.on_spawned("tree", 11)
+    core.on_spawned("tree", 11, 0)
     assert without_tell(core.on_exit("tree", 11, "exit 1", SECOND)) == []
-    core.stop(SECOND)
+    core.on_stop(SECOND)
     assert core.stopped
-    assert core.on_timer(9 * SECOND) == []
+    assert core.on_looked(9 * SECOND) == []
     assert core.on_order("tree", 9 * SECOND) == []
 
 
@@ -185,7 +211,7 @@ def test_stopping_is_complete_and_nothing_is_started_again() -> None:
     core = guard("broker", "tree", "sim")
     running(core)
     asked: list[str] = []
-    actions = core.stop(0)
+    actions = core.on_stop(0)
     while actions:
         assert len(actions) == 1
         action = actions[0]
@@ -199,8 +225,8 @@ def test_stopping_is_complete_and_nothing_is_started_again() -> None:
 def test_one_that_does_not_end_when_asked_is_killed() -> None:
     core = guard("tree")
     running(core)
-    core.stop(0)
-    assert core.on_timer(3 * SECOND) == [Kill("tree", 10, "did not end when asked")]
+    core.on_stop(0)
+    assert core.on_looked(3 * SECOND) == [Kill("tree", 10, "did not end when asked")]
     core.on_exit("tree", 10, "signal 9", 3 * SECOND)
     assert core.stopped
 
@@ -211,7 +237,7 @@ def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> N
         "self", (WatchedService("tree", "running", restarts=3, reason="died: signal 11"),), 3
     )
     core.remember(before)
-    core.start({"tree": 5, "health": 6}, {}, 0)
+    core.on_start({"tree": 5, "health": 6}, {}, 0)
     assert service(core, "tree").restarts == 3
     assert core.status().restarts == 3
 
@@ -219,7 +245,7 @@ def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> N
 def test_one_that_died_while_there_was_no_guard_is_counted_and_told() -> None:
     core = guard()
     core.remember(GuardStatus("self", (WatchedService("tree", "running", pid=5),), 0))
-    tell, *spawns = core.start({}, {}, 0)
+    tell, *spawns = core.on_start({}, {}, 0)
     assert isinstance(tell, Tell)
     assert (tell.service.name, tell.service.reason) == ("tree", "died while no guard ran")
     assert spawns == [Spawn("tree"), Spawn("health")]
@@ -228,7 +254,7 @@ def test_one_that_died_while_there_was_no_guard_is_counted_and_told() -> None:
 
 def test_a_restart_by_the_runner_of_the_process_is_counted_and_told() -> None:
     core = guard("tree")
-    core.start({"tree": 1}, {}, 0)
+    core.on_start({"tree": 1}, {}, 0)
     told = core.on_restarted("tree", 2, SECOND)
     assert [type(action) for action in told] == [Tell]
     assert service(core, "tree").restarts == 2
@@ -253,10 +279,10 @@ def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) 
         for action in actions:
             if isinstance(action, Spawn):
                 pids["tree"] = next_pid
-                core.on_spawned("tree", next_pid)
+                core.on_spawned("tree", next_pid, now_ns)
                 next_pid += 1
 
-    carry_out(core.start({}, {}, 0))
+    carry_out(core.on_start({}, {}, 0))
     for what, value in events:
         now_ns += value * SECOND
         match what:
@@ -265,13 +291,95 @@ def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) 
             case "beat":
                 core.on_beat("tree", value, now_ns)
             case "timer":
-                carry_out(core.on_timer(now_ns))
+                carry_out(core.on_looked(now_ns))
             case "join":
                 core.on_joined("tree", core.pid("tree") or 99, now_ns)
             case _:
                 carry_out(core.on_order("tree", now_ns))
-    core.stop(now_ns)
+    core.on_stop(now_ns)
     if not core.stopped:
         core.on_exit("tree", core.pid("tree"), "exit 0", now_ns)
     assert core.stopped
     assert core.deadline_ns() is None
+
+
+class Watching:
+    """A guard in virtual time: services come up when they are started, and beat while they are well."""
+
+    def __init__(self, fails_to_start: set[str] | None = None) -> None:
+        self.time = VirtualTime()
+        self.core = guard("tree", "sim")
+        self.driver = self.time.drive(self.core, self.perform)
+        self.pids = {"tree": 0, "sim": 0}
+        self.beats = {"tree": 0, "sim": 0}
+        self.well = {"tree", "sim"}
+        self.done: list[Action] = []
+        self.looks = 0
+        self.fails_to_start = fails_to_start or set()
+        self.time.every(1.0, self.beat)
+        self.driver.feed(self.core.on_start({}, {}, 0))
+
+    def beat(self) -> None:
+        for name in self.well:
+            self.beats[name] += 1
+
+    def perform(self, action: Action) -> None:
+        now_ns = self.time.now_ns
+        self.done.append(action)
+        match action:
+            case Look():
+                self.looks += 1
+                actions: list[Action] = []
+                for name, pid in self.pids.items():
+                    if pid:
+                        actions += self.core.on_joined(name, pid, now_ns)
+                    actions += self.core.on_beat(name, self.beats[name], now_ns)
+                self.driver.feed(actions + self.core.on_looked(now_ns))
+            case Spawn(name):
+                self.pids[name] += 10
+                self.driver.feed(self.core.on_spawned(name, self.pids[name], now_ns))
+            case Follow(name, pid) if name in self.fails_to_start:
+                self.fails_to_start.discard(name)
+                self.driver.feed(self.core.on_exit(name, pid, "gone", now_ns))
+            case Kill(name, pid):
+                self.driver.feed(self.core.on_exit(name, pid, "signal 9", now_ns))
+
+
+def test_a_guard_looks_once_a_second_and_kills_what_does_not_beat_only_that() -> None:
+    watching = Watching()
+    watching.time.run_for(10)
+    assert watching.looks in {10, 11}
+    assert {one.state for one in watching.core.status().services} == {"running"}
+    watching.well.discard("sim")
+    watching.time.run_for(7)
+    assert [action for action in watching.done if isinstance(action, Kill)] == [
+        Kill("sim", 10, "hung: no beat for 5.0 s")
+    ]
+    assert service(watching.core, "sim").restarts == 1
+
+
+@pytest.mark.parametrize("away_s", [2, 5, 6, 7, 30])
+def test_beats_of_a_time_in_which_the_guard_did_not_run_count(away_s: int) -> None:
+    watching = Watching()
+    watching.time.run_for(10)
+    watching.time.now_ns += away_s * SECOND  # the process was stopped; the services went on
+    watching.beat()
+    watching.time.run_for(10)
+    assert not [action for action in watching.done if isinstance(action, Kill)]
+
+
+def test_a_process_that_is_gone_before_it_can_be_followed_is_started_again_after_the_others() -> None:
+    watching = Watching(fails_to_start={"tree"})
+    assert spawned(watching.done) == ["tree", "sim", "tree"]
+
+
+def test_a_guard_whose_services_have_all_been_stopped_looks_no_more() -> None:
+    watching = Watching()
+    watching.time.run_for(5)
+    for name, pid in (("sim", 10), ("tree", 10)):
+        watching.driver.feed(watching.core.on_stop(watching.time.now_ns))
+        watching.driver.feed(watching.core.on_exit(name, pid, "exit 0", watching.time.now_ns))
+    assert watching.core.stopped
+    looks = watching.looks
+    watching.time.run_for(5)
+    assert watching.looks == looks
