@@ -22,7 +22,8 @@ _MOVING_AT: Final = HEADER_BYTES - _MOVING.size
 """The end of the header: sequence, stamp and echo times."""
 
 HOPS: Final = 24
-"""Hops a frame may take: more than the diameter of any swarm simulated (18 at 1 000 nodes)."""
+"""Hops a frame may take. Radios spread at random, each in range of nine others, are at most 14 hops apart
+among 100 and 22 among 300; among 500 a few pairs are up to 26 apart."""
 
 
 class Kind(IntEnum):

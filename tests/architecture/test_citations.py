@@ -15,6 +15,9 @@ DOCUMENT = re.compile(r"(?<![\w/.*-])((?:[\w.-]+/)*[\w-]+\.md)\b")
 MARKDOWN_LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)\s#]+)(?:#[^)]*)?\)")
 DECISION = re.compile(r"\bADRs? (\d+)(?:(?:, | and |-|–| to )(\d+))*")
 SECTION = re.compile(r"([\w/-]+\.md),? (?:section )?(\d+(?:\.\d+)*)")
+PLACE = re.compile(
+    r"(?<![\w/.$}-])((?:tests|lib|daemons|cli|etc/swarm|share/doc|share/swarm)/[\w/-]+(?:\.\w+)*)"
+)
 ELSEWHERE = re.compile(
     r"scale study|the study\b|\bdesign,? section|\bissue of the\b|\bthe design\b", re.IGNORECASE
 )
@@ -63,6 +66,17 @@ def test_every_document_that_is_cited_is_in_the_repository() -> None:
         for name, text in TEXTS.items()
         for cited in DOCUMENT.findall(text)
         if found(cited, name) is None
+    ]
+    assert missing == []
+
+
+def test_every_path_that_is_cited_is_in_the_repository() -> None:
+    missing = [
+        f"{name}: {cited}"
+        for name, text in TEXTS.items()
+        if name != "pyproject.toml"  # where things go in a wheel
+        for cited in PLACE.findall(text)
+        if not (ROOT / cited).exists()
     ]
     assert missing == []
 

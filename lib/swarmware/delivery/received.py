@@ -9,7 +9,7 @@ SPAN_BITS: Final = 10
 SPANS: Final = 1024
 """Of one sender's hardware: a million messages within the time they are held, or as many restarts."""
 SENDERS: Final = 4096
-"""Hardware units: twice the largest swarm simulated."""
+"""Hardware units; bounds the memory that invented ones can take."""
 HOLD_NS: Final = 60_000_000_000
 """How long a span is kept after its newest message: longer than any message waits for an answer."""
 ANSWERS: Final = 32_768
