@@ -46,8 +46,9 @@ class BoardReader(Generic[T]):
     @property
     def value(self) -> T | None:
         """The newest value; None as long as there was none."""
-        ring = self._source.ring
-        if ring is not None and ring.sequence == self._at and not ring.moved:
+        source = self._source
+        ring = source.ring
+        if ring is not None and source.before + ring.sequence == self._at and not ring.moved:
             return self._value
         return self._take()
 
@@ -57,12 +58,13 @@ class BoardReader(Generic[T]):
             ring = self._source.open()
             if ring is None:
                 return self._value
-        self._at = ring.sequence
+        before = self._source.before
+        self._at = before + ring.sequence
         try:
             data = ring.newest()
             if data is None:
                 return self._value
-            self._at = ring.seen
+            self._at = before + ring.seen
             frame = decode(data)
             if frame.data_id != self._data_id:
                 raise WireError(f"of another type than {self._cls.__name__}, or of another path")
@@ -118,16 +120,16 @@ class BoardReader(Generic[T]):
         self._source.listen()
         while True:
             if self._news():
-                before = self._at
+                at, meta = self._at, self._meta
                 value = self._take()
-                if value is not None and self._at != before:
+                if value is not None and self._at != at and self._meta is not meta:
                     return value
             if not await self._source.wait(patience):
                 raise NoAnswer(f"board {self.path}: no new value within {timeout_s} s")
 
     def _news(self) -> bool:
         ring = self._source.ring
-        return ring is None or ring.moved or ring.sequence != self._at
+        return ring is None or ring.moved or self._source.before + ring.sequence != self._at
 
     def listen(self) -> None:
         """Have this process woken by each value, also when nobody waits for it here."""
@@ -135,11 +137,11 @@ class BoardReader(Generic[T]):
 
     @property
     def position(self) -> int:
-        """Ring sequence of the newest value, read or not; another number when there is news."""
+        """Counts the values, read or not: a larger number when there is news; -1: there was no writer yet."""
         ring = self._source.ring
         if ring is None or ring.moved:
             ring = self._source.open()
-        return -1 if ring is None else ring.sequence
+        return -1 if ring is None else self._source.before + ring.sequence
 
     def __aiter__(self) -> "BoardReader[T]":
         return self

@@ -19,6 +19,8 @@ class Source:
         self._node = node
         self._path = ring_path
         self.ring: RingReader | None = None
+        self.before = 0
+        """Frames of former rings at the path: after one that was withdrawn the sequences start again."""
         self._listening = False
         self._reported = -1
         self._complained = ""
@@ -33,6 +35,8 @@ class Source:
             else:
                 self.ring = RingReader(self._path, after=after)
                 if old is not None:
+                    if not self.ring.continues(old):
+                        self.before += old.sequence
                     old.close()
         except NotFound:
             return self.ring

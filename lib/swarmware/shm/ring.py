@@ -276,11 +276,14 @@ class RingReader:
         Frames never seen are counted in its `lost`. Raises: as the constructor; this reader then stays open.
         """
         fresh = RingReader(self.path)
-        akin = fresh._words[layout.W_LINEAGE] == self._words[layout.W_LINEAGE]
         fresh.lost = self.lost
-        fresh.position, fresh.seen = (self.position, self.seen) if akin else (0, 0)
+        fresh.position, fresh.seen = (self.position, self.seen) if fresh.continues(self) else (0, 0)
         self.close()
         return fresh
+
+    def continues(self, former: "RingReader") -> bool:
+        """Whether its sequences go on from those of a former file at the path; else they start again."""
+        return self._words[layout.W_LINEAGE] == former._words[layout.W_LINEAGE]
 
     @property
     def owner(self) -> Owner:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmd.mission.checking import refuse
@@ -300,7 +300,30 @@ BLOCKS = st.builds(
 )
 
 
-@given(st.dictionaries(NAMES, BLOCKS, max_size=5))
+@st.composite
+def nearly_sound(draw: st.DrawFn) -> dict[str, Any]:
+    """A Start, some blocks and an End with all that they need; now and then one is wrong."""
+    middle = ["b", "c", "d"][: draw(st.integers(0, 3))]
+    after = st.sampled_from([*middle, "z", *middle, "z", *middle, "z", "a", "missing"])
+    plain = st.one_of(
+        st.builds(lambda name: {"type": "Wait", "s": 1, "next": name}, after),
+        st.builds(lambda name, other: {"type": "Arm", "next": name, "nextError": other}, after, after),
+    )
+    blocks: dict[str, Any] = {"a": {"type": "Start", "next": draw(after)}, "z": {"type": "End"}}
+    blocks |= {name: draw(plain) for name in middle}
+    match draw(st.integers(0, 9)):
+        case 0:
+            blocks["s"] = {"type": "Start", "next": "z"}
+        case 1:
+            blocks["z"] = {"type": "Wait", "s": 1, "next": "z"}
+    return blocks
+
+
+GRAPHS = st.dictionaries(NAMES, BLOCKS, max_size=5) | nearly_sound()
+
+
+@settings(max_examples=300)
+@given(GRAPHS)
 def test_a_mission_without_findings_has_a_start_an_end_and_no_successor_that_is_missing(
     blocks: dict[str, Any],
 ) -> None:

@@ -1,0 +1,80 @@
+"""Commands as they were accepted: kept once for the logger where the template says so, and nothing else."""
+
+import asyncio
+from pathlib import Path
+
+from swarmware.delivery import with_sender
+from swarmware.frame import Flag, Frame, Kind, decode
+from swarmware.module import Module
+from swarmware.module.accepted import SLOTS
+from swarmware.names import ANY, data_id, hardware_id
+from swarmware.shm.layout import ring_file
+from swarmware.shm.ring import RingReader
+from swarmware.testing import tmp_node
+from swarmware.types import registry
+from swarmware.types.mission import MissionAbort
+from swarmware.types.scalar import Text
+from swarmware.types.vehicle import ArmRequest, VehicleState
+
+
+def kept(ring: RingReader) -> list[Frame]:
+    """What the logger would take."""
+    found = []
+    while (data := ring.next()) is not None:
+        found.append(decode(data))
+    return found
+
+
+async def test_a_command_that_the_template_logs_is_kept_once_although_it_comes_again(tmp_path: Path) -> None:
+    far = hardware_id("uav7")
+    async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:
+        await m.inbox("cmd/abort", MissionAbort)
+        began_ns = node.clock.now_ns()
+        with RingReader(ring_file(node.shm_dir, "cmd/abort"), after=0) as ring:
+            for sequence in (1, 1, 2):
+                frame = Frame(
+                    Kind.MESSAGE,
+                    data_id("cmd/abort", "MissionAbort"),
+                    far,
+                    9,
+                    node.hardware,
+                    ANY,
+                    sequence,
+                    stamp_ns=5,
+                    flags=Flag.WANTS_ACK,
+                    payload=registry.encode(MissionAbort(reason=f"no {sequence}")),
+                )
+                frame.extension = with_sender(frame.extension, None, 4_000)
+                node.post.deliver(frame)
+                await asyncio.sleep(0)
+            found = kept(ring)
+        assert [(frame.sequence, frame.sender_hw) for frame in found] == [(1, far), (2, far)]
+        assert all(frame.stamp_ns >= began_ns for frame in found), "stamped with our clock, at its acceptance"
+
+
+async def test_a_request_is_kept_too_and_what_the_template_does_not_log_is_not(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path, template="multirotor") as node, Module("sim", node=node) as m:
+        await m.serve("sys/vehicle/arm", ArmRequest, lambda *_: VehicleState(True, True), reply=VehicleState)
+        box = await m.inbox("test/private", Text)
+        await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState)
+        assert await m.send("test/private", Text("x"))
+        assert await box.next(1.0) == Text("x")
+        with RingReader(ring_file(node.shm_dir, "sys/vehicle/arm"), after=0) as ring:
+            assert [registry.decode(ArmRequest, frame.payload) for frame in kept(ring)] == [ArmRequest(True)]
+        assert not ring_file(node.shm_dir, "test/private").exists()
+
+
+async def test_what_was_accepted_stays_for_the_logger_when_the_application_has_gone(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        async with Module("mission", node=node) as m:
+            await m.inbox("cmd/abort", MissionAbort, limit=2 * SLOTS)
+            for number in range(3):
+                assert await m.send("cmd/abort", MissionAbort(reason=f"no {number}"))
+        with RingReader(ring_file(node.shm_dir, "cmd/abort"), after=0) as ring:
+            assert not ring.owner_alive(), "its writer has let it go, so the next application may have it"
+            assert len(kept(ring)) == 3
+        async with Module("mission", node=node) as m:
+            await m.inbox("cmd/abort", MissionAbort)
+            assert await m.send("cmd/abort", MissionAbort(reason="again"))
+        with RingReader(ring_file(node.shm_dir, "cmd/abort"), after=3) as ring:
+            assert [registry.decode(MissionAbort, one.payload).reason for one in kept(ring)] == ["again"]

@@ -1,0 +1,105 @@
+"""The reader's end of a board: whether it is written, how old its value is, whose clock stamped it."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from swarmware.errors import NoAnswer
+from swarmware.frame import Frame, Kind, encode
+from swarmware.module import Module
+from swarmware.names import data_id, hardware_id
+from swarmware.testing import tmp_node
+from swarmware.types import registry
+from swarmware.types.scalar import Float, Int
+from swarmware.types.time import Conversion, TimeFunctions
+
+THERE = hardware_id("uav7")
+SECOND = 1_000_000_000
+
+
+async def test_a_board_is_alive_as_long_as_somebody_writes_it(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        reader = await m.reader("nav/height", Float)
+        seen = [reader.alive]
+        async with Module("pilot", node=node) as pilot:
+            pilot.keep_boards()
+            writer = await pilot.writer("nav/height", Float)
+            seen.append(reader.alive)
+            writer.write(Float(1.0))
+            seen.append(reader.alive)
+        seen.append(reader.alive)
+        assert reader.value == Float(1.0), "its last value stays"
+        async with Module("pilot", node=node) as pilot:
+            await pilot.writer("nav/height", Float)
+            seen.append(reader.alive)
+        assert seen == [False, True, True, False, True]
+
+
+async def test_the_age_of_another_platforms_value_is_by_its_clock_and_unknown_without_it(
+    tmp_path: Path,
+) -> None:
+    async with (
+        tmp_node(tmp_path) as node,
+        Module("planner", node=node) as m,
+        Module("timesync", node=node) as timesync,
+    ):
+        reader = await m.reader("/uav7/nav/height", Float)
+        mirror = node.mirror_writer("uav7", "nav/height")
+        stamp_ns = node.clock.now_ns() + 10 * SECOND - 2 * SECOND  # their clock is 10 s ahead, 2 s ago
+        frame = Frame(Kind.BOARD, data_id("nav/height", "Float"), THERE, stamp_ns=stamp_ns)
+        frame.payload = registry.encode(Float(4.0))
+        mirror.publish(encode(frame))
+        assert (reader.value, reader.stamp_ns, reader.age_s) == (Float(4.0), stamp_ns, None)
+        assert m.foreign.to_local(THERE, stamp_ns) is None
+        assert m.foreign.to_local(node.hardware, 7) == 7
+        functions = await timesync.writer("time/functions", TimeFunctions)
+        theirs = Conversion("uav7", "main", THERE, 1, 10 * SECOND, 0.0, 0, 0, 0, 0.0, 1)
+        functions.write(TimeFunctions("uav1", "main", 1, 0, (theirs,)))
+        assert reader.age_s == pytest.approx(2.0, abs=1.0)
+        assert m.foreign.to_local(THERE, stamp_ns) == stamp_ns - 10 * SECOND
+        mirror.close()
+
+
+async def test_who_waits_for_a_board_gets_it_when_its_writer_comes_and_after_it_was_replaced(
+    tmp_path: Path,
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        reader = await m.reader("nav/height", Float)
+        first = asyncio.create_task(reader.changed(5.0))
+        await asyncio.sleep(0)
+        writer = await m.writer("nav/height", Float)
+        writer.write(Float(1.0))
+        assert await first == Float(1.0)
+        m.close_writer(writer)
+        again = asyncio.create_task(reader.changed(5.0))
+        await asyncio.sleep(0)
+        (await m.writer("nav/height", Float)).write(Float(2.0))
+        assert await again == Float(2.0)
+        with pytest.raises(NoAnswer, match=r"board nav/height: no new value within 0.01 s"):
+            await reader.changed(0.01)
+
+
+async def test_a_reader_of_many_items_lets_others_have_their_turn(tmp_path: Path) -> None:
+    turns: list[int] = []
+
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        writer = await m.stream_writer("plan/path", Int)
+        stream = await m.stream_reader("plan/path", Int)
+        box = await m.inbox("cmd/step", Int, limit=200)
+        for number in range(130):
+            writer.write(Int(number))
+            assert await m.send("cmd/step", Int(number))
+
+        async def count() -> None:
+            while True:
+                turns.append(1)
+                await asyncio.sleep(0)
+
+        other = m.start(count(), "count")
+        for source in (stream, box):
+            before = len(turns)
+            for _ in range(130):
+                await source.next(1.0)
+            assert 1 <= len(turns) - before < 10, "two turns in 130 items, not one an item"
+        other.cancel()

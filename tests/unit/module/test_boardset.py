@@ -1,0 +1,108 @@
+"""The same board of all other platforms: found as its mirrors appear, waited for, let go."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from swarmware.errors import NoAnswer
+from swarmware.frame import Frame, Kind, encode
+from swarmware.module import BoardSet, Module
+from swarmware.names import data_id, hardware_id
+from swarmware.node import Node, Publication
+from swarmware.testing import tmp_node
+from swarmware.types import registry
+from swarmware.types.scalar import Float
+
+PATH = "nav/height"
+
+
+def publish(mirror: Publication, platform: str, height: float) -> None:
+    frame = Frame(
+        Kind.BOARD, data_id(PATH, "Float"), hardware_id(platform), payload=registry.encode(Float(height))
+    )
+    mirror.publish(encode(frame))
+
+
+async def waiting(boards: BoardSet[Float]) -> asyncio.Task[tuple[str, ...]]:
+    """A task that has looked, found nothing, and waits."""
+    task = asyncio.create_task(boards.changed(5.0))
+    await asyncio.sleep(0)
+    assert not task.done()
+    return task
+
+
+async def test_who_waits_is_woken_by_a_mirror_that_appears_and_by_each_of_its_values(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = await m.readers(f"/*/{PATH}", Float)
+        task = await waiting(heights)
+        mirror = node.mirror_writer("uav7", PATH)
+        publish(mirror, "uav7", 4.0)
+        assert await task == ("uav7",)
+        task = await waiting(heights)
+        publish(mirror, "uav7", 5.0)
+        assert await task == ("uav7",)
+        assert heights["uav7"].value == Float(5.0)
+        mirror.close()
+
+
+@pytest.mark.parametrize("pattern", [f"/*/{PATH}", f"/uav*/{PATH}"])
+async def test_platforms_are_those_of_the_pattern_that_have_this_board_never_our_own(
+    tmp_path: Path, pattern: str
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = await m.readers(pattern, Float)
+        mirrors = [
+            mirror_of(node, "uav7", PATH),
+            mirror_of(node, "uav1", PATH),
+            mirror_of(node, "uav8", "nav/width"),
+        ]
+        assert list(heights) == ["uav7"]
+        mirrors.append(mirror_of(node, "ugv1", PATH))
+        assert sorted(heights) == sorted({"uav7", "ugv1"} if pattern.startswith("/*") else {"uav7"})
+        for mirror in mirrors:
+            mirror.close()
+
+
+async def test_a_platform_is_found_by_its_name_without_asking_for_all(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = await m.readers(f"/*/{PATH}", Float)
+        mirror = mirror_of(node, "uav7", PATH)
+        assert heights["uav7"].value == Float(1.0)
+        with pytest.raises(KeyError):
+            heights["uav8"]
+        mirror.close()
+
+
+async def test_a_set_that_was_closed_listens_no_more(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = await m.readers(f"/*/{PATH}", Float)
+        before = dict(node._listens), dict(node._watchers)
+        with pytest.raises(NoAnswer, match=r"boards /\*/nav/height: no new value within 0.01 s"):
+            await heights.changed(0.01)
+        assert (dict(node._listens), dict(node._watchers)) != before
+        heights.close()
+        heights.close()
+        assert (dict(node._listens), dict(node._watchers)) == before
+
+
+def mirror_of(node: Node, platform: str, path: str) -> Publication:
+    """A mirror with a value."""
+    mirror = node.mirror_writer(platform, path)
+    publish(mirror, platform, 1.0)
+    return mirror
+
+
+async def test_a_platform_that_left_and_came_back_with_one_value_is_news(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = await m.readers(f"/*/{PATH}", Float)
+        mirror = mirror_of(node, "uav7", PATH)
+        assert await heights.changed(1.0) == ("uav7",)
+        mirror.close()
+        again = node.mirror_writer("uav7", PATH)
+        with pytest.raises(NoAnswer):
+            await heights.changed(0.01)
+        publish(again, "uav7", 2.0)
+        assert await heights.changed(1.0) == ("uav7",)
+        assert heights["uav7"].value == Float(2.0)
+        again.close()
