@@ -103,3 +103,22 @@ async def test_a_reader_of_many_items_lets_others_have_their_turn(tmp_path: Path
                 await source.next(1.0)
             assert 1 <= len(turns) - before < 10, "two turns in 130 items, not one an item"
         other.cancel()
+
+
+async def test_a_value_is_filled_in_place_and_one_that_failed_is_never_seen(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        stream = await m.stream_reader("plan/path", Int)
+        writer = await m.stream_writer("plan/path", Int)
+        for number, stamp_ns in ((1, 7), (2, None)):
+            before_ns = node.clock.now_ns()
+            payload = registry.encode(Int(number))
+            with writer.loan(len(payload), stamp_ns) as place:
+                place[:] = payload
+            assert await stream.next(1.0) == Int(number)
+            assert stream.meta is not None
+            assert stream.meta.sender_app == m.app_id
+            assert stream.meta.stamp_ns == 7 if stamp_ns else stream.meta.stamp_ns >= before_ns
+        with pytest.raises(ZeroDivisionError), writer.loan(8):
+            raise ZeroDivisionError
+        writer.write(Int(3))
+        assert await stream.next(1.0) == Int(3)

@@ -1,0 +1,103 @@
+"""The master's duty: who is here is published, and the dead are tidied up after."""
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from swarmware.appfile.entry import encode
+from swarmware.master import master
+from swarmware.module import Module
+from swarmware.testing import tmp_node
+from swarmware.types.register import ApplicationTable
+from swarmware.types.scalar import Int
+
+HOLDER = """
+import fcntl, os, sys
+fd = os.open(sys.argv[1], os.O_RDWR)
+fcntl.flock(fd, fcntl.LOCK_EX)
+print(flush=True)
+sys.stdin.read()
+"""
+"""A process with an application file: alive as long as it holds the lock."""
+
+
+@pytest.fixture(autouse=True)
+def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each change of the register is a table of its own at once."""
+    monkeypatch.setattr(master, "PAUSE_S", 0.0)
+
+
+async def table_where(module: Module, wanted: Callable[[set[str]], bool]) -> ApplicationTable:
+    """The first published table with applications of which `wanted` is true."""
+    board = await module.reader("register/apps", ApplicationTable)
+    async with asyncio.timeout(10):
+        while (table := board.value) is None or not wanted({app.name for app in table.applications}):
+            await board.changed()
+    return table
+
+
+async def test_who_comes_and_who_leaves_is_in_the_next_table_which_is_a_later_one(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        alone = await table_where(m, lambda names: names == {"planner"})
+        async with Module("pilot", node=node) as pilot:
+            await pilot.inbox("cmd/step", Int)
+            both = await table_where(m, lambda names: names == {"planner", "pilot"})
+        again = await table_where(m, lambda names: names == {"planner"})
+        assert alone.version < both.version < again.version
+        assert {table.epoch for table in (alone, both, again)} == {node.master.holder.epoch}
+        assert (alone.platform, alone.boot_id, alone.omitted) == ("uav1", node.clock.boot_id, 0)
+        assert not any(app.endpoint or app.serves for app in both.applications), "as it is published"
+        (full,) = node.master.table(full=True).applications
+        assert full.endpoint == node.post.endpoint
+
+
+async def test_what_a_dead_process_left_is_set_aside_and_its_sockets_and_bells_go(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        apps = node.run_dir / "apps"
+        file = apps / "pilot#1.toml"
+        made = tmp_path / "pilot"
+        child = await asyncio.to_thread(started, made)
+        made.write_bytes(encode(msgspec.structs.replace(m.entry, name="pilot", pid=child.pid)))
+        made.rename(file)
+        left = [node.run_dir / "p" / f"{child.pid}-1.sock", node.run_dir / "bells" / f"{child.pid}-1"]
+        others = [node.run_dir / "p" / "1-1.sock"]
+        for path in (*left, *others):
+            path.touch()
+        node.announce_apps()
+        before = await table_where(m, lambda names: names == {"planner", "pilot"})
+        assert {app.name: app.pid for app in before.applications}["pilot"] == child.pid
+        child.kill()
+        await asyncio.to_thread(child.communicate)
+        await table_where(m, lambda names: names == {"planner"})
+        assert not file.exists()
+        assert (apps / "pilot#1.dead").exists(), "the name is free, the trace stays"
+        assert [path.exists() for path in (*left, *others)] == [False, False, True]
+
+
+async def test_more_applications_than_a_table_holds_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(master, "APPLICATIONS_LIMIT", 1)
+    async with (
+        tmp_node(tmp_path) as node,
+        Module("planner", node=node),
+        Module("pilot", node=node),
+    ):
+        table = node.master.table(full=False)
+        assert (len(table.applications), table.omitted) == (1, 1)
+
+
+def started(file: Path) -> "subprocess.Popen[bytes]":
+    """The process, once it holds its lock."""
+    file.touch()
+    child = subprocess.Popen(
+        [sys.executable, "-S", "-E", "-c", HOLDER, str(file)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert child.stdout is not None
+    child.stdout.readline()
+    return child

@@ -1,0 +1,76 @@
+"""The start of a node: a number that only grows, shared by all that live on it; and its end by a signal."""
+
+import asyncio
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from swarmware.clock import utc_ns
+from swarmware.module import Module
+from swarmware.node.boot import Boot
+from swarmware.testing import make_node
+
+
+def test_who_comes_while_somebody_lives_there_has_the_same_number_and_the_next_start_a_larger_one(
+    tmp_path: Path,
+) -> None:
+    run, shm = tmp_path / "run", tmp_path / "shm"
+    before_ns = utc_ns()
+    first = Boot(run, shm)
+    second = Boot(run, shm)
+    assert second.boot_id == first.boot_id >= before_ns
+    first.leave()
+    assert shm.exists(), "the other one still lives here"
+    second.leave()
+    second.leave()
+    assert not shm.exists()
+    third = Boot(run, shm)
+    assert third.boot_id > second.boot_id
+    assert shm.is_dir()
+    third.leave()
+
+
+def test_the_number_grows_although_the_wall_clock_was_set_back(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir(mode=0o700)
+    ahead = utc_ns() + 10**18
+    (run / "boot").write_text(str(ahead))
+    boot = Boot(run, tmp_path / "shm")
+    assert boot.boot_id == ahead + 1
+    boot.leave()
+
+
+def test_a_start_takes_away_what_the_dead_left(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    for path in (run / "apps/pilot#1.toml", run / "apps/pilot#1.dead", run / "p/7-1.sock"):
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        path.touch()
+    run.chmod(0o700)
+    boot = Boot(run, tmp_path / "shm")
+    assert [path for path in run.rglob("*") if path.is_file()] == [run / "boot"]
+    boot.leave()
+
+
+def test_a_signal_ends_a_program_of_several_modules_in_order_and_means_afterwards_what_it_meant(
+    tmp_path: Path,
+) -> None:
+    folder = make_node(tmp_path)
+    left: list[str] = []
+
+    async def program() -> None:
+        async with Module("planner", config_dir=folder):
+            async with Module("pilot", config_dir=folder):
+                pass
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                await asyncio.sleep(5)
+            finally:
+                left.append("planner")
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as ended:
+        asyncio.run(program())
+    assert (ended.value.code, left) == (128 + signal.SIGTERM, ["planner"])
+    assert signal.getsignal(signal.SIGTERM) is before
