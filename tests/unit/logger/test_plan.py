@@ -3,6 +3,8 @@
 import pytest
 
 from swarmd.logger.core import Plan, track
+from swarmware import template
+from swarmware.config import share_dir
 from swarmware.resource import Kind, Resource
 
 SECOND = 1_000_000_000
@@ -52,3 +54,16 @@ def test_a_decimated_resource_keeps_its_rate_although_the_looks_are_late() -> No
         for start, late in zip(range(0, 10 * SECOND, SECOND // 50), [0, 7, 13] * 200, strict=False)
     ]
     assert sum(plan.due("a", now_ns) for now_ns in looks) == 100
+
+
+@pytest.mark.parametrize("name", ["multirotor", "ugv", "usv"])
+def test_boards_system_state_and_mission_progress_of_a_vehicle_are_logged(name: str) -> None:
+    plan = Plan()
+    plan.update(template.load(name, share_dir() / "templates").resources)
+    tracks = {made.path: made for made in plan.tracks}
+    decimated = {"nav/pose": 10, "power/battery": 1, "sensor/gnss": 1}
+    assert {path: SECOND // tracks[path].period_ns for path in decimated} == decimated
+    changes = ("health/state", "mission/state")
+    assert [(tracks[path].every, tracks[path].period_ns) for path in changes] == [(False, 0)] * 2
+    each = ("health/faults", "mission/progress", "mission/orders")
+    assert all(tracks[path].every for path in each)

@@ -128,6 +128,14 @@ def test_a_failed_mission_lands_and_is_failed() -> None:
     assert "refused" in m.core.state().text
 
 
+def test_no_mission_is_taken_while_a_built_in_one_runs() -> None:
+    m = Member1()
+    m.order()
+    m.core.ended(1, "error:refused", "", S)
+    with pytest.raises(Conflict, match="busy: land is recovering"):
+        m.order()
+
+
 def test_a_landing_that_fails_is_said() -> None:
     m = Member1()
     m.order()

@@ -326,3 +326,22 @@ def test_a_structure_of_one_kind_is_a_hash_on_the_wire() -> None:
     reply = both.trees["uav1"].on_structure_asked(asked[0].request)
     assert len(TEMPLATE) == 3
     assert len(msgspec.msgpack.encode(asked[0].request)) + len(msgspec.msgpack.encode(reply)) < 100
+
+
+def test_what_a_platform_has_of_others_is_not_in_the_structure_that_it_gives() -> None:
+    own = Resource(path="relay/load", type="Float", owner="relay")
+    relay = core("uav2", (own,), templates=((own,), TEMPLATE))
+    relay.set_applications([], ["/uav1/**"], 0)
+    upstream = Pair(core("uav1", templates=((own,), TEMPLATE)), relay)
+    upstream.meet()
+    upstream.carry()
+    upstream.trees["uav1"].on_value(value("power/battery", 0.5), 0)
+    upstream.carry()
+    assert upstream.received["uav2"], "it holds a value of the other one"
+    downstream = Pair(relay, core("gcs", templates=((own,), TEMPLATE)))
+    downstream.meet()
+    downstream.carry()
+    seen = downstream.trees["gcs"].remotes.get("uav2")
+    assert seen is not None
+    assert seen.index is not None
+    assert [item.resource.path for item in seen.index] == ["relay/load"]
