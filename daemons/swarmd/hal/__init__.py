@@ -1,1 +1,1 @@
-"""The hardware abstraction: devices become resources, each driver in its own period (S2.2 to S2.5)."""
+"""The hardware abstraction: devices become resources, each driver in its own period (S2.2, S2.5)."""
