@@ -1,12 +1,33 @@
 """Registers of other computers: the newest of each, with hops and age (S1.53–55)."""
 
+from collections.abc import Mapping
+from typing import Final
+
 import msgspec
 
+from swarmd.register.config import Config
 from swarmware.names import natural
+from swarmware.runtime.core import AT_ONCE
 from swarmware.types.register import ApplicationTable, KnownUnit
+
+LOOK_S: Final = 10.0
+"""How often old platforms are looked for; they are forgotten after minutes."""
 
 Unit = tuple[str, str]
 """Platform and unit."""
+
+
+class Look(msgspec.Struct, frozen=True):
+    """See who can be reached, then call `on_looked`."""
+
+
+class Forgotten(msgspec.Struct, frozen=True):
+    """Nothing was heard of this platform for so long that its table is of no use."""
+
+    platform: str
+
+
+Action = Look | Forgotten
 
 
 class _Held(msgspec.Struct):
@@ -17,39 +38,43 @@ class _Held(msgspec.Struct):
 class RegisterCore:
     """One table a unit: each has a single writer, so the newest wins and a partition needs no vote."""
 
-    def __init__(self, platform: str, unit: str, *, forget_s: float) -> None:
+    def __init__(self, platform: str, unit: str, config: Config) -> None:
         self._me = (platform, unit)
-        self._forget_ns = round(forget_s * 1e9)
+        self._forget_ns = round(config.forget_s * 1e9)
+        self._pause_ns = round(min(LOOK_S, config.forget_s / 4) * 1e9)
+        self._look_ns = AT_ONCE
         self._held: dict[Unit, _Held] = {}
 
-    def on_table(self, table: ApplicationTable, now_ns: int) -> bool:
-        """A table that came from elsewhere; False when it is ours, or older than what is known."""
+    def on_table(self, table: ApplicationTable, now_ns: int) -> list[Action]:
+        """A table that came from elsewhere; one of our own, or older than what is known, is not taken."""
         unit = (table.platform, table.unit)
-        if unit == self._me:
-            return False
         held = self._held.get(unit)
-        if held is not None and rank(table) < rank(held.table):
-            return False
-        self._held[unit] = _Held(table, now_ns)
-        return True
+        if unit != self._me and (held is None or rank(table) >= rank(held.table)):
+            self._held[unit] = _Held(table, now_ns)
+        return []
 
-    def on_heard(self, platform: str, now_ns: int) -> bool:
-        """The platform lives, though its table has not changed; False when no table of it is known."""
-        known = [held for (name, _), held in self._held.items() if name == platform]
-        for held in known:
-            held.heard_ns = now_ns
-        return bool(known)
-
-    def on_timer(self, now_ns: int) -> list[str]:
-        """Platforms that are forgotten now."""
+    def on_looked(self, reached: Mapping[str, ApplicationTable | None], now_ns: int) -> list[Action]:
+        """Platforms with a route, with their newest tables: they live, whether the tables change or not."""
+        for (platform, _), held in self._held.items():
+            if platform in reached:
+                held.heard_ns = now_ns
+        known = {platform for platform, _ in self._held}
+        for platform, table in reached.items():
+            if table is not None and platform not in known:
+                self.on_table(table, now_ns)  # it was forgotten, and is back as it was
         gone = [unit for unit, held in self._held.items() if now_ns - held.heard_ns >= self._forget_ns]
         for unit in gone:
             del self._held[unit]
-        return sorted({platform for platform, _ in gone})
+        return [Forgotten(platform) for platform in sorted({platform for platform, _ in gone})]
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """It is time to look."""
+        self._look_ns = now_ns + self._pause_ns
+        return [Look()]
 
     def deadline_ns(self) -> int | None:
-        """When the next one is forgotten."""
-        return min((held.heard_ns + self._forget_ns for held in self._held.values()), default=None)
+        """When to look next."""
+        return self._look_ns
 
     def units(self, own: ApplicationTable, hops: dict[str, int], now_ns: int) -> tuple[KnownUnit, ...]:
         """All registers known here, our own first; a platform without a known route counts as one hop."""

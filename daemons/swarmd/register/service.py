@@ -3,10 +3,9 @@
 import asyncio
 
 from swarmd.register import config as settings
-from swarmd.register.core import RegisterCore
+from swarmd.register.core import Action, Forgotten, Look, RegisterCore
 from swarmware import __version__
 from swarmware.clock import utc_ns
-from swarmware.errors import NoAnswer
 from swarmware.master.master import RESOURCE
 from swarmware.module import BoardReader, BoardSet, Meta, Module
 from swarmware.service import Service
@@ -15,9 +14,6 @@ from swarmware.types.register import ApplicationTable
 from swarmware.types.register import Register as RegisterReply
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
-
-FORGET_CHECK_S = 10.0
-"""How often old platforms are looked for; they are forgotten after minutes."""
 
 
 class Register(Service):
@@ -31,7 +27,9 @@ class Register(Service):
         super().__init__(module, config)
         node = module.node.config
         self._routes: BoardReader[Routes] | None = None
-        self._core = RegisterCore(node.platform, node.unit, forget_s=config.forget_s)
+        self._tables: BoardSet[ApplicationTable] | None = None
+        self._core = RegisterCore(node.platform, node.unit, config)
+        self._driver = self.drive(self._core, self._perform)
 
     async def run(self) -> None:
         """Keeps the role and what others tell until cancelled."""
@@ -45,36 +43,33 @@ class Register(Service):
         module.node.master.prefer(module.id)
         try:
             if self.config.partners:
-                tables = await module.readers(f"/{self.config.partners}/{RESOURCE.path}", ApplicationTable)
-                await self._follow(tables)
+                path = f"/{self.config.partners}/{RESOURCE.path}"
+                self._tables = await module.readers(path, ApplicationTable)
+                async with asyncio.TaskGroup() as group:
+                    group.create_task(self._driver.run(), name="register: driver")
+                    group.create_task(self._follow(self._tables), name="register: tables")
             await asyncio.Event().wait()
         finally:
             module.node.master.no_longer_prefer()
 
     async def _follow(self, tables: BoardSet[ApplicationTable]) -> None:
-        pause_s = min(FORGET_CHECK_S, self.config.forget_s / 4)
         while True:
-            try:
-                for platform in await tables.changed(timeout_s=pause_s):
-                    table = tables[platform].value
-                    if table is not None and table.platform == platform:
-                        self._core.on_table(table, self.module.now_ns())
-            except NoAnswer:
-                pass
-            self._hear(tables)
-            for platform in self._core.on_timer(self.module.now_ns()):
+            for platform in await tables.changed():
+                if (table := _of(tables, platform)) is not None:
+                    self._driver.feed(self._core.on_table(table, self.module.now_ns()))
+
+    def _perform(self, action: Action) -> None:
+        match action:
+            case Look():
+                self._driver.feed(self._core.on_looked(self._reached(), self.module.now_ns()))
+            case Forgotten(platform):
                 self.module.log.info("%s: not heard of for %.0f s, forgotten", platform, self.config.forget_s)
 
-    def _hear(self, tables: BoardSet[ApplicationTable]) -> None:
-        """Platforms with a route live, whether their applications change or not."""
+    def _reached(self) -> dict[str, ApplicationTable | None]:
+        """Platforms with a route, and the tables they have published."""
         routes = self._routes.value if self._routes is not None else None
-        now_ns = self.module.now_ns()
-        for route in routes.routes if routes is not None else ():
-            if self._core.on_heard(route.platform, now_ns) or route.platform not in tables:
-                continue
-            table = tables[route.platform].value  # it was forgotten, and is back as it was
-            if table is not None and table.platform == route.platform:
-                self._core.on_table(table, now_ns)
+        found = routes.routes if routes is not None else ()
+        return {route.platform: _of(self._tables, route.platform) for route in found}
 
     def _apps(self, _: Empty, __: Meta) -> RegisterReply:
         own = self.module.node.master.table(full=True)
@@ -97,3 +92,9 @@ class Register(Service):
             config_dir=str(node.config_dir),
             processes=node.config.processes,
         )
+
+
+def _of(tables: BoardSet[ApplicationTable] | None, platform: str) -> ApplicationTable | None:
+    """The table of a platform, which speaks for itself only."""
+    table = tables[platform].value if tables is not None and platform in tables else None
+    return table if table is not None and table.platform == platform else None

@@ -1,6 +1,8 @@
 """Register core: tables of other computers in, what is known out."""
 
-from swarmd.register.core import RegisterCore
+from swarmd.register.config import Config
+from swarmd.register.core import Action, Forgotten, Look, RegisterCore
+from swarmware.testing import VirtualTime
 from swarmware.types.register import Application, ApplicationTable
 
 SECOND = 1_000_000_000
@@ -18,34 +20,34 @@ def names(core: RegisterCore, now_ns: int = 0) -> list[str]:
 
 
 def test_our_own_register_comes_first_then_the_others_in_natural_order() -> None:
-    core = RegisterCore("uav1", "main", forget_s=600)
+    core = RegisterCore("uav1", "main", Config())
     for platform in ("uav10", "uav2", "gcs"):
-        assert core.on_table(table(platform), 0)
+        core.on_table(table(platform), 0)
     assert names(core) == ["uav1", "gcs", "uav2", "uav10"]
 
 
 def test_a_table_of_an_older_master_or_an_older_start_is_void() -> None:
-    core = RegisterCore("uav1", "main", forget_s=600)
+    core = RegisterCore("uav1", "main", Config())
     core.on_table(table("uav2", boot=2, epoch=5, version=3, apps=4), 0)
     for older in (
         table("uav2", boot=1, epoch=9, version=9),
         table("uav2", boot=2, epoch=4, version=9),
         table("uav2", boot=2, epoch=5, version=2),
     ):
-        assert not core.on_table(older, 0)
+        core.on_table(older, 0)
     assert len(core.units(table("uav1"), {}, 0)[1].table.applications) == 4
-    assert core.on_table(table("uav2", boot=2, epoch=6, version=1, apps=0), 0)
+    core.on_table(table("uav2", boot=2, epoch=6, version=1, apps=0), 0)
     assert core.units(table("uav1"), {}, 0)[1].table.applications == ()
 
 
 def test_what_others_say_about_us_is_not_taken() -> None:
-    core = RegisterCore("uav1", "main", forget_s=600)
-    assert not core.on_table(table("uav1", epoch=99), 0)
+    core = RegisterCore("uav1", "main", Config())
+    core.on_table(table("uav1", epoch=99), 0)
     assert names(core) == ["uav1"]
 
 
 def test_hops_and_age_are_told_with_each_register() -> None:
-    core = RegisterCore("uav1", "main", forget_s=600)
+    core = RegisterCore("uav1", "main", Config())
     core.on_table(table("uav2"), 1 * SECOND)
     core.on_table(table("uav3"), 4 * SECOND)
     units = {unit.table.platform: unit for unit in core.units(table("uav1"), {"uav3": 4}, 5 * SECOND)}
@@ -54,12 +56,49 @@ def test_hops_and_age_are_told_with_each_register() -> None:
     assert (units["uav3"].hops, units["uav3"].age_s) == (4, 1.0)
 
 
-def test_a_platform_not_heard_of_for_long_is_forgotten() -> None:
-    core = RegisterCore("uav1", "main", forget_s=600)
-    core.on_table(table("uav2"), 0)
-    core.on_table(table("uav3"), 0)
-    assert core.on_heard("uav3", 500 * SECOND)
-    assert not core.on_heard("uav9", 500 * SECOND)
-    assert core.deadline_ns() == 600 * SECOND
-    assert core.on_timer(600 * SECOND) == ["uav2"]
-    assert names(core) == ["uav1", "uav3"]
+class Register:
+    """A register in virtual time that sees these platforms and their tables."""
+
+    def __init__(self) -> None:
+        self.time = VirtualTime()
+        self.core = RegisterCore("uav1", "main", Config(forget_s=600.0))
+        self.driver = self.time.drive(self.core, self.perform)
+        self.reached: dict[str, ApplicationTable | None] = {}
+        self.forgotten: list[tuple[str, int]] = []
+        self.looks = 0
+        self.driver.feed()
+
+    def take(self, *tables: ApplicationTable) -> None:
+        for one in tables:
+            self.driver.feed(self.core.on_table(one, self.time.now_ns))
+
+    def perform(self, action: Action) -> None:
+        match action:
+            case Look():
+                self.looks += 1
+                self.driver.feed(self.core.on_looked(self.reached, self.time.now_ns))
+            case Forgotten(platform):
+                self.forgotten.append((platform, self.time.now_ns // SECOND))
+
+
+def test_a_platform_not_heard_of_for_long_is_forgotten_one_with_a_route_is_not() -> None:
+    register = Register()
+    register.take(table("uav2"), table("uav3"))
+    register.reached = {"uav3": None, "uav9": None}
+    register.time.run_for(700)
+    assert register.forgotten == [("uav2", 600)]
+    assert names(register.core) == ["uav1", "uav3"]
+    register.reached = {}
+    register.time.run_for(700)
+    assert register.forgotten == [("uav2", 600), ("uav3", 1300)]
+    assert register.looks == 141, "every ten seconds, and nothing in between"
+
+
+def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() -> None:
+    register = Register()
+    register.take(table("uav2"))
+    register.time.run_for(601)
+    assert names(register.core) == ["uav1"]
+    register.reached = {"uav2": table("uav2")}
+    register.time.run_for(10)
+    assert names(register.core) == ["uav1", "uav2"]
