@@ -8,6 +8,7 @@ import inspect
 import re
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -31,8 +32,13 @@ README = HERE.parent.parent / "README.md"
 MEASURED = HERE / "formation-16.json"
 """The report.json of the run that the README shows."""
 PICTURE = HERE / "paths.png"
+REQUIREMENTS = HERE / "requirements.md"
+SOURCES = ("S0", "S1", "S2", "S3", "S4")
+"""Of the capabilities on the page of requirements."""
 
 _FIGURES = re.compile(r"(<!-- figures: [^>]*-->\n)(.*?)(<!-- end of figures -->)", re.DOTALL)
+
+_STATES = re.compile(r"(<!-- states: [^>]*-->\n)(.*?)(<!-- end of states -->)", re.DOTALL)
 
 _HEAD = """# swarmctl
 
@@ -328,7 +334,28 @@ def types_page() -> str:
     return "".join(out)
 
 
-PAGES = {HERE / "cli.md": cli_page, HERE / "types.md": types_page, README: readme}
+def requirements() -> str:
+    """The page of requirements with the number of capabilities in each state."""
+    text = REQUIREMENTS.read_text()
+    states = re.findall(
+        r"^\| (S\d)\.\d+ \| .* \| (done|part|none|later)\b[^|]* \| [^|]*\|$", text, re.MULTILINE
+    )
+    count = Counter(states)
+    rows = ["\n| source | done | part | none, later | all |\n|---|---|---|---|---|\n"]
+    for name, sources in [*((source, [source]) for source in SOURCES), ("all", SOURCES)]:
+        done, part, none, later = (
+            sum(count[source, state] for source in sources) for state in ("done", "part", "none", "later")
+        )
+        rows.append(f"| {name} | {done} | {part} | {none + later} | {done + part + none + later} |\n")
+    return _STATES.sub(lambda block: block[1] + "".join(rows) + "\n" + block[3], text)
+
+
+PAGES = {
+    HERE / "cli.md": cli_page,
+    HERE / "types.md": types_page,
+    README: readme,
+    REQUIREMENTS: requirements,
+}
 
 
 def main(folder: str = "") -> int:

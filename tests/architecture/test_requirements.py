@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
+from tests.architecture.test_commands import generator
 
 from swarmctl.main import cli
 
@@ -123,6 +124,10 @@ def test_the_page_has_each_capability_once_in_order_below_its_source() -> None:
 
 def test_the_page_says_how_many_capabilities_there_are() -> None:
     assert f"The {sum(COUNTS.values())} capabilities" in PAGE.read_text()
+
+
+def test_the_number_of_capabilities_in_each_state_is_that_of_the_lines() -> None:
+    assert PAGE.read_text() == generator().requirements(), "run `make docs`"
 
 
 def test_a_capability_has_a_sentence_and_a_state() -> None:

@@ -96,6 +96,7 @@ def test_a_third_party_orders_events_of_two_others() -> None:
     at_ns = uav2.t0_ns
     first, second = uav2.to_remote(at_ns), uav3.to_remote(at_ns + 1_000_000)
     assert compare(first, uav2, second, uav3) is Order.BEFORE
+    assert compare(second, uav3, first, uav2) is Order.AFTER
 
 
 def test_the_list_finds_a_unit_and_crosses_the_wire() -> None:
