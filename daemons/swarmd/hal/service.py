@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from swarmd.hal import config as settings
 from swarmd.hal.catalogue import make_all
@@ -11,6 +11,9 @@ from swarmd.hal.driver import DeviceError, Driver, Site
 from swarmware.errors import SwarmError
 from swarmware.service import Service
 from swarmware.types.vehicle import DriverTable
+
+STAGE: Final = 1
+"""Drivers read what a simulation wrote at the same instant; what computes with it comes after them."""
 
 log = logging.getLogger("swarm.hal")
 
@@ -29,7 +32,10 @@ class Hal(Service):
         site = Site(node.config.kind, str(node.config.share_path / "data"))
         drivers = make_all(self.config, site)
         now_ns = module.now_ns()
-        schedules = {driver.name: Schedule(driver.name, driver.period_s, now_ns) for driver in drivers}
+        phase_ns = module.phase_ns(STAGE)
+        schedules = {
+            driver.name: Schedule(driver.name, driver.period_s, now_ns, phase_ns) for driver in drivers
+        }
         async with asyncio.TaskGroup() as group:
             for driver in drivers:
                 group.create_task(self._keep(driver, schedules[driver.name]), name=f"driver:{driver.name}")
@@ -54,7 +60,7 @@ class Hal(Service):
         """Reads in the driver's period. Raises: DeviceError after too many failures in a row."""
         now_ns = self.module.now_ns
         while True:
-            await asyncio.sleep(schedule.delay_s(now_ns()))
+            await self.module.until(schedule.due_ns, STAGE)
             begin_ns = now_ns()
             schedule.begin(begin_ns)
             try:

@@ -57,7 +57,7 @@ class Navigator(Service):
             "nav/status", NavStatus, rate_hz=self.config.status_hz, description="Progress towards the goal"
         )
         current = self.config
-        async for tick in module.every(1 / self.config.rate_hz):
+        async for tick in module.every(1 / self.config.rate_hz, stage=2):
             now_ns = module.now_ns()
             if tick % _SETTINGS_EVERY == 0:
                 news = {name: new.value for name, board in gains.items() if (new := board.take())}

@@ -1,6 +1,5 @@
 """The simulation's shell: set-points in, truth and sensors out, at fixed instants."""
 
-import asyncio
 import random
 import re
 from typing import ClassVar, Final
@@ -26,7 +25,6 @@ from swarmware.world import World
 
 _RESUME_S: Final = 10.0
 """A vehicle whose simulation was away for less than this goes on where it was."""
-_MS_NS: Final = 1_000_000
 _LOOK_S: Final = 1.0
 """How often new platforms are looked for."""
 
@@ -97,8 +95,7 @@ class Sim(Service):
                 for hit in sample.collisions:
                     self.module.log.warning("collision with %s at %.2f m/s", hit.other, hit.speed_m_s)
             due_ns = simulation.deadline_ns()
-            # the event loop counts milliseconds and rounds down: asked for exactly, it would come too early
-            await asyncio.sleep(max(0, (due_ns or begin_ns) - now_ns() + _MS_NS) // _MS_NS / 1000)
+            await self.module.until(due_ns or begin_ns)
 
 
 class Outputs:

@@ -1,8 +1,7 @@
-"""A period: ticks at absolute instants, misses counted and never made up for."""
-
-import asyncio
+"""A period: ticks at multiples of it on the node's clock, misses counted and never made up for."""
 
 from swarmware.clock import Clock
+from swarmware.module.instant import until
 
 
 class Lateness:
@@ -24,16 +23,31 @@ class Lateness:
 
 
 class Ticker:
-    """`async for tick in m.every(0.1)`: the count of ticks; late by more than a period skips."""
+    """`async for tick in m.every(0.1)`: the count of ticks; late by more than a period skips.
 
-    def __init__(self, clock: Clock, period_s: float, lateness: "Lateness | None" = None) -> None:
+    All tickers of a node begin at the same zero, so periodic work of one process is done together: it wakes
+    less often, with warm caches. `stage`, `phase_ns`: which of those comes after which, see `Module.every`.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        period_s: float,
+        lateness: "Lateness | None" = None,
+        *,
+        stage: int = 0,
+        phase_ns: int = 0,
+    ) -> None:
         if period_s <= 0:
             raise ValueError(f"period of {period_s} s: expected more than 0")
         self._clock = clock
         self._lateness = lateness
         self.period_s = period_s
         self._period_ns = round(period_s * 1e9)
-        self._start_ns = clock.now_ns()
+        self._stage = stage
+        self._phase_ns = phase_ns
+        now_ns = clock.now_ns()
+        self._start_ns = now_ns - (now_ns - phase_ns) % self._period_ns
         self._count = 0
         self.missed = 0
         """Ticks that fell out because the one before took too long."""
@@ -49,13 +63,15 @@ class Ticker:
             skipped = late_ns // self._period_ns
             self._count += skipped
             self.missed += skipped
-            late_ns -= skipped * self._period_ns
-        await asyncio.sleep(max(0.0, -late_ns / 1e9))
+        due_ns = self._start_ns + self._count * self._period_ns
+        await until(self._clock, due_ns, self._stage)
         if self._lateness is not None:
-            self._lateness.note(self._clock.now_ns() - (self._start_ns + self._count * self._period_ns))
+            self._lateness.note(self._clock.now_ns() - due_ns)
         return self._count
 
     def retime(self, period_s: float) -> None:
         """Tick with another period from now on."""
         if period_s != self.period_s:
-            self.__init__(self._clock, period_s, self._lateness)  # type: ignore[misc]
+            self.__init__(  # type: ignore[misc]
+                self._clock, period_s, self._lateness, stage=self._stage, phase_ns=self._phase_ns
+            )

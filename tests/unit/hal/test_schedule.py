@@ -11,11 +11,11 @@ def test_reads_are_due_at_absolute_instants() -> None:
     begins = []
     now_ns = 0
     for late_ms in (0, 30, 5, 0, 60):
-        now_ns += round(schedule.delay_s(now_ns) * 1e9) + late_ms * MS
+        now_ns = schedule.due_ns + late_ms * MS
         schedule.begin(now_ns)
         begins.append(now_ns // MS)
     assert begins == [0, 130, 205, 300, 460]
-    assert schedule.delay_s(now_ns) == 0.04
+    assert schedule.due_ns == 500 * MS
 
 
 def test_periods_that_were_slept_through_are_counted_and_not_made_up_for() -> None:
@@ -25,20 +25,19 @@ def test_periods_that_were_slept_through_are_counted_and_not_made_up_for() -> No
     schedule.begin(110 * MS)
     status = schedule.report(200 * MS)
     assert status.missed == 4
-    assert schedule.delay_s(110 * MS) == 0.01
+    assert schedule.due_ns == 120 * MS
 
 
 def test_devices_that_are_opened_at_different_instants_are_read_together() -> None:
-    dues = set()
-    for opened_ms in (3, 41, 77):
-        schedule = Schedule(f"at {opened_ms}", 0.1, 0)
-        schedule.opened(opened_ms * MS)
-        assert schedule.delay_s(opened_ms * MS) == 0.0, "the first read is not kept waiting"
-        schedule.begin(opened_ms * MS)
-        dues.add(opened_ms + round(schedule.delay_s(opened_ms * MS) * 1000))
-        schedule.begin(100 * MS)
-        assert schedule.delay_s(100 * MS) == 0.1
-    assert dues == {100}
+    for phase_ms in (0, 4):
+        for opened_ms in (5, 41, 77):
+            schedule = Schedule(f"at {opened_ms}", 0.1, 0, phase_ms * MS)
+            schedule.opened(opened_ms * MS)
+            assert schedule.due_ns == opened_ms * MS, "the first read is not kept waiting"
+            schedule.begin(opened_ms * MS)
+            assert schedule.due_ns == (100 + phase_ms) * MS
+            schedule.begin(schedule.due_ns)
+            assert schedule.due_ns == (200 + phase_ms) * MS
 
 
 def test_a_report_tells_rate_and_worst_lateness_since_the_last_one() -> None:

@@ -11,6 +11,7 @@ class Schedule:
     """When a driver is due, and how well it keeps that.
 
     A read that takes longer than its period skips periods, they are counted; nothing is made up for.
+    `phase_ns`: so much after the multiples of the period.
     """
 
     __slots__ = (
@@ -23,14 +24,16 @@ class Schedule:
         "_name",
         "_note",
         "_period_ns",
+        "_phase_ns",
         "_reads",
         "_since_ns",
         "_since_reads",
         "_state",
     )
 
-    def __init__(self, name: str, period_s: float, now_ns: int) -> None:
+    def __init__(self, name: str, period_s: float, now_ns: int, phase_ns: int = 0) -> None:
         self._name = name
+        self._phase_ns = phase_ns
         self._period_ns = round(period_s * _NS)
         self._due_ns = now_ns
         self._since_ns = now_ns
@@ -52,9 +55,10 @@ class Schedule:
         """The device is not there: `waiting` or `failed`, and why."""
         self._state, self._note = state, note
 
-    def delay_s(self, now_ns: int) -> float:
-        """How long to wait for the next read."""
-        return max(0.0, (self._due_ns - now_ns) / _NS)
+    @property
+    def due_ns(self) -> int:
+        """When the next read begins."""
+        return self._due_ns
 
     def begin(self, now_ns: int) -> None:
         """A read begins."""
@@ -65,7 +69,7 @@ class Schedule:
         self._due_ns += (skipped + 1) * self._period_ns
         if self._first:
             self._first = False
-            self._due_ns -= self._due_ns % self._period_ns
+            self._due_ns -= (self._due_ns - self._phase_ns) % self._period_ns
             if self._due_ns <= now_ns:
                 self._due_ns += self._period_ns
 

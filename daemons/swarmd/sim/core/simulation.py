@@ -77,7 +77,7 @@ class Sample(msgspec.Struct, frozen=True, gc=False):
 class Simulation:
     """A vehicle, its battery and sensors, and what it runs into.
 
-    Samples lie at fixed instants after the first call, however late the calls are.
+    Samples lie at multiples of their periods, however late the calls are; so do the reads of their drivers.
     """
 
     def __init__(
@@ -90,8 +90,9 @@ class Simulation:
         self._sensors = SensorErrors(config.sensors, world, gauss, uniform)
         self._dt_ns = round(1e9 / config.rate_hz)
         self._dt_s = self._dt_ns / 1e9
-        self._start_ns: int | None = None
+        self._begun = False
         self._steps = 0
+        """The sample reached: its instant, in periods."""
         self._setpoint = _STOP
         self._setpoint_ns = 0
         self._told: VehicleState | None = None
@@ -109,7 +110,10 @@ class Simulation:
         self._every_sonar = self._every(rates.sonar_hz)
         self._every_battery = self._every(_BATTERY_HZ)
         self._every_contact = self._every(config.contacts_hz)
-        self._every_parked = min(self._every_gnss, self._every_imu, self._every_scan, self._every_sonar)
+        self._every_sensor = frozenset(
+            {self._every_gnss, self._every_imu, self._every_scan, self._every_battery}
+            | ({self._every_sonar} if self.vehicle.flies else set())
+        )
 
     def _every(self, rate_hz: float) -> int:
         return max(1, round(self._config.rate_hz / rate_hz))
@@ -149,15 +153,17 @@ class Simulation:
 
     def on_timer(self, now_ns: int) -> Sample | None:
         """Everything up to now; None when no new sample is due."""
-        if self._start_ns is None:
-            self._start_ns = now_ns - self._dt_ns
-        due = (now_ns - self._start_ns) // self._dt_ns - self._steps
+        reached = now_ns // self._dt_ns
+        if not self._begun:
+            self._begun = True
+            self._steps = reached - 1
+        due = reached - self._steps
         if due <= 0:
             return None
         most = round(_CATCH_UP_S / self._dt_s)
         if due > most:
             self.stalls += 1
-            self._start_ns += (due - most) * self._dt_ns
+            self._steps += due - most
             due = most
         first = self._steps
         hits: list[Collision] = []
@@ -170,18 +176,19 @@ class Simulation:
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` has something to do; None before its first call."""
-        if self._start_ns is None:
+        if not self._begun:
             return None
-        # the truth about a parked vehicle needs no sample between those of the fastest sensor
-        every = self._every_parked if self._is_parked() else 1
-        return self._start_ns + (self._steps // every + 1) * every * self._dt_ns
+        # the truth about a parked vehicle needs no sample between those of its sensors
+        parked = self._is_parked()
+        step = min((self._steps // n + 1) * n for n in self._every_sensor) if parked else self._steps + 1
+        return step * self._dt_ns
 
     def _is_parked(self) -> bool:
         vehicle = self.vehicle
         return self._parked is not None and not vehicle.armed and vehicle.pose() == self._parked
 
     def _stamp_ns(self) -> int:
-        return (self._start_ns or 0) + self._steps * self._dt_ns
+        return self._steps * self._dt_ns
 
     def _stay(self, count: int) -> list[Collision]:
         """Samples of a parked vehicle, at once."""

@@ -1,0 +1,26 @@
+"""Instants of the node's clock: a process that waits for the same one in several places wakes once."""
+
+import asyncio
+from typing import Final
+
+from swarmware.clock import Clock
+
+_MS_NS: Final = 1_000_000
+
+STAGE_NS: Final = 2_000_000
+"""Between two stages of one instant where each is a process of its own: to wake, to compute a sample and to
+write it takes a millisecond at most on a processor that has time."""
+
+
+async def until(clock: Clock, instant_ns: int, stage: int = 0) -> None:
+    """Waits for an instant: never returns before it, and two milliseconds later at most on a calm processor.
+
+    The event loop counts whole milliseconds. The end is rounded up to one, not the span: otherwise tasks that
+    wait for the same instant since different moments would be woken a millisecond apart.
+    `stage`: of tasks that one instant wakes, those of a lower stage run first, up to their next wait.
+    """
+    now_ms = clock.to_mono_ns(clock.now_ns()) // _MS_NS
+    end_ms = -(-clock.to_mono_ns(instant_ns) // _MS_NS)
+    await asyncio.sleep(max(end_ms - now_ms, 0) / 1000)
+    for _ in range(stage):
+        await asyncio.sleep(0)
