@@ -45,7 +45,7 @@ from swarmware.types.vehicle import Pose
 
 NEIGHBOURS: Final = 15
 TOGETHER: Final = 3
-"""Datagrams in a cell of sixteen that come within `udp.COALESCE_S`."""
+"""Datagrams in a cell of sixteen that come within `udp.WINDOW_NS`."""
 ME: Final = "uav16"
 GROUP: Final = "239.83.87.16"
 LOOPBACK: Final = "127.0.0.1"

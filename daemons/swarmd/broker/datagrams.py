@@ -90,7 +90,7 @@ class Datagrams:
         self._faults = 0
         self._seeds: dict[str, Address] = {}
         self._loop = asyncio.get_running_loop()
-        self._udp = Udp(config, self._loop, self._on_datagram)
+        self._udp = Udp(config, self._loop, clock, self._on_datagram)
 
     @property
     def port(self) -> int:
@@ -191,6 +191,7 @@ class Datagrams:
     def receive(self) -> None:
         """Takes what has come by now; otherwise it may wait for a moment in the sockets."""
         self._udp.receive()
+        self._udp.pace(self._station.mesh.neighbours.shortest_period_ns())
 
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)

@@ -9,6 +9,7 @@ from swarmd.hal.catalogue import make_all
 from swarmd.hal.core.schedule import Schedule
 from swarmd.hal.driver import DeviceError, Driver, Site
 from swarmware.errors import SwarmError
+from swarmware.module.instant import stage_phase_ns, until
 from swarmware.service import Service
 from swarmware.types.vehicle import DriverTable
 
@@ -32,7 +33,7 @@ class Hal(Service):
         site = Site(node.config.kind, str(node.config.share_path / "data"))
         drivers = make_all(self.config, site)
         now_ns = module.now_ns()
-        phase_ns = module.phase_ns(STAGE)
+        phase_ns = stage_phase_ns(node.config.processes, STAGE)
         schedules = {
             driver.name: Schedule(driver.name, driver.period_s, now_ns, phase_ns) for driver in drivers
         }
@@ -60,7 +61,7 @@ class Hal(Service):
         """Reads in the driver's period. Raises: DeviceError after too many failures in a row."""
         now_ns = self.module.now_ns
         while True:
-            await self.module.until(schedule.due_ns, STAGE)
+            await until(self.module.clock, schedule.due_ns, STAGE)
             begin_ns = now_ns()
             schedule.begin(begin_ns)
             try:

@@ -9,6 +9,7 @@ from swarmd.sim.core.simulation import Sample, Simulation
 from swarmd.sim.motors import Motors
 from swarmware.config import load
 from swarmware.module import BoardReader, BoardWriter, Module
+from swarmware.module.instant import until
 from swarmware.service import Service
 from swarmware.types.vehicle import (
     BatteryState,
@@ -95,7 +96,7 @@ class Sim(Service):
                 for hit in sample.collisions:
                     self.module.log.warning("collision with %s at %.2f m/s", hit.other, hit.speed_m_s)
             due_ns = simulation.deadline_ns()
-            await self.module.until(due_ns or begin_ns)
+            await until(self.module.clock, due_ns or begin_ns)
 
 
 class Outputs:

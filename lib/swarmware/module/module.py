@@ -22,7 +22,7 @@ from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.foreign import ForeignTime
 from swarmware.module.inbox import Inbox
-from swarmware.module.instant import STAGE_NS, until
+from swarmware.module.instant import stage_phase_ns
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.stream import StreamReader
 from swarmware.module.streamwriter import StreamWriter
@@ -151,15 +151,8 @@ class Module:
         `stage`: at an instant that several share, work of a higher one sees what that of a lower one wrote:
         sensors are 0, drivers 1, what computes with them 2.
         """
-        return Ticker(self.clock, period_s, self.lateness, stage=stage, phase_ns=self.phase_ns(stage))
-
-    def phase_ns(self, stage: int) -> int:
-        """Delay of a stage: none within one process, where the order does it."""
-        return 0 if self.node.config.processes == "one" else stage * STAGE_NS
-
-    async def until(self, instant_ns: int, stage: int = 0) -> None:
-        """Waits for an instant of this node's clock, never less; stages as in `every`."""
-        await until(self.clock, instant_ns, stage)
+        phase_ns = stage_phase_ns(self.node.config.processes, stage)
+        return Ticker(self.clock, period_s, self.lateness, stage=stage, phase_ns=phase_ns)
 
     def start(self, coroutine: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
         """Run it beside the module, until the module ends; an error in it ends the module."""

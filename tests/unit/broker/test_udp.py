@@ -9,9 +9,12 @@ from typing import Any, Final, cast
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.links.udp import COALESCE_S, TURN, Address, Udp
+from swarmd.broker.links.udp import REST_WINDOW_NS, TURN, WINDOW_NS, Address, Udp
+from swarmware.clock import Clock
 
 LOOPBACK: Final = "127.0.0.1"
+WINDOW_S: Final = WINDOW_NS / 1e9
+REST_WINDOW_S: Final = REST_WINDOW_NS / 1e9
 
 
 class Loop:
@@ -32,7 +35,7 @@ class Loop:
         self.readers.pop(fd, None)
 
     def call_later(self, delay_s: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
-        when_s = self.now_s + delay_s
+        when_s = int(self.now_s * 1000 + 1e-6) / 1000 + delay_s  # uvloop counts whole milliseconds
         timer = asyncio.TimerHandle(when_s, callback, (), cast(asyncio.AbstractEventLoop, self))
         self.timers.append(timer)
         return timer
@@ -63,6 +66,19 @@ class Loop:
                 timer._run()
 
 
+class LoopClock(Clock):
+    """A node's clock in the time of the loop."""
+
+    __slots__ = ("_loop",)
+
+    def __init__(self, loop: Loop) -> None:
+        super().__init__(offset_s=-77.0)
+        self._loop = loop
+
+    def now_ns(self) -> int:
+        return self.from_mono_ns(round(self._loop.now_s * 1e9))
+
+
 class Ends:
     """The sockets, and somebody who writes to them."""
 
@@ -71,7 +87,8 @@ class Ends:
         self.got: list[bytes] = []
         self.fails = False
         config = Config(multicast_group="", bind_address=LOOPBACK)
-        self.udp = Udp(config, cast(asyncio.AbstractEventLoop, self.loop), self.take)
+        loop = cast(asyncio.AbstractEventLoop, self.loop)
+        self.udp = Udp(config, loop, LoopClock(self.loop), self.take)
         self.sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def take(self, data: bytes, _address: Address, _rx_ns: int, _by_multicast: bool) -> None:
@@ -99,32 +116,51 @@ def test_after_a_pause_a_datagram_is_taken_at_once(ends: Ends) -> None:
         ends.send(b"%d" % number)
         assert ends.loop.readable()
         assert len(ends.got) == number + 1
-        ends.loop.later(2 * COALESCE_S)
+        ends.loop.later(2 * WINDOW_S)
 
 
 def test_while_datagrams_come_close_together_they_are_taken_together(ends: Ends) -> None:
     ends.send(b"1")
     ends.loop.readable()
-    ends.loop.later(COALESCE_S / 2)
+    ends.loop.later(WINDOW_S / 2)
     ends.send(b"2")
     assert ends.loop.readable()
     ends.send(b"3", b"4")
     assert not ends.loop.readable(), "the timer takes them"
     assert ends.got == [b"1", b"2"]
-    ends.loop.later(COALESCE_S)
+    ends.loop.later(WINDOW_S)
     assert ends.got == [b"1", b"2", b"3", b"4"]
     ends.send(b"5")
     assert not ends.loop.readable()
-    ends.loop.later(COALESCE_S)
+    ends.loop.later(WINDOW_S)
     assert ends.got[-1] == b"5", "none waits longer"
+
+
+@pytest.mark.parametrize(("period_s", "window_s"), [(0.1, WINDOW_S), (0.24, WINDOW_S), (0.25, REST_WINDOW_S)])
+def test_they_are_taken_at_multiples_of_a_window_that_is_longer_while_nobody_ticks_fast(
+    ends: Ends, period_s: float, window_s: float
+) -> None:
+    ends.udp.pace(round(period_s * 1e9))
+    ends.loop.now_s = 100.004
+    for _ in range(2):
+        ends.send(b"x")
+        ends.loop.readable()
+    instants = []
+    for _ in range(20):
+        [timer] = ends.loop.timers
+        instants.append(round(timer.when(), 6))
+        ends.send(b"y")
+        ends.loop.later(timer.when() + 0.0015 - ends.loop.now_s)  # the loop is busy for a moment
+    assert instants == [round(100 + (count + 1) * window_s, 6) for count in range(20)]
+    assert ends.loop.readers == {}, "it is read by the timer alone: one wake for each window"
 
 
 def test_once_the_timer_finds_nothing_the_next_datagram_is_taken_at_once(ends: Ends) -> None:
     for _ in range(2):
         ends.send(b"x")
         ends.loop.readable()
-    ends.loop.later(COALESCE_S)
-    ends.loop.later(COALESCE_S)
+    ends.loop.later(WINDOW_S)
+    ends.loop.later(WINDOW_S)
     assert ends.loop.timers == []
     ends.send(b"y")
     assert ends.loop.readable()
@@ -156,7 +192,7 @@ def test_a_fault_in_the_taker_does_not_leave_the_sockets_unread(ends: Ends) -> N
     ends.fails = True
     ends.send(b"y")
     with contextlib.suppress(ZeroDivisionError):
-        ends.loop.later(COALESCE_S)
+        ends.loop.later(WINDOW_S)
     ends.fails = False
     ends.send(b"z")
     assert ends.loop.readable()

@@ -12,7 +12,9 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
+from swarmware.clock import Clock
 from swarmware.errors import ConfigError
+from swarmware.module.instant import wait_s
 
 Address = tuple[str, int]
 OnDatagram = Callable[[bytes, Address, int, bool], None]
@@ -20,10 +22,12 @@ OnDatagram = Callable[[bytes, Address, int, bool], None]
 
 TURN: Final = 64
 """Datagrams taken from a socket before the event loop gets its turn: about 3 ms."""
-COALESCE_S: Final = 0.02
+WINDOW_NS: Final = 20_000_000
 """While datagrams come faster than this, they are taken together this often, a fifth of a tick late at most.
 One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
 (`tests/bench/ticks.py`). The kernel's stamps say when each of them came."""
+REST_WINDOW_NS: Final = 50_000_000
+"""The same when nobody here ticks faster than at 4 Hz; a barrier's members leave 250 ms after its news."""
 DATAGRAM_MAX: Final = 2048
 RECEIVE_BYTES: Final = 512 * 1024
 STAMP_LIMIT_NS: Final = 5_000_000_000
@@ -43,16 +47,21 @@ class Udp:
     """The broker's UDP sockets.
 
     Reception is coalesced as a network card's interrupts are: after a pause a datagram is taken at once, then
-    the sockets are read by a timer until it finds them empty.
+    the sockets are read by a timer until it finds them empty. It ends at multiples of the window on the
+    node's clock, where the periodic work of the process is done.
     """
 
-    def __init__(self, config: Config, loop: asyncio.AbstractEventLoop, on_datagram: OnDatagram) -> None:
+    def __init__(
+        self, config: Config, loop: asyncio.AbstractEventLoop, clock: Clock, on_datagram: OnDatagram
+    ) -> None:
         """Raises: ConfigError when an address, group or port cannot be used."""
         self._loop = loop
+        self._clock = clock
         self._on_datagram = on_datagram
         self._group: Address | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._read_s = -COALESCE_S
+        self._read_ns = clock.now_ns() - REST_WINDOW_NS
+        self._window_ns = WINDOW_NS
         self.send_errors = 0
         with contextlib.ExitStack() as stack:
             self._own = stack.enter_context(_own_socket(config))
@@ -87,17 +96,25 @@ class Udp:
             return False
         return True
 
+    def pace(self, period_ns: int) -> None:
+        """The shortest time between two datagrams of one sender."""
+        self._window_ns = WINDOW_NS if period_ns < 5 * REST_WINDOW_NS else REST_WINDOW_NS
+
     def receive(self) -> int:
         """Takes what has come; how many datagrams from the socket that had most, TURN at most."""
-        self._read_s = self._loop.time()
+        self._read_ns = self._clock.now_ns()
         count = self._drain(self._own, False)
         return count if self._all is None else max(count, self._drain(self._all, True))
 
     def _on_readable(self) -> None:
-        pause_s = self._loop.time() - self._read_s
-        if self.receive() < TURN and pause_s < COALESCE_S:
+        pause_ns = self._clock.now_ns() - self._read_ns
+        if self.receive() < TURN and pause_ns < self._window_ns:
             self._unwatch()
-            self._timer = self._loop.call_later(COALESCE_S, self._on_timer)
+            self._set_timer()
+
+    def _set_timer(self) -> None:
+        end_ns = (self._clock.now_ns() // self._window_ns + 1) * self._window_ns
+        self._timer = self._loop.call_later(wait_s(self._clock, end_ns), self._on_timer)
 
     def _on_timer(self) -> None:
         self._timer = None
@@ -106,7 +123,7 @@ class Udp:
             count = self.receive()
         finally:
             if 0 < count < TURN:
-                self._timer = self._loop.call_later(COALESCE_S, self._on_timer)
+                self._set_timer()
             else:
                 self._watch()
 
