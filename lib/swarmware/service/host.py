@@ -12,7 +12,7 @@ import msgspec
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module import Module
 from swarmware.service.reason import reason
-from swarmware.service.status import Reporter
+from swarmware.service.status import Reporter, beat
 
 if TYPE_CHECKING:
     from swarmware.node import Node
@@ -78,6 +78,7 @@ class Host:
         async with asyncio.TaskGroup() as group:
             for item in self._prepared.values():
                 group.create_task(self._keep(item), name=f"keep:{item.name}")
+            group.create_task(beat(self.node.clock, lambda: tuple(self._reporters.values())), name="beat")
 
     def restart(self, name: str) -> None:
         """Cancels a service that hangs or is to be started again; it starts again at once.
@@ -99,7 +100,7 @@ class Host:
             service.module.keep_boards(False)
             if reporter := self._reporters.get(name):
                 reporter.state = "stopping"
-                reporter.report(0.0)  # its end is a goodbye, not a death
+                reporter.report()  # its end is a goodbye, not a death
             try:
                 await asyncio.wait_for(service.stop(), service.stop_s)
             except TimeoutError:
@@ -147,9 +148,9 @@ class Host:
                 if task.done():
                     await task  # it cannot even begin: nobody is told that it runs
                 reporter.state = "running"
-                reporter.report(0.0)  # whoever waits for it does not wait for the next beat
+                reporter.report()  # whoever waits for it does not wait for the next beat
                 self._started[item.name].set()
-                await reporter.beat_while(task)
+                await asyncio.wait([task])
                 if not (task.cancelled() and item.name in self._again):
                     await task
                     raise Ended(
@@ -157,6 +158,7 @@ class Host:
                     )
             finally:
                 self._again.discard(item.name)
+                self._reporters.pop(item.name, None)
                 await _ended(task)
                 self._running.pop(item.name, None)
 

@@ -1,17 +1,21 @@
-"""A service's own report, once a second: its beat, its process's load, the lateness of its event loop."""
+"""The report of each service, once a second: its beat, its process's load, the lateness of its event loop."""
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import os
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
+from swarmware.errors import SwarmError
+from swarmware.module.ticker import Lateness, Ticker
 from swarmware.names import segment
 from swarmware.types.system import AppStatus
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from swarmware.clock import Clock
     from swarmware.module import BoardWriter, Module
 
 PERIOD_S: Final = 1.0
@@ -26,6 +30,21 @@ _MB: Final = 1_000_000
 log = logging.getLogger("swarm.status")
 
 
+class Load(NamedTuple):
+    """What this process has used up to an instant."""
+
+    at_s: float
+    cpu_s: float
+    resident_bytes: int
+
+    @classmethod
+    def measured(cls) -> Load:
+        """Now."""
+        with open("/proc/self/statm", "rb") as file:  # noqa: PTH123  # read every second: no Path object
+            resident_bytes = int(file.read().split()[1]) * _PAGE_BYTES
+        return cls(time.monotonic(), time.process_time(), resident_bytes)
+
+
 class Reporter:
     """Writes the board `app/<name>/status`; a hyphen of the name is an underscore there."""
 
@@ -35,9 +54,7 @@ class Reporter:
         self._writer = writer
         self._restarts = restarts
         self._beat = 0
-        self._cpu_s = time.process_time()
-        self._at_s = time.monotonic()
-        self._warned_s = -SLOW_EVERY_S
+        self._before = Load.measured()
 
     @classmethod
     async def open(cls, module: Module, restarts: int) -> Reporter:
@@ -49,25 +66,19 @@ class Reporter:
             description="Beat of the application",
         )
         made = cls(module, writer, restarts)
-        made.report(0.0)
+        made.report()
         return made
 
-    async def beat_while(self, task: asyncio.Task[None]) -> None:
-        """Reports every second until the task is done."""
-        due_s = time.monotonic() + PERIOD_S
-        while not task.done():
-            wait_s = due_s - time.monotonic()
-            await asyncio.wait([task], timeout=max(wait_s, 0.0))
-            if task.done():
-                return
-            late_s = max(time.monotonic() - due_s, 0.0)
-            due_s += PERIOD_S if late_s < PERIOD_S else late_s
-            self.report(max(late_s, self._module.lateness.take_s()))
+    def beat(self, late_s: float, load: Load) -> float:
+        """Writes the report of a second whose end came so late; the worst lateness of this service in it."""
+        late_s = max(late_s, self._module.lateness.take_s())
+        self.report(late_s, load)
+        return late_s
 
-    def report(self, late_s: float) -> None:
-        """Writes one report."""
-        now_s, cpu_s = time.monotonic(), time.process_time()
-        span_s = max(now_s - self._at_s, 1e-3)
+    def report(self, late_s: float = 0.0, load: Load | None = None) -> None:
+        """Writes one report; `load`: measured a moment ago."""
+        now = Load.measured() if load is None else load
+        span_s = max(now.at_s - self._before.at_s, 1e-3)
         self._beat += 1
         self._writer.write(
             AppStatus(
@@ -75,17 +86,29 @@ class Reporter:
                 self.state,
                 self._beat,
                 self._restarts,
-                round((cpu_s - self._cpu_s) / span_s * 100, 2),
-                round(_resident_bytes() / _MB, 1),
+                round((now.cpu_s - self._before.cpu_s) / span_s * 100, 2),
+                round(now.resident_bytes / _MB, 1),
                 round(late_s * 1000, 1),
             )
         )
-        self._cpu_s, self._at_s = cpu_s, now_s
-        if late_s > SLOW_S and now_s - self._warned_s > SLOW_EVERY_S:
-            self._warned_s = now_s
-            log.warning("%s: the event loop was late by %.0f ms", self._module.name, late_s * 1000)
+        self._before = now
 
 
-def _resident_bytes() -> int:
-    with open("/proc/self/statm", "rb") as file:  # noqa: PTH123  # read every second: no Path object
-        return int(file.read().split()[1]) * _PAGE_BYTES
+async def beat(clock: Clock, reporters: Callable[[], Iterable[Reporter]]) -> None:
+    """The beat of all services of a process, every second: they share the event loop whose life it shows."""
+    lateness = Lateness()
+    warned_s = -SLOW_EVERY_S
+    said = ""
+    async for _ in Ticker(clock, PERIOD_S, lateness):
+        load, late_s = Load.measured(), lateness.take_s()
+        worst_s = late_s
+        for reporter in reporters():
+            try:
+                worst_s = max(worst_s, reporter.beat(late_s, load))
+            except (SwarmError, OSError) as error:
+                if str(error) != said:  # once: whoever watches the beat sees that it is missing
+                    said = str(error)
+                    log.error("a beat cannot be written: %s", said)
+        if worst_s > SLOW_S and load.at_s - warned_s > SLOW_EVERY_S:
+            warned_s = load.at_s
+            log.warning("the event loop was late by %.0f ms", worst_s * 1000)
