@@ -1,6 +1,5 @@
 """The broker: joins its cores, its links and the node."""
 
-import asyncio
 import contextlib
 import logging
 import random
@@ -28,6 +27,8 @@ from swarmd.broker.report import Report
 from swarmware.clock import utc_ns
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.module import Module
+from swarmware.module.instant import wait_s
+from swarmware.module.wakeup import Wakeup
 from swarmware.names import Pattern
 from swarmware.resource import Kind, Resource
 from swarmware.security import Keys
@@ -69,7 +70,7 @@ class Broker(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         self._clock = module.clock
-        self._wake = asyncio.Event()
+        self._wakeup = Wakeup()
         self._since_ns = self._publish_ns = self._clock.now_ns()
         self._pace = Pace(self._since_ns, random.random)
         self._shape_changed = False
@@ -227,10 +228,7 @@ class Broker(Service):
         deadline_ns = self._station.deadline_ns()
         if deadline_ns is not None:
             next_ns = min(next_ns, deadline_ns)
-        self._wake.clear()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(max(next_ns - self._clock.now_ns(), 0) / 1e9):
-                await self._wake.wait()
+        await self._wakeup.wait(wait_s(self._clock, next_ns))
 
     def _tick(self) -> None:
         station = self._station
@@ -240,12 +238,16 @@ class Broker(Service):
         if station.slowdown.on_tick(now_ns - self._pace.due_ns, round(1e9 / station.tick_hz())):
             self._report_slowdown()
         self._own.poll(now_ns)
-        if self._pace.urgent or self._datagrams.has_checks or not station.is_idle(now_ns):
-            self._pace.left(now_ns)
-            self._datagrams.tick(now_ns)
         if self._timings:
             self._write_timings()
-        self._pace.next(now_ns, round(1e9 / station.tick_hz()))
+        pace, period_ns = self._pace, round(1e9 / station.tick_hz())
+        urgent = pace.urgent or self._datagrams.has_checks
+        if not urgent and station.is_idle(now_ns + pace.spread_ns(period_ns)):
+            pace.rest(now_ns, period_ns)
+        elif urgent or not pace.rises(now_ns, period_ns):
+            pace.left(now_ns)
+            self._datagrams.tick(now_ns)
+            pace.next(now_ns, round(1e9 / station.tick_hz()))
 
     def _report_slowdown(self) -> None:
         slowdown = self._station.slowdown
@@ -291,7 +293,7 @@ class Broker(Service):
 
     def _publish(self, now_ns: int) -> None:
         if now_ns >= self._publish_ns:
-            self._publish_ns = now_ns + PUBLISH_NS
+            self._publish_ns = (now_ns // PUBLISH_NS + 1) * PUBLISH_NS
             self._traffic_board.write(self._report.traffic(now_ns))
         if self._duplicate_ns and now_ns - self._duplicate_ns > DUPLICATE_NS:
             self._duplicate_ns = 0
@@ -353,7 +355,7 @@ class Broker(Service):
 
     def _hurry(self) -> None:
         if self._pace.hurry(self._clock.now_ns(), round(1e9 / self._station.allowed_hz())):
-            self._wake.set()
+            self._wakeup.notify()
 
     def _carry_out(self, links: list[LinkChanged], routes: list[RouteChanged]) -> None:
         for change in links:
@@ -365,7 +367,7 @@ class Broker(Service):
                 self._frames.neighbour_gone(change.hw)
         if links or routes:
             self._shape_changed = True
-            self._wake.set()
+            self._wakeup.notify()
         if any(not change.via for change in routes) or any(c.event is LinkEvent.SILENT for c in links):
             self._hurry()  # others should know soon
 

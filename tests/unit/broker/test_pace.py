@@ -1,6 +1,7 @@
 """When datagrams leave: spread, soon when it matters, never more than the air carries."""
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -50,6 +51,28 @@ def test_what_cannot_wait_leaves_soon() -> None:
     assert pace.due_ns == PERIOD + HURRY_NS
     assert pace.urgent
     assert not pace.hurry(PERIOD + 1, 1_000_000), "it is due earlier already"
+
+
+def test_a_node_with_nothing_to_say_looks_at_multiples_of_the_period_and_still_sends_by_chance() -> None:
+    chances = iter([0.5, 0.9, 0.5, 0.1, 0.5, 0.7] * 10)
+    pace = Pace(3 * MS, lambda: next(chances))
+    looks, sent = [], []
+    for _ in range(60):
+        now_ns = pace.due_ns + MS  # as late as an event loop wakes
+        idle = now_ns // PERIOD % 5 != 0  # as a parked vehicle: something to say each half second
+        if not pace.urgent and idle:
+            looks.append(now_ns)
+            pace.rest(now_ns, PERIOD)
+        elif pace.urgent or not pace.rises(now_ns, PERIOD):
+            sent.append(now_ns)
+            pace.left(now_ns)
+            pace.next(now_ns, PERIOD)
+    aligned = [now_ns for now_ns in looks if now_ns % PERIOD == MS]
+    assert len(aligned) >= len(looks) - len(sent), "only the first look after a datagram is not"
+    spread = [now_ns % (5 * PERIOD) for now_ns in sent[1:]]
+    assert len(set(spread)) == 3, "by chance, or nodes that look at the same instants would collide"
+    assert all(0 <= one_ns <= pace.spread_ns(PERIOD) + 2 * MS for one_ns in spread)
+    assert {(after - before) // PERIOD for before, after in pairwise(sent[1:])} <= {4, 5}
 
 
 def test_no_number_of_events_makes_a_node_send_more_than_the_air_allows() -> None:

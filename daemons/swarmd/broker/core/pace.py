@@ -118,6 +118,7 @@ class Pace:
         self.due_ns = now_ns
         self.urgent = False
         """The next tick has something to say that cannot wait."""
+        self._resting = False
         self._chance = chance
         self._left_ns = NEVER_NS
 
@@ -132,8 +133,29 @@ class Pace:
 
     def left(self, now_ns: int) -> None:
         """A datagram left."""
-        self.urgent = False
+        self.urgent = self._resting = False
         self._left_ns = now_ns
+
+    def rest(self, now_ns: int, period_ns: int) -> None:
+        """This tick says nothing; the next look is where the process does its other periodic work."""
+        self._resting = True
+        self.due_ns = (now_ns // period_ns + 1) * period_ns
+
+    def rises(self, now_ns: int, period_ns: int) -> bool:
+        """True: a tick that follows one without words waits for its share of chance; it is due then.
+
+        Nodes that look at the same instants would send at the same ones.
+        """
+        if not self._resting:
+            return False
+        self._resting, self.urgent = False, True
+        self.due_ns = now_ns + round(self.spread_ns(period_ns) * self._chance())
+        return True
+
+    @staticmethod
+    def spread_ns(period_ns: int) -> int:
+        """From the earliest to the latest instant of a tick."""
+        return round(2 * JITTER * period_ns)
 
     def next(self, now_ns: int, period_ns: int) -> None:
         """This tick is over; one that was late does not make the next ones early."""
