@@ -229,7 +229,7 @@ class StructureReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     base: int = 0
     """Digest of the template, in form 2 and 3."""
     data: bytes = b""
-    """zlib (with the DICTIONARY of swarmd/tree/core/structure.py as FDICT, or none) of MessagePack: the
+    """zlib (with the preset dictionary of share/doc/protocol.md, section 14, or none) of MessagePack: the
     template's resources (form 3 only) and the changes."""
 
 
