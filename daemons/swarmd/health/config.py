@@ -5,8 +5,7 @@ from typing import Annotated
 
 import msgspec
 
-from swarmd.health.core.monitor import Limit
-from swarmware.health import Above, Below
+from swarmware.health.criterion import Above, Below
 
 
 class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -33,11 +32,8 @@ class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         if self.confirm[0] > self.confirm[1]:
             raise ValueError(f"limit {self.check}: confirm {list(self.confirm)}; expected [n, m] with n ≤ m")
 
-    def limit(self) -> Limit:
-        """As the core wants it."""
-        return Limit(self.check, self.path, self.field, self._criterion, self.confirm)
-
-    def _criterion(self) -> Callable[[float], str]:
+    def criterion(self) -> Callable[[float], str]:
+        """A new one, with a memory of its own."""
         kind = Below if self.low else Above
         return kind(warn=self.warn, error=self.error, hysteresis=self.hysteresis)
 

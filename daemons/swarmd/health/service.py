@@ -7,8 +7,18 @@ from contextlib import suppress
 from typing import Any
 
 from swarmd.health import config as settings
-from swarmd.health.core.apps import DIED, HUNG
-from swarmd.health.core.monitor import MonitorCore, Present
+from swarmd.health.core.apps import DIED
+from swarmd.health.core.monitor import (
+    GUARD,
+    Action,
+    Cleared,
+    FaultChanged,
+    GuardHung,
+    Look,
+    MonitorCore,
+    Present,
+    RegistrationChanged,
+)
 from swarmd.health.journal import JournalFile
 from swarmware import template
 from swarmware.appfile import AppEntry, AppTable
@@ -20,7 +30,6 @@ from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
 from swarmware.names import Pattern, segment
 from swarmware.node.node import APPS_TABLE
 from swarmware.service import Service
-from swarmware.service.births import GUARD
 from swarmware.types import registry
 from swarmware.types.health import (
     CheckRegistration,
@@ -38,13 +47,8 @@ from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
 
-VALUE_S = 1.0
-"""How often values with limits are looked at."""
 ROUTES_S = 5.0
 """A table of routes older than this says nothing; there is one every second."""
-LATE_S = 1.0
-"""A monitor that was kept from running for longer blames nobody for that time."""
-
 ENDING = frozenset({"stopping", "stopped"})
 """States of a service in the guard's board when the node ends."""
 
@@ -59,14 +63,12 @@ class Health(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         node = module.node
-        self._core = MonitorCore(
-            limits=tuple(limit.limit() for limit in config.limits),
-            sensors=config.sensors,
-            ignore=config.ignore,
-            grace_s=config.grace_s,
-            clear_s=config.clear_s,
-            hung_s=config.hung_s,
-        )
+        self._core = MonitorCore(config)
+        self._driver = self.drive(self._core, self._perform, settled=self._publish)
+        self._look_comes: asyncio.Queue[Look] = asyncio.Queue(1)
+        self._changed: list[Fault] = []
+        """Not written and announced yet."""
+        self._unsaved = False
         self._table = AppTable(node.run_dir)  # its own: a table tells of a change only once
         self._entries: dict[str, AppEntry] = {}
         self._types: dict[str, str] = {}
@@ -89,7 +91,8 @@ class Health(Service):
         module, node = self.module, self.module.node
         self._expect()
         journal = self._journal.load()
-        self._core.restore(journal.registrations, journal.faults, module.now_ns())
+        now_ns = module.now_ns()
+        self._driver.feed(self._core.on_start(journal.registrations, journal.faults, now_ns))
         self._board = await module.writer(
             "health/state", HealthState, link="notify", log="all", description="Logical system state"
         )
@@ -121,6 +124,7 @@ class Health(Service):
             self.poll()
             self._guard_board = await module.reader("guard/status", GuardStatus)
             async with asyncio.TaskGroup() as group:
+                group.create_task(self._driver.run(), name="health: driver")
                 group.create_task(self._look(), name="health: look")
                 group.create_task(self._take_registrations(inbox), name="health: registrations")
         finally:
@@ -151,66 +155,55 @@ class Health(Service):
 
     def _on_applications(self) -> None:
         now_ns = self.module.now_ns()
+        actions: list[Action] = []
         present = {entry.id: entry for entry in self._table}
         for app_id, entry in list(self._entries.items()):
             if app_id not in present:
-                self._gone(entry, now_ns)
+                actions += self._gone(entry, now_ns)
         for app_id, entry in present.items():
             known = self._entries.get(app_id)
             if known is not None and known.pid != entry.pid:
-                self._gone(known, now_ns)  # it is back before we heard of its end
+                actions += self._gone(known, now_ns)  # it is back before we heard of its end
             self._entries[app_id] = entry
             self._types |= {one.path: one.type for one in entry.provides}
-            self._core.on_present(
-                Present(app_id, entry.name, entry.pid, entry.started_ns, entry.provides), now_ns
-            )
+            found = Present(app_id, entry.name, entry.pid, entry.started_ns, entry.provides)
+            actions += self._core.on_present(found, now_ns)
         self._deaths.watch({entry.pid for entry in present.values()})
-        self._publish(now_ns)
+        self._driver.feed(actions)
 
     def _on_death(self, pid: int) -> None:
         """A process ended. Applications that had not said goodbye are those we still have."""
         now_ns = self.module.now_ns()
-        for entry in list(self._entries.values()):
-            if entry.pid == pid:
-                self._gone(entry, now_ns)
-        self._publish(now_ns)
+        entries = [entry for entry in self._entries.values() if entry.pid == pid]
+        self._driver.feed([action for entry in entries for action in self._gone(entry, now_ns)])
 
-    def _gone(self, entry: AppEntry, now_ns: int) -> None:
+    def _gone(self, entry: AppEntry, now_ns: int) -> list[Action]:
         """An application is no more: it took its file away while it lived, or said so, or else it died."""
         del self._entries[entry.id]
         status = self._status(entry.name)
         said_so = status is not None and status.pid == entry.pid and status.state == "stopping"
         if said_so or not died(self.module.node.run_dir, entry):
-            self._core.on_left(entry.id, now_ns)
-        else:
-            self._core.on_died(entry.id, now_ns)
+            return self._core.on_left(entry.id, now_ns)
+        return self._core.on_died(entry.id, now_ns)
 
     # -- looks
 
     async def _look(self) -> None:
-        period_s = 1 / self.config.look_hz
-        values_ns = 0
-        last_ns = self.module.now_ns()
-        async for _ in self.module.every(period_s):
-            now_ns = self.module.now_ns()
-            late_ns = now_ns - last_ns - round(period_s * 1e9)
-            last_ns = now_ns
-            if late_ns > LATE_S * 1e9:
-                self._core.apps.excuse(late_ns)
+        while True:
+            look = await self._look_comes.get()
             if self._table.refresh():
                 self._on_applications()
             await self._open_boards()
-            self._look_at_applications(now_ns)
+            now_ns = self.module.now_ns()
+            actions = self._look_at_applications(now_ns)
             for age in self._core.ages() if not self._node_stops() else ():
                 if (board := self._boards.get(age.path)) is not None:
-                    self._core.on_look(age, board.position, now_ns)
-            if now_ns >= values_ns:
-                values_ns = now_ns + round(VALUE_S * 1e9)
-                self._look_at_values(now_ns)
-            self._look_at_reports(now_ns)
-            self._look_at_routes(now_ns)
-            self._core.on_timer(now_ns)
-            self._publish(now_ns)
+                    actions += self._core.on_look(age, board.position, now_ns)
+            if look.values:
+                actions += self._look_at_values(now_ns)
+            actions += self._look_at_reports(now_ns)
+            actions += self._look_at_routes(now_ns)
+            self._driver.feed(actions + self._core.on_looked(now_ns))
 
     async def _open_boards(self) -> None:
         """One reader for each resource that is looked at, whatever it is looked at for."""
@@ -232,22 +225,13 @@ class Health(Service):
         value = None if board is None else board.value
         return value if isinstance(value, AppStatus) else None
 
-    def _look_at_applications(self, now_ns: int) -> None:
-        guard = None
-        for app in self._core.apps:
-            if app.state == DIED:
-                continue
-            if (status := self._status(app.name)) is not None:
-                before = app.state
-                self._core.on_status(app, status, now_ns)
-                if app.name == GUARD and app.state == HUNG and before != HUNG:
-                    self._end_guard(app.pid)
-            if app.name == GUARD:
-                guard = app
-        if guard is None:
-            self._core.guard = "absent"
-        else:
-            self._core.guard = "hung" if guard.state == HUNG else "alive"
+    def _look_at_applications(self, now_ns: int) -> list[Action]:
+        return [
+            action
+            for app in self._core.apps
+            if app.state != DIED and (status := self._status(app.name)) is not None
+            for action in self._core.on_status(app, status, now_ns)
+        ]
 
     def _end_guard(self, pid: int) -> None:
         """It does not beat: only SIGKILL ends a process that is stopped; then any daemon starts it again."""
@@ -259,15 +243,18 @@ class Health(Service):
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
 
-    def _look_at_values(self, now_ns: int) -> None:
+    def _look_at_values(self, now_ns: int) -> list[Action]:
+        actions: list[Action] = []
         for rule in self._core.limits():
             board = self._boards.get(rule.path)
             value = None if board is None else board.value
             field = getattr(value, rule.field, None)
             if isinstance(field, int | float):
-                self._core.on_value(rule, float(field), now_ns)
+                actions += self._core.on_value(rule, float(field), now_ns)
+        return actions
 
-    def _look_at_reports(self, now_ns: int) -> None:
+    def _look_at_reports(self, now_ns: int) -> list[Action]:
+        actions: list[Action] = []
         for path, board in self._boards.items():
             if self._types.get(path) != CheckReports.__name__:
                 continue
@@ -275,38 +262,55 @@ class Health(Service):
             if position != self._reports_at.get(path):
                 self._reports_at[path] = position
                 if (reports := board.value) is not None:
-                    self._core.on_reports(reports, now_ns)
+                    actions += self._core.on_reports(reports, now_ns)
+        return actions
 
-    def _look_at_routes(self, now_ns: int) -> None:
+    def _look_at_routes(self, now_ns: int) -> list[Action]:
         if self._routes is None or (routes := self._routes.value) is None or self._node_stops():
-            return
+            return []
         age_s = self._routes.age_s
         if age_s is None or age_s > ROUTES_S:
-            return  # the broker is away: that is its own fault, and nobody else's
+            return []  # the broker is away: that is its own fault, and nobody else's
         reached = {route.platform for route in routes.routes}
         wanted = {one for one in reached if any(pattern.matches(one) for pattern in self._missed)}
-        self._core.on_platforms(wanted - {self.module.platform}, now_ns)
+        return self._core.on_platforms(wanted - {self.module.platform}, now_ns)
 
     # -- what others know
 
     async def _take_registrations(self, inbox: Inbox[CheckRegistration]) -> None:
         async for registration in inbox:
-            if self._core.register(registration, self.module.now_ns()):
+            self._driver.feed(self._core.on_registration(registration, self.module.now_ns()))
+
+    def _perform(self, action: Action) -> None:
+        match action:
+            case Look():
+                if self._look_comes.empty():
+                    self._look_comes.put_nowait(action)
+            case FaultChanged(fault):
+                self._changed.append(fault)
+                self._unsaved = True
+            case RegistrationChanged(registration):
+                self._unsaved = True
                 self.module.log.info(
                     "check %s of %s: %s",
                     registration.check,
                     registration.app,
                     "withdrawn" if registration.withdrawn else f"{registration.frequency_hz:g} Hz",
                 )
-                self._save()
+            case Cleared():
+                self._unsaved = True
+            case GuardHung(pid):
+                self._end_guard(pid)
 
-    def _publish(self, now_ns: int) -> None:
+    def _publish(self) -> None:
         """Changed faults as events, the state when it is another."""
         if self._board is None or self._events is None:
             return
-        changed = self._core.take()
-        if changed:
+        now_ns = self.module.now_ns()
+        if self._unsaved:
+            self._unsaved = False
             self._save()  # first: what others were told must be known again after a kill
+        changed, self._changed = self._changed, []
         for fault in changed:
             self._events.write(fault, now_ns)
             level = self.module.log.warning if fault.phase is Phase.CONFIRMED else self.module.log.info
@@ -329,11 +333,11 @@ class Health(Service):
 
     def _on_clear(self, order: FaultClear, meta: Meta) -> FaultList:
         now_ns = self.module.now_ns()
-        cleared = self._core.clear(order.pattern, now_ns)
+        actions = self._core.on_clear(order.pattern, now_ns)
+        cleared = [fault for action in actions if isinstance(action, Cleared) for fault in action.faults]
         self.module.log.info("faults cleared on request (%s): %d", order.pattern, len(cleared))
-        self._publish(now_ns)
-        self._save()
-        return FaultList(self.module.platform, now_ns, cleared)
+        self._driver.feed(actions)
+        return FaultList(self.module.platform, now_ns, tuple(cleared))
 
     def _on_faults(self, query: FaultQuery, _: Meta) -> FaultList:
         faults = self._core.faults.open()

@@ -29,7 +29,6 @@ def test_a_whole_life_with_its_times_and_its_freeze_frame() -> None:
     healed = book.on_good("battery", 4 * SECOND)
     assert healed is not None
     assert (healed.phase, healed.last_ns) == (Phase.HEALED, 3 * SECOND)
-    assert book.deadline_ns() == 9 * SECOND
     assert book.on_timer(9 * SECOND - 1) == []
     assert [fault.phase for fault in book.on_timer(9 * SECOND)] == [Phase.CLEARED]
     assert book.open() == ()

@@ -1,12 +1,22 @@
 """Monitor core: looks, values, reports and deaths in; faults and the state of the platform out."""
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
 from swarmd.health.config import Config
 from swarmd.health.core.faults import Seen
-from swarmd.health.core.monitor import MonitorCore, Present
+from swarmd.health.core.monitor import (
+    Action,
+    Cleared,
+    FaultChanged,
+    GuardHung,
+    Look,
+    MonitorCore,
+    Present,
+    RegistrationChanged,
+)
 from swarmware.resource import Resource
 from swarmware.types.health import CheckRegistration, CheckReport, CheckReports, Fault, Phase, StateRule
 from swarmware.types.system import AppStatus
@@ -17,35 +27,58 @@ GNSS = Resource(path="sensor/gnss", type="GnssFix", rate_hz=10)
 BATTERY = Resource(path="power/battery", type="BatteryState", rate_hz=1)
 
 
-def monitor(**changes: Any) -> MonitorCore:
-    config = Config()
-    numbers: dict[str, Any] = {"grace_s": 10.0, "clear_s": 5.0, "hung_s": 4.0}
-    return MonitorCore(
-        limits=tuple(limit.limit() for limit in config.limits),
-        sensors=config.sensors,
-        ignore=config.ignore,
-        **(numbers | changes),
-    )
+class Monitor:
+    """A monitor whose changes of faults are kept until they are asked for."""
+
+    def __init__(self, **changes: Any) -> None:
+        numbers: dict[str, Any] = {"grace_s": 10.0, "clear_s": 5.0, "hung_s": 4.0}
+        self.core = MonitorCore(Config(**(numbers | changes)))
+        self.changed: list[Fault] = []
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.core, name)
+        return self._keep(found) if name.startswith("on_") else found
+
+    def _keep(self, event: Callable[..., list[Action]]) -> Callable[..., list[Action]]:
+        def call(*facts: Any) -> list[Action]:
+            actions = event(*facts)
+            self.changed += [action.fault for action in actions if isinstance(action, FaultChanged)]
+            return actions
+
+        return call
+
+    def take(self) -> list[Fault]:
+        changed, self.changed = self.changed, []
+        return changed
 
 
-def present(core: MonitorCore, *resources: Resource, app: str = "hal", pid: int = 7, at_ns: int = 0) -> None:
+def monitor(**changes: Any) -> Monitor:
+    return Monitor(**changes)
+
+
+def present(core: Monitor, *resources: Resource, app: str = "hal", pid: int = 7, at_ns: int = 0) -> None:
     core.on_present(Present(f"{app}#1", app, pid, at_ns, resources), at_ns)
 
 
-def look(core: MonitorCore, path: str, position: int, now_ns: int) -> None:
+def look(core: Monitor, path: str, position: int, now_ns: int) -> None:
     age = next(age for age in core.ages() if age.path == path)
     core.on_look(age, position, now_ns)
 
 
 def beat(
-    core: MonitorCore, number: int, now_ns: int, *, app: str = "hal", pid: int = 7, restarts: int = 0
+    core: Monitor, number: int, now_ns: int, *, app: str = "hal", pid: int = 7, restarts: int = 0
 ) -> None:
     found = core.apps.get(f"{app}#1")
     assert found is not None
     core.on_status(found, AppStatus(pid, "running", number, restarts), now_ns)
 
 
-def told(core: MonitorCore) -> list[tuple[str, str, Phase]]:
+def cleared(core: Monitor, pattern: str, now_ns: int) -> tuple[Fault, ...]:
+    (found,) = [action for action in core.on_clear(pattern, now_ns) if isinstance(action, Cleared)]
+    return found.faults
+
+
+def told(core: Monitor) -> list[tuple[str, str, Phase]]:
     return [(fault.check, fault.state, fault.phase) for fault in core.take()]
 
 
@@ -69,7 +102,7 @@ def test_a_resource_that_moves_is_fresh_and_one_that_stops_is_stale_then_lost() 
         look(core, "nav/pose", half, half * SECOND // 2)
     assert told(core) == [("age/nav/pose", "lost", Phase.HEALED)]
     assert core.state().level == "ok"
-    core.on_timer(30 * SECOND)
+    core.on_looked(30 * SECOND)
     assert told(core) == [("age/nav/pose", "lost", Phase.CLEARED)]
 
 
@@ -198,8 +231,8 @@ def reports(state: str, *, seen: str = "", app: str = "planner#1") -> CheckRepor
 
 def test_a_modules_own_check_becomes_a_fault_with_its_level_and_freeze_frame() -> None:
     core = monitor()
-    assert core.register(REGISTRATION, 0)
-    assert not core.register(REGISTRATION, 0)
+    assert core.on_registration(REGISTRATION, 0) == [RegistrationChanged(REGISTRATION)]
+    assert core.on_registration(REGISTRATION, 0) == []
     core.on_reports(reports("ok"), 0)
     core.on_reports(reports("ok", seen="late"), SECOND)
     assert core.take() == []
@@ -214,20 +247,20 @@ def test_a_modules_own_check_becomes_a_fault_with_its_level_and_freeze_frame() -
 
 def test_a_report_that_states_a_level_overrides_the_registration() -> None:
     core = monitor()
-    core.register(REGISTRATION, 0)
+    core.on_registration(REGISTRATION, 0)
     stated = CheckReport("planner/path", "none", 0, level="warn")
     core.on_reports(CheckReports("planner#1", (stated,)), 0)
     assert [(fault.state, fault.level) for fault in core.take()] == [("none", "warn")]
-    core.on_timer(3 * SECOND)
+    core.on_looked(3 * SECOND)
     assert [(fault.state, fault.level) for fault in core.take()] == [("silent", "warn")]
 
 
 def test_a_check_that_falls_silent_is_itself_a_fault() -> None:
     core = monitor()
-    core.register(REGISTRATION, 0)
-    core.on_timer(2 * SECOND)
+    core.on_registration(REGISTRATION, 0)
+    core.on_looked(2 * SECOND)
     assert told(core) == []
-    core.on_timer(3 * SECOND)
+    core.on_looked(3 * SECOND)
     assert told(core) == [("planner/path", "silent", Phase.CONFIRMED)]
     core.on_reports(reports("ok"), 4 * SECOND)
     assert told(core) == [("planner/path", "silent", Phase.HEALED)]
@@ -236,19 +269,19 @@ def test_a_check_that_falls_silent_is_itself_a_fault() -> None:
 def test_reports_of_unknown_checks_or_by_others_are_not_taken() -> None:
     core = monitor()
     core.on_reports(reports("none"), 0)
-    core.register(REGISTRATION, 0)
+    core.on_registration(REGISTRATION, 0)
     core.on_reports(reports("none", app="stranger#1"), 0)
     assert told(core) == []
 
 
 def test_a_withdrawn_check_and_those_of_an_application_that_left_are_gone() -> None:
     core = monitor()
-    core.register(REGISTRATION, 0)
+    core.on_registration(REGISTRATION, 0)
     core.on_reports(reports("none"), 0)
-    core.register(msgspec.structs.replace(REGISTRATION, withdrawn=True), 1)
+    core.on_registration(msgspec.structs.replace(REGISTRATION, withdrawn=True), 1)
     assert [phase for *_, phase in told(core)] == [Phase.CONFIRMED, Phase.CLEARED]
     assert "planner/path" not in core.reports
-    core.register(REGISTRATION, 2)
+    core.on_registration(REGISTRATION, 2)
     present(core, app="planner", at_ns=2)
     core.on_left("planner#1", 3)
     assert len(core.reports) == 0
@@ -256,7 +289,7 @@ def test_a_withdrawn_check_and_those_of_an_application_that_left_are_gone() -> N
 
 def test_the_worst_check_comes_first() -> None:
     core = monitor()
-    core.register(REGISTRATION, 0)
+    core.on_registration(REGISTRATION, 0)
     present(core, BATTERY)
     core.on_reports(reports("none"), 0)
     assert core.checks()[0].check == "planner/path"
@@ -266,7 +299,7 @@ def test_the_worst_check_comes_first() -> None:
 HEAT = Resource(path="motor/heat", type="Float", rate_hz=10)
 
 
-def lose(core: MonitorCore, path: str, from_half: int) -> None:
+def lose(core: Monitor, path: str, from_half: int) -> None:
     for half in range(from_half, from_half + 12):
         look(core, path, -1, half * SECOND // 2)
 
@@ -290,10 +323,10 @@ def test_a_fault_whose_check_is_gone_is_cleared_also_when_only_the_journal_knew_
     lose(core, "motor/heat", 0)
     faults = core.faults.open()
     after = monitor(grace_s=10.0)
-    after.restore((), faults, 0)
-    after.on_timer(9 * SECOND)
+    after.on_start((), faults, 0)
+    after.on_looked(9 * SECOND)
     assert [fault.check for fault in after.faults.open()] == ["age/motor/heat"]
-    after.on_timer(10 * SECOND)
+    after.on_looked(10 * SECOND)
     assert after.faults.open() == ()
     assert told(after) == [("age/motor/heat", "lost", Phase.CLEARED)]
 
@@ -304,8 +337,8 @@ def test_a_dead_service_is_still_a_fault_of_the_next_monitor_until_it_is_back() 
     beat(core, 1, 0)
     core.on_died("hal#1", SECOND)
     after = monitor()
-    after.restore((), core.faults.open(), 0)
-    after.on_timer(60 * SECOND)
+    after.on_start((), core.faults.open(), 0)
+    after.on_looked(60 * SECOND)
     assert [fault.check for fault in after.faults.confirmed()] == ["app/hal"]
     present(after, BATTERY, pid=8, at_ns=61 * SECOND)
     assert [fault.check for fault in after.faults.confirmed()] == []
@@ -314,11 +347,11 @@ def test_a_dead_service_is_still_a_fault_of_the_next_monitor_until_it_is_back() 
 def test_a_check_that_the_next_life_of_its_module_does_not_register_is_withdrawn() -> None:
     core = monitor()
     present(core, app="planner", at_ns=0)
-    core.register(REGISTRATION, SECOND)
+    core.on_registration(REGISTRATION, SECOND)
     core.on_reports(reports("none"), SECOND)
     core.on_died("planner#1", 2 * SECOND)
     present(core, app="planner", pid=8, at_ns=3 * SECOND)
-    core.on_timer(10 * SECOND)
+    core.on_looked(10 * SECOND)
     assert core.faults.open() == ()
     assert "planner/path" not in core.reports
 
@@ -331,9 +364,9 @@ def test_what_an_operator_clears_is_over_and_what_is_gone_is_forgotten() -> None
     lose(core, "motor/heat", 0)
     lose(core, "nav/pose", 0)
     core.take()
-    assert [fault.check for fault in core.clear("age/motor/*", 20 * SECOND)] == ["age/motor/heat"]
+    assert [fault.check for fault in cleared(core, "age/motor/*", 20 * SECOND)] == ["age/motor/heat"]
     assert [age.path for age in core.ages()] == ["nav/pose"]
-    assert [fault.check for fault in core.clear("**", 20 * SECOND)] == ["age/nav/pose"]
+    assert [fault.check for fault in cleared(core, "**", 20 * SECOND)] == ["age/nav/pose"]
     assert core.faults.open() == ()
     lose(core, "nav/pose", 40)
     assert core.state().level == "error", "its owner lives: the fault is a new one"
@@ -354,7 +387,7 @@ def test_a_clear_answers_with_the_faults_as_they_are_after_it() -> None:
         "age/nav/pose": Phase.CONFIRMED,
         "seen/once": Phase.PENDING,
     }
-    assert {fault.check: fault.phase for fault in core.clear("**", 30 * SECOND)} == dict.fromkeys(
+    assert {fault.check: fault.phase for fault in cleared(core, "**", 30 * SECOND)} == dict.fromkeys(
         before, Phase.CLEARED
     )
 
@@ -378,9 +411,45 @@ def test_a_lost_platform_is_missed_over_a_restart_of_the_monitor_and_no_more_onc
     core.on_platforms({"uav2"}, 0)
     core.on_platforms(set(), 3 * SECOND)
     after = monitor()
-    after.restore((), core.faults.open(), 0)
-    after.on_timer(60 * SECOND)
+    after.on_start((), core.faults.open(), 0)
+    after.on_looked(60 * SECOND)
     assert [fault.check for fault in after.faults.confirmed()] == ["platform/uav2"]
-    after.clear("platform/*", 61 * SECOND)
+    after.on_clear("platform/*", 61 * SECOND)
     after.on_platforms(set(), 90 * SECOND)
     assert after.faults.open() == ()
+
+
+def test_the_monitor_looks_twice_a_second_at_values_once_and_excuses_its_own_lateness() -> None:
+    core = monitor()
+    assert core.deadline_ns() is None
+    core.on_start((), (), 0)
+    values = []
+    for half in range(1, 7):
+        assert core.deadline_ns() == half * SECOND // 2
+        (look,) = core.on_timer(half * SECOND // 2)
+        assert isinstance(look, Look)
+        values.append(look.values)
+    assert values == [True, False] * 3
+    present(core, at_ns=3 * SECOND)
+    beat(core, 1, 3 * SECOND)
+    core.on_timer(33 * SECOND)
+    assert core.deadline_ns() == 33 * SECOND + SECOND // 2, "what was missed is not made up for"
+    beat(core, 1, 33 * SECOND)
+    assert told(core) == [], "nobody beat while nobody looked"
+    beat(core, 1, 37 * SECOND)
+    assert told(core) == [("app/hal", "hung", Phase.CONFIRMED)]
+
+
+def test_a_guard_that_hangs_is_reported_once_and_stated() -> None:
+    core = monitor()
+    assert core.state().guard == "absent"
+    present(core, app="guard")
+    beat(core, 1, 0, app="guard")
+    assert core.state().guard == "alive"
+    found = core.apps.get("guard#1")
+    status = AppStatus(7, "running", 1, 0)
+    assert GuardHung(7) in core.on_status(found, status, 5 * SECOND)
+    assert core.on_status(found, status, 6 * SECOND) == []
+    assert core.state().guard == "hung"
+    core.on_died("guard#1", 7 * SECOND)
+    assert core.state().guard == "absent"

@@ -128,10 +128,6 @@ class FaultBook:
         self._history.append(cleared)
         return cleared
 
-    def deadline_ns(self) -> int | None:
-        """When the next fault is cleared."""
-        return min(self._clear_at_ns.values(), default=None)
-
     def confirmed(self) -> list[Fault]:
         """Confirmed faults, worst first, then the oldest."""
         found = [fault for fault in self._open.values() if fault.phase is Phase.CONFIRMED]

@@ -1,11 +1,11 @@
 """The monitor: makes faults and one state of the platform of looks, values, reports and deaths."""
 
-from collections.abc import Callable
 from typing import Final, Literal
 
 import msgspec
 
-from swarmd.health.core.apps import APP_LEVELS, DIED, App, Apps
+from swarmd.health.config import Config
+from swarmd.health.core.apps import APP_LEVELS, DIED, HUNG, App, Apps
 from swarmd.health.core.faults import FaultBook, Seen
 from swarmd.health.core.platforms import Platforms
 from swarmd.health.core.reports import ReportBook, Reported
@@ -33,18 +33,46 @@ BATTERY_PATH: Final = "power/battery"
 BATTERY_STEP: Final = 0.05
 """The ratio is rounded to this: the state travels on change."""
 
-Guard = Literal["alive", "hung", "absent"]
+GUARD: Final = "guard"
+"""The application that starts all others, and the only one on which the monitor acts."""
+VALUES_NS: Final = 1_000_000_000
+"""How often values with limits are looked at."""
+LATE_NS: Final = 1_000_000_000
+"""A monitor that was kept from running for longer blames nobody for that time."""
 
 
-class Limit(msgspec.Struct, frozen=True):
-    """A limit of one field of one resource, ready to be applied."""
+class Look(msgspec.Struct, frozen=True):
+    """See what there is to be seen, then call `on_looked`."""
 
-    check: str
-    path: str
-    field: str
-    criterion: Callable[[], Callable[[float], str]]
-    """Makes a criterion with a memory of its own."""
-    confirm: tuple[int, int]
+    values: bool
+    """Also at values with limits."""
+
+
+class FaultChanged(msgspec.Struct, frozen=True):
+    """Others should know of this; first it is written to the journal."""
+
+    fault: Fault
+
+
+class RegistrationChanged(msgspec.Struct, frozen=True):
+    """A module has registered or withdrawn a check: it is written to the journal."""
+
+    registration: CheckRegistration
+
+
+class Cleared(msgspec.Struct, frozen=True):
+    """What became of the faults that an operator has cleared."""
+
+    faults: tuple[Fault, ...]
+
+
+class GuardHung(msgspec.Struct, frozen=True):
+    """The guard is there and does not beat."""
+
+    pid: int
+
+
+Action = Look | FaultChanged | RegistrationChanged | Cleared | GuardHung
 
 
 class Present(msgspec.Struct, frozen=True):
@@ -58,51 +86,45 @@ class Present(msgspec.Struct, frozen=True):
 
 
 class MonitorCore:
-    """Everything the monitor knows. Calls collect changes of faults; `take` gives them."""
+    """Everything the monitor knows."""
 
-    def __init__(
-        self,
-        *,
-        limits: tuple[Limit, ...],
-        sensors: tuple[str, ...],
-        ignore: tuple[str, ...],
-        grace_s: float,
-        clear_s: float,
-        hung_s: float,
-    ) -> None:
-        self.faults = FaultBook(clear_s)
+    def __init__(self, config: Config) -> None:
+        self.faults = FaultBook(config.clear_s)
         self.reports = ReportBook()
-        self.apps = Apps(hung_s)
-        self.guard: Guard = "absent"
+        self.apps = Apps(config.hung_s)
         self.platforms = Platforms()
-        self._limits = limits
-        self._sensors = [Pattern(text) for text in sensors]
-        self._ignore = [Pattern(text) for text in ignore]
-        self._grace_ns = round(grace_s * 1e9)
+        self._limits = config.limits
+        self._sensors = [Pattern(text) for text in config.sensors]
+        self._ignore = [Pattern(text) for text in config.ignore]
+        self._grace_ns = round(config.grace_s * 1e9)
+        self._period_ns = round(1e9 / config.look_hz)
+        self._look_ns: int | None = None
+        self._values_ns = 0
         self._ages: dict[str, AgeRule] = {}
         self._rules: dict[str, LimitRule] = {}
         self._expected: dict[str, Resource] = {}
         self._critical: set[str] = set()
         self._settled_ns: int | None = None
         """Until then faults of a former monitor wait for their checks."""
-        self._changed: list[Fault] = []
+        self._actions: list[Action] = []
 
     def expect(self, resources: tuple[Resource, ...]) -> None:
         """What the template says the platform has: sensors that nobody provides are not valid."""
         self._expected = {resource.path: resource for resource in resources if self._is_sensor(resource.path)}
         self._critical = {resource.path for resource in resources if resource.critical}
 
-    def take(self) -> list[Fault]:
-        """Changes of faults since the last time."""
-        changed, self._changed = self._changed, []
-        return changed
+    def _done(self) -> list[Action]:
+        """What came of one event."""
+        actions, self._actions = self._actions, []
+        return actions
 
-    def restore(
+    def on_start(
         self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...], now_ns: int
-    ) -> None:
+    ) -> list[Action]:
         """Goes on where a monitor that was killed had stopped."""
+        self._look_ns = self._values_ns = now_ns + self._period_ns
         for registration in registrations:
-            self.register(registration, now_ns)
+            self._register(registration, now_ns)
         self.faults.restore(faults, now_ns)
         for fault in faults:
             if fault.check.startswith(PLATFORM_PREFIX):
@@ -110,11 +132,12 @@ class MonitorCore:
             elif fault.state == DIED and fault.phase is Phase.CONFIRMED:
                 self.apps.restore(fault.check, now_ns)
         self._settled_ns = now_ns + self._grace_ns
+        return self._done()
 
-    def clear(self, pattern: str, now_ns: int) -> tuple[Fault, ...]:
+    def on_clear(self, pattern: str, now_ns: int) -> list[Action]:
         """An operator has seen the faults that match: they are over, and what is gone for good is forgotten.
 
-        A check that goes on and is still bad makes a new fault. The result is what the faults are after that.
+        A check that goes on and is still bad makes a new fault. `Cleared` has what the faults are after that.
         """
         wanted = Pattern(pattern)
         after: list[Fault] = []
@@ -125,7 +148,8 @@ class MonitorCore:
                 self._forget(fault.check, now_ns)
                 # a pending one was announced to nobody, so nothing is left of it in the history
                 after.append(cleared or msgspec.structs.replace(fault, phase=Phase.CLEARED))
-        return tuple(after)
+        self._actions.append(Cleared(tuple(after)))
+        return self._done()
 
     def _forget(self, check: str, now_ns: int) -> None:
         """The check itself, unless it is of somebody who lives."""
@@ -137,7 +161,7 @@ class MonitorCore:
                 for path in app.resources:
                     self._unwatch(path, now_ns)
         if (owner := self.reports.owner(check)) is not None and self._is_gone(owner):
-            self.withdraw(check, now_ns)
+            self._withdraw(check, now_ns)
         if check.startswith(AGE_PREFIX):
             path = check.removeprefix(AGE_PREFIX)
             if not any(path in app.resources for app in self.apps if app.state != DIED):
@@ -159,7 +183,7 @@ class MonitorCore:
 
     # -- other platforms
 
-    def on_platforms(self, present: set[str], now_ns: int) -> None:
+    def on_platforms(self, present: set[str], now_ns: int) -> list[Action]:
         """Who can be reached: one that was, and is not any more, is a fault."""
         for platform, lost_s in self.platforms.on_present(present, now_ns):
             check = f"{PLATFORM_PREFIX}{platform}"
@@ -168,10 +192,11 @@ class MonitorCore:
             else:
                 seen = Seen(check, "lost", "warn", f"no route for {lost_s:.1f} s")
                 self._note(self.faults.on_bad(seen, now_ns, believed=True))
+        return self._done()
 
     # -- applications and their resources
 
-    def on_present(self, entry: Present, now_ns: int) -> None:
+    def on_present(self, entry: Present, now_ns: int) -> list[Action]:
         """An application file is there; its resources are watched from now on."""
         app_id, resources = entry.app_id, entry.resources
         before = self.apps.get(app_id)
@@ -187,28 +212,34 @@ class MonitorCore:
             self._unwatch(path, now_ns)
         for resource in resources:
             self._watch(resource, entry.started_ns + self._grace_ns)
+        return self._done()
 
-    def on_died(self, app_id: str, now_ns: int) -> None:
+    def on_died(self, app_id: str, now_ns: int) -> list[Action]:
         """A process ended without goodbye: its resources are still expected."""
         app = self.apps.on_died(app_id, now_ns)
         if app is not None:
             self._settle_app(app, now_ns)
+        return self._done()
 
-    def on_left(self, app_id: str, now_ns: int) -> None:
+    def on_left(self, app_id: str, now_ns: int) -> list[Action]:
         """An application said goodbye: nothing of it is missed."""
         app = self.apps.on_left(app_id)
         if app is None:
-            return
+            return []
         self._note(self.faults.forget(app.check, now_ns))
         for path in app.resources:
             self._unwatch(path, now_ns)
         for check in self.reports.of(app_id):
-            self.withdraw(check, now_ns)
+            self._withdraw(check, now_ns)
+        return self._done()
 
-    def on_status(self, app: App, status: AppStatus, now_ns: int) -> None:
+    def on_status(self, app: App, status: AppStatus, now_ns: int) -> list[Action]:
         """The beat of an application."""
         if self.apps.on_status(app, status, now_ns):
             self._settle_app(app, now_ns)
+            if app.name == GUARD and app.state == HUNG:
+                self._actions.append(GuardHung(app.pid))
+        return self._done()
 
     def _settle_app(self, app: App, now_ns: int) -> None:
         self._settle(
@@ -245,45 +276,52 @@ class MonitorCore:
         """Values that are watched."""
         return list(self._rules.values())
 
-    def on_look(self, age: AgeRule, position: int, now_ns: int) -> None:
+    def on_look(self, age: AgeRule, position: int, now_ns: int) -> list[Action]:
         """Where the ring of a resource stands."""
         age.on_look(position, now_ns)
         if age.in_grace(now_ns):
-            return
+            return []
         if age.state == OK_STATE and age.seen == OK_STATE:
             self._note(self.faults.on_good(age.check, now_ns))
-            return
+            return self._done()
         bad = age.state if age.state != OK_STATE else age.seen
         freeze = f"age {age.age_s(now_ns):.2f} s at {age.rate_hz:g} Hz"
         self._settle(Seen(age.check, age.state, age.level(bad), freeze), age.seen, now_ns)
+        return self._done()
 
-    def on_value(self, rule: LimitRule, value: float, now_ns: int) -> None:
+    def on_value(self, rule: LimitRule, value: float, now_ns: int) -> list[Action]:
         """The newest value of a field with limits."""
         rule.on_value(value, now_ns)
         state = rule.state if rule.state != OK_STATE else rule.seen
         freeze = f"{rule.field} {value:g}"
         self._settle(Seen(rule.check, rule.state, default_level(state), freeze), rule.seen, now_ns)
+        return self._done()
 
     # -- checks of modules
 
-    def register(self, registration: CheckRegistration, now_ns: int) -> bool:
-        """True when the journal has to be written."""
+    def on_registration(self, registration: CheckRegistration, now_ns: int) -> list[Action]:
+        """A module registers a check, registers it again, or takes it back."""
+        if self._register(registration, now_ns):
+            self._actions.append(RegistrationChanged(registration))
+        return self._done()
+
+    def _register(self, registration: CheckRegistration, now_ns: int) -> bool:
         if registration.withdrawn:
-            return self.withdraw(registration.check, now_ns)
+            return self._withdraw(registration.check, now_ns)
         self.faults.clear_after(registration.check, registration.clear_s)
         return self.reports.register(registration, now_ns)
 
-    def withdraw(self, check: str, now_ns: int) -> bool:
-        """A module takes its check back."""
+    def _withdraw(self, check: str, now_ns: int) -> bool:
         self._note(self.faults.forget(check, now_ns))
         return self.reports.withdraw(check)
 
-    def on_reports(self, reports: CheckReports, now_ns: int) -> None:
+    def on_reports(self, reports: CheckReports, now_ns: int) -> list[Action]:
         """What an application says about its checks."""
         for report in reports.reports:
             known = self.reports.on_report(reports.app, report, now_ns)
             if known is not None:
                 self._settle_report(known, now_ns)
+        return self._done()
 
     def _settle_report(self, known: Reported, now_ns: int) -> None:
         state = known.state if known.state != OK_STATE else known.seen or OK_STATE
@@ -310,15 +348,30 @@ class MonitorCore:
 
     def _note(self, fault: Fault | None) -> None:
         if fault is not None:
-            self._changed.append(fault)
+            self._actions.append(FaultChanged(fault))
 
-    def on_timer(self, now_ns: int) -> None:
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """It is time to look; when the monitor itself was kept from running, nobody else is to blame."""
+        due_ns = now_ns if self._look_ns is None else self._look_ns
+        if now_ns - due_ns > LATE_NS:
+            self.apps.excuse(now_ns - due_ns)
+        self._look_ns = due_ns + self._period_ns * (1 + (now_ns - due_ns) // self._period_ns)
+        values = now_ns >= self._values_ns
+        if values:
+            self._values_ns = now_ns + VALUES_NS
+        return [Look(values)]
+
+    def deadline_ns(self) -> int | None:
+        """When to look next: nothing is judged by what was not read."""
+        return self._look_ns
+
+    def on_looked(self, now_ns: int) -> list[Action]:
         """Checks that have fallen silent, faults that have stayed away."""
         for known in self.reports.silent(now_ns):
             app = self.apps.get(known.registration.app)
             if app is not None and app.state != DIED and known.stamp_ns < app.started_ns:
                 # of a former life of the application, which has not registered it again
-                self.withdraw(known.registration.check, now_ns)
+                self._withdraw(known.registration.check, now_ns)
             else:
                 self._settle_report(known, now_ns)
         if self._settled_ns is not None and now_ns >= self._settled_ns:
@@ -328,6 +381,13 @@ class MonitorCore:
                     self._note(self.faults.forget(fault.check, now_ns))
         for fault in self.faults.on_timer(now_ns):
             self._note(fault)
+        return self._done()
+
+    def _guard(self) -> Literal["alive", "hung", "absent"]:
+        guard = next((app for app in self.apps if app.name == GUARD and app.state != DIED), None)
+        if guard is None:
+            return "absent"
+        return "hung" if guard.state == HUNG else "alive"
 
     def state(self) -> HealthState:
         """The logical state of the platform."""
@@ -345,7 +405,7 @@ class MonitorCore:
             checks=len(self._ages) + len(self._rules) + len(self.reports),
             apps_alive=alive,
             apps_failed=failed,
-            guard=self.guard,
+            guard=self._guard(),
         )
 
     def _is_sensor(self, path: str) -> bool:
