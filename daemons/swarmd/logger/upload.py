@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from swarmd.logger.config import Config
 from swarmd.logger.forward import Forwarder
 from swarmware.errors import ConfigError, Denied, SwarmError
-from swarmware.health import HealthMonitor
+from swarmware.health.monitor import HealthMonitor
 
 if TYPE_CHECKING:
     from swarmware.record.mongo import MongoStore

@@ -3,9 +3,3 @@
 Here live the judgement of a check, the usual criteria, conditions that a module states itself, and the
 module's own part of the monitoring; faults and the state of the platform are the daemon's.
 """
-
-from swarmware.health.criterion import Above, Below
-from swarmware.health.judge import Judge
-from swarmware.health.monitor import Check, HealthMonitor
-
-__all__ = ["Above", "Below", "Check", "HealthMonitor", "Judge"]

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from swarmware.errors import InvalidInput, NoAnswer, SwarmError
-from swarmware.health import Above, HealthMonitor
+from swarmware.health.criterion import Above
+from swarmware.health.monitor import HealthMonitor
 from swarmware.module import Module, StreamReader
 from swarmware.service import Service
 from swarmware.testing import make_node, no_leaks, spawn

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.health import Above, Below, Judge
+from swarmware.health.criterion import Above, Below
+from swarmware.health.judge import Judge
 
 
 def believed(judge: Judge, results: str) -> str:
