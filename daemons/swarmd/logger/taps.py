@@ -9,6 +9,7 @@ from swarmware.errors import SwarmError, WireError
 from swarmware.frame import Codec, Frame
 from swarmware.shm.layout import ring_file
 from swarmware.shm.ring import RingReader
+from swarmware.shm.ringfile import absent
 from swarmware.types import registry
 
 LOOK_NS: Final = 500_000_000
@@ -24,6 +25,7 @@ class Tap:
     def __init__(self, shm_dir: Path, track: Track, after_ns: int | None) -> None:
         self.track = track
         self._path = ring_file(shm_dir, track.path)
+        self._name = str(self._path)
         self._after_ns = after_ns
         self._ring: RingReader | None = None
         self._lost = 0
@@ -74,6 +76,8 @@ class Tap:
         return self._after_ns is not None and frame.stamp_ns <= self._after_ns
 
     def _open(self) -> RingReader | None:
+        if self._ring is None and absent(self._name):
+            return None
         try:
             if self._ring is None:
                 # from the first frame that is still there: events may be older than this logger

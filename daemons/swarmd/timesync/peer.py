@@ -23,6 +23,11 @@ STEP_COUNT: Final = 3
 FIRST_SOLVES_S: Final = 0.1
 """A new function is worth being improved soon; each solve doubles the pause."""
 
+TOGETHER_NS: Final = 100_000_000
+"""Functions that are not urgent are solved at multiples of this: those of several peers in one wake, together
+with the other periodic work of the process."""
+TOGETHER_RATIO: Final = 10
+"""Only where it delays a solution by no more than this part of the pause before it."""
 EAGER_S: Final = 1.0
 """Pause after an exchange that the function did not foresee."""
 
@@ -188,7 +193,10 @@ class Peer:
         if self._solved_ns is None:
             return self._newest_ns
         pause_s = min(EAGER_S, self._next_pause_s) if self._surprised else self._next_pause_s
-        return self._solved_ns + round(pause_s * 1e9)
+        due_ns = self._solved_ns + round(pause_s * 1e9)
+        if pause_s * 1e9 < TOGETHER_RATIO * TOGETHER_NS:
+            return due_ns
+        return -(-due_ns // TOGETHER_NS) * TOGETHER_NS
 
     def solve(self, now_ns: int) -> bool:
         """Brings the function up to date; True when that showed that a clock has stepped a little."""

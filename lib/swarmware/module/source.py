@@ -8,6 +8,7 @@ from swarmware.module.wakeup import Patience, Wakeup
 from swarmware.node import Node
 from swarmware.shm.layout import readers_folder
 from swarmware.shm.ring import RingReader
+from swarmware.shm.ringfile import absent
 
 log = logging.getLogger("swarm.module")
 
@@ -18,6 +19,7 @@ class Source:
     def __init__(self, node: Node, ring_path: Path) -> None:
         self._node = node
         self._path = ring_path
+        self._name = str(ring_path)
         self.ring: RingReader | None = None
         self.before = 0
         """Frames of former rings at the path: after one that was withdrawn the sequences start again."""
@@ -29,6 +31,8 @@ class Source:
     def open(self, *, after: int | None = None) -> RingReader | None:
         """The ring that is at the path now; the old one while there is no other."""
         old = self.ring
+        if old is None and absent(self._name):
+            return None
         try:
             if old is not None and after is not None:
                 self.ring = old.reopen()
@@ -51,7 +55,7 @@ class Source:
         """The doorbell has rung: wake those who wait if it was for us."""
         ring = self.ring
         if ring is None or ring.moved:
-            if ring is None and not self._path.exists():
+            if ring is None and absent(self._name):
                 return
             self._reported = -1
             self.wakeup.notify()

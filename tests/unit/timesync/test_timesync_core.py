@@ -68,6 +68,23 @@ def test_publishing_is_paced_and_silence_needs_no_timer() -> None:
     assert timer.deadline_ns() is None
 
 
+def test_settled_functions_are_solved_at_the_instants_of_other_periodic_work_and_hardly_later() -> None:
+    timer, peers = core(publish_s=0.1), range(2, 12)
+    solved: list[int] = []
+    for tick in range(1200):
+        now_ns = SECOND + tick * SECOND // 20 + 7_000_001
+        timer.on_exchange(heard(now_ns, of=peers[tick % len(peers)]), now_ns)
+        due_ns = timer.deadline_ns()
+        assert due_ns is not None
+        if due_ns <= now_ns + SECOND // 20:
+            timer.on_timer(max(due_ns, now_ns))
+            if tick > 600 and due_ns > now_ns:
+                solved.append(due_ns)
+    instants = [due_ns for due_ns in solved if due_ns % 100_000_000 == 0]
+    assert len(instants) >= 0.7 * len(solved), "the rest publishes what was solved"
+    assert len(instants) > 50
+
+
 def test_three_impossible_packets_in_a_row_are_a_step() -> None:
     timer = core()
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))

@@ -1,0 +1,12 @@
+"""A ring that is not there yet."""
+
+from pathlib import Path
+
+from swarmware.shm.ringfile import absent
+
+
+def test_only_where_there_is_nothing_at_all_a_reader_waits_without_a_word(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("nowhere")
+    found = {name: absent(str(tmp_path / name)) for name in ("file", "link", "file/below", "none", "no/none")}
+    assert found == {"file": False, "link": False, "file/below": False, "none": True, "no/none": True}
