@@ -27,10 +27,10 @@ from swarmd.broker.report import Report
 from swarmware.clock import utc_ns
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.module import Module
-from swarmware.module.instant import wait_s
 from swarmware.module.wakeup import Wakeup
 from swarmware.names import Pattern
 from swarmware.resource import Kind, Resource
+from swarmware.runtime.instant import wait_s
 from swarmware.security import Keys
 from swarmware.service import Service
 from swarmware.types.net import (

@@ -9,7 +9,7 @@ from swarmd.guard.config import Config
 from swarmware.types.health import GuardStatus, WatchedService
 
 LOOK_NS: Final = 1_000_000_000
-"""Beats are read as often as they come."""
+"""Beats are read as often as they come, at the instants of all periodic work of a process."""
 
 
 class State(StrEnum):
@@ -313,7 +313,7 @@ class GuardCore:
     def on_timer(self, now_ns: int) -> list[Action]:
         """Once a second, and whenever something is due."""
         if self._look_ns is not None and self._look_ns <= now_ns:
-            self._look_ns = now_ns + LOOK_NS
+            self._look_ns = (now_ns // LOOK_NS + 1) * LOOK_NS
         return [Look()]
 
     def on_looked(self, now_ns: int) -> list[Action]:

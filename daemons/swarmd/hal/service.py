@@ -9,7 +9,7 @@ from swarmd.hal.catalogue import make_all
 from swarmd.hal.core.schedule import Schedule
 from swarmd.hal.driver import DeviceError, Driver, Site
 from swarmware.errors import SwarmError
-from swarmware.module.instant import stage_phase_ns, until
+from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service import Service
 from swarmware.types.vehicle import DriverTable
 

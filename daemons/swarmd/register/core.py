@@ -69,7 +69,7 @@ class RegisterCore:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """It is time to look."""
-        self._look_ns = now_ns + self._pause_ns
+        self._look_ns = (now_ns // self._pause_ns + 1) * self._pause_ns
         return [Look()]
 
     def deadline_ns(self) -> int | None:

@@ -9,7 +9,7 @@ from swarmd.sim.core.simulation import Sample, Simulation
 from swarmd.sim.motors import Motors
 from swarmware.config import load
 from swarmware.module import BoardReader, BoardWriter, Module
-from swarmware.module.instant import until
+from swarmware.runtime.instant import until
 from swarmware.service import Service
 from swarmware.types.vehicle import (
     BatteryState,

@@ -22,7 +22,6 @@ from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.foreign import ForeignTime
 from swarmware.module.inbox import Inbox
-from swarmware.module.instant import stage_phase_ns
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.stream import StreamReader
 from swarmware.module.streamwriter import StreamWriter
@@ -31,6 +30,7 @@ from swarmware.module.writer import BoardWriter
 from swarmware.node import Node
 from swarmware.resource import Access, Link, Resource
 from swarmware.resource import Kind as ResourceKind
+from swarmware.runtime.instant import stage_phase_ns
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -1,7 +1,7 @@
 """A period: ticks at multiples of it on the node's clock, misses counted and never made up for."""
 
 from swarmware.clock import Clock
-from swarmware.module.instant import until
+from swarmware.runtime.instant import until
 
 
 class Lateness:

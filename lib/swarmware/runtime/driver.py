@@ -7,9 +7,9 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Final, Generic
 
 from swarmware.runtime.core import Action, Alarm, Core, EventLoop, HardwareClock
+from swarmware.runtime.instant import wait_s
 from swarmware.runtime.slow import SlowSteps
 
-MS_NS: Final = 1_000_000
 RETRY_NS: Final = 1_000_000_000
 """Pause after an `on_timer` that failed: what was due still is, and would fail again at once, for ever."""
 
@@ -115,7 +115,11 @@ class CoreDriver(Generic[Action]):
         if self._alarm is not None:
             self._alarm.cancel()
         self._alarm_ns = due_ns
-        self._alarm = self._loop.call_later(self._delay_s(due_ns), self._on_alarm)
+        delay_s = 0.0
+        if due_ns > self._clock.now_ns():
+            # a millisecond at least: the conversion of clocks rounds, and an alarm that is early asks again
+            delay_s = max(wait_s(self._clock, due_ns), 0.001)
+        self._alarm = self._loop.call_later(delay_s, self._on_alarm)
 
     def _due_ns(self) -> int | None:
         if self._queue:  # an action failed, and those after it are still to be done
@@ -124,19 +128,6 @@ class CoreDriver(Generic[Action]):
         if due_ns is not None and self._not_before_ns is not None:
             return max(due_ns, self._not_before_ns)
         return due_ns
-
-    def _delay_s(self, due_ns: int) -> float:
-        """To the first millisecond of CLOCK_MONOTONIC that is not before the deadline.
-
-        uvloop's timers go off where its clock, cut to milliseconds, reaches now + delay: asked for the
-        difference as it is, they would be up to a millisecond early, and find nothing to do.
-        """
-        now_ns = self._clock.now_ns()
-        if due_ns <= now_ns:
-            return 0.0
-        to_mono_ns = self._clock.to_mono_ns
-        # 1 at least: the conversion rounds, and an alarm in the same turn would ask for itself for ever
-        return max(1, -(-to_mono_ns(due_ns) // MS_NS) - to_mono_ns(now_ns) // MS_NS) / 1000
 
     def _on_alarm(self) -> None:
         self._alarm = None

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 import pytest
 
 from swarmware.runtime.core import Alarm
-from swarmware.runtime.driver import MS_NS, RETRY_NS, CoreDriver
+from swarmware.runtime.driver import RETRY_NS, CoreDriver
 from swarmware.runtime.slow import SLOW_NS
 from swarmware.testing.virtual import VirtualClock, VirtualTime
 
-MS = MS_NS
+MS = 1_000_000
 
 
 class Script:

@@ -4,7 +4,7 @@ import asyncio
 from typing import cast
 
 import pytest
-from tests.unit.module.virtual_loop import VirtualClock, VirtualLoop, run
+from tests.unit.runtime.virtual_loop import VirtualClock, VirtualLoop, run
 
 from swarmware.errors import Denied
 from swarmware.service.status import Load, Reporter, beat

@@ -14,7 +14,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmware.clock import Clock
 from swarmware.errors import ConfigError
-from swarmware.module.instant import wait_s
+from swarmware.runtime.instant import wait_s
 
 Address = tuple[str, int]
 OnDatagram = Callable[[bytes, Address, int, bool], None]

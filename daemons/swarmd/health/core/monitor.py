@@ -122,7 +122,7 @@ class MonitorCore:
         self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...], now_ns: int
     ) -> list[Action]:
         """Goes on where a monitor that was killed had stopped."""
-        self._look_ns = self._values_ns = now_ns + self._period_ns
+        self._look_ns = self._values_ns = (now_ns // self._period_ns + 1) * self._period_ns
         for registration in registrations:
             self._register(registration, now_ns)
         self.faults.restore(faults, now_ns)
@@ -355,7 +355,7 @@ class MonitorCore:
         due_ns = now_ns if self._look_ns is None else self._look_ns
         if now_ns - due_ns > LATE_NS:
             self.apps.excuse(now_ns - due_ns)
-        self._look_ns = due_ns + self._period_ns * (1 + (now_ns - due_ns) // self._period_ns)
+        self._look_ns = (now_ns // self._period_ns + 1) * self._period_ns
         values = now_ns >= self._values_ns
         if values:
             self._values_ns = now_ns + VALUES_NS

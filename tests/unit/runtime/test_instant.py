@@ -3,10 +3,10 @@
 import asyncio
 
 import pytest
-from tests.unit.module.virtual_loop import MS_NS, VirtualClock, VirtualLoop, run
+from tests.unit.runtime.virtual_loop import MS_NS, VirtualClock, VirtualLoop, run
 
-from swarmware.module.instant import until
 from swarmware.module.ticker import Ticker
+from swarmware.runtime.instant import until
 
 
 @pytest.mark.parametrize(("offset_s", "drift_ppm"), [(0.0, 0.0), (-417.3, 38.0), (12.0004999, -50.0)])

@@ -3,7 +3,7 @@
 import asyncio
 from typing import Final
 
-from swarmware.clock import Clock
+from swarmware.runtime.core import HardwareClock
 
 _MS_NS: Final = 1_000_000
 
@@ -17,7 +17,7 @@ def stage_phase_ns(processes: str, stage: int) -> int:
     return 0 if processes == "one" else stage * STAGE_NS  # within one process the order does it
 
 
-def wait_s(clock: Clock, instant_ns: int) -> float:
+def wait_s(clock: HardwareClock, instant_ns: int) -> float:
     """How long a timer of the event loop, which counts whole milliseconds, must run to end at an instant.
 
     Its end is rounded up to a millisecond, not its span: otherwise those who wait for the same instant since
@@ -28,7 +28,7 @@ def wait_s(clock: Clock, instant_ns: int) -> float:
     return max(end_ms - now_ms, 0) / 1000
 
 
-async def until(clock: Clock, instant_ns: int, stage: int = 0) -> None:
+async def until(clock: HardwareClock, instant_ns: int, stage: int = 0) -> None:
     """Waits for an instant: never returns before it, and two milliseconds later at most on a calm processor.
 
     `stage`: of tasks that one instant wakes, those of a lower stage run first, up to their next wait.
