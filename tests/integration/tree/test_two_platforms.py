@@ -34,6 +34,8 @@ SPEED = Resource(
     default=2.5,
 )
 APART = (("broker", "register"), ("tree",))
+LINE = {"uav1": ("uav2",), "uav2": ("uav1", "gcs"), "gcs": ("uav2",)}
+"""Who hears whom: two hops from uav1 to gcs."""
 
 
 @on_uvloop
@@ -266,9 +268,27 @@ async def test_an_application_that_is_killed_is_lost_at_every_neighbour(tmp_path
 
 
 @on_uvloop
+async def test_a_stream_arrives_whole_and_in_order_over_two_hops(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
+        scans = await gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
+        scan = await uav.probe.stream_writer("sensor/scan", Blob, link="notify")
+        async with asyncio.timeout(PATIENCE_S):
+            while scans.take() is None:  # a stream begins where its subscription does
+                scan.write(Blob(b""))
+                await asyncio.sleep(0.1)
+            for number in range(200):
+                scan.write(Blob(number.to_bytes(2, "big") * 500))
+            taken: list[bytes] = []
+            while len(taken) < 200:
+                if data := (await scans.next()).value:
+                    taken.append(data)
+        assert taken == [number.to_bytes(2, "big") * 500 for number in range(200)]
+        assert (scans.lost, scan.losses) == (0, {})
+
+
+@on_uvloop
 async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path) -> None:
-    line = {"uav1": ("uav2",), "uav2": ("uav1", "gcs"), "gcs": ("uav2",)}
-    async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=line) as (uav, _, gcs):
+    async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
         board = await uav.probe.writer("plan/step", Text)
         board.write(Text("turn left"))
         uav.probe.provide(SPEED)
