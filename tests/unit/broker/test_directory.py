@@ -299,3 +299,27 @@ def test_own_numbers_go_on_from_what_others_still_hold_of_us() -> None:
     assert mesh.next_sequence() == 5001
     mesh.directory.wanted_sequence = 4000
     assert mesh.next_sequence() == 5002, "older than ours: of no interest"
+
+
+def test_a_neighbour_that_is_hardly_better_is_not_taken_when_the_present_one_gets_worse(
+    directory: Directory,
+) -> None:
+    directory.on_rows(A, [(FAR, 7, 512)], 0)
+    directory.on_rows(B, [(FAR, 7, 512)], 0)
+    directory.set_link(A, 256 + HYSTERESIS // 2)
+    assert directory.worsen(A, TICK) == []
+    assert directory.next_hop(FAR) == A, "swarms would turn their routes with each datagram lost"
+    directory.set_link(A, 256 + 2 * HYSTERESIS)
+    assert directory.worsen(A, TICK) == [RouteChanged(FAR, B)]
+
+
+def test_a_row_that_was_feasible_once_is_not_used_after_a_better_one_was_advertised(
+    directory: Directory,
+) -> None:
+    directory.on_rows(A, [(FAR, 7, 512)], 0)
+    directory.on_rows(B, [(FAR, 7, 700)], 0)
+    assert rows(directory)[FAR].metric == 768, "of which 700 would still be feasible"
+    directory.on_rows(A, [(FAR, 7, 200)], TICK)
+    assert rows(directory, SECOND)[FAR].metric == 456
+    assert directory.drop_link(A, SECOND) == [RouteChanged(FAR, 0)], "B may lead back through us"
+    assert directory.on_rows(B, [(FAR, 8, 700)], 2 * SECOND) == [RouteChanged(FAR, B)]

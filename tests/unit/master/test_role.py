@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from swarmware.master.record import NOBODY, Holder, RecordFile
 from swarmware.master.role import LOCK_NAME, Role
+from swarmware.shm.ticks import start_ticks
 
 
 def test_a_new_record_names_nobody_and_keeps_what_is_written(tmp_path: Path) -> None:
@@ -105,3 +106,38 @@ async def test_a_holder_that_becomes_the_preferred_one_keeps_the_role_and_its_nu
     assert (race.holding, role.holder.label) == (["a"], "a")
     race.close()
     assert race.holding == []
+
+
+def as_another_process(role: Role) -> None:
+    """It acts for a process that lives and is not this one."""
+    role._me = (os.getppid(), start_ticks(os.getppid()))
+
+
+async def test_a_stand_in_gives_the_role_up_for_the_preferred_process(tmp_path: Path) -> None:
+    race = Race(tmp_path)
+    race.join("stand-in")
+    register = race.join("register")
+    as_another_process(register)
+    register.prefer("register#1")
+    assert race.holding == ["register"]
+    assert race.log[1:] == [("stand-in", "lost", 0), ("register", "gained", 2)]
+    race.roles["stand-in"].poll()
+    assert race.holding == ["register"], "who is preferred keeps it"
+    race.close()
+
+
+async def test_who_is_not_preferred_waits_while_a_living_process_wants_a_role_that_is_free(
+    tmp_path: Path,
+) -> None:
+    race = Race(tmp_path)
+    first = race.join("first")
+    wanting = RecordFile(tmp_path / LOCK_NAME)
+    wanting.write_want(os.getppid(), start_ticks(os.getppid()))
+    first.close()
+    second = race.join("second")
+    assert race.holding == [], "it was given back for the one that wants it"
+    wanting.write_want(os.getppid(), 1)  # another process had this number: that one has died
+    second._contend()
+    assert race.holding == ["second"]
+    wanting.close()
+    race.close()

@@ -1,0 +1,154 @@
+"""The services of one process: each kept running, none disturbed by another, ended in order."""
+
+import asyncio
+import logging
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from swarmware.errors import Conflict, NotFound
+from swarmware.module import BoardReader, Module
+from swarmware.node import Node
+from swarmware.service import Service
+from swarmware.service import host as host_module
+from swarmware.service.host import Ended, Host, Prepared
+from swarmware.service.service import NoSettings
+from swarmware.testing import tmp_node
+from swarmware.types.scalar import Int
+from swarmware.types.system import AppStatus
+
+PAUSES_S = (0.0, 0.001, 0.002)
+
+
+class Steady(Service):
+    """Runs until it is cancelled."""
+
+    name = "steady"
+    begun: ClassVar[int] = 0
+    ended: ClassVar[list[str]] = []
+
+    async def run(self) -> None:
+        type(self).begun += 1
+        (await self.module.writer("test/begun", Int)).write(Int(type(self).begun))
+        await asyncio.Event().wait()
+
+    async def stop(self) -> None:
+        Steady.ended.append(self.name)
+
+
+class Other(Steady):
+    name = "other"
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+
+class Failing(Service):
+    """Fails at each start."""
+
+    name = "failing"
+
+    async def run(self) -> None:
+        await asyncio.sleep(0.001)
+        raise Conflict("no luck")
+
+
+class Returning(Service):
+    """Takes its job for done."""
+
+    name = "returning"
+
+    async def run(self) -> None:
+        await asyncio.sleep(0)
+
+
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing has begun yet, and a start again comes soon."""
+    monkeypatch.setattr(host_module, "BACKOFF_S", PAUSES_S)
+    monkeypatch.setattr(Steady, "begun", 0)
+    monkeypatch.setattr(Steady, "ended", [])
+
+
+def hosted(node: Node, *classes: type[Service]) -> tuple[Host, "asyncio.Task[None]"]:
+    host = Host(node, [Prepared(cls, NoSettings()) for cls in classes])
+    return host, asyncio.create_task(host.run())
+
+
+async def over(running: "asyncio.Task[None]") -> None:
+    running.cancel()
+    await asyncio.wait([running])
+
+
+async def until(board: BoardReader[AppStatus], restarts: int) -> AppStatus:
+    async with asyncio.timeout(10):
+        while (now := board.value) is None or (now.restarts, now.state) < (restarts, "running"):
+            await board.changed()
+    return now
+
+
+async def test_a_service_that_fails_again_and_again_waits_longer_each_time_and_disturbs_nobody(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "swarm.host")
+    async with tmp_node(tmp_path) as node:
+        host, running = hosted(node, Steady, Failing)
+        await host.started()
+
+        def pauses() -> list[object]:
+            return [
+                r.args[1] for r in caplog.records if isinstance(r.args, tuple) and "starts again" in r.msg
+            ]
+
+        async with asyncio.timeout(10):
+            while len(pauses()) < 4:  # noqa: ASYNC110 - the host tells nobody but the log
+                await asyncio.sleep(0.001)
+        assert pauses()[:4] == [*PAUSES_S, PAUSES_S[-1]]
+        assert [r for r in caplog.records if "no luck" in r.getMessage()]
+        assert Steady.begun == 1
+        await over(running)
+
+
+@pytest.mark.parametrize(("cls", "raised"), [(Failing, Conflict), (Returning, Ended)])
+async def test_a_service_alone_ends_its_process_by_what_it_raised_or_that_it_returned(
+    tmp_path: Path, cls: type[Service], raised: type[Exception]
+) -> None:
+    async with tmp_node(tmp_path) as node:
+        _, running = hosted(node, cls)
+        with pytest.raises(ExceptionGroup) as caught:
+            await running
+        assert caught.group_contains(raised)
+
+
+@pytest.mark.parametrize("others", [(), (Other,)])
+async def test_a_restart_on_request_is_no_failure_and_its_boards_stay_readable(
+    tmp_path: Path, others: tuple[type[Service], ...]
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
+        host, running = hosted(node, Steady, *others)
+        await host.started()
+        begun = await probe.reader("test/begun", Int)
+        status = await probe.reader("app/steady/status", AppStatus)
+        assert begun.value == Int(1)
+        host.restart("steady")
+        while Steady.begun < 2:
+            assert begun.value is not None, "readable while the service comes back"
+            await asyncio.sleep(0)
+        assert (await until(status, 1)).restarts == 1
+        with pytest.raises(NotFound, match="'nosuch': not in this process; expected one of steady"):
+            host.restart("nosuch")
+        await over(running)
+
+
+async def test_services_are_asked_to_end_the_last_started_first_and_say_goodbye(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
+        host, running = hosted(node, Steady, Other)
+        await host.started()
+        status = await probe.reader("app/steady/status", AppStatus)
+        await host.stop()
+        assert Steady.ended == ["other", "steady"]
+        assert status.value is not None
+        assert status.value.state == "stopping"
+        await over(running)
+        assert not (node.shm_dir / "test.begun.ring").exists(), "an orderly end leaves no board"
