@@ -135,9 +135,10 @@ def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> No
             status = await m.reader("nav/status", NavStatus)
             truth = await m.reader("sim/truth", Pose)
             async with spawn(config_dir, "sim") as sim:
+                start = await truth.changed(timeout_s=10.0)
                 await m.request(ARM, ArmRequest(True), VehicleState)
-                goals.write(Goal(1, "goto", x_m=4.0, y_m=0.0, speed_m_s=2.0))
-                await until(status, lambda s: s.goal_seq == 1 and 0 < s.distance_m < 12.0)
+                goals.write(Goal(1, "goto", x_m=start.x_m + 6.0, y_m=start.y_m, speed_m_s=2.0))
+                await until(status, lambda s: s.goal_seq == 1 and 0 < s.distance_m < 4.0)
                 await sim.kill()
             before = truth.value
             assert before is not None

@@ -8,8 +8,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
 from swarmctl.lab import processes, record
 from swarmctl.lab.record import LabRecord
 
@@ -18,35 +16,29 @@ Ctl = Callable[..., Done]
 Gone = Callable[[LabRecord], None]
 
 
-def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes(
+def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second_one_goes_on(
     ctl: Ctl, labs: Path, nothing_remains: Gone
 ) -> None:
     up = json.loads(ctl("lab", "up", "formation", "--nodes", "3", "--detach", "--json").stdout)
     assert (up["name"], up["nodes"], up["alive"], up["state"]) == ("formation", 3, 3, "running")
-    lab = record.find()
-    assert lab.ready_s > 0
+    assert record.find().ready_s > 0
     (listed,) = json.loads(ctl("lab", "ls", "--json").stdout)["labs"]
     assert (listed["name"], listed["alive"]) == ("formation", 3)
     said = ctl("lab", "logs", "uav1", "--lines", "5").stdout
     assert said.strip()
     assert {line.split(":")[0] for line in ctl("lab", "logs").stdout.splitlines()} == {"gcs", "ugv1", "uav1"}
-    ended = json.loads(ctl("lab", "down", "--json").stdout)["ended"]
-    assert ended == [{"name": "formation", "nodes": 3, "forced": 0}]
-    nothing_remains(lab)
-    assert list(labs.iterdir()) == []
 
-
-def test_a_second_lab_gets_a_name_and_a_group_of_its_own(ctl: Ctl, nothing_remains: Gone) -> None:
-    for seed in ("1", "2"):
-        ctl("lab", "up", "formation", "--nodes", "3", "--seed", seed, "--detach")
+    ctl("lab", "up", "formation", "--nodes", "3", "--seed", "2", "--detach")
     first, second = record.labs()
     assert (first.name, second.name) == ("formation", "formation2")
     assert (first.multicast_group, first.udp_port) != (second.multicast_group, second.udp_port)
-    ctl("lab", "down", first.name)
+    ended = json.loads(ctl("lab", "down", first.name, "--json").stdout)["ended"]
+    assert ended == [{"name": "formation", "nodes": 3, "forced": 0}]
     nothing_remains(first)
     assert second.running, "the other lab goes on"
     ctl("lab", "down", "--all")
     nothing_remains(second)
+    assert list(labs.iterdir()) == []
 
 
 def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) -> None:
@@ -62,8 +54,7 @@ def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) 
     assert record.find("mine").created_utc_ns > lab.created_utc_ns
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_lab_is_taken_down(labs: Path, nothing_remains: Gone, number: signal.Signals) -> None:
+def test_a_lab_that_is_asked_to_end_is_taken_down(labs: Path, nothing_remains: Gone) -> None:
     foreground = subprocess.Popen(
         [sys.executable, "-m", "swarmctl", "lab", "up", "formation", "--nodes", "3"],
         stderr=subprocess.PIPE,
@@ -80,7 +71,7 @@ def test_an_interrupted_lab_is_taken_down(labs: Path, nothing_remains: Gone, num
                 break
         lab = record.find()
         assert lab.running, heard
-        foreground.send_signal(number)
+        foreground.send_signal(signal.SIGTERM)
         talk.read()
     assert foreground.wait(30) == 130
     nothing_remains(lab)

@@ -1,6 +1,8 @@
 """The experiment from one command: the smallest swarm there is, real processes, a whole mission, a report."""
 
 import json
+import re
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from swarmctl.lab import record
+from swarmware.config import share_dir
 
 Done = subprocess.CompletedProcess[str]
 
@@ -23,10 +26,24 @@ def leaves(value: object, path: str = "") -> dict[str, object]:
     return found
 
 
+@pytest.fixture
+def short_course(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The shipped experiment on a third of its course: one straight and one corner of it."""
+    share = tmp_path / "share"
+    shutil.copytree(share_dir(), share)
+    manifest = share / "missions/formation/mission.toml"
+    text, count = re.subn(
+        r"^course = .*", "course = [[0.0, 0.0], [20.0, 0.0], [32.0, 8.0]]", manifest.read_text(), flags=re.M
+    )
+    assert count == 1
+    manifest.write_text(text)
+    monkeypatch.setenv("SWARM_SHARE", str(share))
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_three_nodes_fly_the_formation_and_the_report_has_everything(
-    ctl: Callable[..., Done], labs: Path, tmp_path: Path
+    ctl: Callable[..., Done], labs: Path, tmp_path: Path, short_course: None
 ) -> None:
     out = tmp_path / "report"
     done = ctl("lab", "run", "formation", "--nodes", "3", "--out", str(out), "--json")

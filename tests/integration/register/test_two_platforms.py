@@ -10,7 +10,7 @@ from swarmware.errors import SwarmError
 from swarmware.types.register import Register
 from swarmware.types.rpc import Empty
 
-FORGET_S = 2.0
+FORGET_S = 1.0
 
 
 async def known(at: Platform) -> dict[str, set[str]]:

@@ -120,7 +120,8 @@ def test_a_node_that_was_killed_is_missed_and_everything_heals_when_it_is_back(
                     assert (await made.terminate(victim))[0] == 0
                     folder = made.record.node(victim).data_dir / "log"
                     check_log(list(FolderSource([folder]).entries(Query())), life)
-                    await made.start(victim)
+                    if victim == "uav1":  # the other one is killed beside it
+                        await made.start(victim)
             return made.record
 
     nothing_remains(asyncio.run(run()))

@@ -14,7 +14,7 @@ from swarmware.types.health import HealthState
 from swarmware.types.system import AppStatus
 from swarmware.types.vehicle import Pose
 
-BEATS_LATER = 5
+BEATS_LATER = 3
 """A beat comes every second."""
 
 
