@@ -356,6 +356,16 @@ def test_a_check_that_the_next_life_of_its_module_does_not_register_is_withdrawn
     assert "planner/path" not in core.reports
 
 
+def test_a_check_whose_module_stands_still_before_its_first_report_is_silent_and_not_forgotten() -> None:
+    core = monitor()
+    present(core, app="planner", at_ns=SECOND)
+    core.on_registration(REGISTRATION, 2 * SECOND)
+    core.on_looked(10 * SECOND)
+    assert [(fault.check, fault.state) for fault in core.faults.confirmed()] == [("planner/path", "silent")]
+    core.on_reports(reports("ok"), 11 * SECOND)
+    assert not core.faults.confirmed()
+
+
 def test_what_an_operator_clears_is_over_and_what_is_gone_is_forgotten() -> None:
     core = monitor(grace_s=0.0)
     present(core, HEAT, app="planner")

@@ -124,7 +124,8 @@ class MonitorCore:
         """Goes on where a monitor that was killed had stopped."""
         self._look_ns = self._values_ns = (now_ns // self._period_ns + 1) * self._period_ns
         for registration in registrations:
-            self._register(registration, now_ns)
+            self.faults.clear_after(registration.check, registration.clear_s)
+            self.reports.restore(registration, now_ns)
         self.faults.restore(faults, now_ns)
         for fault in faults:
             if fault.check.startswith(PLATFORM_PREFIX):

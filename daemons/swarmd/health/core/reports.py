@@ -23,6 +23,7 @@ class Reported(msgspec.Struct):
     seen: str = ""
     freeze: str = ""
     stamp_ns: int = 0
+    """Newest sign of life of who runs it: a registration or a report; 0: only the journal knows it."""
     stated: Level | Literal[""] = ""
     """Level that the newest report gives with its state."""
 
@@ -69,13 +70,17 @@ class ReportBook:
     def __len__(self) -> int:
         return len(self._checks)
 
+    def restore(self, registration: CheckRegistration, now_ns: int) -> None:
+        """A check of the journal: who ran it may have ended since."""
+        self._checks[registration.check] = Reported(registration, now_ns, now_ns)
+
     def register(self, registration: CheckRegistration, now_ns: int) -> bool:
         """A new check, or the same again; True when the journal has to be written."""
         known = self._checks.get(registration.check)
         if known is None:
-            self._checks[registration.check] = Reported(registration, now_ns, now_ns)
+            self._checks[registration.check] = Reported(registration, now_ns, now_ns, stamp_ns=now_ns)
             return True
-        known.heard_ns = now_ns
+        known.heard_ns = known.stamp_ns = now_ns
         if known.registration == registration:
             return False
         known.registration = registration
