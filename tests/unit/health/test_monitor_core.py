@@ -364,6 +364,11 @@ def test_a_check_whose_module_stands_still_before_its_first_report_is_silent_and
     assert [(fault.check, fault.state) for fault in core.faults.confirmed()] == [("planner/path", "silent")]
     core.on_reports(reports("ok"), 11 * SECOND)
     assert not core.faults.confirmed()
+    core.on_died("planner#1", 12 * SECOND)
+    present(core, app="planner", pid=8, at_ns=13 * SECOND)
+    core.on_registration(REGISTRATION, 14 * SECOND)  # so does its next life
+    core.on_looked(20 * SECOND)
+    assert [(fault.check, fault.state) for fault in core.faults.confirmed()] == [("planner/path", "silent")]
 
 
 def test_what_an_operator_clears_is_over_and_what_is_gone_is_forgotten() -> None:

@@ -122,3 +122,4 @@ async def test_a_value_is_filled_in_place_and_one_that_failed_is_never_seen(tmp_
             raise ZeroDivisionError
         writer.write(Int(3))
         assert await stream.next(1.0) == Int(3)
+        assert (writer.sequence, stream.refused) == (3, 0)

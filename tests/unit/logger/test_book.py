@@ -1,0 +1,51 @@
+"""The book of a node: what was taken from shared memory is on disk, in the queue of who wrote or took it."""
+
+from pathlib import Path
+
+from swarmd.logger.book import Batch, Book
+from swarmd.logger.config import Config
+from swarmd.logger.core import track
+from swarmware.frame import Codec, Frame, Kind
+from swarmware.record.query import FolderSource, Query
+from swarmware.resource import Kind as ResourceKind
+from swarmware.resource import Resource
+from swarmware.types import registry
+from swarmware.types.log import LogGap
+from swarmware.types.scalar import Int
+
+FRAME = Frame(Kind.EVENT, 7, stamp_ns=5, payload=registry.encode(Int(3)))
+
+
+def test_a_value_is_in_its_writers_queue_a_command_in_its_takers_and_a_gap_is_an_entry(
+    tmp_path: Path,
+) -> None:
+    book = Book(tmp_path, "uav1", Config())
+    batch = Batch()
+    assert not batch
+    for kind, sender in ((ResourceKind.EVENT, ""), (ResourceKind.COMMAND, "operator#1@gcs")):
+        made = track(Resource(path=f"test/{kind}", kind=kind, type="Int", log="all", owner="planner"))
+        assert made is not None
+        batch.frames.append((made, FRAME, 9, sender))
+    batch.gaps.append((LogGap("ring", "uav1:planner:out", "test/event", 4), 6, 10))
+    assert batch
+    book.write(batch)
+    book.close()
+    entries = list(FolderSource([tmp_path]).entries(Query()))
+    assert sorted((one.queue, one.path, one.sender, one.stamp_ns, one.utc_ns) for one in entries) == [
+        ("uav1:logger:out", "log/gaps", "", 6, 10),
+        ("uav1:planner:in", "test/command", "operator#1@gcs", 5, 9),
+        ("uav1:planner:out", "test/event", "", 5, 9),
+    ]
+    assert (book.totals.frames, book.totals.missing) == (2, 4)
+
+
+def test_a_payload_that_cannot_be_read_is_kept_as_it_came(tmp_path: Path) -> None:
+    book = Book(tmp_path, "uav1", Config())
+    made = track(Resource(path="test/event", kind=ResourceKind.EVENT, type="Int", log="all", owner="planner"))
+    assert made is not None
+    batch = Batch()
+    batch.frames.append((made, Frame(Kind.EVENT, 7, codec=Codec.ZLIB, payload=b"no zlib"), 9, ""))
+    book.write(batch)
+    book.close()
+    (entry,) = FolderSource([tmp_path]).entries(Query())
+    assert entry.payload == b"no zlib"
