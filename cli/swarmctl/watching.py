@@ -62,7 +62,7 @@ class Watch:
             stamp_ns = None if meta is None else meta.stamp_ns
             local_ns = stamp_ns
             if meta is not None and meta.sender_hw != link.module.node.hardware:
-                local_ns = link.module.foreign.to_local(meta.sender_hw, meta.stamp_ns)
+                local_ns = link.module.remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
             age_s = None if local_ns is None else (link.module.now_ns() - local_ns) / 1e9
             await self._news.put(News(entry.path, entry.type, stamp_ns, age_s, single(value)))
 

@@ -7,9 +7,9 @@ import signal
 import time
 from contextlib import suppress
 
-from swarmware.service.births import environment, start
 from swarmware.service.fork import FOLDER, SOCKET
 from swarmware.service.lives import Lives
+from swarmware.service.starting import environment, start
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:

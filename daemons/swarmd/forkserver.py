@@ -19,10 +19,10 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import SwarmError
-from swarmware.service.births import environment
 from swarmware.service.find import find, installed
 from swarmware.service.fork import FOLDER, MESSAGE_BYTES, SOCKET, ended
 from swarmware.service.notify import Notifier
+from swarmware.service.starting import environment
 
 OURS: Final = "swarmd."
 """Only daemons of this package are imported: nobody else has promised that an import starts no thread."""

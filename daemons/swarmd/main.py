@@ -125,7 +125,7 @@ def _node(config_dir: Path) -> int:
     from swarmd.parent import become
     from swarmware.config import load_node
     from swarmware.errors import ConfigError
-    from swarmware.service.births import GUARD
+    from swarmware.service.starting import GUARD
 
     node = load_node(config_dir)
     services = list(node.services)

@@ -19,10 +19,19 @@ from contextlib import suppress
 from swarmd.forks import Forks
 from swarmd.words import RECEIVE_BYTES, Words
 from swarmware.errors import SwarmError
-from swarmware.service.births import BEAT_S, GUARD, WHOLE, launch, newborn, note, settled, spawn_missing
 from swarmware.service.fork import ENDED_S, Started
 from swarmware.service.lives import Lives
 from swarmware.service.notify import Notifier
+from swarmware.service.starting import (
+    BEAT_S,
+    GUARD,
+    WHOLE_NODE,
+    clear_start_record,
+    launch,
+    spawn_missing,
+    starting_pid,
+    write_start_record,
+)
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
@@ -55,13 +64,13 @@ def become(platform: str, config_dir: Path, run_dir: Path, services: list[str], 
 def main(words: list[str]) -> int:
     """The words of `become`; the exit code of the node."""
     _, platform, config_dir, run_dir, shared, *services = words
-    name = GUARD if shared else WHOLE
+    name = GUARD if shared else WHOLE_NODE
 
     def one() -> Started:
-        if pid := newborn(WHOLE, run_dir):
+        if pid := starting_pid(WHOLE_NODE, run_dir):
             return Started(pid)  # the parent before this one was killed, its child lives
         started = launch(services, config_dir, run_dir, speaks=True)
-        note(WHOLE, started.pid, run_dir)
+        write_start_record(WHOLE_NODE, started.pid, run_dir)
         return started
 
     def guard() -> Started | None:
@@ -78,7 +87,7 @@ def main(words: list[str]) -> int:
             return Parent(guard, platform, listening, Lives(), forks).run()
         return Parent(one, platform, listening, Lives()).run()
     finally:
-        settled(name, run_dir)
+        clear_start_record(name, run_dir)
         listening.close()
 
 

@@ -8,8 +8,8 @@ import struct
 from contextlib import suppress
 
 from swarmware.errors import Conflict
-from swarmware.service.births import PARENT_SOCKET
 from swarmware.service.fork import FOLDER, own_folder
+from swarmware.service.starting import PARENT_SOCKET
 from swarmware.shm.lock import lock_within
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte

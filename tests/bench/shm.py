@@ -31,9 +31,9 @@ import zmq
 from swarmware import frame as wire
 from swarmware.frame import Frame, Kind
 from swarmware.names import ANY
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import readers_folder
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.ring import RingReader, RingWriter
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose
@@ -68,12 +68,12 @@ class RingEnd:
         self.side = side
         self.looped = looped
         self.loaned = loaned
-        self.pulls = BellPulls(folder / "bells")
+        self.doorbells = DoorbellSenders(folder / "bells")
         mine, self.theirs = folder / f"{side}.ring", folder / f"{1 - side}.ring"
         self.writer = RingWriter(mine, slots=4, slot_bytes=size)
-        self.bells = Bells(readers_folder(mine), self.pulls)
+        self.bells = ReaderNotifier(readers_folder(mine), self.doorbells)
         self.doorbell = Doorbell(folder / "bells")
-        with Bells(readers_folder(self.theirs), self.pulls) as bells:
+        with ReaderNotifier(readers_folder(self.theirs), self.doorbells) as bells:
             bells.add(self.doorbell.name)
         self.reader: RingReader | None = None
         self.running = True
@@ -115,7 +115,7 @@ class RingEnd:
             self.writer.publish()
         else:
             self.writer.write(data)
-        self.bells.ring()
+        self.bells.notify()
 
     def stop(self) -> None:
         self.running = False

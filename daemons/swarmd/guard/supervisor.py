@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Protocol
 
 from swarmware.errors import NotFound
-from swarmware.service.births import newborn, settled, spawn
 from swarmware.service.child import Child
 from swarmware.service.fork import Started
+from swarmware.service.starting import clear_start_record, spawn, starting_pid
 
 log = logging.getLogger("swarm.guard")
 
@@ -72,7 +72,7 @@ class Processes:
 
     def running(self, name: str) -> int:
         """pid of a process that a former guard started a moment ago."""
-        return newborn(name, self._run_dir)
+        return starting_pid(name, self._run_dir)
 
     def spawn(self, name: str) -> int:
         """A new process in a session of its own."""
@@ -93,12 +93,12 @@ class Processes:
 
     def _ended(self, name: str, pid: int, how: str) -> None:
         self._children.pop(name, None)
-        settled(name, self._run_dir)
+        clear_start_record(name, self._run_dir)
         self._on_exit(name, pid, how)
 
     def joined(self, name: str) -> None:
         """Its application file says it from now on."""
-        settled(name, self._run_dir)
+        clear_start_record(name, self._run_dir)
 
     def ask(self, name: str, pid: int) -> None:
         """SIGTERM."""

@@ -25,7 +25,7 @@ from swarmware.appfile import AppEntry, AppTable
 from swarmware.appfile.trace import died
 from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
-from swarmware.master.deaths import Deaths
+from swarmware.master.deaths import ProcessWatcher
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
 from swarmware.names import Pattern, segment
 from swarmware.node.node import APPS_TABLE
@@ -74,7 +74,7 @@ class Health(Service):
         self._types: dict[str, str] = {}
         self._boards: dict[str, BoardReader[Any]] = {}
         self._reports_at: dict[str, int] = {}
-        self._deaths = Deaths(self._on_death)
+        self._deaths = ProcessWatcher(self._on_death)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
         self._guard_board: BoardReader[GuardStatus] | None = None
         patterns = config.platforms

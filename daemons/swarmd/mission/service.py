@@ -209,7 +209,7 @@ class Mission(Service):
         return order.epoch == self._core.epoch and self._core.phase in {Phase.READY, Phase.RUNNING}
 
     def _expiry(self, order: MissionOrder, received_ns: int) -> int:
-        local_ns = self.module.foreign.to_local(hardware_id(order.issuer), order.expires_ns)
+        local_ns = self.module.remote_clocks.to_local(hardware_id(order.issuer), order.expires_ns)
         # the issuer's clock is not known yet: the order is as old as it can be said to be, new
         return received_ns + order.expires_ns - order.issued_ns if local_ns is None else local_ns
 
@@ -285,7 +285,7 @@ class Mission(Service):
         """The meeting on this platform's clock."""
         if meeting.leave_ns is None:
             return meeting
-        local_ns = self.module.foreign.to_local(meta.sender_hw, meeting.leave_ns)
+        local_ns = self.module.remote_clocks.to_local(meta.sender_hw, meeting.leave_ns)
         if local_ns is None:
             # no conversion yet: what remained when it was written, less than a tick ago
             local_ns = now_ns + meeting.leave_ns - meta.stamp_ns

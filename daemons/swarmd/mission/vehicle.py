@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.patience import Patience
+from swarmd.mission.core.nav_fault import NavFaultTimeouts
 from swarmd.mission.home import Home
 from swarmware.errors import Denied, NoAnswer, NotFound, SwarmError
 from swarmware.mission.plugin import BlockError
@@ -126,7 +126,7 @@ class Vehicle:
                 self.command("hold")
 
     async def _reach(self, seq: int, settled: Settled, progress: Progress, settle_s: float) -> None:
-        patience = Patience(self._limits_s)
+        timeouts = NavFaultTimeouts(self._limits_s)
         there_ns: int | None = None
         wait_s = self._config.navigator_timeout_s
         heard_ns = self._module.now_ns()
@@ -144,7 +144,7 @@ class Vehicle:
                 continue
             heard_ns, wait_s = now_ns, self._config.navigator_timeout_s
             progress(status)
-            if (lost := patience.lost(status, now_ns)) is not None:
+            if (lost := timeouts.lost(status, now_ns)) is not None:
                 raise BlockError(*lost)
             if not settled(status):
                 there_ns = None

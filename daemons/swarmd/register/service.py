@@ -40,7 +40,7 @@ class Register(Service):
         )
         await module.serve("sys/node/info", Empty, self._info, reply=NodeInfo, description="Who this node is")
         self._routes = await module.reader("net/routes", Routes)
-        module.node.master.prefer(module.id)
+        module.node.master.volunteer(module.id)
         try:
             if self.config.partners:
                 path = f"/{self.config.partners}/{RESOURCE.path}"
@@ -50,7 +50,7 @@ class Register(Service):
                     group.create_task(self._follow(self._tables), name="register: tables")
             await asyncio.Event().wait()
         finally:
-            module.node.master.no_longer_prefer()
+            module.node.master.step_back()
 
     async def _follow(self, tables: BoardSet[ApplicationTable]) -> None:
         while True:

@@ -76,5 +76,5 @@ class Motors:
             return str(meta.sender)
         if meta.sender_hw == self._module.node.hardware:
             return self._module.platform
-        conversion = self._module.foreign.conversion(meta.sender_hw)
+        conversion = self._module.remote_clocks.conversion(meta.sender_hw)
         return f"{meta.sender_hw:08x}" if conversion is None else conversion.platform

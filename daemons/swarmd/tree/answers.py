@@ -156,7 +156,7 @@ class Answers:
         found = await self._module.request(
             f"/{platform}/sys/tree/get", TreeGet(local), TreeValue, timeout_s=self._answer_s
         )
-        stamp_ns = self._module.foreign.to_local(names.hardware_id(platform), found.stamp_ns)
+        stamp_ns = self._module.remote_clocks.to_local(names.hardware_id(platform), found.stamp_ns)
         age_s = found.age_s if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
         return msgspec.structs.replace(found, source="asked", age_s=age_s)
 
@@ -191,7 +191,7 @@ class Answers:
 
     def _age_s(self, frame: Frame, platform: str) -> float | None:
         now_ns = self._module.now_ns()
-        stamp_ns = self._module.foreign.to_local(frame.sender_hw, frame.stamp_ns)
+        stamp_ns = self._module.remote_clocks.to_local(frame.sender_hw, frame.stamp_ns)
         if stamp_ns is not None:
             return (now_ns - stamp_ns) / 1e9
         remote = self._tree.remotes.get(platform)

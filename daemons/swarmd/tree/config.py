@@ -6,7 +6,7 @@ import msgspec
 
 from swarmd.tree.core.held import Intervals
 from swarmd.tree.core.local import Timing
-from swarmd.tree.core.remotes import Patience
+from swarmd.tree.core.remotes import ReplicaTimeouts
 from swarmd.tree.core.tree import Limits
 from swarmware.names import Pattern, check_path
 from swarmware.types.tree import Rule
@@ -86,7 +86,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
                 min_interval_ns=_ns(self.min_interval_s),
                 retry_ns=retry_ns,
             ),
-            patience=Patience(
+            timeouts=ReplicaTimeouts(
                 lease_ns=_ns(self.lease_s),
                 retry_ns=retry_ns,
                 forget_ns=_ns(self.forget_s),

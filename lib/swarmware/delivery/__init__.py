@@ -4,19 +4,19 @@ Sans-io: time is an argument, no sockets, no clock. `swarmware.post` carries out
 """
 
 from swarmware.delivery.answer import answer, answerable, expired, expired_here, reply, with_lifetime
-from swarmware.delivery.outbox import Action, Key, Outbox, Settle, Transmit
+from swarmware.delivery.duplicates import DuplicateFilter, DuplicateState
+from swarmware.delivery.outbox import Action, Complete, Key, Outbox, Transmit
 from swarmware.delivery.outcome import Outcome, Status
-from swarmware.delivery.received import Received, Seen
 from swarmware.delivery.sender import arrival_ns, sender_of, with_sender
 
 __all__ = [
     "Action",
+    "Complete",
+    "DuplicateFilter",
+    "DuplicateState",
     "Key",
     "Outbox",
     "Outcome",
-    "Received",
-    "Seen",
-    "Settle",
     "Status",
     "Transmit",
     "answer",

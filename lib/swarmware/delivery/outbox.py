@@ -1,4 +1,4 @@
-"""The sender's side: what waits for an answer, when it is sent again, and when it is given up."""
+"""The sender's side: what waits for an answer, when it is retransmitted, and when it is given up."""
 
 import heapq
 from itertools import count
@@ -7,16 +7,16 @@ from typing import Final
 import msgspec
 
 from swarmware.delivery.outcome import Outcome, Status
-from swarmware.delivery.roundtrip import Pace, RoundTrip
+from swarmware.delivery.rtt import RetransmitLimits, RttEstimator
 from swarmware.frame import Frame, Kind
 from swarmware.types.rpc import Ack
 
 Key = tuple[int, int, int]
 """Application, data id, sequence: what an answer repeats of its question."""
 
-LOCAL: Final = Pace(first_ns=50_000_000, floor_ns=50_000_000, ceiling_ns=400_000_000)
+LOCAL: Final = RetransmitLimits(initial_ns=50_000_000, min_ns=50_000_000, max_ns=400_000_000)
 """Inside a platform a message is lost only with its receiver, or waits for a full inbox."""
-REMOTE: Final = Pace(first_ns=300_000_000, floor_ns=100_000_000, ceiling_ns=2_400_000_000)
+REMOTE: Final = RetransmitLimits(initial_ns=300_000_000, min_ns=100_000_000, max_ns=2_400_000_000)
 """Between platforms, over radio links: 0.3, 0.6, 1.2 s until a round trip was measured."""
 
 GRACE_NS: Final = 1_000_000_000
@@ -27,18 +27,18 @@ class Transmit(msgspec.Struct, frozen=True):
     """Send this frame (again)."""
 
     frame: Frame
-    again: bool
-    """Not the first time: look the receiver up anew, it may have died."""
+    retransmission: bool
+    """Not the first transmission: look the receiver up again, it may have died."""
 
 
-class Settle(msgspec.Struct, frozen=True):
-    """Tell the sender what became of it."""
+class Complete(msgspec.Struct, frozen=True):
+    """Report the outcome to the sender."""
 
     key: Key
     outcome: Outcome
 
 
-Action = Transmit | Settle
+Action = Transmit | Complete
 
 
 class _Pending(msgspec.Struct):
@@ -46,13 +46,13 @@ class _Pending(msgspec.Struct):
     expires_ns: int
     sent_ns: int
     wait_ns: int
-    pace: Pace
+    limits: RetransmitLimits
     times_sent: int = 1
     absent_since_ns: int | None = None
     reached: bool = False
     """It was handed to an application; if that is absent later, it has died."""
-    trouble: Outcome | None = None
-    """Newest soft refusal: it counts if nothing better comes in time."""
+    soft_refusal: Outcome | None = None
+    """Newest refusal that may still be overcome: the outcome if no other comes in time."""
 
 
 class Outbox:
@@ -64,7 +64,7 @@ class Outbox:
         self._pending: dict[Key, _Pending] = {}
         self._due: list[tuple[int, int, Key]] = []
         self._order = count()
-        self._round_trips: dict[tuple[int, bool], RoundTrip] = {}
+        self._rtt: dict[tuple[int, bool], RttEstimator] = {}
         self.resent = 0
         """Frames sent more than once."""
 
@@ -80,12 +80,12 @@ class Outbox:
         """A new message or request."""
         key = self.key(frame)
         pace = LOCAL if frame.receiver_hw == self._hardware else REMOTE
-        round_trip = self._round_trips.get(_way(frame))
-        wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.first_ns
+        round_trip = self._rtt.get(_way(frame))
+        wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.initial_ns
         expires_ns = now_ns + timeout_ns
         self._pending[key] = _Pending(frame, expires_ns, now_ns, wait_ns, pace)
         self._schedule(key, min(now_ns + wait_ns, expires_ns))
-        return [Transmit(frame, again=False)]
+        return [Transmit(frame, retransmission=False)]
 
     def on_ack(self, key: Key, ack: Ack, now_ns: int) -> list[Action]:
         """An acknowledgement, or a hop's reason why there is none; unknown keys are duplicates."""
@@ -98,24 +98,24 @@ class Outbox:
             status = Status.REFUSED
         outcome = Outcome(status, ack.where, ack.detail, ack.received_ns)
         if status is Status.UNREACHABLE:
-            pending.trouble = outcome
+            pending.soft_refusal = outcome
             pending.absent_since_ns = None
             return []
         if status is Status.ABSENT:
-            pending.trouble = outcome
+            pending.soft_refusal = outcome
             if pending.absent_since_ns is None:
                 pending.absent_since_ns = now_ns
             elif self._absent_for_good(pending, now_ns):
                 return [self._give_up(key, pending)]
             return []
         if status is Status.DELIVERED and pending.frame.kind is Kind.REQUEST:
-            # the receiver works on it: ask again at the slowest pace, in case the reply is lost
-            pending.wait_ns = pending.pace.ceiling_ns
-            pending.absent_since_ns = pending.trouble = None
+            # the receiver works on it: retransmit at the longest interval, in case the reply is lost
+            pending.wait_ns = pending.limits.max_ns
+            pending.absent_since_ns = pending.soft_refusal = None
             return []
         self._measure(pending, now_ns)
         del self._pending[key]
-        return [Settle(key, outcome)]
+        return [Complete(key, outcome)]
 
     def on_reply(self, key: Key, now_ns: int) -> bool:
         """The reply to a request; False for a duplicate."""
@@ -130,10 +130,10 @@ class Outbox:
         pending = self._pending.get(key)
         if pending is not None:
             pending.reached = True
-            pending.absent_since_ns = pending.trouble = None
+            pending.absent_since_ns = pending.soft_refusal = None
 
     def drop(self, key: Key) -> None:
-        """The sender does not want to know any more."""
+        """Forget it: the sender does not wait any longer."""
         self._pending.pop(key, None)
 
     def on_timer(self, now_ns: int) -> list[Action]:
@@ -150,8 +150,8 @@ class Outbox:
                 pending.sent_ns = now_ns
                 pending.times_sent += 1
                 self.resent += 1
-                pending.wait_ns = min(pending.wait_ns * 2, pending.pace.ceiling_ns)
-                actions.append(Transmit(pending.frame, again=True))
+                pending.wait_ns = min(pending.wait_ns * 2, pending.limits.max_ns)
+                actions.append(Transmit(pending.frame, retransmission=True))
                 self._schedule(key, self._next_ns(pending, now_ns))
         return actions
 
@@ -170,15 +170,15 @@ class Outbox:
     def _absent_for_good(self, pending: _Pending, now_ns: int) -> bool:
         return pending.absent_since_ns is not None and now_ns - pending.absent_since_ns >= self._grace_ns
 
-    def _give_up(self, key: Key, pending: _Pending) -> Settle:
+    def _give_up(self, key: Key, pending: _Pending) -> Complete:
         del self._pending[key]
-        return Settle(key, _given_up(pending))
+        return Complete(key, _given_up(pending))
 
     def _measure(self, pending: _Pending, now_ns: int) -> None:
         if pending.times_sent != 1 or pending.frame.kind is Kind.REQUEST:
             return  # Karn: nobody knows which copy was answered; a request's time is its handler's
         way = _way(pending.frame)
-        self._round_trips.setdefault(way, RoundTrip()).add(now_ns - pending.sent_ns)
+        self._rtt.setdefault(way, RttEstimator()).add(now_ns - pending.sent_ns)
 
     def _schedule(self, key: Key, due_ns: int) -> None:
         heapq.heappush(self._due, (due_ns, next(self._order), key))
@@ -190,7 +190,7 @@ def _way(frame: Frame) -> tuple[int, bool]:
 
 
 def _given_up(pending: _Pending) -> Outcome:
-    trouble = pending.trouble
+    trouble = pending.soft_refusal
     if trouble is None:
         return Outcome(Status.EXPIRED, detail=f"no answer after {pending.times_sent} tries")
     if trouble.status is Status.ABSENT:

@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Set
 
 
-class Deaths:
+class ProcessWatcher:
     """Watches the processes that run applications; `on_death` gets the pid, once."""
 
     def __init__(self, on_death: Callable[[int], None]) -> None:

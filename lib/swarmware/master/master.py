@@ -1,4 +1,4 @@
-"""The master's duty: publishes the register of this computer, notices every death, tidies up after it."""
+"""The master's duty: publishes the register of this computer, and removes what dead applications leave."""
 
 import asyncio
 import logging
@@ -12,26 +12,26 @@ from swarmware.appfile.trace import folder, set_aside
 from swarmware.clock import Clock
 from swarmware.errors import Conflict, Denied
 from swarmware.frame import Frame, Kind, encode
-from swarmware.master.deaths import Deaths
+from swarmware.master.deaths import ProcessWatcher
 from swarmware.master.record import NOBODY, Holder
 from swarmware.master.role import Role
 from swarmware.names import ANY, application_id, data_id
 from swarmware.resource import Resource
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, folder_lock
+from swarmware.shm.doorbell import DoorbellSenders, folder_lock
 from swarmware.shm.lock import stands_at, try_lock
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.reap import BELLS_FOLDER
 from swarmware.shm.ticks import start_ticks
 from swarmware.types import registry
 from swarmware.types.register import Application, ApplicationTable
 
 MASTER_TABLE: Final = "master.readers"
-"""Bells of all processes of the node: rung when the role changes hands."""
+"""Doorbells of all processes of the node: rung when the role changes hands."""
 PATH: Final = "register/apps"
 APPLICATIONS_LIMIT: Final = 64
 """More than three times what a platform runs: the board stays under 3 kB."""
 PAUSE_S: Final = 1.0
-"""Least time between two tables: the start of twelve services is one or two pieces of news, not twelve."""
+"""Minimum time between two tables: the start of twelve services is one or two changes, not twelve."""
 BUSY_S: Final = 0.01
 """The last master may still be closing the board."""
 
@@ -55,15 +55,15 @@ class Board(Protocol):
     def close(self, *, unlink: bool = True) -> None: ...
 
 
-class Home(Protocol):
-    """What the duty needs of its node."""
+class NodeServices(Protocol):
+    """What the master needs of its node."""
 
     run_dir: Path
     shm_dir: Path
     platform: str
     hardware: int
     clock: Clock
-    pulls: BellPulls
+    doorbells: DoorbellSenders
 
     def listen(self, readers: Path) -> None: ...
     def unlisten(self, readers: Path) -> None: ...
@@ -72,23 +72,23 @@ class Home(Protocol):
 
 
 class Master:
-    """This process's candidature; a watcher of the node: `poll` when the doorbell has rung.
+    """The candidature of this process; a watcher of the node: `poll` when the doorbell has rung.
 
-    `apps_table` is the table of bells that ring when applications come, go or change. Who is no `candidate`,
-    because the node belongs to another user, never gets the role and does not know who has it.
+    `apps_table`: the doorbells that are rung when applications join, leave or change. A process that is not a
+    `candidate`, because the node belongs to another user, never gets the role and does not know who has it.
     """
 
-    def __init__(self, home: Home, unit: str, apps_table: Path, *, candidate: bool = True) -> None:
-        self._home = home
+    def __init__(self, node: NodeServices, unit: str, apps_table: Path, *, candidate: bool = True) -> None:
+        self._node = node
         self._unit = unit
         self._apps_table = apps_table
-        self._master_table = home.shm_dir / MASTER_TABLE
-        self._bells = Bells(self._master_table, home.pulls)
+        self._master_table = node.shm_dir / MASTER_TABLE
+        self._bells = ReaderNotifier(self._master_table, node.doorbells)
         self._loop = asyncio.get_running_loop()
-        self._apps = AppTable(home.run_dir)
+        self._apps = AppTable(node.run_dir)
         self._board: Board | None = None
         self._listening = False
-        self._deaths = Deaths(self._died)
+        self._processes = ProcessWatcher(self._died)
         self._watched: dict[str, int] = {}
         self._version = 0
         self._timer: asyncio.TimerHandle | None = None
@@ -96,13 +96,13 @@ class Master:
         self._role: Role | None = None
         if candidate:
             self._role = Role(
-                home.run_dir,
+                node.run_dir,
                 f"pid {os.getpid()}",
-                ring=self._bells.ring,
+                ring=self._bells.notify,
                 on_gained=self._gained,
                 on_lost=self._lost,
             )
-            home.listen(self._master_table)
+            node.listen(self._master_table)
             self._role.start()
 
     @property
@@ -115,19 +115,19 @@ class Master:
         """Who is the master."""
         return NOBODY if self._role is None else self._role.holder
 
-    def prefer(self, label: str) -> None:
-        """The register daemon lives in this process: here the role belongs.
+    def volunteer(self, label: str) -> None:
+        """Request the role for this process, which runs the register daemon.
 
         Raises: Denied when the node belongs to another user.
         """
         if self._role is None:
-            raise Denied(f"{self._home.run_dir}: of another user; expected {label} to run as its owner")
-        self._role.prefer(label)
+            raise Denied(f"{self._node.run_dir}: of another user; expected {label} to run as its owner")
+        self._role.volunteer(label)
 
-    def no_longer_prefer(self) -> None:
-        """The register daemon of this process has ended."""
+    def step_back(self) -> None:
+        """Contend for the role as any other process: the register daemon of this process has ended."""
         if self._role is not None:
-            self._role.no_longer_prefer(f"pid {os.getpid()}")
+            self._role.step_back(f"pid {os.getpid()}")
 
     def poll(self) -> None:
         """The doorbell has rung."""
@@ -143,22 +143,22 @@ class Master:
         entries = list(self._apps)
         holder = self.holder
         return ApplicationTable(
-            platform=self._home.platform,
+            platform=self._node.platform,
             unit=self._unit,
-            boot_id=self._home.clock.boot_id,
+            boot_id=self._node.clock.boot_id,
             epoch=holder.epoch,
             version=self._version,
             master=holder.label,
-            stamp_ns=self._home.clock.now_ns(),
+            stamp_ns=self._node.clock.now_ns(),
             applications=tuple(_application(entry, full=full) for entry in entries[:APPLICATIONS_LIMIT]),
             omitted=max(0, len(entries) - APPLICATIONS_LIMIT),
         )
 
     def close(self) -> None:
-        """Gives the role back."""
+        """Give the role back."""
         if self._role is not None:
             self._role.close()
-            self._home.unlisten(self._master_table)
+            self._node.unlisten(self._master_table)
         self._bells.close()
 
     # -- while this process is the master
@@ -166,7 +166,7 @@ class Master:
     def _gained(self, epoch: int) -> None:
         if not self._listening:
             self._listening = True
-            self._home.listen(self._apps_table)
+            self._node.listen(self._apps_table)
         self._version = 0
         self._published_s = -PAUSE_S
         self._apps.refresh(probe=True)
@@ -177,16 +177,16 @@ class Master:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        self._deaths.close()
+        self._processes.close()
         self._listening = False
-        self._home.unlisten(self._apps_table)
+        self._node.unlisten(self._apps_table)
         if self._board is not None:
             self._board.close(unlink=False)
             self._board = None
 
     def _changed(self) -> None:
         self._watched = {entry.id: entry.pid for entry in self._apps}
-        self._deaths.watch(set(self._watched.values()))
+        self._processes.watch(set(self._watched.values()))
         if self._timer is None:
             wait_s = self._published_s + PAUSE_S - self._loop.time()
             self._timer = self._loop.call_later(max(0.0, wait_s), self._publish)
@@ -195,7 +195,7 @@ class Master:
         self._timer = None
         if self._board is None:
             try:
-                self._board = self._home.publication(PATH, slots=4, slot_bytes=2048)
+                self._board = self._node.publication(PATH, slots=4, slot_bytes=2048)
             except Conflict:
                 self._timer = self._loop.call_later(BUSY_S, self._publish)
                 return
@@ -205,7 +205,7 @@ class Master:
         frame = Frame(
             Kind.BOARD,
             data_id(PATH, registry.type_name(ApplicationTable)),
-            self._home.hardware,
+            self._node.hardware,
             application_id("register", 1),
             ANY,
             ANY,
@@ -219,25 +219,25 @@ class Master:
         died = [app_id for app_id, owner in self._watched.items() if owner == pid]
         self._apps.refresh(probe=True)
         if self._tidy():
-            log.info("died without goodbye: %s", ", ".join(died))
+            log.info("died without leaving: %s", ", ".join(died))
         self._remove_traces(pid)
         self._changed()
 
     def _remove_traces(self, pid: int) -> None:
-        """Its socket and doorbells: a node that restarts services for months must not fill its folders."""
+        """Remove its socket and doorbells, so that restarts over months do not fill the folders."""
         if start_ticks(pid):
             return  # the number has a new owner already
-        for path in (self._home.run_dir / "p").glob(f"{pid}-*.sock"):
+        for path in (self._node.run_dir / "p").glob(f"{pid}-*.sock"):
             path.unlink(missing_ok=True)
-        bells = self._home.run_dir / BELLS_FOLDER
+        bells = self._node.run_dir / BELLS_FOLDER
         with suppress(Conflict, FileNotFoundError), folder_lock(bells):
             for path in bells.glob(f"{pid}-*"):
                 path.unlink(missing_ok=True)
 
     def _tidy(self) -> bool:
-        """Sets the files of dead applications aside; True when there were some."""
+        """Set the files of dead applications aside; True when there were some."""
         removed = False
-        for path in folder(self._home.run_dir).glob("*.toml"):
+        for path in folder(self._node.run_dir).glob("*.toml"):
             try:
                 fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
             except OSError:
@@ -249,7 +249,7 @@ class Master:
             finally:
                 os.close(fd)
         if removed:
-            self._home.announce_apps()
+            self._node.announce_apps()
         return removed
 
 

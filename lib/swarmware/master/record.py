@@ -1,4 +1,4 @@
-"""What `master.lock` says: who holds the role, under which fencing number, and who wants it."""
+"""Content of `master.lock`: who holds the role, under which fencing number, and who requests it."""
 
 import os
 import struct
@@ -10,7 +10,7 @@ _RECORD: Final = struct.Struct("<QIQ48sI")
 """epoch, pid, start of the process in ticks, label, CRC-32 of what stands before it."""
 
 _WANT: Final = struct.Struct("<IQ")
-"""pid and start in ticks of the preferred process that waits; 0: nobody."""
+"""pid and start in ticks of the preferred process that waits; 0: none."""
 
 _WANT_AT: Final = 128
 
@@ -39,7 +39,7 @@ class RecordFile:
         return os.pread(self.fd, size, offset).ljust(size, b"\0")
 
     def mark(self) -> bytes:
-        """Bytes that are others with each take-over and with each release: cheap to compare."""
+        """Bytes that change with each take-over and each release: cheap to compare."""
         return self._read(12, 0)
 
     def holder(self) -> Holder | None:
@@ -57,13 +57,13 @@ class RecordFile:
         data = _RECORD.pack(holder.epoch, holder.pid, holder.pid_start, holder.label.encode()[:48], 0)
         os.pwrite(self.fd, data[:-4] + zlib.crc32(data[:-4]).to_bytes(4, "little"), 0)
 
-    def wanted_by(self) -> tuple[int, int]:
+    def requested_by(self) -> tuple[int, int]:
         """pid and start of the preferred process that waits for the role; (0, 0): none."""
         pid, pid_start = _WANT.unpack(self._read(_WANT.size, _WANT_AT))
         return pid, pid_start
 
-    def write_want(self, pid: int, pid_start: int) -> None:
-        """Ask for the role, or (0, 0) ask no more."""
+    def request_leadership(self, pid: int, pid_start: int) -> None:
+        """Write the request of a preferred process; (0, 0): withdraw it."""
         os.pwrite(self.fd, _WANT.pack(pid, pid_start), _WANT_AT)
 
     def close(self) -> None:

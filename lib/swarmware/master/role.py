@@ -1,4 +1,4 @@
-"""Who is the master: a file lock decides, a pidfd tells of the holder's death, bells tell of its wishes.
+"""Election of the master: a file lock decides, a pidfd reports the holder's death, doorbells report requests.
 
 The kernel drops the lock and readies the pidfd in the same instant, so a stand-by takes over within
 milliseconds; a lease in shared memory would have to run out first. A lock survives in a forked child, so no
@@ -20,7 +20,7 @@ from swarmware.shm.ticks import start_ticks
 
 LOCK_NAME: Final = "master.lock"
 RETRY_S: Final = 0.005
-"""First pause while the lock is held by somebody who has not yet written his name: some ten microseconds."""
+"""First pause while the holder of the lock has not written its record yet: some ten microseconds."""
 RETRY_LIMIT_S: Final = 0.2
 """Last pause, for a holder that cannot be watched: one of another PID namespace."""
 
@@ -28,7 +28,7 @@ log = logging.getLogger("swarm.master")
 
 
 class Role:
-    """This process's part in the race for the role.
+    """The candidature of one process for the role.
 
     `ring` wakes all others of the node; when woken, they call `poll`. `on_gained` gets the fencing number.
     """
@@ -58,7 +58,7 @@ class Role:
         self.preferred = False
 
     def start(self) -> None:
-        """Joins the race."""
+        """Start to contend."""
         self._contend()
 
     @property
@@ -67,65 +67,65 @@ class Role:
         return self._file.holder() or NOBODY
 
     def poll(self) -> None:
-        """A bell has rung: has the role changed hands, or does the preferred process want it?"""
+        """The doorbell has rung: the role may have changed hands, or the preferred process may request it."""
         if self._closed:
             return
         if self.holding:
-            if not self.preferred and self._wanted():
+            if not self.preferred and self._requested():
                 self._yield()
         elif self._file.mark() != self._mark:
             self._contend()
 
-    def prefer(self, label: str) -> None:
-        """This process is the one that should have the role: a stand-in gives it up."""
+    def volunteer(self, label: str) -> None:
+        """Make this the preferred process: another holder yields the role to it."""
         self.preferred = True
         self._label = label
         if self.holding:
             self._file.write_holder(Holder(self.holder.epoch, *self._me, label))
             self._on_gained(self.holder.epoch)
         else:
-            self._file.write_want(*self._me)
+            self._file.request_leadership(*self._me)
             self._ring()
             self._contend()
 
-    def no_longer_prefer(self, label: str) -> None:
-        """Stays in the race as any other process."""
+    def step_back(self, label: str) -> None:
+        """Contend as any other process."""
         self.preferred = False
         self._label = label
-        self._withdraw_want()
+        self._withdraw_request()
         if self.holding:
             self._file.write_holder(Holder(self.holder.epoch, *self._me, label))
             self.poll()
 
     def close(self) -> None:
-        """Leaves the race; gives the role back, and the others are told."""
+        """Stop contending; give the role back and wake the other processes."""
         if self._closed:
             return
         self._closed = True
         self._unwatch()
-        self._withdraw_want()
+        self._withdraw_request()
         if self.holding:
             self._release()
         self._file.close()
 
-    def _wanted(self) -> bool:
-        """Whether a living process other than this one prefers to have the role."""
-        pid, pid_start = self._file.wanted_by()
+    def _requested(self) -> bool:
+        """Whether a living preferred process other than this one requests the role."""
+        pid, pid_start = self._file.requested_by()
         return pid != 0 and (pid, pid_start) != self._me and start_ticks(pid) == pid_start
 
-    def _withdraw_want(self) -> None:
-        if self._file.wanted_by() == self._me:
-            self._file.write_want(0, 0)
+    def _withdraw_request(self) -> None:
+        if self._file.requested_by() == self._me:
+            self._file.request_leadership(0, 0)
 
     def _contend(self) -> None:
-        """Takes the role if it is free and nobody is preferred, else watches whoever is in the way."""
+        """Take the role if it is free and not requested, else watch the process that has it."""
         self._unwatch()
         if self._closed or self.holding:
             return
-        if not self.preferred and self._wanted() and self.holder.pid == 0:
+        if not self.preferred and self._requested() and self.holder.pid == 0:
             # it was given back for the preferred process: the next in line only if that one dies meanwhile
             self._mark = self._file.mark()
-            self._watch(*self._file.wanted_by())
+            self._watch(*self._file.requested_by())
         elif try_lock(self._file.fd):
             self._take()
         else:
@@ -139,7 +139,7 @@ class Role:
     def _take(self) -> None:
         epoch = self.holder.epoch + 1
         self.holding = True
-        self._withdraw_want()
+        self._withdraw_request()
         self._file.write_holder(Holder(epoch, *self._me, self._label))
         self._mark = self._file.mark()
         log.debug("%s is master, epoch %d", self._label, epoch)
@@ -165,7 +165,7 @@ class Role:
         try:
             fd = os.pidfd_open(pid)
         except OSError:
-            # it is dead already, or of another PID namespace: the lock alone can tell
+            # it is dead already, or of another PID namespace: only the lock shows which
             self._again()
             return
         if start_ticks(pid) != pid_start:

@@ -7,10 +7,10 @@ import msgspec
 
 from swarmware.errors import NoAnswer, WireError
 from swarmware.frame import decode
-from swarmware.module.foreign import ForeignTime
 from swarmware.module.meta import Meta
+from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.source import Source
-from swarmware.module.wakeup import Patience
+from swarmware.module.wakeup import Deadline
 from swarmware.names import split
 from swarmware.node import Node
 from swarmware.shm.layout import ring_file
@@ -28,14 +28,16 @@ class BoardReader(Generic[T]):
     newest when it was asked for.
     """
 
-    def __init__(self, node: Node, path: str, cls: type[T], data_id: int, foreign: ForeignTime) -> None:
+    def __init__(
+        self, node: Node, path: str, cls: type[T], data_id: int, remote_clocks: RemoteClocks
+    ) -> None:
         self.path = path
         self.refused = 0
         """Frames that were of another type, or damaged."""
         self._cls = cls
         self._data_id = data_id
         self._node = node
-        self._foreign = foreign
+        self._remote_clocks = remote_clocks
         platform, local = split(path)
         self._source = Source(node, ring_file(node.shm_dir, local, platform))
         self._value: T | None = None
@@ -102,7 +104,7 @@ class BoardReader(Generic[T]):
             return None
         stamp_ns: int | None = meta.stamp_ns
         if meta.sender_hw != self._node.hardware:
-            stamp_ns = self._foreign.to_local(meta.sender_hw, meta.stamp_ns)
+            stamp_ns = self._remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
         return None if stamp_ns is None else (self._node.clock.now_ns() - stamp_ns) / 1e9
 
     @property
@@ -116,7 +118,7 @@ class BoardReader(Generic[T]):
 
         Raises: NoAnswer when there is none in time.
         """
-        patience = Patience(timeout_s)
+        deadline = Deadline(timeout_s)
         self._source.listen()
         while True:
             if self._news():
@@ -124,7 +126,7 @@ class BoardReader(Generic[T]):
                 value = self._take()
                 if value is not None and self._at != at and self._meta is not meta:
                     return value
-            if not await self._source.wait(patience):
+            if not await self._source.wait(deadline):
                 raise NoAnswer(f"board {self.path}: no new value within {timeout_s} s")
 
     def _news(self) -> bool:

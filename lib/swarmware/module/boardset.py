@@ -8,7 +8,7 @@ import msgspec
 
 from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.module.board import BoardReader
-from swarmware.module.wakeup import Patience, Wakeup
+from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.names import Pattern, check_path
 from swarmware.node import Node
 from swarmware.node.node import MIRRORS_TABLE
@@ -81,7 +81,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
 
         Raises: NoAnswer when there is none in time.
         """
-        patience = Patience(timeout_s)
+        deadline = Deadline(timeout_s)
         if not self._listening:
             self._listening = True
             self._node.listen(self._node.shm_dir / MIRRORS_TABLE)
@@ -97,8 +97,8 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
                     fresh.append(platform)
             if fresh:
                 return tuple(fresh)
-            rest_s = patience.rest_s()
-            if rest_s == 0.0 or not await self._wakeup.wait(rest_s):
+            remaining_s = deadline.remaining_s()
+            if remaining_s == 0.0 or not await self._wakeup.wait(remaining_s):
                 raise NoAnswer(f"boards {self.pattern}: no new value within {timeout_s} s")
 
     def close(self) -> None:

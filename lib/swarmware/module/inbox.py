@@ -11,7 +11,7 @@ from swarmware.errors import NoAnswer, WireError
 from swarmware.frame import Frame
 from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
-from swarmware.module.wakeup import Patience, Wakeup
+from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node import Node
 from swarmware.types import registry
 
@@ -73,7 +73,7 @@ class Inbox(Generic[T]):
 
         Raises: NoAnswer when there is none in time.
         """
-        patience = Patience(timeout_s)
+        deadline = Deadline(timeout_s)
         while True:
             value = self.take()
             if value is not None:
@@ -83,8 +83,8 @@ class Inbox(Generic[T]):
                     await asyncio.sleep(0)
                 return value
             self._run = 0
-            rest_s = patience.rest_s()
-            if rest_s == 0.0 or not await self._wakeup.wait(rest_s):
+            remaining_s = deadline.remaining_s()
+            if remaining_s == 0.0 or not await self._wakeup.wait(remaining_s):
                 raise NoAnswer(f"inbox {self.path}: no message within {timeout_s} s")
 
     def __aiter__(self) -> "Inbox[T]":

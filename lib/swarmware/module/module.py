@@ -20,8 +20,8 @@ from swarmware.module.accepted import acceptance
 from swarmware.module.answer import answer
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
-from swarmware.module.foreign import ForeignTime
 from swarmware.module.inbox import Inbox
+from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.stream import StreamReader
 from swarmware.module.streamwriter import StreamWriter
@@ -102,10 +102,10 @@ class Module:
         self.app_id = self._file.entry.app_id
         self.platform = self.node.platform
         self.clock = self.node.clock
-        self.foreign = ForeignTime(self.node)
+        self.remote_clocks = RemoteClocks(self.node)
         """Converts stamps of other hardware units to our clock."""
         self.node.post.add_application(self.app_id)
-        self.node.post.add_clocks(self.foreign)
+        self.node.post.add_clocks(self.remote_clocks)
         self._tasks = await asyncio.TaskGroup().__aenter__()
         self._leave_signals = self.node.ending.enter()
         return self
@@ -122,8 +122,8 @@ class Module:
                 reader.close()
             for writer in self._writers:
                 writer.close(unlink=not self._keep_boards)
-            self.node.post.remove_clocks(self.foreign)
-            self.foreign.close()
+            self.node.post.remove_clocks(self.remote_clocks)
+            self.remote_clocks.close()
             self.node.post.remove_application(self.app_id)
             self._file.close()
             await self.node.close()
@@ -262,7 +262,7 @@ class Module:
         if board:
             writer = BoardWriter(self.node, self.app_id, resource, cls, publication)
         else:
-            writer = StreamWriter(self.node, self.app_id, resource, cls, publication, self.foreign)
+            writer = StreamWriter(self.node, self.app_id, resource, cls, publication, self.remote_clocks)
         self._writers.append(writer)
         self.provide(resource)
         return writer
@@ -311,7 +311,7 @@ class Module:
 
     def _board(self, path: str, cls: type[T]) -> BoardReader[T]:
         data_id = names.data_id(names.split(path)[1], registry.type_name(cls))
-        return BoardReader(self.node, path, cls, data_id, self.foreign)
+        return BoardReader(self.node, path, cls, data_id, self.remote_clocks)
 
     async def readers(self, pattern: str, cls: type[T]) -> BoardSet[T]:
         """The same board of all other platforms: `/*/nav/pose`; a mapping that grows as they appear."""

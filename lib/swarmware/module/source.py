@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from swarmware.errors import NotFound, SwarmError
-from swarmware.module.wakeup import Patience, Wakeup
+from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node import Node
 from swarmware.shm.layout import readers_folder
 from swarmware.shm.ring import RingReader
@@ -39,7 +39,7 @@ class Source:
             else:
                 self.ring = RingReader(self._path, after=after)
                 if old is not None:
-                    if not self.ring.continues(old):
+                    if not self.ring.same_epoch(old):
                         self.before += old.sequence
                     old.close()
         except NotFound:
@@ -70,12 +70,12 @@ class Source:
             self._node.listen(readers_folder(self._path))
             self._node.watch(self)
 
-    async def wait(self, patience: Patience) -> bool:
+    async def wait(self, deadline: Deadline) -> bool:
         """Wait until the bell rang for this ring; False when the time is over."""
-        rest_s = patience.rest_s()
-        if rest_s == 0.0:
+        remaining_s = deadline.remaining_s()
+        if remaining_s == 0.0:
             return False
-        return await self.wakeup.wait(rest_s)
+        return await self.wakeup.wait(remaining_s)
 
     def close(self) -> None:
         """Unmap, and have the doorbell rung no more."""

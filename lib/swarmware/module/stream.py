@@ -10,7 +10,7 @@ from swarmware.errors import NoAnswer, WireError
 from swarmware.frame import decode
 from swarmware.module.meta import Meta
 from swarmware.module.source import Source
-from swarmware.module.wakeup import Patience
+from swarmware.module.wakeup import Deadline
 from swarmware.names import split
 from swarmware.node import Node
 from swarmware.shm.layout import ring_file
@@ -40,7 +40,7 @@ class StreamReader(Generic[T]):
         """Of a mirror: its owner's sequence and stamp of the item given last."""
         self._gaps = 0
         platform, local = split(path)
-        self._foreign = platform is not None
+        self._mirrored = platform is not None
         self._source = Source(node, ring_file(node.shm_dir, local, platform))
         self._run = 0
         self._source.listen()
@@ -52,7 +52,7 @@ class StreamReader(Generic[T]):
         """Items that will not be given: overwritten here before they were read, or left out on the way from
         another platform, as its sequence shows with the item after them."""
         ring = self._source.ring
-        if self._foreign:
+        if self._mirrored:
             return self._gaps
         return 0 if ring is None else ring.lost
 
@@ -77,7 +77,7 @@ class StreamReader(Generic[T]):
                 frame = decode(data)
                 if frame.data_id != self._data_id:
                     raise WireError(f"of another type than {self._cls.__name__}, or of another path")
-                if self._foreign:
+                if self._mirrored:
                     self._count_gap(frame.sequence, frame.stamp_ns)
                 value = registry.decode(self._cls, frame.payload, frame.codec)
             except WireError as error:
@@ -93,7 +93,7 @@ class StreamReader(Generic[T]):
 
         Raises: NoAnswer when there is none in time.
         """
-        patience: Patience | None = None
+        deadline: Deadline | None = None
         while True:
             value = self.take()
             if value is not None:
@@ -103,8 +103,8 @@ class StreamReader(Generic[T]):
                     await asyncio.sleep(0)
                 return value
             self._run = 0
-            patience = patience or Patience(timeout_s)
-            if not await self._source.wait(patience):
+            deadline = deadline or Deadline(timeout_s)
+            if not await self._source.wait(deadline):
                 raise NoAnswer(f"stream {self.path}: nothing new within {timeout_s} s")
 
     def __aiter__(self) -> "StreamReader[T]":

@@ -6,7 +6,7 @@ from typing import TypeVar
 import msgspec
 
 from swarmware.module.board import BoardReader
-from swarmware.module.foreign import ForeignTime
+from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.writer import BoardWriter
 from swarmware.names import data_id
 from swarmware.node import Node, Publication
@@ -28,11 +28,11 @@ class StreamWriter(BoardWriter[T]):
         resource: Resource,
         cls: type[T],
         publication: Publication,
-        foreign: ForeignTime,
+        remote_clocks: RemoteClocks,
     ) -> None:
         super().__init__(node, app_id, resource, cls, publication)
         self._node = node
-        self._foreign = foreign
+        self._remote_clocks = remote_clocks
         self._losses: BoardReader[StreamLosses] | None = None
 
     @property
@@ -43,7 +43,7 @@ class StreamWriter(BoardWriter[T]):
         """
         if self._losses is None:
             identity = data_id(LOSSES, StreamLosses.__name__)
-            self._losses = BoardReader(self._node, LOSSES, StreamLosses, identity, self._foreign)
+            self._losses = BoardReader(self._node, LOSSES, StreamLosses, identity, self._remote_clocks)
         told = self._losses.value or StreamLosses()
         return {one.platform: one.items for one in told.losses if one.path == self.path}
 

@@ -1,10 +1,10 @@
-"""Waiting for something that a callback tells: futures with a time limit, no tasks."""
+"""Waiting for a callback: futures with a deadline, no tasks."""
 
 import asyncio
 
 
 class Wakeup:
-    """Those who wait for one thing."""
+    """The waiters for one condition."""
 
     __slots__ = ("_loop", "_waiters")
 
@@ -14,11 +14,11 @@ class Wakeup:
 
     @property
     def awaited(self) -> bool:
-        """Whether anybody waits."""
+        """Whether there is a waiter."""
         return bool(self._waiters)
 
     def notify(self) -> None:
-        """Wake all who wait."""
+        """Wake all waiters."""
         for future in self._waiters:
             if not future.done():
                 future.set_result(True)
@@ -41,8 +41,8 @@ def _expire(future: "asyncio.Future[bool]") -> None:
         future.set_result(False)
 
 
-class Patience:
-    """The rest of a time limit, over several waits."""
+class Deadline:
+    """A point in time that limits several waits."""
 
     __slots__ = ("_deadline_s", "_loop")
 
@@ -50,6 +50,6 @@ class Patience:
         self._loop = asyncio.get_running_loop()
         self._deadline_s = None if timeout_s is None else self._loop.time() + timeout_s
 
-    def rest_s(self) -> float | None:
+    def remaining_s(self) -> float | None:
         """Time left, 0 when it is over; None without a limit."""
         return None if self._deadline_s is None else max(0.0, self._deadline_s - self._loop.time())

@@ -15,19 +15,19 @@ from swarmware.config import NodeConfig, find_config_dir, load_node
 from swarmware.errors import SwarmError
 from swarmware.master import Master
 from swarmware.names import hardware_id
-from swarmware.node.boot import Boot
 from swarmware.node.ending import Ending
+from swarmware.node.incarnation import NodeIncarnation
 from swarmware.node.publication import Publication
 from swarmware.post import Post
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import ring_file
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.reap import BELLS_FOLDER
 
 APPS_TABLE: Final = "apps.readers"
-"""Bells of those who want to know when applications come, go or change."""
+"""Doorbells of the processes that are woken when applications join, leave or change."""
 MIRRORS_TABLE: Final = "mirrors.readers"
-"""Bells of those who want to know when a mirror of another platform's resource appears."""
+"""Doorbells of the processes that are woken when a mirror of another platform's resource appears."""
 TEND_S: Final = 1.0
 """How often a process looks whether its files in shared memory are as it made them."""
 MIRROR_SLOTS: Final = 4
@@ -86,12 +86,12 @@ class Node:
         self._listens: Counter[Path] = Counter()
         self._complained = ""
         self._loop = asyncio.get_running_loop()
-        self._boot = Boot(self.run_dir, self.shm_dir)
-        self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._boot.boot_id)
+        self._incarnation = NodeIncarnation(self.run_dir, self.shm_dir)
+        self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._incarnation.boot_id)
         self.started_ns = self.clock.now_ns()
         self.ending = Ending()
         self.table = AppTable(self.run_dir)
-        self.pulls = BellPulls(self.run_dir / BELLS_FOLDER)
+        self.doorbells = DoorbellSenders(self.run_dir / BELLS_FOLDER)
         self.doorbell = Doorbell(self.run_dir / BELLS_FOLDER)
         self.post = Post(
             platform=self.platform,
@@ -100,12 +100,14 @@ class Node:
             socket_path=self.run_dir / "p" / f"{self.doorbell.name}.sock",
             table=self.table,
         )
-        self._apps_bells = Bells(self.shm_dir / APPS_TABLE, self.pulls)
-        self._mirror_bells = Bells(self.shm_dir / MIRRORS_TABLE, self.pulls)
+        self._apps_watchers = ReaderNotifier(self.shm_dir / APPS_TABLE, self.doorbells)
+        self._mirror_watchers = ReaderNotifier(self.shm_dir / MIRRORS_TABLE, self.doorbells)
         self._publications: WeakSet[Publication] = WeakSet()
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
         self._tending = self._loop.call_later(TEND_S, self._tend)
-        self.master = Master(self, config.unit, self.shm_dir / APPS_TABLE, candidate=not self._boot.guest)
+        self.master = Master(
+            self, config.unit, self.shm_dir / APPS_TABLE, candidate=not self._incarnation.guest
+        )
         self.watch(self.master)
 
     @classmethod
@@ -145,7 +147,7 @@ class Node:
             self._enter(readers)
 
     def _enter(self, readers: Path) -> None:
-        with Bells(readers, self.pulls) as bells:
+        with ReaderNotifier(readers, self.doorbells) as bells:
             bells.add(self.doorbell.name)
 
     def unlisten(self, readers: Path) -> None:
@@ -153,7 +155,7 @@ class Node:
         self._listens[readers] -= 1
         if self._listens[readers] <= 0:
             del self._listens[readers]
-            with Bells(readers, self.pulls) as bells:
+            with ReaderNotifier(readers, self.doorbells) as bells:
                 bells.remove(self.doorbell.name)
 
     def _on_bell(self) -> None:
@@ -191,8 +193,8 @@ class Node:
     # -- news for others
 
     def announce_apps(self) -> None:
-        """Ring those who watch the application files."""
-        self._apps_bells.ring()
+        """Wake the processes that watch the application files."""
+        self._apps_watchers.notify()
 
     def publication(
         self, path: str, *, slots: int, slot_bytes: int, platform: str | None = None
@@ -202,7 +204,7 @@ class Node:
         Raises: RingBusy when another process writes it.
         """
         ring = ring_file(self.shm_dir, path, platform)
-        made = Publication(ring, self.pulls, slots=slots, slot_bytes=slot_bytes)
+        made = Publication(ring, self.doorbells, slots=slots, slot_bytes=slot_bytes)
         self._publications.add(made)
         return made
 
@@ -213,7 +215,7 @@ class Node:
         publication = self.publication(path, slots=slots, slot_bytes=slot_bytes, platform=platform)
         now_ns = utc_ns()
         os.utime(self.shm_dir, ns=(now_ns, now_ns))  # what `BoardSet` looks at
-        self._mirror_bells.ring()
+        self._mirror_watchers.notify()
         return publication
 
     async def close(self) -> None:
@@ -230,9 +232,9 @@ class Node:
         self._tending.cancel()
         self._loop.remove_reader(self.doorbell.fd)
         self.post.close()
-        self._apps_bells.close()
-        self._mirror_bells.close()
+        self._apps_watchers.close()
+        self._mirror_watchers.close()
         self.doorbell.close()
-        self.pulls.close()
+        self.doorbells.close()
         with contextlib.suppress(FileNotFoundError):
-            self._boot.leave()
+            self._incarnation.leave()

@@ -1,14 +1,14 @@
-"""A ring that this process writes, with the bells of those who read it."""
+"""A ring that this process writes, and the notifier of its readers."""
 
 from pathlib import Path
 from typing import Final
 
 from swarmware.errors import OutOfRange
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.doorbell import DoorbellSenders
 from swarmware.shm.layout import MAX_SLOT_BYTES, readers_folder
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.ring import RingWriter
-from swarmware.shm.ringfile import Heritage
+from swarmware.shm.ringfile import EpochPosition
 
 ALIGN: Final = 256
 """Slots grow in steps of this many bytes."""
@@ -18,18 +18,18 @@ class Publication:
     """Publishes frames; its ring is replaced by one of larger slots when a frame does not fit."""
 
     def __init__(
-        self, path: Path, pulls: BellPulls, *, slots: int, slot_bytes: int, mode: int = 0o640
+        self, path: Path, doorbells: DoorbellSenders, *, slots: int, slot_bytes: int, mode: int = 0o640
     ) -> None:
         self.path = path
         self._mode = mode
         self._slots = slots
         self._ring = RingWriter(path, slots=slots, slot_bytes=slot_bytes, mode=mode)
-        self._heritage: Heritage | None = None
-        """Of a damaged ring that could not be replaced yet."""
+        self._resume: EpochPosition | None = None
+        """Where a damaged ring that could not be replaced yet goes on."""
         self._newest: bytes | bytearray | None = None
         """The newest frame of this process; None: it was a loan, or there was none yet."""
-        self._bells = Bells(readers_folder(path), pulls)
-        self._bells.ring()  # readers may have been waiting for a writer to come
+        self._readers = ReaderNotifier(readers_folder(path), doorbells)
+        self._readers.notify()  # readers may have been waiting for a writer to come
 
     @property
     def sequence(self) -> int:
@@ -41,18 +41,18 @@ class Publication:
 
         A bytearray may be changed afterwards, for the next frame only.
         """
-        if self._heritage is not None:
+        if self._resume is not None:
             self._replace()
         if len(data) > self._ring.slot_bytes:
             self._grow(len(data))
         sequence = self._ring.write(data)
         self._newest = data
-        self._bells.ring()
+        self._readers.notify()
         return sequence
 
     def loan(self, length: int) -> memoryview:
         """The bytes of the next frame, to be filled in place; nothing is visible before `publish_loan`."""
-        if self._heritage is not None:
+        if self._resume is not None:
             self._replace()
         if length > self._ring.slot_bytes:
             self._grow(length)
@@ -62,7 +62,7 @@ class Publication:
         """Publish the frame on loan and wake the readers."""
         sequence = self._ring.publish()
         self._newest = None
-        self._bells.ring()
+        self._readers.notify()
         return sequence
 
     def abandon(self) -> None:
@@ -85,28 +85,28 @@ class Publication:
         write it again, and who has read it does not get it twice.
         Raises: as the constructor; it is then tried again with the next frame.
         """
-        if self._heritage is None:
+        if self._resume is None:
             if self._ring.intact():
                 return False
-            self._heritage = self._ring.discard()
+            self._resume = self._ring.discard()
         self._replace()
         return True
 
     def _replace(self) -> None:
-        heritage, newest = self._heritage, self._newest
-        if heritage is not None and newest is not None:
-            lineage, sequence = heritage
-            heritage = (lineage, sequence - 1)
+        resume, newest = self._resume, self._newest
+        if resume is not None and newest is not None:
+            epoch, sequence = resume
+            resume = (epoch, sequence - 1)
         self._ring = RingWriter(
-            self.path, slots=self._slots, slot_bytes=self._ring.slot_bytes, mode=self._mode, heritage=heritage
+            self.path, slots=self._slots, slot_bytes=self._ring.slot_bytes, mode=self._mode, resume=resume
         )
         if newest is not None:
             self._ring.write(newest)
-        self._heritage = None
-        self._bells.ring()
+        self._resume = None
+        self._readers.notify()
 
     def close(self, *, unlink: bool = True) -> None:
         """Stop writing; without `unlink` the newest frames stay readable until the node ends."""
         self._ring.close(unlink=unlink)
-        self._bells.ring()
-        self._bells.close()
+        self._readers.notify()
+        self._readers.close()

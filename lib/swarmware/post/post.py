@@ -11,12 +11,12 @@ from typing import Final, NamedTuple, Protocol
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock
 from swarmware.delivery import (
+    Complete,
+    DuplicateFilter,
+    DuplicateState,
     Key,
     Outbox,
     Outcome,
-    Received,
-    Seen,
-    Settle,
     Status,
     answer,
     answerable,
@@ -85,7 +85,7 @@ class Post:
         self._apps: set[int] = set()
         self._clocks: dict[Clocks, None] = {}
         self._outbox = Outbox(hardware)
-        self._received = Received()
+        self._received = DuplicateFilter()
         self._messages: dict[Key, asyncio.Future[Outcome]] = {}
         self._requests: dict[Key, asyncio.Future[Reply]] = {}
         self._windows: Counter[tuple[int, int]] = Counter()
@@ -203,10 +203,10 @@ class Post:
 
     def _carry_out(self, actions: list[Action]) -> None:
         for action in actions:
-            if isinstance(action, Settle):
+            if isinstance(action, Complete):
                 self._settle(action.key, action.outcome)
             else:
-                if action.again:
+                if action.retransmission:
                     self._probe()
                 self._route(action.frame, None)
 
@@ -320,7 +320,7 @@ class Post:
             self._answer(frame, Status.ABSENT, "the inbox was closed", via)
             return
         origin = (frame.sender_hw, frame.sender_app, frame.data_id, frame.sequence)
-        seen = self._received.look(origin)
+        seen = self._received.lookup(origin)
         if seen is not None:
             self._answer_again(frame, seen, via)
         elif self.expired(frame):
@@ -341,10 +341,10 @@ class Post:
             takes = "messages" if served.message is not None else "requests"
             self._answer(frame, Status.REFUSED, f"this path takes {takes} only", via)
 
-    def _answer_again(self, frame: Frame, seen: bytes | Seen, via: Identity | None) -> None:
+    def _answer_again(self, frame: Frame, seen: bytes | DuplicateState, via: Identity | None) -> None:
         if isinstance(seen, bytes):
             self._give_back(frame, Kind.REPLY if frame.kind is Kind.REQUEST else Kind.ACK, seen, via)
-        elif seen is Seen.IN_WORK or frame.kind is not Kind.REQUEST:
+        elif seen is DuplicateState.IN_WORK or frame.kind is not Kind.REQUEST:
             self._answer(frame, Status.DELIVERED, "", via)
         else:
             self._replied(frame, via, Reply(False, kind="NoAnswer", error="the answer is no longer held"))

@@ -12,9 +12,9 @@ from swarmware.appfile.trace import died, last_of
 from swarmware.errors import NotFound, SwarmError
 from swarmware.node import Node
 from swarmware.node.node import APPS_TABLE
-from swarmware.service.births import GUARD, settled, spawn_missing
 from swarmware.service.child import Child
 from swarmware.service.lives import PAUSES_S, Lives
+from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
 
 LOOK_S: Final = 0.5
 """How often a guard that is missed is looked for: another process may have started it, and been killed."""
@@ -57,7 +57,7 @@ class GuardWatch:
             guard = self._find()
             if guard is not None:
                 self._lives.on_ready(node.clock.now_ns())
-                settled(GUARD, node.run_dir)
+                clear_start_record(GUARD, node.run_dir)
                 await _end_of(guard.pid)
                 missed = _alone(guard) and died(node.run_dir, guard)
                 if missed:

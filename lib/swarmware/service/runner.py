@@ -17,12 +17,12 @@ from swarmware.errors import SwarmError
 from swarmware.node import Node
 from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
-from swarmware.service.births import GUARD
 from swarmware.service.find import find
 from swarmware.service.guardwatch import GuardWatch
 from swarmware.service.host import Host, Prepared
 from swarmware.service.notify import Notifier
 from swarmware.service.reason import reason
+from swarmware.service.starting import GUARD
 
 DRAIN_S: Final = 4.0
 """From SIGTERM to the end; units give five seconds."""

@@ -1,7 +1,7 @@
-"""The doorbell: a named FIFO that wakes one process; and the ends that the others hold of it.
+"""The doorbell: a named FIFO that wakes one process; and the descriptors by which other processes ring it.
 
-The owner has it open for reading and writing, so it never sees an end of file. Others write one byte without
-waiting: EAGAIN means that it is ringing already, ENXIO or EPIPE that the owner is gone.
+The owner opens it for reading and writing, so it never sees an end of file. Others write one byte without
+waiting: EAGAIN means that it is ringing already, ENXIO or EPIPE that it has no owner.
 """
 
 import contextlib
@@ -30,9 +30,9 @@ _PIPE_BYTES = 4096
 
 @contextlib.contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Nobody else makes or removes a doorbell meanwhile.
+    """Exclude other processes from making or removing a doorbell.
 
-    Without it `reap` could take a FIFO between its making and its opening for one that the dead left.
+    Without it `reap` could take a FIFO between its making and its opening for one of a dead process.
     """
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -43,8 +43,8 @@ def folder_lock(folder: Path) -> Iterator[None]:
         os.close(fd)
 
 
-def open_bell(path: Path) -> int | None:
-    """Descriptor for ringing; None when nobody would hear it.
+def open_sender(path: Path) -> int | None:
+    """Descriptor for ringing; None when the doorbell has no owner.
 
     Raises: Denied.
     """
@@ -63,7 +63,7 @@ def open_bell(path: Path) -> int | None:
 
 
 class Doorbell:
-    """This process's bell. Give `fd` to the event loop and `name` to the tables of readers."""
+    """The doorbell of this process: `fd` for the event loop, `name` for the folders of readers."""
 
     def __init__(self, folder: Path) -> None:
         make_folder(folder, folder.parent)
@@ -85,33 +85,33 @@ class Doorbell:
             try:
                 os.mkfifo(path, 0o600)
             except FileExistsError:
-                heard = open_bell(path)
-                if heard is None:  # left by a dead process that had our number
+                owned = open_sender(path)
+                if owned is None:  # left by a dead process that had our number
                     with contextlib.suppress(PermissionError):  # of another user: the next name is free
                         path.unlink()
                         continue
                 else:
-                    os.close(heard)
+                    os.close(owned)
                 ordinal += 1
                 continue
             share(path, self.folder, 0o660)
             return name
 
     def drain(self) -> bool:
-        """Silence the bell; look at the rings after it, not before. True: it had rung."""
+        """Empty the FIFO; read the rings after it, not before. True: it had rung."""
         try:
             return bool(os.read(self.fd, self._capacity_bytes))
         except BlockingIOError:
             return False
 
     def wait(self, timeout_s: float) -> bool:
-        """Block until the bell rings, and silence it: for programs without an event loop."""
+        """Block until it rings, and empty it: for programs without an event loop."""
         poll = select.poll()
         poll.register(self.fd, select.POLLIN)
         return bool(poll.poll(timeout_s * 1000)) and self.drain()
 
     def close(self) -> None:
-        """Remove the FIFO. Those who ring it find out by themselves."""
+        """Remove the FIFO; senders notice with their next ring."""
         if self.fd < 0:
             return
         with contextlib.suppress(FileNotFoundError), folder_lock(self.folder):
@@ -128,15 +128,15 @@ class Doorbell:
         self.close()
 
 
-class BellPulls:
-    """The ends of others' doorbells in this process: one descriptor each, however many rings use it."""
+class DoorbellSenders:
+    """Rings the doorbells of other processes: one descriptor each, however many rings use it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._fds: dict[str, int] = {}
 
     def ring(self, name: str) -> bool:
-        """Ring once, never waiting; False when its owner is gone, or does not let us."""
+        """Ring once, without waiting; False when it has no owner, or permission is denied."""
         fd = self._fds.get(name)
         if fd is not None:
             try:
@@ -151,9 +151,9 @@ class BellPulls:
 
     def _ring_first(self, name: str) -> bool:
         try:
-            fd = open_bell(self.folder / name)
+            fd = open_sender(self.folder / name)
         except Denied:
-            fd = None  # another user's, closed to us: it must not stop the writer
+            fd = None  # of another user: it must not stop the writer
         if fd is None:
             return False
         try:
@@ -166,6 +166,6 @@ class BellPulls:
         return True
 
     def close(self) -> None:
-        """Let go of all; they are opened again when needed."""
+        """Close all; they are opened again when needed."""
         while self._fds:
             os.close(self._fds.popitem()[1])

@@ -30,8 +30,8 @@ W_MOVED = 2
 W_SLOTS, W_SLOT_BYTES = 3, 4
 W_NONCE = 5
 """Random, one per file: who can read it back shares this memory with the writer."""
-W_LINEAGE = 6
-"""Random, handed on when a file is replaced: sequences of one lineage never start again."""
+W_EPOCH = 6
+"""Random; a file that replaces another inherits it: sequences of one epoch never start again."""
 W_FIRST = 7
 """Sequences up to this one were never in this file."""
 W_STATIC_CRC = 8
@@ -39,7 +39,7 @@ W_PID, W_START, W_BOOT_LOW, W_BOOT_HIGH = 9, 10, 11, 12
 W_NEWEST = 16
 """Sequence of the newest complete frame, on a cache line of its own; equal to W_FIRST: none yet."""
 
-_STATIC_WORDS = (W_MAGIC, W_VERSION, W_SLOTS, W_SLOT_BYTES, W_NONCE, W_LINEAGE, W_FIRST)
+_STATIC_WORDS = (W_MAGIC, W_VERSION, W_SLOTS, W_SLOT_BYTES, W_NONCE, W_EPOCH, W_FIRST)
 
 # slot words, counted from the slot's start
 S_BEFORE, S_AFTER, S_META = range(3)
@@ -110,14 +110,14 @@ def static_crc(words: memoryview) -> int:
     return zlib.crc32(b"".join(words[i].to_bytes(8, "little") for i in _STATIC_WORDS))
 
 
-def write_header(words: memoryview, geometry: Geometry, *, nonce: int, lineage: int, first: int) -> None:
+def write_header(words: memoryview, geometry: Geometry, *, nonce: int, epoch: int, first: int) -> None:
     """Fill in the header of a file that nobody else can see yet; its first frame will be first + 1."""
     words[W_MAGIC] = MAGIC
     words[W_VERSION] = VERSION
     words[W_SLOTS] = geometry.slots
     words[W_SLOT_BYTES] = geometry.slot_bytes
     words[W_NONCE] = nonce
-    words[W_LINEAGE] = lineage
+    words[W_EPOCH] = epoch
     words[W_FIRST] = first
     words[W_STATIC_CRC] = static_crc(words)
     words[W_NEWEST] = first

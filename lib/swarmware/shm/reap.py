@@ -12,7 +12,7 @@ import msgspec
 
 from swarmware.errors import Conflict, Denied, NotFound, WireError
 from swarmware.shm import layout
-from swarmware.shm.doorbell import folder_lock, open_bell
+from swarmware.shm.doorbell import folder_lock, open_sender
 from swarmware.shm.lock import try_lock
 from swarmware.shm.readers import remove_readers
 from swarmware.shm.ringfile import unlink_ring
@@ -135,7 +135,7 @@ def _remove_table(path: Path, bells_dir: Path, *, even_used: bool) -> bool:
         return remove_readers(path)
     alive = False
     for entry in _entries(path):
-        fd = open_bell(bells_dir / entry.name)
+        fd = open_sender(bells_dir / entry.name)
         if fd is None:
             entry.unlink(missing_ok=True)
         else:
@@ -152,7 +152,7 @@ def _remove_table(path: Path, bells_dir: Path, *, even_used: bool) -> bool:
 def _remove_bell(path: Path, *, even_used: bool) -> bool:
     with folder_lock(path.parent):
         if not even_used:
-            fd = open_bell(path)
+            fd = open_sender(path)
             if fd is not None:
                 os.close(fd)
                 return False

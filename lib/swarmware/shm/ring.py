@@ -39,7 +39,7 @@ class RingWriter:
     """The one writer of a ring.
 
     An existing ring of the same slots goes on where its dead owner stopped, and its readers notice nothing.
-    A ring of another layout is replaced by a new file: its readers see `moved`. Ring the bells either way.
+    A ring of another layout is replaced by a new file: its readers see `moved`. Notify them either way.
     Raises: RingBusy when a living process writes it, RingFull without room, OutOfRange beyond the limits.
     """
 
@@ -50,15 +50,15 @@ class RingWriter:
         slots: int,
         slot_bytes: int,
         mode: int = 0o640,
-        heritage: ringfile.Heritage | None = None,
+        resume: ringfile.EpochPosition | None = None,
     ) -> None:
         self.path = path
         self.slots = slots
         self.slot_bytes = slot_bytes
         geometry = Geometry(slots, slot_bytes)
-        self._map, self.taken_over = ringfile.claim(path, geometry, mode, heritage)
+        self._map, self.taken_over = ringfile.claim(path, geometry, mode, resume)
         self._words = memoryview(self._map).cast("Q")
-        self._lineage = self._words[layout.W_LINEAGE]
+        self._lineage = self._words[layout.W_EPOCH]
         self._name = str(path)  # a look once a second by this costs a third of one by `Path`
         self._file = path.lstat()
         self._stride = geometry.stride
@@ -183,7 +183,7 @@ class RingWriter:
             return None
         return found if os.path.samestat(found, self._file) else None
 
-    def discard(self) -> ringfile.Heritage:
+    def discard(self) -> ringfile.EpochPosition:
         """Let go of a damaged file; what a new writer in its place needs to go on."""
         self.abandon()
         if not self._cut():
@@ -277,13 +277,13 @@ class RingReader:
         """
         fresh = RingReader(self.path)
         fresh.lost = self.lost
-        fresh.position, fresh.seen = (self.position, self.seen) if fresh.continues(self) else (0, 0)
+        fresh.position, fresh.seen = (self.position, self.seen) if fresh.same_epoch(self) else (0, 0)
         self.close()
         return fresh
 
-    def continues(self, former: "RingReader") -> bool:
+    def same_epoch(self, former: "RingReader") -> bool:
         """Whether its sequences go on from those of a former file at the path; else they start again."""
-        return self._words[layout.W_LINEAGE] == former._words[layout.W_LINEAGE]
+        return self._words[layout.W_EPOCH] == former._words[layout.W_EPOCH]
 
     @property
     def owner(self) -> Owner:

@@ -64,16 +64,16 @@ def absent(path: str) -> bool:
     return False
 
 
-Heritage = tuple[int, int]
-"""Lineage and newest sequence of a ring that is replaced."""
+EpochPosition = tuple[int, int]
+"""Epoch and newest sequence of a ring, with which its replacement goes on."""
 
 
 def claim(
-    path: Path, geometry: Geometry, mode: int, heritage: Heritage | None = None
+    path: Path, geometry: Geometry, mode: int, resume: EpochPosition | None = None
 ) -> tuple[mmap.mmap, bool]:
     """Become the one writer of the ring at the path; True: an earlier ring goes on in place.
 
-    The lock belongs to the map and goes with it. `heritage`: of a damaged ring, by its own writer.
+    The lock belongs to the map and goes with it. `resume`: where the writer of a damaged ring goes on.
     Raises: RingBusy, RingFull, Denied.
     """
     geometry.check(path)
@@ -83,11 +83,11 @@ def claim(
             old_fd = _lock_existing(path)
             try:
                 ring = None
-                if old_fd is not None and heritage is None:
+                if old_fd is not None and resume is None:
                     ring = _take_over(old_fd, path, geometry)
                 if ring is not None:
                     return ring, True
-                ring = _make(path, geometry, mode, old_fd, heritage)
+                ring = _make(path, geometry, mode, old_fd, resume)
                 if ring is not None:
                     return ring, False
             finally:
@@ -179,7 +179,7 @@ def _newest_complete(ring: mmap.mmap, words: memoryview, geometry: Geometry) -> 
 
 
 def _make(
-    path: Path, geometry: Geometry, mode: int, old_fd: int | None, heritage: Heritage | None
+    path: Path, geometry: Geometry, mode: int, old_fd: int | None, resume: EpochPosition | None
 ) -> mmap.mmap | None:
     """A new ring at the path, or in the place of the locked old one; None: somebody was faster."""
     unfinished = path.with_name(path.name + layout.UNFINISHED_SUFFIX)
@@ -193,9 +193,9 @@ def _make(
             unfinished.unlink()
             return None
         try:
-            if heritage is None:
-                heritage = (secrets.randbits(64), 0) if old_fd is None else _heritage(old_fd)
-            ring = _fill(fd, path, geometry, mode, heritage)
+            if resume is None:
+                resume = (secrets.randbits(64), 0) if old_fd is None else _inherited_epoch(old_fd)
+            ring = _fill(fd, path, geometry, mode, resume)
             if old_fd is not None:
                 os.pwrite(old_fd, b"\1", layout.W_MOVED * 8)  # damaged or not: its readers must open again
             unfinished.rename(path)
@@ -211,28 +211,28 @@ def _vacant(path: Path, old_fd: int | None) -> bool:
     return not path.exists() if old_fd is None else stands_at(old_fd, path)
 
 
-def _fill(fd: int, path: Path, geometry: Geometry, mode: int, heritage: Heritage) -> mmap.mmap:
+def _fill(fd: int, path: Path, geometry: Geometry, mode: int, resume: EpochPosition) -> mmap.mmap:
     os.ftruncate(fd, 0)  # what a maker killed here before left behind
     os.posix_fallocate(fd, 0, geometry.file_bytes)  # a full file system is an error now, not a SIGBUS later
     os.fchmod(fd, mode)
     share(fd, path.parent, mode)
     ring = _map(fd, geometry.file_bytes)
     words = memoryview(ring).cast("Q")
-    lineage, first = heritage
-    layout.write_header(words, geometry, nonce=secrets.randbits(64), lineage=lineage, first=first)
+    epoch, first = resume
+    layout.write_header(words, geometry, nonce=secrets.randbits(64), epoch=epoch, first=first)
     layout.write_owner(words, Owner.current())
     words.release()
     return ring
 
 
-def _heritage(old_fd: int) -> Heritage:
-    """Lineage and newest sequence of the ring that is replaced; a new lineage if it is none or damaged."""
+def _inherited_epoch(old_fd: int) -> EpochPosition:
+    """Epoch and newest sequence of the ring that is replaced; a new epoch if it is none or damaged."""
     header = os.pread(old_fd, layout.HEADER_BYTES, 0)
     words = memoryview(header.ljust(layout.HEADER_BYTES, b"\0")).cast("Q")
     with contextlib.suppress(WireError):
         layout.read_header(words, os.fstat(old_fd).st_size, Path())
         if words[layout.W_FIRST] <= words[layout.W_NEWEST] < 1 << 63:
-            return words[layout.W_LINEAGE], words[layout.W_NEWEST]
+            return words[layout.W_EPOCH], words[layout.W_NEWEST]
     return secrets.randbits(64), 0
 
 

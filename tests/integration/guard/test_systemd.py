@@ -4,8 +4,8 @@ import asyncio
 from pathlib import Path
 
 from swarmd.guard.supervisor import Systemd
-from swarmware.service.births import newborn, spawn
 from swarmware.service.child import Child
+from swarmware.service.starting import spawn, starting_pid
 from swarmware.testing import make_node, no_leaks
 
 
@@ -52,9 +52,9 @@ async def test_a_child_is_found_again_by_its_note_until_it_has_joined_or_ended(t
     run_dir.mkdir()
     with no_leaks():
         started = spawn("nosuch", config, run_dir)
-        assert newborn("nosuch", run_dir) == started.pid
+        assert starting_pid("nosuch", run_dir) == started.pid
         ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         child = Child(started, ended.set_result)
         assert await asyncio.wait_for(ended, 20.0) == "exit 6"
         child.close()
-        assert newborn("nosuch", run_dir) == 0
+        assert starting_pid("nosuch", run_dir) == 0

@@ -20,9 +20,9 @@ from pathlib import Path
 from types import CodeType, FrameType
 
 from swarmware.errors import NotFound
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import CHECKED_SLOT_BYTES, readers_folder, ring_file
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.reap import BELLS_FOLDER, reap, remove_all
 from swarmware.shm.ring import RingReader, RingWriter
 
@@ -37,7 +37,7 @@ class Case:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.path = ring_file(folder, "nav/pose")
-        self.pulls = BellPulls(folder / BELLS_FOLDER)
+        self.doorbells = DoorbellSenders(folder / BELLS_FOLDER)
 
     def prepare(self) -> None:
         """In the parent, before the fork."""
@@ -52,7 +52,7 @@ class Case:
 
     def check_empty(self) -> None:
         """After a restart and reaping nothing may be left."""
-        self.pulls.close()
+        self.doorbells.close()
         reap(self.folder, self.folder)
         left = [path for path in self.folder.rglob("*") if not path.is_dir()]
         assert left == [], left
@@ -193,18 +193,18 @@ class Add(Case):
 
     def do(self) -> Callable[[], object]:
         doorbell = Doorbell(self.folder / BELLS_FOLDER)
-        bells = Bells(readers_folder(self.path), self.pulls)
+        bells = ReaderNotifier(readers_folder(self.path), self.doorbells)
         return lambda: bells.add(doorbell.name)
 
     def check(self, *, killed: bool) -> None:
         with (
             Doorbell(self.folder / BELLS_FOLDER) as doorbell,
-            Bells(readers_folder(self.path), self.pulls) as writer,
-            Bells(readers_folder(self.path), self.pulls) as reader,
+            ReaderNotifier(readers_folder(self.path), self.doorbells) as writer,
+            ReaderNotifier(readers_folder(self.path), self.doorbells) as reader,
         ):
-            writer.ring()
+            writer.notify()
             reader.add(doorbell.name)
-            writer.ring()
+            writer.notify()
             assert doorbell.drain()
             assert writer.names() == (doorbell.name,)
             reader.remove(doorbell.name)
@@ -216,13 +216,13 @@ class AddAtWriter(Add):
 
     def prepare(self) -> None:
         self.doorbell = Doorbell(self.folder / BELLS_FOLDER)
-        self.writer = Bells(readers_folder(self.path), self.pulls)
+        self.writer = ReaderNotifier(readers_folder(self.path), self.doorbells)
         self.writer.add(self.doorbell.name)
-        self.writer.ring()
+        self.writer.notify()
 
     def check(self, *, killed: bool) -> None:
         assert self.doorbell.drain()
-        self.writer.ring()
+        self.writer.notify()
         assert self.doorbell.drain()
         self.doorbell.close()
         super().check(killed=killed)
@@ -232,7 +232,7 @@ class AddAtWriter(Add):
 class Remove(AddAtWriter):
     def do(self) -> Callable[[], object]:
         doorbell = Doorbell(self.folder / BELLS_FOLDER)
-        bells = Bells(readers_folder(self.path), self.pulls)
+        bells = ReaderNotifier(readers_folder(self.path), self.doorbells)
         bells.add(doorbell.name)
         return lambda: bells.remove(doorbell.name)
 
@@ -241,9 +241,9 @@ class RingDead(AddAtWriter):
     """The child is a writer that drops a reader which is gone."""
 
     def do(self) -> Callable[[], object]:
-        bells = Bells(readers_folder(self.path), self.pulls)
+        bells = ReaderNotifier(readers_folder(self.path), self.doorbells)
         bells.add("17-0")
-        return bells.ring
+        return bells.notify
 
 
 class MakeDoorbell(Case):
@@ -252,7 +252,7 @@ class MakeDoorbell(Case):
 
     def check(self, *, killed: bool) -> None:
         with Doorbell(self.folder / BELLS_FOLDER) as doorbell:
-            assert self.pulls.ring(doorbell.name)
+            assert self.doorbells.ring(doorbell.name)
             assert doorbell.drain()
         self.check_empty()
 
@@ -270,7 +270,7 @@ class Reap(RingCase):
         RingWriter(ring_file(self.folder, "nav/pose", "uav1"), slots=4, slot_bytes=SMALL).close()
         self.path.with_name("x.ring.new").write_bytes(bytes(100))
         self.table = readers_folder(self.path)
-        self.writer = Bells(self.table, self.pulls)
+        self.writer = ReaderNotifier(self.table, self.doorbells)
         self.writer.add("17-0")
         (self.folder / BELLS_FOLDER).mkdir(exist_ok=True)
         os.mkfifo(self.folder / BELLS_FOLDER / "17-0")
@@ -279,15 +279,15 @@ class Reap(RingCase):
         return lambda: reap(self.folder, self.folder)
 
     def check(self, *, killed: bool) -> None:
-        self.writer.ring()
+        self.writer.notify()
         with (
             Doorbell(self.folder / BELLS_FOLDER) as doorbell,
-            Bells(self.table, self.pulls) as reader,
+            ReaderNotifier(self.table, self.doorbells) as reader,
             RingWriter(self.path, slots=4, slot_bytes=SMALL) as writer,
         ):
             reader.add(doorbell.name)
             assert writer.write(b"healed") in {1, 6}
-            self.writer.ring()
+            self.writer.notify()
             assert doorbell.drain()
             assert self.read_on() == [b"healed"]
             reader.remove(doorbell.name)

@@ -3,16 +3,16 @@
 import sys
 from pathlib import Path
 
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import readers_folder
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.ring import RingReader
 
 
 def main() -> None:
     path = Path(sys.argv[1])
     folder = path.parent / "bells"
-    with Doorbell(folder) as doorbell, Bells(readers_folder(path), BellPulls(folder)) as bells:
+    with Doorbell(folder) as doorbell, ReaderNotifier(readers_folder(path), DoorbellSenders(folder)) as bells:
         bells.add(doorbell.name)
         with RingReader(path, after=0) as reader:
             print("ready", flush=True)

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from swarmware.errors import NotFound
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import RingBusy, readers_folder, ring_file
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.reap import BELLS_FOLDER, reap
 from swarmware.shm.ring import RingReader, RingWriter
 
@@ -81,8 +81,11 @@ def test_a_writer_killed_in_a_tight_loop_leaves_whole_frames_and_its_successor_g
 ) -> None:
     chance = random.Random(slot_bytes)
     path = ring_file(folder, "nav/pose")
-    pulls = BellPulls(folder / BELLS_FOLDER)
-    with Doorbell(folder / BELLS_FOLDER) as doorbell, Bells(readers_folder(path), pulls) as bells:
+    doorbells = DoorbellSenders(folder / BELLS_FOLDER)
+    with (
+        Doorbell(folder / BELLS_FOLDER) as doorbell,
+        ReaderNotifier(readers_folder(path), doorbells) as bells,
+    ):
         bells.add(doorbell.name)
         writers.start(path, slot_bytes, manner)
         assert doorbell.wait(30)  # registered before there was a ring
@@ -119,16 +122,16 @@ def test_a_writer_killed_in_a_tight_loop_leaves_whole_frames_and_its_successor_g
         assert given + stream.lost == stream.position == board.sequence
         board.close()
         stream.close()
-    pulls.close()
+    doorbells.close()
 
 
 def test_a_stopped_reader_stops_nobody_and_counts_what_it_missed(folder: Path) -> None:
     path = ring_file(folder, "nav/pose")
-    pulls = BellPulls(folder / BELLS_FOLDER)
+    doorbells = DoorbellSenders(folder / BELLS_FOLDER)
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
     with (
         RingWriter(path, slots=16, slot_bytes=64) as writer,
-        Bells(readers_folder(path), pulls) as bells,
+        ReaderNotifier(readers_folder(path), doorbells) as bells,
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
     ):
         assert process.stdout is not None
@@ -137,33 +140,33 @@ def test_a_stopped_reader_stops_nobody_and_counts_what_it_missed(folder: Path) -
         os.waitid(os.P_PID, process.pid, os.WSTOPPED)
         for number in range(1, 20_001):  # several times what the doorbell holds
             writer.write(b"%d" % number)
-            bells.ring()
+            bells.notify()
         os.kill(process.pid, signal.SIGCONT)
         writer.write(b"end")
-        bells.ring()
+        bells.notify()
         given, lost, newest = process.stdout.readline().split()
         assert newest == "end"
         assert int(given) + int(lost) == 20_001
         assert 0 < int(given) <= 17
-    pulls.close()
+    doorbells.close()
 
 
 def test_a_doorbell_of_a_killed_reader_is_dropped_by_the_writer(folder: Path) -> None:
     path = ring_file(folder, "nav/pose")
-    pulls = BellPulls(folder / BELLS_FOLDER)
+    doorbells = DoorbellSenders(folder / BELLS_FOLDER)
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
-    with RingWriter(path, slots=4, slot_bytes=64), Bells(readers_folder(path), pulls) as bells:
+    with RingWriter(path, slots=4, slot_bytes=64), ReaderNotifier(readers_folder(path), doorbells) as bells:
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == "ready\n"
-            bells.ring()
+            bells.notify()
             assert len(bells.names()) == 1
             process.kill()
-        bells.ring()
+        bells.notify()
         assert bells.names() == ()
         (left,) = (folder / BELLS_FOLDER).iterdir()
         assert reap(folder, folder).removed == (left,)
-    pulls.close()
+    doorbells.close()
 
 
 def test_of_many_processes_exactly_one_writes(folder: Path) -> None:
@@ -208,7 +211,7 @@ def test_reaping_never_takes_what_a_living_process_uses(folder: Path) -> None:
     code = (
         "import sys\n"
         "from pathlib import Path\n"
-        "from swarmware.shm.doorbell import BellPulls, Doorbell\n"
+        "from swarmware.shm.doorbell import DoorbellSenders, Doorbell\n"
         "from swarmware.shm.ring import RingReader, RingWriter\n"
         "folder = Path(sys.argv[1])\n"
         "for turn in range(400):\n"
@@ -217,9 +220,9 @@ def test_reaping_never_takes_what_a_living_process_uses(folder: Path) -> None:
         "            assert reader.nonce == writer.nonce, turn\n"
         "            assert reader.in_place(), turn\n"
         "    with Doorbell(folder / 'bells') as bell:\n"
-        "        pulls = BellPulls(folder / 'bells')\n"
-        "        assert pulls.ring(bell.name) and bell.drain(), turn\n"
-        "        pulls.close()\n"
+        "        doorbells = DoorbellSenders(folder / 'bells')\n"
+        "        assert doorbells.ring(bell.name) and bell.drain(), turn\n"
+        "        doorbells.close()\n"
     )
     removed = 0
     with subprocess.Popen([sys.executable, "-c", code, str(folder)]) as process:
@@ -232,8 +235,8 @@ def test_reaping_never_takes_what_a_living_process_uses(folder: Path) -> None:
 def test_a_second_process_is_told_who_writes_and_may_after_its_death(folder: Path, writers: Writers) -> None:
     path = ring_file(folder, "nav/pose")
     with Doorbell(folder / BELLS_FOLDER) as doorbell:
-        pulls = BellPulls(folder / BELLS_FOLDER)
-        with Bells(readers_folder(path), pulls) as bells:
+        doorbells = DoorbellSenders(folder / BELLS_FOLDER)
+        with ReaderNotifier(readers_folder(path), doorbells) as bells:
             bells.add(doorbell.name)
         writers.start(path, 64, "write")
         assert doorbell.wait(30)
@@ -250,4 +253,4 @@ def test_a_second_process_is_told_who_writes_and_may_after_its_death(folder: Pat
                 writer.close(unlink=True)
         with pytest.raises(NotFound):
             RingReader(path)
-        pulls.close()
+        doorbells.close()

@@ -9,9 +9,9 @@ import os
 import sys
 from pathlib import Path
 
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.doorbell import DoorbellSenders
 from swarmware.shm.layout import readers_folder
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.ring import RingWriter
 
 MOST_FRAMES = 3_000_000
@@ -25,7 +25,7 @@ def frame(number: int, slot_bytes: int) -> bytes:
 
 
 def write(path: Path, slots: int, slot_bytes: int, manner: str) -> None:
-    bells = Bells(readers_folder(path), BellPulls(path.parent / "bells"))
+    bells = ReaderNotifier(readers_folder(path), DoorbellSenders(path.parent / "bells"))
     writer = RingWriter(path, slots=slots, slot_bytes=slot_bytes)
     for number in range(writer.sequence + 1, writer.sequence + MOST_FRAMES):
         data = frame(number, slot_bytes)
@@ -34,7 +34,7 @@ def write(path: Path, slots: int, slot_bytes: int, manner: str) -> None:
             writer.publish()
         else:
             writer.write(data)
-        bells.ring()
+        bells.notify()
 
 
 def main() -> None:

@@ -101,7 +101,7 @@ async def test_functions_follow_a_clock_over_a_step_and_a_restart(tmp_path: Path
             again = await function_where(board, stream, remote, lambda function: function.boot_id == 2)
             assert remote.error_ns(again) <= again.bound_at_ns(module.now_ns())
             stamp_ns = remote.clock.now_ns()
-            local_ns = module.foreign.to_local(hardware_id("uav2"), stamp_ns)
+            local_ns = module.remote_clocks.to_local(hardware_id("uav2"), stamp_ns)
             assert local_ns is not None
             assert abs(local_ns - module.now_ns()) < 100_000_000
 

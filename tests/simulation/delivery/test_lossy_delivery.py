@@ -6,10 +6,10 @@ from functools import partial
 import pytest
 
 from swarmware.delivery import (
+    Complete,
+    DuplicateFilter,
+    DuplicateState,
     Outbox,
-    Received,
-    Seen,
-    Settle,
     Status,
     Transmit,
     expired_here,
@@ -37,7 +37,7 @@ class Receiving:
         self._sender_clock = sender_clock
         self._room = room
         self._inbox = 0
-        self.received = Received()
+        self.received = DuplicateFilter()
         net.join(RECEIVER, self.on_data)
         net.every(0.05, self._read)
 
@@ -47,7 +47,7 @@ class Receiving:
     def on_data(self, sender: int, data: bytes) -> None:
         frame = decode(data)
         origin = (frame.sender_hw, frame.sender_app, frame.data_id, frame.sequence)
-        seen = self.received.look(origin)
+        seen = self.received.lookup(origin)
         if seen is None:
             if self._inbox >= self._room or expired_here(frame, self.net.now_ns, self._sender_clock):
                 return
@@ -56,7 +56,7 @@ class Receiving:
             self.given_ns[frame.sequence] = self.net.now_ns
             seen = registry.encode(Ack(int(Status.DELIVERED)))
             self.received.answered(origin, seen, self.net.now_ns)
-        if isinstance(seen, Seen):
+        if isinstance(seen, DuplicateState):
             seen = registry.encode(Ack(int(Status.DELIVERED)))  # its answer is no longer held
         self.net.send(RECEIVER, sender, encode(reply(frame, Kind.ACK, seen, self.net.now_ns)))
 
@@ -94,7 +94,7 @@ class Sending:
         key = (frame.receiver_app, frame.data_id, frame.sequence)
         self._driver.feed(self.outbox.on_ack(key, ack, self.net.now_ns))
 
-    def _perform(self, action: Transmit | Settle) -> None:
+    def _perform(self, action: Transmit | Complete) -> None:
         if isinstance(action, Transmit):
             self.net.send(self._hardware, RECEIVER, encode(action.frame))
         else:

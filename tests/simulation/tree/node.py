@@ -10,7 +10,7 @@ from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendN
 from swarmd.tree.core.held import Intervals
 from swarmd.tree.core.local import Timing
 from swarmd.tree.core.mirror import is_news
-from swarmd.tree.core.remotes import Patience
+from swarmd.tree.core.remotes import ReplicaTimeouts
 from swarmd.tree.core.tree import Limits, SwarmTree
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
@@ -27,7 +27,7 @@ S = 1_000_000_000
 LIMITS = Limits(
     timing=Timing(lost_ns=1 * S, expire_ns=10 * S),
     intervals=Intervals(coalesce_ns=S // 5, min_interval_ns=S // 10, retry_ns=(S // 2, 1 * S, 2 * S, 4 * S)),
-    patience=Patience(lease_ns=40 * S, retry_ns=(S // 2, 1 * S, 2 * S, 4 * S), forget_ns=300 * S),
+    timeouts=ReplicaTimeouts(lease_ns=40 * S, retry_ns=(S // 2, 1 * S, 2 * S, 4 * S), forget_ns=300 * S),
 )
 TEMPLATE = (
     Resource(path="power/battery", type="Float", owner="hal"),
@@ -82,8 +82,8 @@ class Node:
         """Neighbours, and everybody's version, as it was told last."""
         self._network = network
         self._template = TEMPLATE if number % 3 else OTHER
-        patience = msgspec.structs.replace(LIMITS.patience, whole_swarm=whole_swarm)
-        self._limits = msgspec.structs.replace(LIMITS, patience=patience)
+        timeouts = msgspec.structs.replace(LIMITS.timeouts, whole_swarm=whole_swarm)
+        self._limits = msgspec.structs.replace(LIMITS, timeouts=timeouts)
         self._watched: set[str] = set()
         self._arm: Callable[[], None] = lambda: None
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from swarmware.appfile import AppFile, AppTable
 from swarmware.appfile.trace import died, last_of, set_aside
-from swarmware.service.births import newborn, note, spawn_missing
+from swarmware.service.starting import spawn_missing, starting_pid, write_start_record
 
 
 def join(run_dir: Path, name: str = "guard") -> AppFile:
@@ -51,8 +51,8 @@ def test_what_runs_or_is_being_started_is_not_started_again(tmp_path: Path) -> N
     app = join(tmp_path)
     assert spawn_missing("guard", tmp_path, tmp_path) is None
     app.close()
-    note("guard", os.getpid(), tmp_path)
-    assert newborn("guard", tmp_path) == os.getpid()
+    write_start_record("guard", os.getpid(), tmp_path)
+    assert starting_pid("guard", tmp_path) == os.getpid()
     assert spawn_missing("guard", tmp_path, tmp_path) is None
 
 

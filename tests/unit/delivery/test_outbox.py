@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmware.delivery import Action, Outbox, Outcome, Settle, Status, Transmit, answerable
+from swarmware.delivery import Action, Complete, Outbox, Outcome, Status, Transmit, answerable
 from swarmware.delivery.outbox import GRACE_NS
 from swarmware.frame import Flag, Frame, Kind
 from swarmware.types.rpc import Ack
@@ -24,7 +24,7 @@ def run(outbox: Outbox, until_ns: int) -> list[tuple[int, Action]]:
 
 
 def outcomes(actions: list[Action]) -> list[Outcome]:
-    return [action.outcome for action in actions if isinstance(action, Settle)]
+    return [action.outcome for action in actions if isinstance(action, Complete)]
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_an_unanswered_message_is_sent_again_ever_slower_and_then_expires(
 ) -> None:
     outbox = Outbox(HERE)
     first = outbox.submit(message(receiver_hw=receiver), 0, timeout_ms * MS)
-    assert first == [Transmit(message(receiver_hw=receiver), again=False)]
+    assert first == [Transmit(message(receiver_hw=receiver), retransmission=False)]
     seen = run(outbox, 10_000 * MS)
     assert [at for at, action in seen if isinstance(action, Transmit)] == again_at_ms
     assert seen[-1][0] == timeout_ms
@@ -77,7 +77,7 @@ def test_a_receiver_that_never_appears_refuses_after_the_grace_time() -> None:
     seen = run(outbox, 10_000 * MS)
     assert seen[-1] == (
         GRACE_NS // MS + 1,
-        Settle(Outbox.key(message()), Outcome(Status.REFUSED, "uav1", "no such inbox")),
+        Complete(Outbox.key(message()), Outcome(Status.REFUSED, "uav1", "no such inbox")),
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.master.deaths import Deaths
+from swarmware.master.deaths import ProcessWatcher
 
 
 def descriptors() -> int:
@@ -30,7 +30,7 @@ async def test_the_death_of_a_watched_process_is_told_once_and_of_another_not(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     told: asyncio.Queue[int] = asyncio.Queue()
-    deaths = Deaths(told.put_nowait)
+    deaths = ProcessWatcher(told.put_nowait)
     kept, dropped = children
     deaths.watch({kept.pid, dropped.pid, os.getpid()})
     deaths.watch({kept.pid, os.getpid()})
@@ -48,7 +48,7 @@ async def test_a_process_that_is_dead_already_is_told_at_once(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     told: asyncio.Queue[int] = asyncio.Queue()
-    deaths = Deaths(told.put_nowait)
+    deaths = ProcessWatcher(told.put_nowait)
     children[0].kill()
     children[0].wait()
     deaths.watch({children[0].pid})
@@ -60,7 +60,7 @@ async def test_a_process_that_is_dead_already_is_told_at_once(
 async def test_nothing_is_told_after_the_end(children: list[subprocess.Popen[bytes]]) -> None:
     told: list[int] = []
     before = descriptors()
-    deaths = Deaths(told.append)
+    deaths = ProcessWatcher(told.append)
     deaths.watch({child.pid for child in children})
     deaths.close()
     assert descriptors() == before

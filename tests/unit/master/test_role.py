@@ -14,12 +14,12 @@ from swarmware.shm.ticks import start_ticks
 
 def test_a_new_record_names_nobody_and_keeps_what_is_written(tmp_path: Path) -> None:
     record = RecordFile(tmp_path / LOCK_NAME)
-    assert (record.holder(), record.wanted_by()) == (NOBODY, (0, 0))
+    assert (record.holder(), record.requested_by()) == (NOBODY, (0, 0))
     before = record.mark()
     record.write_holder(Holder(7, 12, 345, "register#1"))
-    record.write_want(9, 8)
+    record.request_leadership(9, 8)
     other = RecordFile(tmp_path / LOCK_NAME)
-    assert (other.holder(), other.wanted_by()) == (Holder(7, 12, 345, "register#1"), (9, 8))
+    assert (other.holder(), other.requested_by()) == (Holder(7, 12, 345, "register#1"), (9, 8))
     assert other.mark() != before
     record.close()
     other.close()
@@ -29,7 +29,7 @@ def test_a_record_that_was_cut_is_an_empty_one_and_ends_nobody(tmp_path: Path) -
     record = RecordFile(tmp_path / LOCK_NAME)
     record.write_holder(Holder(7, 12, 345, "register#1"))
     os.truncate(tmp_path / LOCK_NAME, 0)
-    assert (record.holder(), record.wanted_by()) == (NOBODY, (0, 0))
+    assert (record.holder(), record.requested_by()) == (NOBODY, (0, 0))
     record.write_holder(Holder(1, 2, 3, "x"))
     assert record.holder() == Holder(1, 2, 3, "x")
     record.close()
@@ -43,7 +43,7 @@ def test_any_bytes_are_a_holder_or_none(tmp_path_factory: pytest.TempPathFactory
         path.write_bytes(data)
         record = RecordFile(path)
         assert record.holder() is None or not any(data[:72]), data
-        record.wanted_by()
+        record.requested_by()
         record.close()
 
     check()
@@ -100,9 +100,9 @@ async def test_a_holder_that_becomes_the_preferred_one_keeps_the_role_and_its_nu
     race = Race(tmp_path)
     role = race.join("a")
     race.join("b")
-    role.prefer("register#1")
+    role.volunteer("register#1")
     assert (race.holding, role.holder.label, role.holder.epoch) == (["a"], "register#1", 1)
-    role.no_longer_prefer("a")
+    role.step_back("a")
     assert (race.holding, role.holder.label) == (["a"], "a")
     race.close()
     assert race.holding == []

@@ -51,13 +51,13 @@ async def test_the_age_of_another_platforms_value_is_by_its_clock_and_unknown_wi
         frame.payload = registry.encode(Float(4.0))
         mirror.publish(encode(frame))
         assert (reader.value, reader.stamp_ns, reader.age_s) == (Float(4.0), stamp_ns, None)
-        assert m.foreign.to_local(THERE, stamp_ns) is None
-        assert m.foreign.to_local(node.hardware, 7) == 7
+        assert m.remote_clocks.to_local(THERE, stamp_ns) is None
+        assert m.remote_clocks.to_local(node.hardware, 7) == 7
         functions = await timesync.writer("time/functions", TimeFunctions)
         theirs = Conversion("uav7", "main", THERE, 1, 10 * SECOND, 0.0, 0, 0, 0, 0.0, 1)
         functions.write(TimeFunctions("uav1", "main", 1, 0, (theirs,)))
         assert reader.age_s == pytest.approx(2.0, abs=1.0)
-        assert m.foreign.to_local(THERE, stamp_ns) == stamp_ns - 10 * SECOND
+        assert m.remote_clocks.to_local(THERE, stamp_ns) == stamp_ns - 10 * SECOND
         mirror.close()
 
 

@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 
 from swarmware.node.publication import Publication
-from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.doorbell import DoorbellSenders
 from swarmware.shm.ring import RingReader
 
 
 @pytest.fixture
 def publication(tmp_path: Path) -> Iterator[Publication]:
-    pulls = BellPulls(tmp_path / "bells")
-    made = Publication(tmp_path / "nav.pose.ring", pulls, slots=4, slot_bytes=64)
+    doorbells = DoorbellSenders(tmp_path / "bells")
+    made = Publication(tmp_path / "nav.pose.ring", doorbells, slots=4, slot_bytes=64)
     yield made
     made.close()
-    pulls.close()
+    doorbells.close()
 
 
 def test_a_whole_ring_is_left_alone(publication: Publication) -> None:

@@ -12,9 +12,9 @@ import pytest
 
 from swarmware.appfile import AppFile, AppTable
 from swarmware.errors import Denied
-from swarmware.node.boot import Boot
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.node.incarnation import NodeIncarnation
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.owner import Owner
 from swarmware.shm.reap import remove_all
 from swarmware.shm.ring import RingReader, RingWriter
@@ -55,7 +55,7 @@ def member() -> AbstractContextManager[None]:
 class Place(NamedTuple):
     run_dir: Path
     shm_dir: Path
-    boot: Boot
+    boot: NodeIncarnation
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def place(tmp_path: Path) -> Iterator[Callable[[int], Place]]:
         run_dir.chmod(mode)
         shm.chmod(0o755)
         with owner():
-            found = Place(run_dir, shm / "node", Boot(run_dir, shm / "node"))
+            found = Place(run_dir, shm / "node", NodeIncarnation(run_dir, shm / "node"))
         made.append(found)
         return found
 
@@ -94,7 +94,7 @@ def test_a_member_has_an_application_file_that_all_see(place: Callable[[int], Pl
     with owner():
         tree = app(node, "tree")
     with member():
-        guest = Boot(node.run_dir, node.shm_dir)
+        guest = NodeIncarnation(node.run_dir, node.shm_dir)
         tool = app(node, "tool")
     try:
         assert guest.guest
@@ -167,14 +167,14 @@ def test_doorbells_ring_both_ways_whoever_made_the_table(place: Callable[[int], 
         daemon = Doorbell(bells)
     with member():
         tool = Doorbell(bells)
-        Bells(table, BellPulls(bells)).add(tool.name)  # the member makes the table
+        ReaderNotifier(table, DoorbellSenders(bells)).add(tool.name)  # the member makes the table
     with owner():
-        Bells(table, BellPulls(bells)).add(daemon.name)
-        Bells(table, BellPulls(bells)).ring()
+        ReaderNotifier(table, DoorbellSenders(bells)).add(daemon.name)
+        ReaderNotifier(table, DoorbellSenders(bells)).notify()
     assert daemon.drain()
     assert tool.drain()
     with member():
-        Bells(table, BellPulls(bells)).ring()
+        ReaderNotifier(table, DoorbellSenders(bells)).notify()
     assert daemon.drain()
     for user, bell in ((owner, daemon), (member, tool)):
         with user():
@@ -190,10 +190,10 @@ def test_a_doorbell_that_nobody_may_ring_stops_no_writer(place: Callable[[int], 
     with member():
         tool = Doorbell(bells)
         (bells / tool.name).chmod(0)
-        Bells(table, BellPulls(bells)).add(tool.name)
+        ReaderNotifier(table, DoorbellSenders(bells)).add(tool.name)
     with owner():
-        ringing = Bells(table, BellPulls(bells))
-        ringing.ring()
+        ringing = ReaderNotifier(table, DoorbellSenders(bells))
+        ringing.notify()
         assert ringing.names() == ()
     with member():
         tool.close()
@@ -206,7 +206,7 @@ def test_whoever_may_not_read_the_folder_is_denied(
     node = place(mode)
     groups = [GROUP] if user == MEMBER else []
     with become(user, user, groups), pytest.raises(Denied, match="member"):
-        Boot(node.run_dir, node.shm_dir)
+        NodeIncarnation(node.run_dir, node.shm_dir)
 
 
 def test_a_member_cannot_start_a_node_that_nobody_runs(place: Callable[[int], Place]) -> None:
@@ -214,7 +214,7 @@ def test_a_member_cannot_start_a_node_that_nobody_runs(place: Callable[[int], Pl
     with owner():
         node.boot.leave()
     with member(), pytest.raises(Denied, match="nobody runs this node"):
-        Boot(node.run_dir, node.shm_dir)
+        NodeIncarnation(node.run_dir, node.shm_dir)
 
 
 def test_what_root_makes_belongs_to_the_owner_of_the_node(place: Callable[[int], Place]) -> None:
@@ -223,9 +223,9 @@ def test_what_root_makes_belongs_to_the_owner_of_the_node(place: Callable[[int],
         app(node, "tree").close()
     tool = app(node, "tool")
     bell = Doorbell(node.run_dir / "bells")
-    assert Boot(node.run_dir, node.shm_dir).guest
+    assert NodeIncarnation(node.run_dir, node.shm_dir).guest
     assert tool.path.stat().st_uid == OWNER
     with owner():
-        assert BellPulls(bell.folder).ring(bell.name)
+        assert DoorbellSenders(bell.folder).ring(bell.name)
     bell.close()
     tool.close()

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from swarmware.errors import Denied, SwarmError, WireError
 from swarmware.shm import layout
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls
+from swarmware.shm.doorbell import DoorbellSenders
 from swarmware.shm.layout import Geometry
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.ring import RingReader, RingWriter
 
 
@@ -110,19 +110,19 @@ def test_any_names_in_a_folder_of_readers_are_passed_over_or_rung(
     for name in names:
         with contextlib.suppress(OSError):
             (path / name).touch()
-    pulls = BellPulls(path.parent)
-    with Bells(path, pulls) as bells:
-        bells.add("17-0")
-        assert "17-0" in bells.names()
-        bells.ring()
-        assert bells.names() == ()
-    pulls.close()
+    doorbells = DoorbellSenders(path.parent)
+    with ReaderNotifier(path, doorbells) as notifier:
+        notifier.add("17-0")
+        assert "17-0" in notifier.names()
+        notifier.notify()
+        assert notifier.names() == ()
+    doorbells.close()
 
 
 def test_a_name_that_leads_out_of_the_folder_is_refused(tmp_path: Path) -> None:
-    bells = Bells(tmp_path / "a.readers", BellPulls(tmp_path))
+    notifier = ReaderNotifier(tmp_path / "a.readers", DoorbellSenders(tmp_path))
     with pytest.raises(WireError, match="cannot name a doorbell"):
-        bells.add("../victim")
+        notifier.add("../victim")
 
 
 @pytest.mark.parametrize("kind", ["folder", "fifo", "link", "dangling"])
@@ -151,7 +151,7 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SwarmError):
         RingWriter(tmp_path / "shm" / "a.ring", slots=4, slot_bytes=64)
     with pytest.raises(SwarmError):
-        Bells(tmp_path / "shm" / "a.readers", BellPulls(tmp_path)).add("1-0")
+        ReaderNotifier(tmp_path / "shm" / "a.readers", DoorbellSenders(tmp_path)).add("1-0")
 
 
 def test_a_ring_of_another_layout_version_is_named_as_such(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ import pytest
 from swarmware.errors import Conflict
 from swarmware.shm import doorbell, ringfile
 from swarmware.shm import reap as reaping
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import RingBusy
 from swarmware.shm.lock import lock_within, try_lock
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.reap import BELLS_FOLDER, reap
 from swarmware.shm.ring import RingReader, RingWriter
 
@@ -117,15 +117,15 @@ def test_the_reaper_leaves_a_ring_made_after_it_looked(
 def test_a_reader_whose_folder_is_removed_while_it_enters_uses_the_one_at_the_path(tmp_path: Path) -> None:
     path = tmp_path / "a.readers"
     with Doorbell(tmp_path / "bells") as bell:
-        pulls = BellPulls(tmp_path / "bells")
-        with Bells(path, pulls) as writer, Bells(path, pulls) as reader:
-            writer.ring()
+        doorbells = DoorbellSenders(tmp_path / "bells")
+        with ReaderNotifier(path, doorbells) as writer, ReaderNotifier(path, doorbells) as reader:
+            writer.notify()
             assert reader.names() == ()  # it has the folder open
             path.rmdir()
             reader.add(bell.name)
-            writer.ring()
+            writer.notify()
             assert bell.drain()
-        pulls.close()
+        doorbells.close()
 
 
 def test_the_reaper_and_a_new_doorbell_keep_out_of_each_others_way(

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import readers_folder, ring_file
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.reap import BELLS_FOLDER, reap, remove_all
 from swarmware.shm.ring import RingReader, RingWriter
 
@@ -52,42 +52,42 @@ def test_the_rings_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, ru
 
 
 def test_a_table_stays_while_its_ring_lives_or_a_reader_waits(shm_dir: Path, run_dir: Path) -> None:
-    pulls = BellPulls(run_dir / BELLS_FOLDER)
+    doorbells = DoorbellSenders(run_dir / BELLS_FOLDER)
     written, awaited, forgotten = (
         ring_file(shm_dir, path) for path in ("a/written", "b/awaited", "c/forgotten")
     )
     dead = Doorbell(run_dir / BELLS_FOLDER)
     for path in (written, awaited, forgotten):
-        with Bells(readers_folder(path), pulls) as bells:
+        with ReaderNotifier(readers_folder(path), doorbells) as bells:
             bells.add(dead.name)
     with RingWriter(written, slots=4, slot_bytes=64), Doorbell(run_dir / BELLS_FOLDER) as doorbell:
-        with Bells(readers_folder(awaited), pulls) as bells:
+        with ReaderNotifier(readers_folder(awaited), doorbells) as bells:
             bells.add(doorbell.name)
         dead.close()
         assert reap(shm_dir, run_dir).removed == (readers_folder(forgotten),)
-        with Bells(readers_folder(awaited), pulls) as bells:
+        with ReaderNotifier(readers_folder(awaited), doorbells) as bells:
             assert bells.names() == (doorbell.name,)
-            bells.ring()
+            bells.notify()
             assert doorbell.drain()
     assert set(reap(shm_dir, run_dir).removed) == {written, readers_folder(written), readers_folder(awaited)}
     assert names(shm_dir) == []
-    pulls.close()
+    doorbells.close()
 
 
 def test_a_writer_whose_table_was_reaped_finds_the_next_reader(shm_dir: Path, run_dir: Path) -> None:
-    pulls = BellPulls(run_dir / BELLS_FOLDER)
+    doorbells = DoorbellSenders(run_dir / BELLS_FOLDER)
     path = shm_dir / "apps.readers"  # a table without a ring
     with (
-        Bells(path, pulls) as writer,
-        Bells(path, pulls) as reader,
+        ReaderNotifier(path, doorbells) as writer,
+        ReaderNotifier(path, doorbells) as reader,
         Doorbell(run_dir / BELLS_FOLDER) as doorbell,
     ):
-        writer.ring()
+        writer.notify()
         assert reap(shm_dir, run_dir).removed == (path,)
         reader.add(doorbell.name)
-        writer.ring()
+        writer.notify()
         assert doorbell.drain()
-    pulls.close()
+    doorbells.close()
 
 
 def test_doorbells_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, run_dir: Path) -> None:
@@ -95,7 +95,7 @@ def test_doorbells_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, ru
         left = run_dir / BELLS_FOLDER / "17-0"
         os.mkfifo(left)
         assert reap(shm_dir, run_dir).removed == (left,)
-        assert BellPulls(run_dir / BELLS_FOLDER).ring(doorbell.name)
+        assert DoorbellSenders(run_dir / BELLS_FOLDER).ring(doorbell.name)
 
 
 def test_a_file_that_was_never_finished_goes(shm_dir: Path, run_dir: Path) -> None:
@@ -123,13 +123,13 @@ def test_what_is_not_ours_is_left_alone(shm_dir: Path, run_dir: Path) -> None:
 
 
 def test_the_end_of_a_node_removes_everything_and_the_folders(shm_dir: Path, run_dir: Path) -> None:
-    pulls = BellPulls(run_dir / BELLS_FOLDER)
+    doorbells = DoorbellSenders(run_dir / BELLS_FOLDER)
     ring = ring_file(shm_dir, "nav/pose", "uav1")
     with (
         RingWriter(ring, slots=4, slot_bytes=64),
         RingReader(ring) as reader,
         Doorbell(run_dir / BELLS_FOLDER) as doorbell,
-        Bells(readers_folder(ring), pulls) as bells,
+        ReaderNotifier(readers_folder(ring), doorbells) as bells,
     ):
         bells.add(doorbell.name)
         assert len(remove_all(shm_dir, run_dir).removed) == 3

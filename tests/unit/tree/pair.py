@@ -5,7 +5,7 @@ import msgspec
 from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify
 from swarmd.tree.core.held import Intervals
 from swarmd.tree.core.local import Timing
-from swarmd.tree.core.remotes import Patience
+from swarmd.tree.core.remotes import ReplicaTimeouts
 from swarmd.tree.core.tree import Limits, SwarmTree
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
@@ -15,7 +15,7 @@ S = 1_000_000_000
 LIMITS = Limits(
     timing=Timing(lost_ns=1 * S, expire_ns=10 * S),
     intervals=Intervals(coalesce_ns=S // 5, min_interval_ns=0, retry_ns=(1 * S, 2 * S)),
-    patience=Patience(lease_ns=60 * S, retry_ns=(1 * S, 2 * S), forget_ns=600 * S),
+    timeouts=ReplicaTimeouts(lease_ns=60 * S, retry_ns=(1 * S, 2 * S), forget_ns=600 * S),
 )
 BATTERY = Resource(path="power/battery", type="Float", owner="hal")
 FAULTS = Resource(path="health/faults", kind=Kind.EVENT, type="Text", owner="health")

@@ -299,8 +299,8 @@ def test_a_look_at_a_far_platform_asks_once_and_subscribes_to_nothing() -> None:
 
 
 def test_whole_swarm_follows_everybody() -> None:
-    patience = msgspec.structs.replace(LIMITS.patience, whole_swarm=True)
-    both = Pair(core("gcs", limits=msgspec.structs.replace(LIMITS, patience=patience)), core("uav1"))
+    timeouts = msgspec.structs.replace(LIMITS.timeouts, whole_swarm=True)
+    both = Pair(core("gcs", limits=msgspec.structs.replace(LIMITS, timeouts=timeouts)), core("uav1"))
     both.meet(near=False)
     both.carry()
     assert knows(both, "gcs", "uav1")

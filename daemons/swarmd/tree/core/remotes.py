@@ -40,7 +40,7 @@ PLATFORMS_LIMIT: Final = 2000
 """Bounds the memory that invented names can take; twenty times the swarm of `tests/simulation/tree`."""
 
 
-class Patience(msgspec.Struct, frozen=True, kw_only=True):
+class ReplicaTimeouts(msgspec.Struct, frozen=True, kw_only=True):
     """When to ask again, and for how long to remember."""
 
     lease_ns: int
@@ -60,13 +60,13 @@ class Remotes:
         own: str,
         interests: Interests,
         templates: Iterable[Iterable[Resource]],
-        patience: Patience,
+        timeouts: ReplicaTimeouts,
         emit: Callable[[Action], None],
     ) -> None:
         self._tree = tree
         self._own = own
         self._interests = interests
-        self._patience = patience
+        self._timeouts = timeouts
         self._emit = emit
         self._remotes: dict[str, Remote] = {}
         self._templates: dict[int, Index] = {}
@@ -114,7 +114,7 @@ class Remotes:
         if not remote.up:
             remote.up = True
             # for half a lease it holds our subscription: a hello with the version we know says all else
-            away = now_ns - remote.gone_ns >= self._patience.lease_ns // 2
+            away = now_ns - remote.gone_ns >= self._timeouts.lease_ns // 2
             remote.sure = version is not None and not away and self._same(remote)
             remote.failures = 0
             self._timers.drop((platform, "forget"))
@@ -125,7 +125,7 @@ class Remotes:
         if platform not in self._remotes and len(self._remotes) < PLATFORMS_LIMIT:
             remote = self._remotes[platform] = Remote(platform, self._interests.of(platform))
             remote.gone_ns = now_ns
-            self._timers.set((platform, "forget"), now_ns + self._patience.forget_ns)
+            self._timers.set((platform, "forget"), now_ns + self._timeouts.forget_ns)
 
     def demand(self, platform: str) -> bool:
         """Somebody wants to see its structure; whether an answer may come."""
@@ -145,7 +145,7 @@ class Remotes:
             remote.gone_ns = now_ns
             for what in ("ask", "subscribe"):
                 self._timers.drop((platform, what))
-            self._timers.set((platform, "forget"), now_ns + self._patience.forget_ns)
+            self._timers.set((platform, "forget"), now_ns + self._timeouts.forget_ns)
 
     def on_asked_by(self, platform: str, epoch: int, digest: int | None) -> None:
         """It asked us something and told its epoch, and perhaps its digest: a hint for our direction."""
@@ -226,7 +226,7 @@ class Remotes:
             remote = self._remotes[notify.platform] = Remote(
                 notify.platform, self._interests.of(notify.platform)
             )
-            self._timers.set((notify.platform, "forget"), now_ns + self._patience.forget_ns)
+            self._timers.set((notify.platform, "forget"), now_ns + self._timeouts.forget_ns)
         if notify.epoch in remote.retired:
             return []
         if notify.lapsed:
@@ -302,7 +302,7 @@ class Remotes:
 
     def _keeps_up(self, remote: Remote) -> bool:
         """Whether its tree is to be followed, and not only looked at when somebody asks for it."""
-        return remote.near or bool(remote.wish.patterns) or self._patience.whole_swarm
+        return remote.near or bool(remote.wish.patterns) or self._timeouts.whole_swarm
 
     def _engage(self, remote: Remote) -> None:
         """Do what is missing, now that it is up, near or wanted."""
@@ -369,7 +369,7 @@ class Remotes:
             self._own,
             self._tree.epoch,
             wish.digest,
-            self._patience.lease_ns / 1e9,
+            self._timeouts.lease_ns / 1e9,
             remote.digest,
             renew,
             () if renew else wish.patterns,
@@ -379,7 +379,7 @@ class Remotes:
 
     def _retry(self, remote: Remote, what: str, now_ns: int) -> None:
         if remote.up:
-            pauses = self._patience.retry_ns
+            pauses = self._timeouts.retry_ns
             self._timers.set((remote.platform, what), now_ns + pauses[min(remote.failures, len(pauses) - 1)])
             remote.failures += 1
 

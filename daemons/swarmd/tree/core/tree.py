@@ -8,7 +8,7 @@ from swarmd.tree.core.action import Action
 from swarmd.tree.core.held import Held, Intervals
 from swarmd.tree.core.interest import Interests
 from swarmd.tree.core.local import LocalTree, Timing
-from swarmd.tree.core.remotes import Patience, Remotes
+from swarmd.tree.core.remotes import Remotes, ReplicaTimeouts
 from swarmware.resource import Resource
 from swarmware.types.tree import (
     Rule,
@@ -26,7 +26,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
 
     timing: Timing
     intervals: Intervals
-    patience: Patience
+    timeouts: ReplicaTimeouts
 
 
 class SwarmTree:
@@ -52,7 +52,7 @@ class SwarmTree:
         self.interests = Interests(platform, rules, keep)
         self.held = Held(platform, self.local, limits.intervals, emit)
         self.remotes = Remotes(
-            self.local, platform, self.interests, (template, *templates), limits.patience, emit
+            self.local, platform, self.interests, (template, *templates), limits.timeouts, emit
         )
         self._planned: tuple[int, int, int] | None = None
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.delivery import Received, Seen, expired, expired_here, with_lifetime
+from swarmware.delivery import DuplicateFilter, DuplicateState, expired, expired_here, with_lifetime
 from swarmware.delivery.answer import lifetime_ns
 from swarmware.frame import Frame, Kind
 from swarmware.types.time import Conversion
@@ -12,20 +12,20 @@ A, B, C = (1, 2, 3, 4), (1, 2, 3, 5), (1, 2, 3, 6)
 
 
 def test_a_repeated_message_gets_the_same_answer() -> None:
-    received = Received()
-    assert received.look(A) is None
+    received = DuplicateFilter()
+    assert received.lookup(A) is None
     received.answered(A, b"yes", 0)
-    assert received.look(A) == b"yes"
-    assert received.look(B) is None
+    assert received.lookup(A) == b"yes"
+    assert received.lookup(B) is None
     assert received.duplicates == 1
 
 
 def test_a_repeated_request_waits_for_the_one_answer() -> None:
-    received = Received()
+    received = DuplicateFilter()
     received.begin(A, 0)
-    assert received.look(A) is Seen.IN_WORK
+    assert received.lookup(A) is DuplicateState.IN_WORK
     received.answered(A, b"42", 5)
-    assert received.look(A) == b"42"
+    assert received.lookup(A) == b"42"
 
 
 FAR = 1 << 20
@@ -33,84 +33,84 @@ FAR = 1 << 20
 
 
 def test_any_number_of_messages_is_known_also_when_their_answers_are_gone() -> None:
-    received = Received(answers=100)
+    received = DuplicateFilter(answers=100)
     for sequence in range(20_000):
         for sender in range(4):
             origin = (sender, 2, 3, (sequence * 7) & 0xFFFF_FFFF)
-            assert received.look(origin) is None
+            assert received.lookup(origin) is None
             received.answered(origin, b"x", sequence * 1_000_000)
     for sequence in range(20_000):
-        assert received.look((3, 2, 3, sequence * 7)) is not None
-    assert received.look((3, 2, 3, 5)) is None
+        assert received.lookup((3, 2, 3, sequence * 7)) is not None
+    assert received.lookup((3, 2, 3, 5)) is None
     assert received.spans < 1_000
 
 
 def test_messages_may_come_in_any_order_and_around_the_end_of_the_numbers() -> None:
-    received = Received()
+    received = DuplicateFilter()
     last = 0xFFFF_FFFF
     for sequence in (3, last, 0, last - 2000, 1):
         origin = (1, 2, 3, sequence)
-        assert received.look(origin) is None
+        assert received.lookup(origin) is None
         received.answered(origin, b"x", 0)
-        assert received.look(origin) == b"x"
+        assert received.lookup(origin) == b"x"
 
 
 def test_a_sender_that_started_again_is_new_and_its_former_start_is_still_known() -> None:
-    received = Received()
+    received = DuplicateFilter()
     received.answered(A, b"x", 0)
     again = (*A[:3], A[3] + 5 * FAR)
-    assert received.look(again) is None
+    assert received.lookup(again) is None
     received.answered(again, b"y", 1)
-    assert (received.look(A), received.look(again)) == (b"x", b"y")
+    assert (received.lookup(A), received.lookup(again)) == (b"x", b"y")
 
 
 def test_a_flood_costs_its_own_sender_the_memory_of_the_oldest() -> None:
-    received = Received(spans=10)
+    received = DuplicateFilter(spans=10)
     received.answered(A, b"x", 0)
     for start in range(100):
         received.answered((99, 2, 3, start * FAR), b"x", 1)
-    assert received.look(A) == b"x"
-    assert received.look((99, 2, 3, 99 * FAR)) == b"x"
+    assert received.lookup(A) == b"x"
+    assert received.lookup((99, 2, 3, 99 * FAR)) == b"x"
     assert received.spans == 11
 
 
 def test_of_too_many_senders_the_most_silent_is_forgotten() -> None:
-    received = Received(senders=3)
+    received = DuplicateFilter(senders=3)
     for sender in range(3):
         received.answered((sender, 2, 3, 4), b"x", sender)
-    assert received.look((0, 2, 3, 4)) == b"x"
+    assert received.lookup((0, 2, 3, 4)) == b"x"
     received.answered((3, 2, 3, 4), b"x", 9)
-    assert received.look((1, 2, 3, 4)) is None
-    assert received.look((0, 2, 3, 4)) == b"x"
+    assert received.lookup((1, 2, 3, 4)) is None
+    assert received.lookup((0, 2, 3, 4)) == b"x"
 
 
 def test_what_is_older_than_any_sender_waits_is_forgotten() -> None:
-    received = Received(hold_ns=100)
+    received = DuplicateFilter(hold_ns=100)
     received.answered(A, b"x", 0)
     received.answered((*A[:3], FAR), b"x", 100)
     received.answered((7, 7, 7, 7), b"x", 100)
-    assert received.look(A) is None
+    assert received.lookup(A) is None
     assert received.spans == 2
     received.answered((8, 8, 8, 8), b"x", 200)
     assert received.spans == 1
 
 
 def test_a_request_is_in_work_until_it_is_answered_even_when_it_is_repeated() -> None:
-    received = Received(answer_bytes=10)
+    received = DuplicateFilter(answer_bytes=10)
     received.begin(A, 0)
-    assert received.look(A) is Seen.IN_WORK
+    assert received.lookup(A) is DuplicateState.IN_WORK
     received.answered(A, bytes(20), 1)
-    assert received.look(A) is Seen.ANSWER_GONE
+    assert received.lookup(A) is DuplicateState.ANSWER_GONE
 
 
 def test_large_answers_are_dropped_but_not_the_memory_of_them() -> None:
-    received = Received(answer_bytes=100)
+    received = DuplicateFilter(answer_bytes=100)
     received.answered(A, bytes(60), 0)
     received.answered(B, bytes(60), 0)
-    assert received.look(A) is Seen.ANSWER_GONE
-    assert received.look(B) == bytes(60)
+    assert received.lookup(A) is DuplicateState.ANSWER_GONE
+    assert received.lookup(B) == bytes(60)
     received.answered(C, b"y", 0)
-    assert received.look(C) == b"y"
+    assert received.lookup(C) == b"y"
 
 
 def test_a_message_is_expired_after_its_lifetime_in_its_senders_time() -> None:

@@ -1,4 +1,4 @@
-"""The bells of a ring: wakes all who read it, and lets readers be woken."""
+"""Wakes the readers of a ring by their doorbells, and enters and removes readers."""
 
 import sys
 from pathlib import Path
@@ -6,43 +6,43 @@ from types import TracebackType
 from typing import Self
 
 from swarmware.errors import WireError
-from swarmware.shm.doorbell import NAME, BellPulls
+from swarmware.shm.doorbell import NAME, DoorbellSenders
 from swarmware.shm.fence import Fence
 from swarmware.shm.layout import RingFull
 from swarmware.shm.readers import ENTRIES, ReadersFolder, open_readers
 from swarmware.shm.ringfile import file_errors
 
 
-class Bells:
-    """The bells of one ring, of readers in this process and in others. One object belongs to one thread.
+class ReaderNotifier:
+    """Notifies the readers of one ring, in this process and in others. One object belongs to one thread.
 
-    A reader adds the name of its doorbell, once for all readers of the ring in its process, and looks at the
-    ring only after that. A writer calls `ring()` after each frame, and after taking over.
-    `path`: the folder, `readers_folder(ring)`; neither it nor the ring need be there yet.
+    A reader adds the name of its doorbell, once for all readers of the ring in its process, and reads the
+    ring only after that. A writer calls `notify()` after each frame, and after taking over.
+    `path`: the folder, `readers_folder(ring)`; neither it nor the ring need exist yet.
     """
 
-    def __init__(self, path: Path, pulls: BellPulls) -> None:
+    def __init__(self, path: Path, doorbells: DoorbellSenders) -> None:
         self.path = path
-        self._pulls = pulls
+        self._doorbells = doorbells
         self._folder: ReadersFolder | None = None
         self._names: tuple[str, ...] = ()
         self._fence = Fence()
 
-    def ring(self) -> None:
-        """Wake every reader, waiting for none. Those who are gone are dropped.
+    def notify(self) -> None:
+        """Wake every reader without waiting for any; doorbells without an owner are removed.
 
-        Raises: Denied, WireError, RingFull, and only when the folder is missing.
+        Raises: Denied, WireError, RingFull; only when the folder is missing.
         """
         self._fence()  # the frame must be visible before the folder is looked at, or a new reader misses both
         if self._folder is None or self._folder.changed():
             self._look()
-        ring = self._pulls.ring
+        ring = self._doorbells.ring
         dead = [name for name in self._names if not ring(name)]
         if dead:
             self._drop(dead)
 
     def add(self, name: str) -> None:
-        """Have the doorbell rung from now on; adding it twice is the same as once.
+        """Enter a doorbell that is rung from now on; entering it twice is the same as once.
 
         Raises: RingFull when living readers of this user have all entries, Denied.
         """
@@ -55,7 +55,7 @@ class Bells:
                 folder = self._open()
             if self._crowded(folder):
                 for other in folder.names(sys.maxsize):
-                    if not self._pulls.ring(other):
+                    if not self._doorbells.ring(other):
                         folder.remove(other)
                 if self._crowded(folder):
                     folder.remove(name)
@@ -65,14 +65,14 @@ class Bells:
         self._fence()
 
     def remove(self, name: str) -> None:
-        """Have the doorbell rung no more."""
+        """Remove a doorbell."""
         folder = open_readers(self.path, create=False)
         if folder is not None:
             folder.remove(name)
             folder.close()
 
     def names(self) -> tuple[str, ...]:
-        """The doorbells in the folder, those of the dead included until the next `ring()`."""
+        """The doorbells in the folder, those of dead processes included until the next `notify()`."""
         self._look()
         return self._names
 
@@ -88,22 +88,22 @@ class Bells:
         return self._folder
 
     def _look(self) -> None:
-        """Lists the folder, opening the one that is at the path now if the old one has left it."""
+        """List the folder; if it was removed, open the one that is at the path now."""
         if self._folder is not None and self._folder.gone:
             self.close()
         self._names = self._open().names()
 
     def _drop(self, dead: list[str]) -> None:
-        """Forget doorbells that nobody hears."""
+        """Remove doorbells that have no owner."""
         self._names = tuple(name for name in self._names if name not in dead)
         folder = self._open()
         for name in dead:
             folder.remove(name)
-            if self._pulls.ring(name):  # a new process has taken the name meanwhile
+            if self._doorbells.ring(name):  # a new process has taken the name meanwhile
                 folder.add(name)
 
     def close(self) -> None:
-        """Let go of the folder; entries stay until removed, or until their owners are gone."""
+        """Close the folder; entries stay until they are removed or their owners end."""
         self._names = ()
         if self._folder is not None:
             self._folder.close()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.mission.core.patience import KINDS, Patience
+from swarmd.mission.core.nav_fault import KINDS, NavFaultTimeouts
 from swarmware.mission.catalogue import BLOCKS
 from swarmware.types.vehicle import NavError, NavStatus
 
@@ -16,34 +16,34 @@ def status(error: NavError, note: str = "", state: str = "holding") -> NavStatus
 
 @pytest.mark.parametrize("error", [error for error in NavError if error is not NavError.NONE])
 def test_each_error_ends_the_motion_with_its_kind_after_its_time(error: NavError) -> None:
-    patience = Patience(LIMITS)
+    timeouts = NavFaultTimeouts(LIMITS)
     limit_s = {NavError.DISARMED: 1, NavError.BAD_GOAL: 0}.get(error, 5)
     if limit_s:
-        assert patience.lost(status(error), 0) is None
-        assert patience.lost(status(error), limit_s * S - 1) is None
-    assert patience.lost(status(error, "why"), limit_s * S) == (KINDS[error], f"{error.value}: why")
+        assert timeouts.lost(status(error), 0) is None
+        assert timeouts.lost(status(error), limit_s * S - 1) is None
+    assert timeouts.lost(status(error, "why"), limit_s * S) == (KINDS[error], f"{error.value}: why")
 
 
 @pytest.mark.parametrize("note", ["disarmed", "leader_lost: ugv1", "blocked", "no_position"])
 def test_words_of_a_note_decide_nothing(note: str) -> None:
-    patience = Patience(LIMITS)
+    timeouts = NavFaultTimeouts(LIMITS)
     for second in range(20):
-        assert patience.lost(status(NavError.NONE, note), second * S) is None
+        assert timeouts.lost(status(NavError.NONE, note), second * S) is None
 
 
 def test_another_error_and_a_good_word_begin_the_time_again() -> None:
-    patience = Patience(LIMITS)
-    assert patience.lost(status(NavError.NO_WAY), 0) is None
-    assert patience.lost(status(NavError.LEADER_LOST), 4 * S) is None
-    assert patience.lost(status(NavError.LEADER_LOST), 8 * S) is None
-    assert patience.lost(status(NavError.NONE), 8 * S) is None
-    assert patience.lost(status(NavError.LEADER_LOST), 9 * S) is None
+    timeouts = NavFaultTimeouts(LIMITS)
+    assert timeouts.lost(status(NavError.NO_WAY), 0) is None
+    assert timeouts.lost(status(NavError.LEADER_LOST), 4 * S) is None
+    assert timeouts.lost(status(NavError.LEADER_LOST), 8 * S) is None
+    assert timeouts.lost(status(NavError.NONE), 8 * S) is None
+    assert timeouts.lost(status(NavError.LEADER_LOST), 9 * S) is None
 
 
 def test_blocked_without_a_reason_is_blocked() -> None:
-    patience = Patience(LIMITS)
-    assert patience.lost(status(NavError.NONE, state="blocked"), 0) is None
-    lost = patience.lost(status(NavError.NONE, state="blocked"), 5 * S)
+    timeouts = NavFaultTimeouts(LIMITS)
+    assert timeouts.lost(status(NavError.NONE, state="blocked"), 0) is None
+    lost = timeouts.lost(status(NavError.NONE, state="blocked"), 5 * S)
     assert lost == ("blocked", "the navigator makes no progress")
 
 

@@ -1,4 +1,4 @@
-"""Stamps of other hardware units on our clock, by the conversion functions on board `time/functions`."""
+"""Stamps of other hardware units on the own clock, by the conversion functions on board `time/functions`."""
 
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 PATH = "time/functions"
 
 
-class ForeignTime:
-    """Converts stamps; knows nothing as long as timesync has not published."""
+class RemoteClocks:
+    """Converts stamps of other units; every clock is unknown until timesync has published."""
 
     def __init__(self, node: "Node") -> None:
         self._node = node
@@ -36,7 +36,7 @@ class ForeignTime:
         return self._by_hardware.get(hardware)
 
     def to_local(self, hardware: int, stamp_ns: int) -> int | None:
-        """Our clock's reading at a stamp of that unit; None when its clock is not known."""
+        """The own clock at a stamp of that unit; None when its clock is not known."""
         if hardware == self._node.hardware:
             return stamp_ns
         conversion = self.conversion(hardware)

@@ -1,4 +1,4 @@
-"""Processes of services that were started and have not joined the node yet: one note each.
+"""Starts processes of services; a record of each stays until it has joined the node.
 
 Forked by the fork server of the node, which holds nothing that a fork would keep, or started from scratch.
 In a session of its own, so that a signal to the terminal or the end of the supervisor does not reach it.
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from os import PathLike
     from typing import Final
 
-FOLDER: Final = "births"
+STARTING_DIR: Final = "starting"
 """In the run directory."""
 PARENT_SOCKET: Final = "words"
 """Where the parent of the node's processes listens, in its folder; after a kill the next parent, too."""
 BEAT_S: Final = 4.0
 """A process that speaks to the parent gives a sign of life twice in this time."""
 GUARD: Final = "guard"
-WHOLE: Final = ".node"
-"""Note of the one process that runs all services; no service has such a name."""
+WHOLE_NODE: Final = ".node"
+"""Record of the one process that runs all services; no service has such a name."""
 LOCK_WAIT_S: Final = 2.0
 """A start takes some milliseconds; others wait for it to see whether they are still needed."""
 _OURS: Final = frozenset({"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", "MAINPID"})
@@ -76,35 +76,35 @@ def environment(run_dir: PathLike[str] | str, *, speaks: bool) -> dict[str, str]
 
 
 def spawn(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> Started:
-    """Starts the process of one service, and notes its start."""
+    """Start the process of one service, and write its start record."""
     started = launch([name], config_dir, run_dir, speaks=name == GUARD)
-    note(name, started.pid, run_dir)
+    write_start_record(name, started.pid, run_dir)
     return started
 
 
-def note(name: str, pid: int, run_dir: PathLike[str] | str) -> None:
-    """Writes down that this process was started for the service."""
-    with open(os.path.join(own_folder(run_dir, FOLDER), name), "w", encoding="ascii") as file:
+def write_start_record(name: str, pid: int, run_dir: PathLike[str] | str) -> None:
+    """Write the start record of a process of this service."""
+    with open(os.path.join(own_folder(run_dir, STARTING_DIR), name), "w", encoding="ascii") as file:
         file.write(f"{pid} {start_ticks(pid)}\n")
 
 
-def newborn(name: str, run_dir: PathLike[str] | str) -> int:
-    """pid of a process that was started for this service and still runs; 0: none.
+def starting_pid(name: str, run_dir: PathLike[str] | str) -> int:
+    """pid of a process that was started for this service, still runs and has not joined yet; 0: none.
 
     A supervisor killed right after a start leaves a process that has no application file yet.
     """
     try:
-        with open(os.path.join(run_dir, FOLDER, name), encoding="ascii") as file:
+        with open(os.path.join(run_dir, STARTING_DIR, name), encoding="ascii") as file:
             pid, started = map(int, file.read().split())
     except (OSError, ValueError):
         return 0
     return pid if start_ticks(pid) == started != 0 else 0
 
 
-def settled(name: str, run_dir: PathLike[str] | str) -> None:
-    """The service has joined the node, or its process has ended: the note of its start has served."""
+def clear_start_record(name: str, run_dir: PathLike[str] | str) -> None:
+    """Remove the start record: the service has joined the node, or its process has ended."""
     with suppress(FileNotFoundError):
-        os.unlink(os.path.join(run_dir, FOLDER, name))
+        os.unlink(os.path.join(run_dir, STARTING_DIR, name))
 
 
 def spawn_missing(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> Started | None:
@@ -112,9 +112,9 @@ def spawn_missing(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[
 
     Raises: OSError.
     """
-    fd = os.open(own_folder(run_dir, FOLDER), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    fd = os.open(own_folder(run_dir, STARTING_DIR), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        if not lock_within(fd, LOCK_WAIT_S) or newborn(name, run_dir) or _joined(name, run_dir):
+        if not lock_within(fd, LOCK_WAIT_S) or starting_pid(name, run_dir) or _joined(name, run_dir):
             return None
         return spawn(name, config_dir, run_dir)
     finally:

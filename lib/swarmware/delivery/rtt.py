@@ -1,18 +1,18 @@
-"""Round-trip time to one hardware unit, and the pace of re-sending that follows from it."""
+"""Round-trip time to one hardware unit, and the retransmission timeout that follows from it."""
 
 import msgspec
 
 
-class Pace(msgspec.Struct, frozen=True):
-    """Limits of the time between two tries."""
+class RetransmitLimits(msgspec.Struct, frozen=True):
+    """Limits of the time between two transmissions."""
 
-    first_ns: int
-    """As long as no round trip was measured."""
-    floor_ns: int
-    ceiling_ns: int
+    initial_ns: int
+    """Until a round trip was measured."""
+    min_ns: int
+    max_ns: int
 
 
-class RoundTrip:
+class RttEstimator:
     """Smoothed round-trip time and its variation.
 
     Source: RFC 6298, section 2.
@@ -33,9 +33,9 @@ class RoundTrip:
         self._variation_ns += 0.25 * (abs(self._smoothed_ns - sample_ns) - self._variation_ns)
         self._smoothed_ns += 0.125 * (sample_ns - self._smoothed_ns)
 
-    def timeout_ns(self, pace: Pace) -> int:
-        """When to send again for the first time."""
+    def timeout_ns(self, limits: RetransmitLimits) -> int:
+        """Time until the first retransmission."""
         if self._smoothed_ns == 0.0:
-            return pace.first_ns
+            return limits.initial_ns
         timeout_ns = round(self._smoothed_ns + 4 * self._variation_ns)
-        return max(pace.floor_ns, min(timeout_ns, pace.ceiling_ns))
+        return max(limits.min_ns, min(timeout_ns, limits.max_ns))

@@ -9,7 +9,7 @@ import pytest
 
 from swarmware.clock import utc_ns
 from swarmware.module import Module
-from swarmware.node.boot import Boot
+from swarmware.node.incarnation import NodeIncarnation
 from swarmware.testing import make_node
 
 
@@ -18,15 +18,15 @@ def test_who_comes_while_somebody_lives_there_has_the_same_number_and_the_next_s
 ) -> None:
     run, shm = tmp_path / "run", tmp_path / "shm"
     before_ns = utc_ns()
-    first = Boot(run, shm)
-    second = Boot(run, shm)
+    first = NodeIncarnation(run, shm)
+    second = NodeIncarnation(run, shm)
     assert second.boot_id == first.boot_id >= before_ns
     first.leave()
     assert shm.exists(), "the other one still lives here"
     second.leave()
     second.leave()
     assert not shm.exists()
-    third = Boot(run, shm)
+    third = NodeIncarnation(run, shm)
     assert third.boot_id > second.boot_id
     assert shm.is_dir()
     third.leave()
@@ -37,7 +37,7 @@ def test_the_number_grows_although_the_wall_clock_was_set_back(tmp_path: Path) -
     run.mkdir(mode=0o700)
     ahead = utc_ns() + 10**18
     (run / "boot").write_text(str(ahead))
-    boot = Boot(run, tmp_path / "shm")
+    boot = NodeIncarnation(run, tmp_path / "shm")
     assert boot.boot_id == ahead + 1
     boot.leave()
 
@@ -48,7 +48,7 @@ def test_a_start_takes_away_what_the_dead_left(tmp_path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         path.touch()
     run.chmod(0o700)
-    boot = Boot(run, tmp_path / "shm")
+    boot = NodeIncarnation(run, tmp_path / "shm")
     assert [path for path in run.rglob("*") if path.is_file()] == [run / "boot"]
     boot.leave()
 

@@ -1,4 +1,4 @@
-"""How long a navigator may say that it does not get on, and what the motion then ends with."""
+"""How long a navigator may report an error before its motion fails, and with which error it then fails."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -13,20 +13,20 @@ KINDS: Final[dict[NavError, str]] = {
     NavError.NO_WAY: "blocked",
     NavError.BAD_GOAL: "blocked",
 }
-"""Kind of a block's error, by what the navigator says."""
+"""Kind of a block's error, by the navigator's error."""
 DEFAULT_S: Final[dict[NavError, float]] = {NavError.DISARMED: 1.0, NavError.BAD_GOAL: 0.0}
-"""Patience where the settings give none: the news of arming may come later; a bad goal gets no better."""
+"""Timeouts where the settings give none: the report of arming may come later; a bad goal does not improve."""
 
 
-class Patience:
-    """Follows the navigator's status during one motion."""
+class NavFaultTimeouts:
+    """Timeouts of the navigator's errors during one motion."""
 
     def __init__(self, limits_s: Mapping[NavError, float]) -> None:
         self._limits_s = {**DEFAULT_S, **limits_s}
         self._since: tuple[NavError, int] | None = None
 
     def lost(self, status: NavStatus, now_ns: int) -> tuple[str, str] | None:
-        """Kind and text of the error when it has lasted too long."""
+        """Kind and text of the error when it has lasted longer than its timeout."""
         error = status.error
         if error is NavError.NONE and status.state != "blocked":
             self._since = None

@@ -1,6 +1,7 @@
-"""The start of a node: the number of this boot, shared by all its processes, and the sweeping around it.
+"""One incarnation of a node: its number, and the removal of what dead processes left.
 
-Whoever lives on the node holds a shared lock of one file. Who gets it alone is the first, or the last.
+Each process of the node holds a shared lock of one file. The process that gets it exclusively is the first
+or the last of the incarnation.
 """
 
 import fcntl
@@ -15,8 +16,8 @@ from swarmware.shm.lock import try_lock
 from swarmware.shm.reap import reap, remove_all
 
 
-class Boot:
-    """This process's share in the running node."""
+class NodeIncarnation:
+    """The membership of this process in the running node."""
 
     def __init__(self, run_dir: Path, shm_dir: Path) -> None:
         self._run_dir = run_dir
@@ -37,14 +38,14 @@ class Boot:
                 raise Denied(f"{run_dir}: nobody runs this node; expected its own user to start it")
             self.guest = False
             self._begin()
-        fcntl.flock(self._fd, fcntl.LOCK_SH)  # the one who has it alone keeps it for some milliseconds
+        fcntl.flock(self._fd, fcntl.LOCK_SH)  # whoever has it exclusively keeps it for some milliseconds
         if not self.guest:
-            make_folder(shm_dir, run_dir)  # the last one before us takes its folder away
+            make_folder(shm_dir, run_dir)  # the last process of the former incarnation removes the folder
         self.boot_id = int(os.pread(self._fd, 32, 0) or b"0")
         """Larger at each start of the node."""
 
     def _begin(self) -> None:
-        """Nobody lives here: a new start; what the dead left goes."""
+        """No process is here: a new incarnation; what dead processes left is removed."""
         boot_id = max(utc_ns(), int(os.pread(self._fd, 32, 0) or b"0") + 1)
         os.pwrite(self._fd, b"%d" % boot_id, 0)
         self._sweep()
@@ -56,7 +57,7 @@ class Boot:
                 path.unlink(missing_ok=True)
 
     def leave(self) -> None:
-        """This process has closed everything; the last one takes away what is left."""
+        """This process has closed everything; the last one removes what is left."""
         if self._fd < 0:
             return
         if not self.guest and try_lock(self._fd):
@@ -67,7 +68,7 @@ class Boot:
 
 
 def _open(run_dir: Path) -> tuple[int, bool]:
-    """Descriptor of the file that all lock, and whether it may be written."""
+    """Descriptor of the file that all processes lock, and whether it may be written."""
     path = run_dir / "boot"
     flags = os.O_CLOEXEC | os.O_NOFOLLOW
     try:

@@ -1,4 +1,4 @@
-"""The receiver's side: what was received already, and what was answered to it."""
+"""The receiver's side: filters duplicates, and repeats the answers that were given to them."""
 
 from collections import OrderedDict
 from enum import Enum
@@ -22,8 +22,8 @@ Origin = tuple[int, int, int, int]
 """Sender's hardware, sender's application, data id, sequence (each application starts at a random one)."""
 
 
-class Seen(Enum):
-    """A message that was received before and has no answer to repeat."""
+class DuplicateState(Enum):
+    """State of a duplicate that has no answer to repeat."""
 
     IN_WORK = 1
     """The handler has not answered yet."""
@@ -43,11 +43,11 @@ _Place = tuple[int, int, int]
 """Application, data id, upper bits of the sequence."""
 
 
-class Received:
-    """Duplicate filter with the answers given, so that a repeated question gets the same one.
+class DuplicateFilter:
+    """Duplicate filter that keeps the answers given, so that a repeated question gets the same one.
 
     It holds any number of messages for `hold_ns`: one bit each. A sender that starts again begins at a random
-    sequence, so in other spans. Its memory is bounded for each sender and in all: a flood makes it forget
+    sequence, so in other spans. Its memory is bounded for each sender and in all: a flood displaces only
     the oldest of its own sender.
     """
 
@@ -79,8 +79,8 @@ class Received:
         """Spans held: what its memory grows with."""
         return sum(map(len, self._senders.values()))
 
-    def look(self, origin: Origin) -> bytes | Seen | None:
-        """The answer given to this message, or what is known of it; None when it is new."""
+    def lookup(self, origin: Origin) -> bytes | DuplicateState | None:
+        """The answer given to this message, or the state of a duplicate without one; None when it is new."""
         hardware, application, data, sequence = origin
         spans = self._senders.get(hardware)
         place = (application, data, sequence >> SPAN_BITS)
@@ -91,8 +91,8 @@ class Received:
         # as long as it is repeated it must be known
         self._touch(hardware, spans, place, span)
         if origin in self._in_work:
-            return Seen.IN_WORK
-        return self._answers.get(origin, Seen.ANSWER_GONE)
+            return DuplicateState.IN_WORK
+        return self._answers.get(origin, DuplicateState.ANSWER_GONE)
 
     def begin(self, origin: Origin, now_ns: int) -> None:
         """The message is accepted; its answer follows."""
@@ -135,7 +135,7 @@ class Received:
         self._senders.move_to_end(hardware)
 
     def _forget_senders(self) -> None:
-        """Those silent for as long as anything is held, and the most silent when there are too many."""
+        """Remove senders silent for `hold_ns`, and the longest silent when there are too many."""
         oldest_ns = self._now_ns - self._hold_ns
         while self._senders:
             spans = next(iter(self._senders.values()))
