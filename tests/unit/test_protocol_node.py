@@ -22,8 +22,8 @@ from swarmd.tree.core.index import Index, leaf
 from swarmd.tree.core.interest import wish
 from swarmd.tree.core.lane import FLIGHT_BYTES, WINDOW
 from swarmware.appfile import AppTable
+from swarmware.delivery.duplicates import HOLD_NS
 from swarmware.delivery.outbox import GRACE_NS, LOCAL, REMOTE
-from swarmware.delivery.received import HOLD_NS
 from swarmware.errors import KINDS, WireError
 from swarmware.master.record import Holder, RecordFile
 from swarmware.mission.folder import content_hash
@@ -32,9 +32,9 @@ from swarmware.module.rpc import IN_WORK_LIMIT
 from swarmware.names import data_id
 from swarmware.post.post import WINDOW as POST_WINDOW
 from swarmware.resource import Kind, Resource
-from swarmware.shm.bells import Bells
-from swarmware.shm.doorbell import BellPulls, Doorbell
+from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import readers_folder
+from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.ring import RingReader, RingWriter
 from swarmware.testing import make_node
 from swarmware.types.scalar import Text
@@ -83,7 +83,7 @@ def page_ring(frames: dict[int, bytes], newest: int) -> bytearray:
         "slots": SLOTS,
         "slot bytes": SLOT_BYTES,
         "nonce": 5,
-        "lineage": 6,
+        "epoch": 6,
     }.items():
         put(HEADER[name], number)
     fixed = [word(data, at) for at in (0, 8, 24, 32, 40, 48, 56)]
@@ -147,7 +147,7 @@ def test_a_ring_written_by_the_library_is_as_the_page_says(tmp_path: Path) -> No
     with path.open("rb") as old, RingWriter(path, slots=SLOTS, slot_bytes=2 * SLOT_BYTES):
         assert word(old.read(SLOTS_AT), HEADER["moved"]) != 0
         data = path.read_bytes()
-        assert word(data, HEADER["lineage"]) == word(first, HEADER["lineage"])
+        assert word(data, HEADER["epoch"]) == word(first, HEADER["epoch"])
         assert word(data, HEADER["nonce"]) != word(first, HEADER["nonce"])
         assert word(data, HEADER["first"]) == word(data, HEADER["newest"]) == 6
 
@@ -156,7 +156,7 @@ def test_doorbells_ring_both_ways(tmp_path: Path) -> None:
     bells = tmp_path / "bells"
     readers = readers_folder(tmp_path / "nav.pose.ring")
     assert readers.name == "nav.pose.readers"
-    with Doorbell(bells) as doorbell, Bells(readers, BellPulls(bells)) as ours:
+    with Doorbell(bells) as doorbell, ReaderNotifier(readers, DoorbellSenders(bells)) as ours:
         ours.add(doorbell.name)
         assert doorbell.name == f"{os.getpid()}-0"
         for entry in readers.iterdir():  # by the page
@@ -168,11 +168,11 @@ def test_doorbells_ring_both_ways(tmp_path: Path) -> None:
         fifo = os.open(bells / "4711-0", os.O_RDWR | os.O_NONBLOCK)
         (readers / "4711-0").touch()
         os.utime(readers)
-        pulls = BellPulls(bells)
-        with Bells(readers, pulls) as writer:
-            writer.ring()
+        doorbells = DoorbellSenders(bells)
+        with ReaderNotifier(readers, doorbells) as writer:
+            writer.notify()
         assert os.read(fifo, 100) == b"\1"
-        pulls.close()
+        doorbells.close()
         os.close(fifo)
 
 
@@ -197,7 +197,7 @@ def test_the_application_file_of_the_page_is_one(tmp_path: Path) -> None:
 def test_the_record_of_the_master_is_as_the_page_says(tmp_path: Path) -> None:
     record = RecordFile(tmp_path / "master.lock")
     record.write_holder(Holder(3, 4711, 123456, "register#1"))
-    record.write_want(4712, 123457)
+    record.request_leadership(4712, 123457)
     record.close()
     data = (tmp_path / "master.lock").read_bytes()
     at = table(18)
@@ -264,9 +264,9 @@ def test_the_bound_of_a_conversion_is_that_of_the_page() -> None:
 def test_the_figures_of_the_services_are_ours() -> None:
     mission, tree = MissionConfig(), TreeConfig()
     for words in (
-        f"To the own node: {LOCAL.first_ns // 10**6} ms, at most {LOCAL.ceiling_ns // 10**6} ms",
-        f"To another one: {REMOTE.first_ns // 10**6} ms as long as no round trip was measured",
-        f"{REMOTE.floor_ns // 10**6} ms at least; at most {REMOTE.ceiling_ns / 1e9} s",
+        f"To the own node: {LOCAL.initial_ns // 10**6} ms, at most {LOCAL.max_ns // 10**6} ms",
+        f"To another one: {REMOTE.initial_ns // 10**6} ms as long as no round trip was measured",
+        f"{REMOTE.min_ns // 10**6} ms at least; at most {REMOTE.max_ns / 1e9} s",
         f"It goes on for {GRACE_NS // 10**9} s from the first of these",
         f"{POST_WINDOW} messages of one data id",
         f"known for the last {HOLD_NS // 10**9} s",

@@ -233,7 +233,7 @@ static void write_file(int fd, int instance, const char *board) {
 static struct {
     char path[PATH_MAX];
     const uint64_t *words;
-    uint64_t bytes, slots, slot_bytes, stride, lineage, seen;
+    uint64_t bytes, slots, slot_bytes, stride, epoch, seen;
 } ring;
 
 static uint64_t word(size_t at) { return __atomic_load_n(ring.words + at / 8, __ATOMIC_ACQUIRE); }
@@ -252,7 +252,7 @@ static void open_ring(void) {
     ring.slots = word(24), ring.slot_bytes = word(32), ring.stride = (32 + ring.slot_bytes + 63) / 64 * 64;
     if (memcmp(ring.words, "SWARMRNG", 8) || word(8) != 1 || word(64) != crc32(0, fixed, sizeof fixed)
         || ring.bytes != 256 + ring.slots * ring.stride) die("%s: no ring of version 1", ring.path);
-    if (ring.lineage != word(48)) ring.lineage = word(48), ring.seen = 0;
+    if (ring.epoch != word(48)) ring.epoch = word(48), ring.seen = 0;
 }
 static size_t newest(uint8_t *frame) { /* its length; 0 when there is none that was not seen */
     if (!ring.words || word(16)) open_ring();
