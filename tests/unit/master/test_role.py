@@ -118,7 +118,7 @@ async def test_a_stand_in_gives_the_role_up_for_the_preferred_process(tmp_path: 
     race.join("stand-in")
     register = race.join("register")
     as_another_process(register)
-    register.prefer("register#1")
+    register.volunteer("register#1")
     assert race.holding == ["register"]
     assert race.log[1:] == [("stand-in", "lost", 0), ("register", "gained", 2)]
     race.roles["stand-in"].poll()
@@ -132,11 +132,11 @@ async def test_who_is_not_preferred_waits_while_a_living_process_wants_a_role_th
     race = Race(tmp_path)
     first = race.join("first")
     wanting = RecordFile(tmp_path / LOCK_NAME)
-    wanting.write_want(os.getppid(), start_ticks(os.getppid()))
+    wanting.request_leadership(os.getppid(), start_ticks(os.getppid()))
     first.close()
     second = race.join("second")
     assert race.holding == [], "it was given back for the one that wants it"
-    wanting.write_want(os.getppid(), 1)  # another process had this number: that one has died
+    wanting.request_leadership(os.getppid(), 1)  # another process had this number: that one has died
     second._contend()
     assert race.holding == ["second"]
     wanting.close()
