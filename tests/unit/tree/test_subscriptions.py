@@ -209,6 +209,39 @@ def test_who_was_away_for_the_owner_only_is_told_that_its_lease_is_over() -> Non
     assert got(both) == [0.9]
 
 
+def test_who_subscribes_again_gets_what_comes_from_then_on() -> None:
+    both = pair("/uav1/power/battery")
+    for volt in (0.9, 0.8, 0.7):
+        battery(both, volt)
+        both.carry()
+    both.trees["gcs"].set_applications([], [], both.now_ns)
+    both.carry()
+    assert both.trees["uav1"].held.subscribers() == []
+    both.trees["gcs"].set_applications([], ["/uav1/power/battery"], both.now_ns)
+    both.carry()
+    for volt in (0.6, 0.5):
+        battery(both, volt)
+        both.carry()
+    assert got(both) == [0.9, 0.8, 0.7, 0.6, 0.5]
+
+
+def test_what_comes_after_a_lease_that_ran_out_is_taken_also_when_much_came_before() -> None:
+    both = pair("/uav1/power/battery")
+    uav, gcs = both.trees["uav1"], both.trees["gcs"]
+    for volt in (0.9, 0.8, 0.7):
+        battery(both, volt)
+        both.carry()
+    gcs.on_gone("uav1", both.now_ns)
+    uav.on_gone("gcs", both.now_ns)
+    both.wait(70)
+    assert uav.held.subscribers() == []
+    both.meet()
+    both.carry()
+    battery(both, 0.6)
+    both.carry()
+    assert got(both) == [0.9, 0.8, 0.7, 0.6]
+
+
 def test_a_subscription_of_a_former_start_that_nobody_wants_is_taken_back() -> None:
     both = pair("/uav1/power/battery")
     both.replace(core("gcs", epoch=5))

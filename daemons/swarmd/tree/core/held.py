@@ -59,6 +59,8 @@ class Held:
         self._limits: tuple[ChannelLimit, ...] = ()
         self._lapsed: dict[str, None] = {}
         """Platforms whose lease ended while they were away, and that may not know."""
+        self._serial = 0
+        """Largest of any subscription that has ended: the subscriber drops what it takes for an older one."""
         self._lost: Counter[tuple[str, str]] = Counter()
         self.plan_count = 0
         """Rises with each change of `offers`."""
@@ -133,7 +135,9 @@ class Held:
                 self._drop(one)  # it takes its subscription back
             return reply
         if one is None:
-            one = self._subscribers[request.platform] = Subscriber(request.platform, request.epoch)
+            one = self._subscribers[request.platform] = Subscriber(
+                request.platform, request.epoch, self._serial
+            )
         one.lease_span_ns = lease_span_ns
         one.lease_ns = now_ns + lease_span_ns
         one.hurry()
@@ -268,6 +272,7 @@ class Held:
     def _drop(self, one: Subscriber) -> None:
         self._set_feeds(one, {})
         self.plan_count += bool(one.ticks)
+        self._serial = max(self._serial, one.serial)
         del self._subscribers[one.platform]
         self._timers.drop(one.platform)
 

@@ -72,15 +72,16 @@ class Lane:
         "_failures",
         "_flights",
         "_launched",
-        "_serial",
         "_size",
         "failing_ns",
         "number",
         "quiet_ns",
         "sent_ns",
+        "serial",
     )
 
-    def __init__(self, number: Number) -> None:
+    def __init__(self, number: Number, serial: int = 0) -> None:
+        """`serial`: of the last notification before."""
         self.number = number
         self.sent_ns = 0
         self.quiet_ns = 0
@@ -91,7 +92,7 @@ class Lane:
         self._failures = 0
         self._flights: dict[int, Flight] = {}
         self._launched = 0
-        self._serial = 0
+        self.serial = serial
         self._size = 0
 
     def __bool__(self) -> bool:
@@ -107,7 +108,7 @@ class Lane:
         return (
             len(self._flights) < WINDOW
             and self._size < FLIGHT_BYTES
-            and self._serial - first < SPAN - 1
+            and self.serial - first < SPAN - 1
             and self._launched - self._flights[first].begins < SPAN_BYTES
         )
 
@@ -118,10 +119,10 @@ class Lane:
 
     def launch(self, notify: TreeNotify, parts: Parts, now_ns: int) -> TreeNotify:
         """The notification with its place in the lane; it is kept until it is acknowledged."""
-        self._serial += 1
-        first = next(iter(self._flights), self._serial)
-        notify = msgspec.structs.replace(notify, serial=self._serial, lane=int(self.number), first=first)
-        flight = self._flights[self._serial] = Flight(notify, parts, now_ns, self._launched)
+        self.serial += 1
+        first = next(iter(self._flights), self.serial)
+        notify = msgspec.structs.replace(notify, serial=self.serial, lane=int(self.number), first=first)
+        flight = self._flights[self.serial] = Flight(notify, parts, now_ns, self._launched)
         self._size += flight.size
         self._launched += flight.size
         self.sent_ns = now_ns
@@ -168,7 +169,7 @@ class Lane:
         flight.size = sum(len(item.data) for item in flight.notify.items)
         self._size += flight.size
         empty = not flight.notify.items and not flight.notify.digest
-        if empty and serial == self._serial and len(self._flights) == 1:
+        if empty and serial == self.serial and len(self._flights) == 1:
             del self._flights[serial]  # the next one says that it is not waited for
         return True
 

@@ -14,7 +14,8 @@ class Subscriber:
         "structure_ns", "ticks", "turn", "up", "wish",
     )  # fmt: skip
 
-    def __init__(self, platform: str, epoch: int) -> None:
+    def __init__(self, platform: str, epoch: int, serial: int = 0) -> None:
+        """`serial`: its notifications are numbered from the next one on."""
         self.platform = platform
         self.epoch = epoch
         self.lease_span_ns = 0
@@ -23,7 +24,7 @@ class Subscriber:
         self.wish: Wish = wish(frozenset(), ())
         self.feeds: dict[str, Feed] = {}
         self.ticks: tuple[Resource, ...] = ()
-        self.lanes = {number: Lane(number) for number in Number}
+        self.lanes = {number: Lane(number, serial) for number in Number}
         self.turn: dict[Number, str] = {}
         """Of each lane the feed that was served last: the others come before it."""
         self.structure = 0
@@ -40,6 +41,11 @@ class Subscriber:
             if feed.resource.path == served:
                 return feeds[index + 1 :] + feeds[: index + 1]
         return feeds
+
+    @property
+    def serial(self) -> int:
+        """Of its newest notification."""
+        return max(lane.serial for lane in self.lanes.values())
 
     def hurry(self) -> None:
         """It is there."""
