@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import click
 
-from swarmctl.settings import shared_options
+from swarmctl.shared_options import shared_options
 
 EXTERNAL: Final = "swarmctl-"
 """Programs on PATH with this prefix are commands as well, as in git."""

@@ -7,7 +7,8 @@ from typing import Final
 import click
 
 from swarmctl.lazy import Lazy, LazyGroup
-from swarmctl.settings import PREFIX, Settings, settings, shared_options
+from swarmctl.settings import PREFIX, CliSettings, settings
+from swarmctl.shared_options import shared_options
 from swarmware import __version__
 from swarmware.errors import Denied, NotFound, SwarmError
 
@@ -18,25 +19,29 @@ INTERRUPTED: Final = 130
 """Exit code after Ctrl-C (128 + SIGINT)."""
 
 COMMANDS: Final[dict[str, Lazy]] = {
-    "node": Lazy("swarmctl.commands.node:cmd", "Nodes of the swarm."),
-    "app": Lazy("swarmctl.commands.app:cmd", "Applications that run on the nodes."),
-    "tree": Lazy("swarmctl.commands.tree:cmd", "Resources: list, read, set and watch them."),
-    "topo": Lazy("swarmctl.commands.topo:cmd", "Who hears whom, as a graph."),
-    "link": Lazy("swarmctl.commands.link:cmd", "Links and their quality."),
-    "traffic": Lazy("swarmctl.commands.traffic:cmd", "Bytes and frames per channel; set a channel's rate."),
-    "mission": Lazy("swarmctl.commands.mission:cmd", "Check, start, watch and abort missions."),
-    "hold": Lazy("swarmctl.commands.manoeuvre:hold", "Have vehicles stop and keep their place."),
-    "land": Lazy("swarmctl.commands.manoeuvre:land", "Have vehicles land where they are."),
-    "return": Lazy("swarmctl.commands.manoeuvre:return_", "Have vehicles go back to their start and land."),
-    "arm": Lazy("swarmctl.commands.motors:arm", "Arm vehicles on the ground."),
-    "disarm": Lazy("swarmctl.commands.motors:disarm", "Disarm vehicles on the ground."),
-    "kill": Lazy("swarmctl.commands.motors:kill", "Stop the motors of one vehicle, also in the air."),
-    "time": Lazy("swarmctl.commands.time:cmd", "Clock conversions between nodes."),
-    "health": Lazy("swarmctl.commands.health:cmd", "State and faults of the nodes."),
-    "log": Lazy("swarmctl.commands.log:cmd", "Query, follow and export what was recorded."),
-    "lab": Lazy("swarmctl.commands.lab:cmd", "Run a whole swarm on this machine."),
-    "config": Lazy("swarmctl.commands.config:cmd", "Settings of the nodes."),
-    "doctor": Lazy("swarmctl.commands.doctor:cmd", "Look for what is wrong on this machine."),
+    "node": Lazy("swarmctl.commands.node.command:cmd", "Nodes of the swarm."),
+    "app": Lazy("swarmctl.commands.app.command:cmd", "Applications that run on the nodes."),
+    "tree": Lazy("swarmctl.commands.tree.command:cmd", "Resources: list, read, set and watch them."),
+    "topo": Lazy("swarmctl.commands.topo.command:cmd", "Who hears whom, as a graph."),
+    "link": Lazy("swarmctl.commands.link.command:cmd", "Links and their quality."),
+    "traffic": Lazy(
+        "swarmctl.commands.traffic.command:cmd", "Bytes and frames per channel; set a channel's rate."
+    ),
+    "mission": Lazy("swarmctl.commands.mission.command:cmd", "Check, start, watch and abort missions."),
+    "hold": Lazy("swarmctl.commands.manoeuvre.command:hold", "Have vehicles stop and keep their place."),
+    "land": Lazy("swarmctl.commands.manoeuvre.command:land", "Have vehicles land where they are."),
+    "return": Lazy(
+        "swarmctl.commands.manoeuvre.command:return_", "Have vehicles go back to their start and land."
+    ),
+    "arm": Lazy("swarmctl.commands.motors.command:arm", "Arm vehicles on the ground."),
+    "disarm": Lazy("swarmctl.commands.motors.command:disarm", "Disarm vehicles on the ground."),
+    "kill": Lazy("swarmctl.commands.motors.command:kill", "Stop the motors of one vehicle, also in the air."),
+    "time": Lazy("swarmctl.commands.time.command:cmd", "Clock conversions between nodes."),
+    "health": Lazy("swarmctl.commands.health.command:cmd", "State and faults of the nodes."),
+    "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export what was recorded."),
+    "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
+    "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes."),
+    "doctor": Lazy("swarmctl.commands.doctor.command:cmd", "Look for what is wrong on this machine."),
 }
 """Every command and where it is; nothing of it is imported before it is called."""
 
@@ -87,7 +92,7 @@ def main(args: list[str] | None = None) -> int:
     words = sys.argv[1:] if args is None else list(args)
     try:
         # not cli.main(): it turns a reader that has seen enough (EPIPE) into a failure
-        with cli.make_context(_NAME, words, obj=Settings()) as ctx:
+        with cli.make_context(_NAME, words, obj=CliSettings()) as ctx:
             cli.invoke(ctx)
         sys.stdout.flush()
     except click.exceptions.Exit as done:

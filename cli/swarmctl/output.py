@@ -7,7 +7,7 @@ from typing import Any, Final, TextIO
 
 import msgspec
 
-from swarmctl.settings import Settings
+from swarmctl.settings import CliSettings
 
 SCHEMA_VERSION: Final = 1
 """Of every JSON document; rises when a key changes its meaning or goes."""
@@ -30,7 +30,7 @@ class Output:
     """
 
     def __init__(
-        self, settings: Settings, stdout: TextIO | None = None, stderr: TextIO | None = None
+        self, settings: CliSettings, stdout: TextIO | None = None, stderr: TextIO | None = None
     ) -> None:
         self.settings = settings
         self._out = stdout or sys.stdout

@@ -20,9 +20,9 @@ import click
 import msgspec
 
 import swarmware.types
-from swarmctl.lab import report
 from swarmctl.main import cli
 from swarmd.tree.core import structure
+from swarmlab import report
 from swarmware import resource, template
 from swarmware.appfile import entry
 from swarmware.types.quantised import Form
@@ -116,7 +116,7 @@ def cli_page() -> str:
 
 def readme() -> str:
     """The README with the table of the measured run."""
-    found = msgspec.json.decode(MEASURED.read_bytes(), type=report.Report)
+    found = msgspec.json.decode(MEASURED.read_bytes(), type=report.ExperimentReport)
     table = f"\n{report.markdown(found)}\nMeasured on {found.host.summary()}.\n\n"
     return _FIGURES.sub(lambda block: block[1] + table + block[3], README.read_text())
 

@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from swarmctl.lab.experiment import REPORT
-from swarmctl.lab.report import LIMITS, Report
 from swarmctl.output import Column, plain_table
+from swarmlab.experiment import REPORT
+from swarmlab.report import LIMITS, ExperimentReport
 
 NODES: Final = 16
 
@@ -24,7 +24,7 @@ class Budget(NamedTuple):
     """One figure and what it must stay below."""
 
     what: str
-    figure: Callable[[Report], float | None]
+    figure: Callable[[ExperimentReport], float | None]
     limit: float
     unit: str
 
@@ -51,7 +51,7 @@ def main() -> int:
         )
         if done.returncode not in {0, 3}:
             return done.returncode
-        found = msgspec.json.decode((folder / REPORT).read_bytes(), type=Report)
+        found = msgspec.json.decode((folder / REPORT).read_bytes(), type=ExperimentReport)
     rows = []
     missed = 0
     for budget in BUDGETS:

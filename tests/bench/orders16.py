@@ -16,13 +16,14 @@ from typing import Final
 
 import numpy as np
 
-from swarmctl.connect import Link, connect
-from swarmctl.lab import record, upkeep
-from swarmctl.lab.experiment import PLAN, TASK, TASK_S, mission_task
-from swarmctl.lab.record import LabRecord
-from swarmctl.lab.recording import ClockTruth
-from swarmctl.lab.report import LIMITS
-from swarmctl.lab.watch import SwarmWatch
+from swarmctl import labs
+from swarmctl.labs import LabState
+from swarmctl.session import Session, connect
+from swarmlab import lifecycle
+from swarmlab.clocks import ClockTruth
+from swarmlab.experiment import PLAN, TASK, TASK_S, mission_task
+from swarmlab.report import LIMITS
+from swarmlab.watch import SwarmWatch
 from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, TaskAnswer
 
 NODES: Final = 16
@@ -33,7 +34,7 @@ BETWEEN_S: Final = 3.0
 """From an abort to the next order: everybody holds, and the states are known everywhere."""
 
 
-def times_ms(lab: LabRecord, answer: TaskAnswer) -> tuple[list[float], list[float]]:
+def times_ms(lab: LabState, answer: TaskAnswer) -> tuple[list[float], list[float]]:
     """From the instruction, and from each order's departure, to its receipt; all clocks made true."""
     clocks = {node.platform: ClockTruth(node.offset_s, node.drift_ppm).clock for node in lab.nodes}
     station = clocks["gcs"]
@@ -47,14 +48,14 @@ def times_ms(lab: LabRecord, answer: TaskAnswer) -> tuple[list[float], list[floa
     return command, way
 
 
-async def one(link: Link, lab: LabRecord) -> tuple[list[float], list[float], float]:
+async def one(session: Session, lab: LabState) -> tuple[list[float], list[float], float]:
     """One order, taken back as soon as everybody has it."""
     began_ns = monotonic_ns()
-    answer = await link.ask(TASK, mission_task(lab.experiment), TaskAnswer, timeout_s=TASK_S)
+    answer = await session.ask(TASK, mission_task(lab.experiment), TaskAnswer, timeout_s=TASK_S)
     took_ms = (monotonic_ns() - began_ns) / 1e6
     if not answer.accepted:
         raise SystemExit(f"not accepted: {[order for order in answer.orders if not order.accepted]}")
-    await link.ask("sys/mission/abort", ABORT, AbortAnswer, timeout_s=10)
+    await session.ask("sys/mission/abort", ABORT, AbortAnswer, timeout_s=10)
     await asyncio.sleep(BETWEEN_S)
     return *times_ms(lab, answer), took_ms
 
@@ -68,15 +69,15 @@ def shown(name: str, values: list[float]) -> dict[str, object]:
     return {"figure": name, "n": len(values), "p50_ms": p50, "p99_ms": p99, "max_ms": worst}
 
 
-async def measure(lab: LabRecord, orders: int) -> list[dict[str, object]]:
+async def measure(lab: LabState, orders: int) -> list[dict[str, object]]:
     """All figures; the first two are the budget's."""
-    async with connect(upkeep.way_in(lab)) as link:
-        watch = await SwarmWatch.open(link)
+    async with connect(lifecycle.station_settings(lab)) as session:
+        watch = await SwarmWatch.open(session)
         await watch.until_quiet(QUIET_S)
         # as `mission start`: who would take part is asked before the instruction is given
-        await link.ask(PLAN, mission_task(lab.experiment), MissionPlan, timeout_s=TASK_S)
-        first = await one(link, lab)
-        others = [await one(link, lab) for _ in range(orders)]
+        await session.ask(PLAN, mission_task(lab.experiment), MissionPlan, timeout_s=TASK_S)
+        first = await one(session, lab)
+        others = [await one(session, lab) for _ in range(orders)]
     return [
         shown("first order, command", first[0]),
         shown("later orders, command", [ms for order in others for ms in order[0]]),
@@ -98,7 +99,7 @@ def main() -> int:
         up = ["up", "formation", "--nodes", str(NODES), "--name", OWN, "--detach"]
         subprocess.run([*swarmctl, *up], check=True, stdout=subprocess.DEVNULL)
     try:
-        found = asyncio.run(measure(record.find(given.lab or OWN), given.orders))
+        found = asyncio.run(measure(labs.find(given.lab or OWN), given.orders))
     finally:
         if not given.lab:
             subprocess.run([*swarmctl, "down", OWN], check=True, stdout=subprocess.DEVNULL)

@@ -8,8 +8,8 @@ import pytest
 
 import swarmctl.main
 import swarmd.main
-from swarmctl.connect import config_dir
-from swarmctl.settings import Settings
+from swarmctl.session import config_dir
+from swarmctl.settings import CliSettings
 from swarmware import Module
 from swarmware.errors import ConfigError, NotFound
 from swarmware.testing import make_node
@@ -82,7 +82,7 @@ def test_there_is_no_second_variable(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("swarmware.config.DEFAULT_DIR", tmp_path / "usual")
-    monkeypatch.setattr("swarmctl.connect.DEFAULT_DIR", tmp_path / "usual")
+    monkeypatch.setattr("swarmctl.session.DEFAULT_DIR", tmp_path / "usual")
     monkeypatch.setenv(variable, str(tmp_path / "other"))
     assert start() != 0
     error = capsys.readouterr().err
@@ -94,9 +94,9 @@ def test_a_lab_that_is_named_goes_before_the_variable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
-    assert config_dir(Settings()) == tmp_path
+    assert config_dir(CliSettings()) == tmp_path
     with pytest.raises(NotFound, match="field"):
-        config_dir(Settings(lab="field"))
+        config_dir(CliSettings(lab="field"))
 
 
 def test_swarmd_names_the_units_of_the_services_in_node_toml(

@@ -13,11 +13,11 @@ import tomli_w
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from swarmctl import configuration
-from swarmctl.lab import record
-from swarmctl.lab.facts import Facts
+from swarmctl import labs
+from swarmctl.commands.config import effective
 from swarmd.health.journal import JournalFile
 from swarmd.tree.store import Store
+from swarmlab.run_metadata import RunMetadata
 from swarmware import config, document, template
 from swarmware.appfile.entry import AppEntry, decode, encode
 from swarmware.config import NodeConfig, share_dir
@@ -93,7 +93,7 @@ def test_a_file_that_is_no_text_or_has_no_end_is_refused(tmp_path: Path) -> None
 )
 def test_json_that_no_reader_can_take_is_refused_with_its_source(content: str) -> None:
     with pytest.raises(ConfigError, match=r"^lab\.json: "):
-        document.json(content, record.LabRecord, "lab.json")
+        document.json(content, labs.LabState, "lab.json")
 
 
 def node_toml(path: Path) -> None:
@@ -126,16 +126,16 @@ def live_settings(path: Path) -> None:
 
 def shown_configuration(path: Path) -> None:
     path = path.rename(path.with_name("node.toml"))
-    configuration.effective(path.parent, "node")
+    effective.effective(path.parent, "node")
 
 
 def lab(path: Path) -> None:
-    path.rename(path.with_name(record.FILE))
-    record.load(path.parent)
+    path.rename(path.with_name(labs.FILE))
+    labs.load(path.parent)
 
 
 def facts(path: Path) -> None:
-    document.json(document.read(path), Facts, str(path))
+    document.json(document.read(path), RunMetadata, str(path))
 
 
 def journal(path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from swarmctl import main as swarmctl
-from swarmctl.lab import processes
+from swarmctl import processes
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
 

@@ -10,29 +10,30 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import folders, processes, record
-from swarmctl.lab.record import LabRecord
+from swarmctl import labs, processes
+from swarmctl.labs import LabState
+from swarmlab import provisioning
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]
 
 
 @pytest.fixture
-def labs(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def labs_folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Folder of labs; short, because sockets live below it. Whatever a test leaves there is ended."""
     folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
     monkeypatch.setenv("SWARMCTL_LABS", str(folder))
     try:
         yield folder
     finally:
-        left = record.labs()
+        left = labs.labs()
         for lab in left:
-            folders.down(lab)
+            provisioning.down(lab)
         shutil.rmtree(folder)
 
 
 @pytest.fixture
-def ctl(labs: Path) -> Ctl:
+def ctl(labs_folder: Path) -> Ctl:
     """`swarmctl …`, to its end."""
 
     def run(*words: str, code: int | None = 0) -> Done:
@@ -42,7 +43,7 @@ def ctl(labs: Path) -> Ctl:
             text=True,
             check=False,
             stdin=subprocess.DEVNULL,
-            env={**os.environ, "SWARMCTL_LABS": str(labs)},
+            env={**os.environ, "SWARMCTL_LABS": str(labs_folder)},
         )
         assert code is None or done.returncode == code, (
             f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
@@ -52,7 +53,7 @@ def ctl(labs: Path) -> Ctl:
     return run
 
 
-def remains(lab: LabRecord) -> list[str]:
+def remains(lab: LabState) -> list[str]:
     """What a lab that was taken down left behind."""
     left = [str(process.pid) for process in processes.marked(lab.mark)]
     left += [node.shm_dir for node in lab.nodes if Path(node.shm_dir).exists()]
@@ -61,10 +62,10 @@ def remains(lab: LabRecord) -> list[str]:
 
 
 @pytest.fixture
-def nothing_remains() -> Callable[[LabRecord], None]:
+def nothing_remains() -> Callable[[LabState], None]:
     """Asserts that a lab is gone without a trace."""
 
-    def check(lab: LabRecord) -> None:
+    def check(lab: LabState) -> None:
         assert remains(lab) == []
         assert not Path(lab.folder).exists()
 

@@ -13,11 +13,11 @@ import msgspec
 import pytest
 from tests.integration.swarm.swarm import PATIENCE_S
 
-from swarmctl.lab import processes, record
-from swarmctl.lab.facts import Facts
-from swarmctl.lab.notify import Restarts
-from swarmctl.lab.processes import NODE_MARK, Identity
-from swarmctl.lab.record import LabRecord, NodeRecord
+from swarmctl import labs, processes
+from swarmctl.labs import LabNode, LabState
+from swarmctl.processes import NODE_MARK, ProcessIdentity
+from swarmlab.notify import Restarts
+from swarmlab.run_metadata import RunMetadata
 from swarmware.errors import SwarmError
 from swarmware.module import Module
 from swarmware.types.net import Routes
@@ -25,24 +25,24 @@ from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
 
 
-def child_of(node: NodeRecord) -> Identity:
+def child_of(node: LabNode) -> ProcessIdentity:
     """The process with the services of a one-process node."""
     (child,) = [who for who in processes.marked(node.folder, NODE_MARK) if who != node.identity]
     return child
 
 
-def kill(*victims: Identity) -> None:
+def kill(*victims: ProcessIdentity) -> None:
     for victim in victims:
         victim.send(signal.SIGKILL)
     assert processes.wait_gone(victims, PATIENCE_S) == []
 
 
-def kill_whole(node: NodeRecord) -> None:
+def kill_whole(node: LabNode) -> None:
     """All its processes in one instant."""
     kill(*processes.marked(node.folder, NODE_MARK))
 
 
-def spoil(node: NodeRecord) -> None:
+def spoil(node: LabNode) -> None:
     """It cannot be started again."""
     (node.config_dir / "node.toml").write_text("platform = 7\n")
 
@@ -67,7 +67,7 @@ def command(*words: str) -> "subprocess.Popen[str]":
     )
 
 
-async def answer(lab: LabRecord, platform: str) -> NodeInfo:
+async def answer(lab: LabState, platform: str) -> NodeInfo:
     """What the node says of itself, asked from the ground station as soon as there is a way."""
     async with Module("probe", config_dir=lab.station.config_dir) as module, asyncio.timeout(PATIENCE_S):
         routes = await module.reader("net/routes", Routes)
@@ -79,14 +79,14 @@ async def answer(lab: LabRecord, platform: str) -> NodeInfo:
 
 
 def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(
-    labs: Path, nothing_remains: Callable[[LabRecord], None]
+    labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     foreground = command("up", "formation", "--nodes", "3")
     assert foreground.stderr is not None
     with foreground.stderr as talk:
         seen: list[str] = []
         until(talk, "Ctrl-C ends it", seen)
-        lab = record.find()
+        lab = labs.find()
         dead = child_of(lab.node("uav1"))
         kill(dead)
         until(talk, "node uav1: restarted once (signal 9)", seen)
@@ -98,14 +98,14 @@ def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(
         kill(parent)
         until(talk, "node uav1: restarted 2 times (signal 9, parent: signal 9)", seen)
         until(talk, "node uav1: ready again", seen)
-        again = record.find().node("uav1")
+        again = labs.find().node("uav1")
         assert again.identity != parent
         assert child_of(again) == child, "the daemons went on without their parent"
 
         kill_whole(again)
         until(talk, "parent: signal 9, parent: signal 9)", seen)
         until(talk, "node uav1: ready again", seen)
-        assert child_of(record.find().node("uav1")) != child
+        assert child_of(labs.find().node("uav1")) != child
         assert asyncio.run(answer(lab, "uav1")).platform == "uav1"
         foreground.send_signal(signal.SIGINT)
         talk.read()
@@ -115,7 +115,7 @@ def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(
 
 @pytest.mark.slow
 def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
-    labs: Path, tmp_path: Path, nothing_remains: Callable[[LabRecord], None]
+    labs_folder: Path, tmp_path: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     out = tmp_path / "report"
     run = command("run", "formation", "--nodes", "3", "--out", str(out))
@@ -123,7 +123,7 @@ def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
     with run.stderr as talk:
         seen: list[str] = []
         until(talk, "accepted by 3 platforms", seen)
-        lab = record.find()
+        lab = labs.find()
         kill(child_of(lab.node("ugv1")))
         until(talk, "node ugv1: restarted once (signal 9)", seen)
         spoil(lab.node("uav1"))
@@ -132,7 +132,7 @@ def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
     assert run.wait(60) == 1, "".join(seen)
     nothing_remains(lab)
 
-    facts = msgspec.json.decode((out / "run.json").read_bytes(), type=Facts)
+    facts = msgspec.json.decode((out / "run.json").read_bytes(), type=RunMetadata)
     nodes = {node.platform: node for node in facts.nodes}
     assert not facts.completed
     assert facts.failure == "node uav1: ended with exit code 7; logs/uav1/log.txt"

@@ -8,20 +8,20 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from swarmctl.lab import processes, record
-from swarmctl.lab.record import LabRecord
+from swarmctl import labs, processes
+from swarmctl.labs import LabState
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]
-Gone = Callable[[LabRecord], None]
+Gone = Callable[[LabState], None]
 
 
 def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second_one_goes_on(
-    ctl: Ctl, labs: Path, nothing_remains: Gone
+    ctl: Ctl, labs_folder: Path, nothing_remains: Gone
 ) -> None:
     up = json.loads(ctl("lab", "up", "formation", "--nodes", "3", "--detach", "--json").stdout)
     assert (up["name"], up["nodes"], up["alive"], up["state"]) == ("formation", 3, 3, "running")
-    assert record.find().ready_s > 0
+    assert labs.find().ready_s > 0
     (listed,) = json.loads(ctl("lab", "ls", "--json").stdout)["labs"]
     assert (listed["name"], listed["alive"]) == ("formation", 3)
     said = ctl("lab", "logs", "uav1", "--lines", "5").stdout
@@ -29,7 +29,7 @@ def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second
     assert {line.split(":")[0] for line in ctl("lab", "logs").stdout.splitlines()} == {"gcs", "ugv1", "uav1"}
 
     ctl("lab", "up", "formation", "--nodes", "3", "--seed", "2", "--detach")
-    first, second = record.labs()
+    first, second = labs.labs()
     assert (first.name, second.name) == ("formation", "formation2")
     assert (first.multicast_group, first.udp_port) != (second.multicast_group, second.udp_port)
     ended = json.loads(ctl("lab", "down", first.name, "--json").stdout)["ended"]
@@ -38,12 +38,12 @@ def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second
     assert second.running, "the other lab goes on"
     ctl("lab", "down", "--all")
     nothing_remains(second)
-    assert list(labs.iterdir()) == []
+    assert list(labs_folder.iterdir()) == []
 
 
 def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) -> None:
     ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach")
-    lab = record.find("mine")
+    lab = labs.find("mine")
     refused = ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach", code=1)
     assert "mine" in refused.stderr
     for node in lab.nodes:
@@ -51,15 +51,15 @@ def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) 
     for process in processes.marked(lab.mark):  # what a node's parent had started outlives it
         process.send(signal.SIGKILL)
     ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach")
-    assert record.find("mine").created_utc_ns > lab.created_utc_ns
+    assert labs.find("mine").created_utc_ns > lab.created_utc_ns
 
 
-def test_a_lab_that_is_asked_to_end_is_taken_down(labs: Path, nothing_remains: Gone) -> None:
+def test_a_lab_that_is_asked_to_end_is_taken_down(labs_folder: Path, nothing_remains: Gone) -> None:
     foreground = subprocess.Popen(
         [sys.executable, "-m", "swarmctl", "lab", "up", "formation", "--nodes", "3"],
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "SWARMCTL_LABS": str(labs)},
+        env={**os.environ, "SWARMCTL_LABS": str(labs_folder)},
         start_new_session=True,
     )
     assert foreground.stderr is not None
@@ -69,7 +69,7 @@ def test_a_lab_that_is_asked_to_end_is_taken_down(labs: Path, nothing_remains: G
             heard.append(line)
             if "Ctrl-C ends it" in line:
                 break
-        lab = record.find()
+        lab = labs.find()
         assert lab.running, heard
         foreground.send_signal(signal.SIGTERM)
         talk.read()
@@ -77,12 +77,12 @@ def test_a_lab_that_is_asked_to_end_is_taken_down(labs: Path, nothing_remains: G
     nothing_remains(lab)
 
 
-def test_an_interrupt_in_the_middle_of_the_start_leaves_nothing_either(labs: Path) -> None:
+def test_an_interrupt_in_the_middle_of_the_start_leaves_nothing_either(labs_folder: Path) -> None:
     foreground = subprocess.Popen(
         [sys.executable, "-m", "swarmctl", "lab", "up", "formation", "--nodes", "6", "--verbose"],
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "SWARMCTL_LABS": str(labs)},
+        env={**os.environ, "SWARMCTL_LABS": str(labs_folder)},
         start_new_session=True,
     )
     assert foreground.stderr is not None
@@ -90,18 +90,18 @@ def test_an_interrupt_in_the_middle_of_the_start_leaves_nothing_either(labs: Pat
         for line in talk:
             if "started" in line:
                 break
-        lab = record.labs()[0]
+        lab = labs.labs()[0]
         foreground.send_signal(signal.SIGINT)
         talk.read()
     assert foreground.wait(30) == 130
-    assert list(labs.iterdir()) == []
+    assert list(labs_folder.iterdir()) == []
     assert not any(Path(node.shm_dir).exists() for node in lab.nodes)
 
 
-def test_what_cannot_be_is_refused_before_anything_starts(ctl: Ctl, labs: Path) -> None:
+def test_what_cannot_be_is_refused_before_anything_starts(ctl: Ctl, labs_folder: Path) -> None:
     assert "expected 3..200" in ctl("lab", "up", "formation", "--nodes", "2", code=7).stderr
     assert "usv1" in ctl("lab", "up", "formation", "--nodes", "3", "--per-daemon", "usv1", code=7).stderr
     assert "--net moon" in ctl("lab", "up", "formation", "--net", "moon", code=7).stderr
     assert "not there" in ctl("lab", "down", "nothing", code=6).stderr
     assert "lab up" in ctl("lab", "logs", code=6).stderr
-    assert list(labs.iterdir()) == []
+    assert list(labs_folder.iterdir()) == []

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from swarmctl.lab import record
+from swarmctl import labs
 from swarmware.config import share_dir
 
 Done = subprocess.CompletedProcess[str]
@@ -43,7 +43,7 @@ def short_course(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_three_nodes_fly_the_formation_and_the_report_has_everything(
-    ctl: Callable[..., Done], labs: Path, tmp_path: Path, short_course: None
+    ctl: Callable[..., Done], labs_folder: Path, tmp_path: Path, short_course: None
 ) -> None:
     out = tmp_path / "report"
     done = ctl("lab", "run", "formation", "--nodes", "3", "--out", str(out), "--json")
@@ -69,5 +69,5 @@ def test_three_nodes_fly_the_formation_and_the_report_has_everything(
         with path.open("rb") as file:
             assert list(make_reader(file).iter_messages()), f"{path}: readable by the mcap library"
     assert "mission completed" in done.stderr
-    assert record.labs() == []
-    assert list(labs.iterdir()) == []
+    assert labs.labs() == []
+    assert list(labs_folder.iterdir()) == []

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 from tests.integration.logger.test_logger import counted, events, flushed
 
-from swarmctl.checkup import examine
+from swarmctl.commands.doctor.checks import examine
 from swarmware.errors import SwarmError
 from swarmware.module import BoardReader, Module
 from swarmware.record.query import FolderSource, Query

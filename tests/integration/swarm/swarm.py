@@ -9,11 +9,12 @@ from typing import TypeVar
 
 import msgspec
 
-from swarmctl.lab import folders, processes
-from swarmctl.lab.folders import Wish
-from swarmctl.lab.processes import NODE_MARK
-from swarmctl.lab.record import LabRecord
-from swarmctl.lab.running import RunningLab
+from swarmctl import processes
+from swarmctl.labs import LabState
+from swarmctl.processes import NODE_MARK
+from swarmlab import provisioning
+from swarmlab.provisioning import LabSpec
+from swarmlab.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.module import BoardReader, Module
 from swarmware.types.net import Neighbours
@@ -29,7 +30,7 @@ NAMES = ("gcs", "ugv1", "uav1")
 class Swarm:
     """The nodes of one lab, children of this process."""
 
-    def __init__(self, lab: LabRecord) -> None:
+    def __init__(self, lab: LabState) -> None:
         self.record = lab
         self._starts: dict[str, RunningLab] = {}
 
@@ -40,12 +41,12 @@ class Swarm:
             if (
                 before := self._starts.pop(platform, None)
             ) is not None and before not in self._starts.values():
-                before.let_go()
+                before.stop_watching()
             self._starts[platform] = started
         try:
             await started.start(list(platforms), PATIENCE_S)
         finally:
-            self.record = started.record
+            self.record = started.state
 
     async def kill(self, platform: str) -> None:
         """All processes of the node at once, and no code of theirs runs any more."""
@@ -76,20 +77,20 @@ class Swarm:
 
     async def down(self) -> None:
         """As `swarmctl lab down`."""
-        await asyncio.to_thread(folders.down, self.record)
+        await asyncio.to_thread(provisioning.down, self.record)
 
     def collect(self) -> None:
         """The children's exit codes, so that none is left as a zombie."""
         for started in set(self._starts.values()):
-            started.let_go()
-            started.collect()
+            started.stop_watching()
+            started.wait_children()
 
 
 @asynccontextmanager
 async def swarm(name: str, *, per_daemon: str | None = None, seed: int = 1) -> AsyncIterator[Swarm]:
     """A lab of three nodes of which none is started yet; what of it runs at the end is ended."""
-    wish = Wish(experiment="formation", nodes=3, seed=seed, name=name, per_daemon=per_daemon)
-    made = Swarm(await asyncio.to_thread(folders.make, wish))
+    wish = LabSpec(experiment="formation", nodes=3, seed=seed, name=name, per_daemon=per_daemon)
+    made = Swarm(await asyncio.to_thread(provisioning.make, wish))
     try:
         yield made
     finally:
@@ -165,7 +166,7 @@ def _agree(found: dict[str, dict[str, tuple[int, bool]]]) -> bool:
     ) and bool(views)
 
 
-def remains_of_node(lab: LabRecord, platform: str) -> list[str]:
+def remains_of_node(lab: LabState, platform: str) -> list[str]:
     """What a node that ended in peace left: only two lock files of its last start may stay."""
     node = lab.node(platform)
     places = (node.run_dir, Path(node.shm_dir))

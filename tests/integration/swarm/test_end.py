@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from tests.integration.swarm.swarm import PATIENCE_S, remains_of_node, swarm, until_trees_agree
 
-from swarmctl.lab import record
-from swarmctl.lab.record import LabRecord
+from swarmctl import labs
+from swarmctl.labs import LabState
 
-Gone = Callable[[LabRecord], None]
+Gone = Callable[[LabState], None]
 
 END_S = 5.0
 """What units of systemd and the contract of a node give it."""
@@ -22,9 +22,9 @@ END_S = 5.0
 
 @pytest.mark.slow
 def test_a_node_ends_by_sigterm_in_time_and_takes_all_of_its_files_away(
-    labs: Path, nothing_remains: Gone
+    labs_folder: Path, nothing_remains: Gone
 ) -> None:
-    async def run() -> LabRecord:
+    async def run() -> LabState:
         async with swarm("k2end", per_daemon="uav1") as made:
             await made.start("gcs", "uav1", "ugv1")
             async with made.at("gcs") as ground, made.at("uav1") as vehicle:
@@ -46,7 +46,7 @@ def test_a_node_ends_by_sigterm_in_time_and_takes_all_of_its_files_away(
 class Terminal:
     """`swarmctl lab up` on a terminal of its own, as an operator has it before him."""
 
-    def __init__(self, labs: Path, *words: str) -> None:
+    def __init__(self, labs_folder: Path, *words: str) -> None:
         self._master, slave = os.openpty()
         self.process = subprocess.Popen(
             # its own session, of which the terminal is the controlling one: Ctrl-C and hang-up work
@@ -54,7 +54,7 @@ class Terminal:
             stdin=slave,
             stdout=slave,
             stderr=slave,
-            env={**os.environ, "SWARMCTL_LABS": str(labs), "NO_COLOR": "1", "TERM": "dumb"},
+            env={**os.environ, "SWARMCTL_LABS": str(labs_folder), "NO_COLOR": "1", "TERM": "dumb"},
         )
         os.close(slave)
         self.said = ""
@@ -86,8 +86,8 @@ class Terminal:
 
 
 @contextmanager
-def terminal(labs: Path, *words: str) -> Iterator[Terminal]:
-    found = Terminal(labs, *words)
+def terminal(labs_folder: Path, *words: str) -> Iterator[Terminal]:
+    found = Terminal(labs_folder, *words)
     try:
         yield found
     finally:
@@ -104,10 +104,12 @@ CTRL_C = b"\x03"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["once", "without patience", "closed"])
-def test_a_lab_on_a_terminal_ends_as_a_whole_with_it(labs: Path, nothing_remains: Gone, how: str) -> None:
-    with terminal(labs, "--nodes", "3", "--per-daemon", "uav1", "--name", "k2tty") as window:
+def test_a_lab_on_a_terminal_ends_as_a_whole_with_it(
+    labs_folder: Path, nothing_remains: Gone, how: str
+) -> None:
+    with terminal(labs_folder, "--nodes", "3", "--per-daemon", "uav1", "--name", "k2tty") as window:
         window.read_to("Ctrl-C ends it")
-        lab = record.find("k2tty")
+        lab = labs.find("k2tty")
         assert lab.running
         if how == "closed":
             window.close()
@@ -121,4 +123,4 @@ def test_a_lab_on_a_terminal_ends_as_a_whole_with_it(labs: Path, nothing_remains
         assert how == "closed" or code == 130, window.said  # nobody is there to be told
         assert "Traceback" not in window.said, window.said
     nothing_remains(lab)
-    assert not any(labs.iterdir())
+    assert not any(labs_folder.iterdir())

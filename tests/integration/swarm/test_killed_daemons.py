@@ -19,7 +19,7 @@ from tests.integration.swarm.swarm import (
     up,
 )
 
-from swarmctl.lab.record import LabRecord
+from swarmctl.labs import LabState
 from swarmware.appfile import AppTable
 from swarmware.errors import SwarmError
 from swarmware.module import BoardReader, Module
@@ -211,11 +211,11 @@ async def kill_all_but_the_monitor(made: Swarm) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(240)
 def test_killed_daemons_are_back_in_time_one_by_one_or_ten_at_once_and_the_swarm_has_the_node_again(
-    labs: Path, tmp_path: Path, ctl: Callable[..., object], nothing_remains: Callable[[LabRecord], None]
+    labs_folder: Path, tmp_path: Path, ctl: Callable[..., object], nothing_remains: Callable[[LabState], None]
 ) -> None:
     starts = Starts(tmp_path)
 
-    async def run() -> tuple[LabRecord, dict[str, Took]]:
+    async def run() -> tuple[LabState, dict[str, Took]]:
         async with swarm("k2daemons", per_daemon="uav1") as made:
             await made.start("uav1", "gcs", "ugv1")
             found = await kill_in_turn(made, starts, lambda _: ctl("tree", "get", POSE, "--lab", "k2daemons"))

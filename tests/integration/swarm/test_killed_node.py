@@ -17,7 +17,7 @@ from tests.integration.swarm.swarm import (
     until_trees_agree,
 )
 
-from swarmctl.lab.record import LabRecord
+from swarmctl.labs import LabState
 from swarmware.module import Module
 from swarmware.record.entry import Entry
 from swarmware.record.query import FolderSource, Query, stats
@@ -106,9 +106,9 @@ def check_log(entries: list[Entry], life: Life) -> None:
 
 @pytest.mark.slow
 def test_a_node_that_was_killed_is_missed_and_everything_heals_when_it_is_back(
-    labs: Path, nothing_remains: Callable[[LabRecord], None]
+    labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
-    async def run() -> LabRecord:
+    async def run() -> LabState:
         async with swarm("k2node", per_daemon="ugv1") as made:
             await made.start("gcs", "uav1", "ugv1")
             async with AsyncExitStack() as stack:

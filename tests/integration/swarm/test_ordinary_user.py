@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import folders, processes, record
+from swarmctl import labs, processes
+from swarmlab import provisioning
 
 NOBODY = 65534
 NAME = "k2user"
@@ -85,9 +86,9 @@ def test_an_ordinary_user_has_a_lab_and_nothing_is_left_of_it(
         running = processes.marked(mark)
         # each node has a parent; two have all services in one process, the third has one each and the server
         # that forks them
-        assert len(running) == 3 + 2 + len(folders.VEHICLE) + 1
+        assert len(running) == 3 + 2 + len(provisioning.VEHICLE) + 1
         assert {Path(f"/proc/{process.pid}").stat().st_uid for process in running} == {NOBODY}
-        shared = [Path(node.shm_dir) for node in record.load(Path(mark)).nodes]
+        shared = [Path(node.shm_dir) for node in labs.load(Path(mark)).nodes]
         assert {path.stat().st_uid for path in shared} == {NOBODY}
         assert {path.stat().st_mode & 0o777 for path in shared} == {0o700}
         nodes = json.loads(swarmctl("node", "ls", "--json"))["nodes"]

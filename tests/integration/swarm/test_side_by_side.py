@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from tests.integration.swarm.swarm import NAMES, Swarm, swarm, until, until_trees_agree, up
 
-from swarmctl.lab import record
-from swarmctl.lab.record import LabRecord
+from swarmctl import labs
+from swarmctl.labs import LabState
 from swarmware.module import Module
 from swarmware.types.net import Neighbours, Traffic
 from swarmware.types.rpc import Empty
@@ -46,11 +46,11 @@ async def check(made: Swarm, own: set[int]) -> None:
 
 @pytest.mark.slow
 def test_two_swarms_of_the_same_name_group_and_port_stay_apart_and_go_one_by_one(
-    labs: Path, monkeypatch: pytest.MonkeyPatch, nothing_remains: Callable[[LabRecord], None]
+    labs_folder: Path, monkeypatch: pytest.MonkeyPatch, nothing_remains: Callable[[LabState], None]
 ) -> None:
     async def run() -> None:
         async with swarm("k2twin") as left:
-            monkeypatch.setenv("SWARMCTL_LABS", str(labs / "other"))
+            monkeypatch.setenv("SWARMCTL_LABS", str(labs_folder / "other"))
             async with swarm("k2twin", seed=2) as right:
                 for platform in NAMES:  # as if two operators had chosen the same numbers
                     ours, theirs = (made.record.node(platform).config_dir for made in (left, right))
@@ -62,7 +62,7 @@ def test_two_swarms_of_the_same_name_group_and_port_stay_apart_and_go_one_by_one
                 await check(right, own[1])
                 # what the doctor takes for leftovers is what belongs to none of these
                 assert {made.record.folder for made in (left, right)} <= {
-                    lab.folder for lab in record.around()
+                    lab.folder for lab in labs.running_labs()
                 }
                 await right.down()
             nothing_remains(right.record)

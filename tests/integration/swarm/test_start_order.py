@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from tests.integration.swarm.swarm import NAMES, PATIENCE_S, Swarm, swarm, until, until_trees_agree
 
-from swarmctl.lab.record import LabRecord
+from swarmctl.labs import LabState
 from swarmware.types.health import HealthState
 from swarmware.types.system import AppStatus
 from swarmware.types.vehicle import Pose
@@ -50,12 +50,12 @@ async def beats_passed(made: Swarm, platform: str, count: int) -> None:
 
 @pytest.mark.slow
 def test_nodes_that_start_long_after_each_other_find_each_other(
-    labs: Path, nothing_remains: Callable[[LabRecord], None]
+    labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     order = ["uav1", "ugv1"]
     random.Random().shuffle(order)
 
-    async def run() -> LabRecord:
+    async def run() -> LabState:
         async with swarm("k2order") as made:
             await made.start(order[0])
             await beats_passed(made, order[0], BEATS_LATER)
@@ -70,12 +70,12 @@ def test_nodes_that_start_long_after_each_other_find_each_other(
 
 @pytest.mark.slow
 def test_nodes_that_start_in_any_order_at_once_find_each_other(
-    labs: Path, nothing_remains: Callable[[LabRecord], None]
+    labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     order = list(NAMES)
     random.Random().shuffle(order)
 
-    async def run() -> LabRecord:
+    async def run() -> LabState:
         # a process for each daemon: these too come in whatever order the machine likes
         async with swarm("k2order", per_daemon=order[0]) as made:
             await asyncio.gather(*(made.start(name) for name in order))

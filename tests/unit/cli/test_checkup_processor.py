@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.checkup import processor
+from swarmctl.commands.doctor.checks import processor
 from swarmware.frame import Frame, Kind, encode
 from swarmware.names import data_id
 from swarmware.shm.layout import ring_file

@@ -8,24 +8,24 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import remembered
-from swarmctl.remembered import Seen, steps
+from swarmctl import completion_cache
+from swarmctl.completion_cache import CachedResource, steps
 
 SEEN = [
-    Seen("/gcs/tree", "branch", "r"),
-    Seen("/gcs/tree/stats", "board", "r"),
-    Seen("/uav1/nav/goal", "board", "rw"),
-    Seen("/uav1/nav/pose", "board", "r"),
-    Seen("/uav1/config/navigator/gain", "setting", "rw"),
-    Seen("/uav10/nav/pose", "board", "r"),
-    Seen("/uav10/cmd/abort", "command", "rw"),
+    CachedResource("/gcs/tree", "branch", "r"),
+    CachedResource("/gcs/tree/stats", "board", "r"),
+    CachedResource("/uav1/nav/goal", "board", "rw"),
+    CachedResource("/uav1/nav/pose", "board", "r"),
+    CachedResource("/uav1/config/navigator/gain", "setting", "rw"),
+    CachedResource("/uav10/nav/pose", "board", "r"),
+    CachedResource("/uav10/cmd/abort", "command", "rw"),
 ]
 
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    remembered.save("/etc/swarm", ["gcs", "uav1", "uav10"], SEEN)
+    completion_cache.save("/etc/swarm", ["gcs", "uav1", "uav10"], SEEN)
     return tmp_path / "swarm" / "seen.json"
 
 
@@ -73,21 +73,21 @@ def test_a_shell_is_offered_what_was_seen(words: str, offered: list[str], cache:
 )
 def test_a_damaged_cache_offers_nothing_and_says_nothing(content: bytes, cache: Path) -> None:
     cache.write_bytes(content)
-    assert remembered.load() == ("", [], [])
-    remembered.save("/etc/swarm", ["uav1"], SEEN)
-    assert remembered.load()[1] == ["uav1"]
+    assert completion_cache.load() == ("", [], [])
+    completion_cache.save("/etc/swarm", ["uav1"], SEEN)
+    assert completion_cache.load()[1] == ["uav1"]
 
 
 def test_another_way_into_the_swarm_forgets_what_was_seen_by_the_former(cache: Path) -> None:
-    remembered.save("/etc/swarm", ["gcs", "usv1"], [Seen("/usv1/nav/pose", "board", "r")])
-    assert len(remembered.load()[2]) == len(SEEN) + 1
-    remembered.save("/tmp/lab", ["usv1"], [Seen("/usv1/nav/pose", "board", "r")])
-    assert remembered.load() == ("/tmp/lab", ["usv1"], [Seen("/usv1/nav/pose", "board", "r")])
+    completion_cache.save("/etc/swarm", ["gcs", "usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
+    assert len(completion_cache.load()[2]) == len(SEEN) + 1
+    completion_cache.save("/tmp/lab", ["usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
+    assert completion_cache.load() == ("/tmp/lab", ["usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
 
 
 def test_a_platform_listed_whole_replaces_what_was_known_of_it(cache: Path) -> None:
-    remembered.save("/etc/swarm", ["uav1"], [Seen("/uav1/nav/home", "board", "r")], ["uav1"])
-    paths = [row.path for row in remembered.load()[2]]
+    completion_cache.save("/etc/swarm", ["uav1"], [CachedResource("/uav1/nav/home", "board", "r")], ["uav1"])
+    paths = [row.path for row in completion_cache.load()[2]]
     assert "/uav1/nav/home" in paths
     assert "/uav1/nav/goal" not in paths
     assert "/uav10/nav/pose" in paths
@@ -95,8 +95,8 @@ def test_a_platform_listed_whole_replaces_what_was_known_of_it(cache: Path) -> N
 
 def test_a_home_that_cannot_be_written_to_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
-    remembered.save("/etc/swarm", ["uav1"], SEEN)
-    assert remembered.load() == ("", [], [])
+    completion_cache.save("/etc/swarm", ["uav1"], SEEN)
+    assert completion_cache.load() == ("", [], [])
 
 
 def test_a_step_is_never_a_lone_branch() -> None:

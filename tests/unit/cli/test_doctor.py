@@ -3,14 +3,14 @@
 import asyncio
 from pathlib import Path
 
-from swarmctl.checkup import Result, examine
+from swarmctl.commands.doctor.checks import CheckResult, examine
 from swarmware.module import Module
 from swarmware.testing import make_node
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
 from swarmware.types.net import Denial
 
 
-async def examined(config_dir: Path, *checks: str) -> list[Result]:
+async def examined(config_dir: Path, *checks: str) -> list[CheckResult]:
     results = await asyncio.to_thread(examine, config_dir, fix=False)
     return [result for result in results if result.check in checks]
 

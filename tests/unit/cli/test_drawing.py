@@ -4,8 +4,8 @@ from pathlib import Path
 
 import msgspec
 
-from swarmctl.drawing import tree
-from swarmctl.topology import edges, to_dot, to_png
+from swarmctl.commands.topo.graph import edges, to_dot, to_png
+from swarmctl.commands.tree.drawing import tree
 from swarmware.types.net import Neighbours, NeighbourState
 from swarmware.types.tree import TreeEntry
 

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from mcap.reader import make_reader
 
-from swarmctl.export import export
+from swarmctl.commands.log.export import export
 from swarmware.record.entry import Entry
 from swarmware.types import registry
 from swarmware.types.scalar import Float

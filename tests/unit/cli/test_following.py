@@ -5,9 +5,9 @@ import threading
 from itertools import islice
 from pathlib import Path
 
-from swarmctl.following import Growing, follow
-from swarmctl.interleaving import PATIENCE_NS, Interleaving
-from swarmctl.settings import Settings
+from swarmctl.commands.log.interleaving import PATIENCE_NS, Interleaving
+from swarmctl.commands.log.tail import SegmentFollower, follow
+from swarmctl.settings import CliSettings
 from swarmware.clock import utc_ns
 from swarmware.module import Module
 from swarmware.record.entry import Entry
@@ -68,7 +68,7 @@ def test_what_is_written_before_a_segment_has_a_successor_is_read(tmp_path: Path
     old = SegmentWriter(tmp_path / "00000001.mcap", {})
     old.append(CHANNEL, 1, 0, BEGAN, b"\xc0")
     old.flush()
-    growing = Growing(tmp_path)
+    growing = SegmentFollower(tmp_path)
     assert times(list(growing.entries())) == [BEGAN]
     old.append(CHANNEL, 2, 0, BEGAN + 1, b"\xc0")
     old.finish({}, {})
@@ -82,7 +82,7 @@ def test_what_is_written_before_a_segment_has_a_successor_is_read(tmp_path: Path
 
 def test_a_segment_that_the_ring_removed_does_not_end_the_tail(tmp_path: Path) -> None:
     SegmentWriter(tmp_path / "00000001.mcap", {}).close()
-    growing = Growing(tmp_path)
+    growing = SegmentFollower(tmp_path)
     (tmp_path / "00000001.mcap").unlink()
     new = SegmentWriter(tmp_path / "00000002.mcap", {})
     new.append(CHANNEL, 1, 0, BEGAN, b"\xc0")
@@ -100,7 +100,7 @@ def test_a_batch_of_the_last_half_second_shows_nothing_from_before_the_command(t
     try:
         assert written.wait(10)
         began_utc_ns = utc_ns()
-        shown = times(list(islice(follow(Settings(config=str(config_dir)), "/**"), 6)))
+        shown = times(list(islice(follow(CliSettings(config=str(config_dir)), "/**"), 6)))
     finally:
         ended.set()
         writing.join()

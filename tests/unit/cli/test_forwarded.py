@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import checkup, configuration, records
-from swarmctl.lab import record
-from swarmctl.lab.folders import Wish, make, remove
-from swarmctl.settings import Settings
+from swarmctl import labs
+from swarmctl.commands.config import effective
+from swarmctl.commands.doctor import checks
+from swarmctl.commands.log import sources
+from swarmctl.settings import CliSettings
+from swarmlab.provisioning import LabSpec, make, remove
 from swarmware.config import load_service
 from swarmware.errors import NotFound, Partial
 from swarmware.record.query import FolderSource, Query
@@ -17,8 +19,8 @@ from swarmware.testing import make_node
 URI = "mongodb://swarm:s3cret@127.0.0.1:1"
 
 
-def node(tmp_path: Path, **logger: object) -> Settings:
-    return Settings(config=str(make_node(tmp_path, services={"logger": logger})))
+def node(tmp_path: Path, **logger: object) -> CliSettings:
+    return CliSettings(config=str(make_node(tmp_path, services={"logger": logger})))
 
 
 @pytest.mark.parametrize(
@@ -34,27 +36,27 @@ def test_the_database_of_the_node_is_the_default(
     tmp_path: Path, asked: str, database: str, expected: tuple[str, str]
 ) -> None:
     settings = node(tmp_path, mongodb_uri=URI, mongodb_database="swarm_field")
-    assert records.database(settings, asked, database) == expected
+    assert sources.database(settings, asked, database) == expected
 
 
 def test_a_node_that_forwards_nowhere_has_no_database_of_its_own(tmp_path: Path) -> None:
     settings = node(tmp_path)
-    assert records.database(settings, "mongodb://h", "") == ("mongodb://h", "swarm")
+    assert sources.database(settings, "mongodb://h", "") == ("mongodb://h", "swarm")
     with pytest.raises(NotFound, match="the logs go to no database"):
-        records.database(settings, "-", "")
+        sources.database(settings, "-", "")
 
 
 def test_the_database_of_a_lab_is_recorded_and_read_and_its_files_are_closed_to_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     monkeypatch.setenv("SWARMCTL_LABS", str(tmp_path))
-    lab = make(Wish(experiment="formation", nodes=3, seed=1, name="field", mongodb_uri=URI))
+    lab = make(LabSpec(experiment="formation", nodes=3, seed=1, name="field", mongodb_uri=URI))
     request.addfinalizer(lambda: remove(lab))  # its folders of shared memory are not below tmp_path
-    assert record.load(Path(lab.folder)).mongodb_database == "swarm_field"
-    assert records.database(Settings(lab="field"), "mongodb://h", "") == ("mongodb://h", "swarm_field")
-    files = [Path(lab.folder) / record.FILE, lab.nodes[0].config_dir / "services" / "logger.toml"]
+    assert labs.load(Path(lab.folder)).mongodb_database == "swarm_field"
+    assert sources.database(CliSettings(lab="field"), "mongodb://h", "") == ("mongodb://h", "swarm_field")
+    files = [Path(lab.folder) / labs.FILE, lab.nodes[0].config_dir / "services" / "logger.toml"]
     assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
-    written = load_service(lab.nodes[0].config_dir, "logger", records.LoggerAddress)
+    written = load_service(lab.nodes[0].config_dir, "logger", sources.LoggerAddress)
     assert (written.mongodb_uri, written.mongodb_database) == (URI, "swarm_field")
 
 
@@ -63,19 +65,19 @@ def test_a_password_is_shown_nowhere_and_a_file_that_all_can_read_is_named(tmp_p
     folder = Path(settings.config)
     file = folder / "services" / "logger.toml"
     file.chmod(0o644)
-    found = {result.check: result for result in checkup.examine(folder, fix=False)}
+    found = {result.check: result for result in checks.examine(folder, fix=False)}
     assert found["mongodb"].verdict == "warning"
     assert f"{file}: everybody can read the password" in found["mongodb"].text
     file.chmod(0o640)
-    found = {result.check: result for result in checkup.examine(folder, fix=False)}
+    found = {result.check: result for result in checks.examine(folder, fix=False)}
     assert (found["mongodb"].verdict, "Connection refused" in found["mongodb"].text) == ("warning", True)
-    shown = [setting.value for setting in configuration.effective(folder, "logger")]
+    shown = [setting.value for setting in effective.effective(folder, "logger")]
     assert not [text for text in [*shown, found["mongodb"].text] if "s3cret" in text]
 
 
 def test_a_wrong_address_is_an_error_of_the_file(tmp_path: Path) -> None:
     folder = Path(node(tmp_path, mongodb_uri="mongo//swarm:s3cret@h").config)
-    found = {result.check: result for result in checkup.examine(folder, fix=False)}
+    found = {result.check: result for result in checks.examine(folder, fix=False)}
     assert found["mongodb"].verdict == "error"
     assert "s3cret" not in found["mongodb"].text
 
@@ -85,4 +87,4 @@ def test_what_could_not_be_read_ends_a_query_with_the_code_of_lost_data(tmp_path
     source = FolderSource([tmp_path])
     assert list(source.entries(Query())) == []
     with pytest.raises(Partial, match=r"the record is not whole: .*00000001\.damaged"):
-        records.refuse_losses(source)
+        sources.refuse_losses(source)

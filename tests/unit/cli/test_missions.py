@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.unit.mission.nets import net
 
-from swarmctl.missions import check_all, task
+from swarmctl.commands.mission.task import check_all, task
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.assign import Platform, assign
 from swarmware.mission.check import check_folder

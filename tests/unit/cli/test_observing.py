@@ -4,7 +4,13 @@ import math
 
 import pytest
 
-from swarmctl.observing import BUILT_IN, Course, Seen, Sight, judge
+from swarmctl.vehicle_observer import (
+    BUILT_IN,
+    ManoeuvreProgress,
+    VehicleResult,
+    VehicleSnapshot,
+    raise_failures,
+)
 from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.types.mission import MissionState
 from swarmware.types.vehicle import NavStatus, Pose, VehicleState
@@ -22,8 +28,8 @@ def sight(
     nav: NavStatus | None = HOLDING,
     pose: Pose | None = Pose.planar(0.0, 0.0),  # noqa: B008 - frozen
     home: Pose | None = None,
-) -> Sight:
-    return Sight(kind, MissionState(7, "00112233", state), vehicle, nav, pose, home)
+) -> VehicleSnapshot:
+    return VehicleSnapshot(kind, MissionState(7, "00112233", state), vehicle, nav, pose, home)
 
 
 @pytest.mark.parametrize(
@@ -45,24 +51,24 @@ def sight(
         ("return", sight(vehicle=UP, home=Pose.planar(1.0, 0.0)), False),
     ],
 )
-def test_what_is_seen_decides_whether_it_is_done(command: str, seen: Sight, done: bool) -> None:
+def test_what_is_seen_decides_whether_it_is_done(command: str, seen: VehicleSnapshot, done: bool) -> None:
     assert BUILT_IN[command](seen) is done
 
 
 def test_nothing_is_concluded_from_what_was_said_before_the_command() -> None:
-    course = Course(5, BUILT_IN["land"])
+    course = ManoeuvreProgress(5, BUILT_IN["land"])
     assert course.verdict(sight(), 5, 0) is None
     assert course.verdict(sight(), 6, 1) is True
 
 
 def test_a_mission_that_still_plays_is_waited_for() -> None:
-    course = Course(5, BUILT_IN["land"])
+    course = ManoeuvreProgress(5, BUILT_IN["land"])
     for state in ("ready", "running", "ending", "recovering"):
         assert course.verdict(sight(state), 6, 100 * S) is None
 
 
 def test_an_old_failure_is_not_the_answer_to_a_new_command() -> None:
-    course = Course(5, BUILT_IN["land"])
+    course = ManoeuvreProgress(5, BUILT_IN["land"])
     up = sight("failed", vehicle=UP)
     assert course.verdict(up, 6, 0) is None
     assert course.verdict(sight("recovering", vehicle=UP), 7, S) is None
@@ -70,14 +76,14 @@ def test_an_old_failure_is_not_the_answer_to_a_new_command() -> None:
 
 
 def test_a_vehicle_that_stays_up_after_its_mission_ended_has_failed() -> None:
-    course = Course(5, BUILT_IN["land"])
+    course = ManoeuvreProgress(5, BUILT_IN["land"])
     up = sight("failed", vehicle=UP)
     assert course.verdict(up, 6, 0) is None
     assert course.verdict(up, 7, 4 * S) is False
 
 
 def test_a_ground_station_has_only_to_stop() -> None:
-    course = Course(5, BUILT_IN["land"])
+    course = ManoeuvreProgress(5, BUILT_IN["land"])
     assert course.verdict(sight("running", vehicle=None, kind="gcs"), 6, 0) is None
     assert course.verdict(sight("aborted", vehicle=None, kind="gcs"), 7, 0) is True
 
@@ -92,8 +98,8 @@ def test_a_vehicle_is_described_as_it_is_seen() -> None:
     assert math.isinf(sight(pose=None).speed_m_s)
 
 
-def seen(platform: str, ok: bool, reached: bool = True, text: str = "") -> Seen:
-    return Seen(platform, ok, reached, "landed", 1.0, text=text)
+def seen(platform: str, ok: bool, reached: bool = True, text: str = "") -> VehicleResult:
+    return VehicleResult(platform, ok, reached, "landed", 1.0, text=text)
 
 
 @pytest.mark.parametrize(
@@ -105,8 +111,8 @@ def seen(platform: str, ok: bool, reached: bool = True, text: str = "") -> Seen:
         ([seen("a", False, True, "land ended: blocked")], SwarmError),
     ],
 )
-def test_the_result_is_an_exit_code(found: list[Seen], error: type[SwarmError]) -> None:
+def test_the_result_is_an_exit_code(found: list[VehicleResult], error: type[SwarmError]) -> None:
     with pytest.raises(error) as raised:
-        judge("land", found)
+        raise_failures("land", found)
     assert type(raised.value) is error
-    judge("land", [seen("a", True)])
+    raise_failures("land", [seen("a", True)])

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from swarmctl.output import Column, Output, show
-from swarmctl.settings import Settings
+from swarmctl.settings import CliSettings
 
 
 class Terminal(io.StringIO):
@@ -26,7 +26,7 @@ ROWS = (("uav1", 0.01), ("a_very_long_name_that_no_terminal_shows_whole_" + "x" 
 
 def test_a_table_that_is_no_terminals_is_plain_and_never_cut() -> None:
     out = io.StringIO()
-    Output(Settings(), out).table(COLUMNS, ROWS)
+    Output(CliSettings(), out).table(COLUMNS, ROWS)
     lines = out.getvalue().splitlines()
     assert len(lines) == 3
     assert lines[1].split() == ["uav1", "0.01"]
@@ -38,9 +38,9 @@ def test_a_terminal_gets_colours_unless_they_are_forbidden(monkeypatch: pytest.M
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")
     out = Terminal()
-    Output(Settings(), out).table(COLUMNS, ROWS)
+    Output(CliSettings(), out).table(COLUMNS, ROWS)
     assert "\x1b[" in out.getvalue()
-    for settings, name in ((Settings(no_color=True), ""), (Settings(), "NO_COLOR")):
+    for settings, name in ((CliSettings(no_color=True), ""), (CliSettings(), "NO_COLOR")):
         if name:
             monkeypatch.setenv(name, "1")
         out = Terminal()
@@ -52,20 +52,20 @@ def test_a_cell_is_never_taken_for_markup(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")
     out = Terminal()
-    Output(Settings(), out).table((Column("text"),), (("[red]x[/red] [/nothing]",),))
+    Output(CliSettings(), out).table((Column("text"),), (("[red]x[/red] [/nothing]",),))
     assert "[red]x[/red] [/nothing]" in out.getvalue()
 
 
 def test_a_document_carries_its_schema_version_first() -> None:
     out = io.StringIO()
-    Output(Settings(), out).document({"links": [Link("uav2", 0.5)]})
+    Output(CliSettings(), out).document({"links": [Link("uav2", 0.5)]})
     assert json.loads(out.getvalue()) == {"schema_version": 1, "links": [{"to": "uav2", "loss_ratio": 0.5}]}
     assert next(iter(json.loads(out.getvalue()))) == "schema_version"
 
 
 def test_lines_are_one_document_each() -> None:
     out = io.StringIO()
-    printer = Output(Settings(), out)
+    printer = Output(CliSettings(), out)
     printer.line(Link("a", 0))
     printer.line(Link("b", 1))
     assert [json.loads(line)["to"] for line in out.getvalue().splitlines()] == ["a", "b"]
@@ -73,10 +73,10 @@ def test_lines_are_one_document_each() -> None:
 
 def test_talk_goes_to_stderr_and_quiet_silences_it_but_not_warnings() -> None:
     out, err = io.StringIO(), io.StringIO()
-    loud, quiet = Output(Settings(), out, err), Output(Settings(quiet=True), out, err)
+    loud, quiet = Output(CliSettings(), out, err), Output(CliSettings(quiet=True), out, err)
     loud.say("a")
     loud.detail("hidden")
-    Output(Settings(verbose=True), out, err).detail("b")
+    Output(CliSettings(verbose=True), out, err).detail("b")
     quiet.say("hidden")
     quiet.warn("c")
     assert err.getvalue() == "a\nb\nwarning: c\n"

@@ -2,9 +2,9 @@
 
 import pytest
 
+from swarmctl.commands.log.sources import absolute, instant_ns, iso
 from swarmctl.quantities import rate_hz, span_s, spoken
-from swarmctl.records import absolute, instant_ns, iso
-from swarmctl.settings import Settings
+from swarmctl.settings import CliSettings
 from swarmware.errors import InvalidInput
 
 NOW_NS = 1_795_244_000_000_000_000
@@ -83,6 +83,6 @@ def test_an_instant_is_written_as_it_can_be_typed() -> None:
 
 
 def test_a_pattern_without_a_platform_means_the_one_asked_about_or_all() -> None:
-    assert absolute("nav/*", Settings()) == "/*/nav/*"
-    assert absolute("nav/*", Settings(node="uav1")) == "/uav1/nav/*"
-    assert absolute("/ugv1/nav/*", Settings(node="uav1")) == "/ugv1/nav/*"
+    assert absolute("nav/*", CliSettings()) == "/*/nav/*"
+    assert absolute("nav/*", CliSettings(node="uav1")) == "/uav1/nav/*"
+    assert absolute("/ugv1/nav/*", CliSettings(node="uav1")) == "/ugv1/nav/*"

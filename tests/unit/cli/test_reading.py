@@ -3,8 +3,8 @@
 from types import SimpleNamespace
 from typing import Any, cast
 
-from swarmctl.connect import Link
-from swarmctl.reading import read
+from swarmctl.session import Session
+from swarmctl.tree_access import read
 from swarmware.types import registry
 from swarmware.types.scalar import Float
 from swarmware.types.tree import TreeGet, TreeValue
@@ -23,8 +23,8 @@ class Node:
         self.asked.append(request.fresh)
         return self.value
 
-    def link(self) -> Link:
-        return cast(Link, SimpleNamespace(here="gcs", ask=self.ask))
+    def link(self) -> Session:
+        return cast(Session, SimpleNamespace(here="gcs", ask=self.ask))
 
 
 async def test_the_last_value_of_a_lost_platform_is_given_without_asking_it_again() -> None:

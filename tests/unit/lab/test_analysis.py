@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarmctl.lab import analysis, clocks, wire
-from swarmctl.lab.facts import Facts, NodeFacts
-from swarmctl.lab.host import Host
-from swarmctl.lab.notify import Restarts
-from swarmctl.lab.recording import ClockTruth
-from swarmctl.lab.report import MeanMax, Report
-from swarmctl.lab.scene import Scene
+from swarmlab import analysis, clocks, traffic_totals
+from swarmlab.clocks import ClockTruth
+from swarmlab.host import HostInfo
+from swarmlab.notify import Restarts
+from swarmlab.plot_data import PlotData
+from swarmlab.report import ExperimentReport, MeanMax
+from swarmlab.run_metadata import NodeMetadata, RunMetadata
 from swarmware.record.segment import Channel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.log import LogGap
@@ -127,20 +127,20 @@ def write_logs(logs: Path) -> None:
         log.close()
 
 
-def facts() -> Facts:
+def facts() -> RunMetadata:
     orders = tuple(
         OrderReceipt(
             "formation", 77, p, "r", stamp("gcs", left_s), stamp("gcs", 0.009), stamp(p, left_s + 0.002), True
         )
         for p, left_s in (("ugv1", 0.001), ("uav1", 0.005))
     )
-    return Facts(
+    return RunMetadata(
         experiment="formation",
         world="formation",
         seed=1,
         net="loopback",
         version="0",
-        host=Host("Some CPU", 2),
+        host=HostInfo("Some CPU", 2),
         started_utc_ns=0,
         ready_s=4.5,
         command_mono_ns=ORIGIN_NS,
@@ -149,7 +149,7 @@ def facts() -> Facts:
         completed=True,
         orders=orders,
         nodes=tuple(
-            NodeFacts(
+            NodeMetadata(
                 platform=p,
                 kind=KINDS[p],
                 radius_m=0.0 if p == "gcs" else 0.3,
@@ -165,12 +165,12 @@ def facts() -> Facts:
 
 
 @pytest.fixture
-def result(tmp_path: Path) -> tuple[Report, Scene]:
+def result(tmp_path: Path) -> tuple[ExperimentReport, PlotData]:
     write_logs(tmp_path)
     return analysis.analyse(facts(), tmp_path)
 
 
-def test_every_figure_of_the_made_up_run_is_found(result: tuple[Report, Scene]) -> None:
+def test_every_figure_of_the_made_up_run_is_found(result: tuple[ExperimentReport, PlotData]) -> None:
     found, _ = result
     assert found.nodes == 3
     assert found.ready_s == 4.5
@@ -188,7 +188,7 @@ def test_every_figure_of_the_made_up_run_is_found(result: tuple[Report, Scene]) 
     assert found.order_to_receipt_ms.p50 == pytest.approx(2.0, abs=1e-3)
     assert found.order_to_receipt_ms.max == pytest.approx(2.0, abs=1e-3)
     assert [receipt.platform for receipt in found.receipts] == ["ugv1", "uav1"]
-    assert found.host == Host("Some CPU", 2)
+    assert found.host == HostInfo("Some CPU", 2)
     assert found.formation_error_m.mean == pytest.approx(0.25, abs=1e-6)
     assert found.formation_error_m.max == pytest.approx(0.25, abs=1e-6)
     assert found.min_separation_m == pytest.approx(np.hypot(np.hypot(3, 8), 0.25))
@@ -202,7 +202,9 @@ def test_every_figure_of_the_made_up_run_is_found(result: tuple[Report, Scene]) 
     assert found.rss_mb == MeanMax(71.0, 72.0)
 
 
-def test_the_scene_shows_what_happened_between_command_and_end(result: tuple[Report, Scene]) -> None:
+def test_the_scene_shows_what_happened_between_command_and_end(
+    result: tuple[ExperimentReport, PlotData],
+) -> None:
     _, scene = result
     assert scene.leader == "ugv1"
     assert scene.course == COURSE
@@ -251,10 +253,10 @@ def test_counters_that_fell_back_are_added_up_over_the_restart() -> None:
         return t_s, msgspec.structs.replace(traffic("gcs", 0), sent_bytes=sent, requests=0)
 
     counters = [at(0, 1000), at(1, 2000), at(2, 500), at(3, 1500)]
-    assert wire.between(counters, 0, 3).sent_bytes == 2500
-    assert wire.between([], 0, 3) == wire.Totals()
-    assert wire.egress(counters[:1]).t_s.size == 0
-    assert wire.egress(counters).value == pytest.approx([1.0, 0.5, 1.0])
+    assert traffic_totals.between(counters, 0, 3).sent_bytes == 2500
+    assert traffic_totals.between([], 0, 3) == traffic_totals.TrafficTotals()
+    assert traffic_totals.egress(counters[:1]).t_s.size == 0
+    assert traffic_totals.egress(counters).value == pytest.approx([1.0, 0.5, 1.0])
 
 
 def test_a_conversion_nobody_measured_and_one_of_a_stranger_have_no_error() -> None:

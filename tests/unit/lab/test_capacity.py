@@ -2,12 +2,12 @@
 
 import pytest
 
-from swarmctl.lab import capacity
-from swarmctl.lab.host import Host
+from swarmlab import capacity
+from swarmlab.host import HostInfo
 
 
-def measured(nodes_percent: float, cores: int = 2) -> Host:
-    return Host("Some CPU", cores, "6.1", 0.5, nodes_percent, 12.0)
+def measured(nodes_percent: float, cores: int = 2) -> HostInfo:
+    return HostInfo("Some CPU", cores, "6.1", 0.5, nodes_percent, 12.0)
 
 
 @pytest.mark.parametrize(

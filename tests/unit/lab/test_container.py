@@ -7,7 +7,7 @@ import msgspec
 import pytest
 import tomli_w
 
-from swarmctl.lab import container
+from swarmlab import container
 from swarmware.config import NodeConfig, parse
 from swarmware.errors import ConfigError
 from swarmware.security import Keys

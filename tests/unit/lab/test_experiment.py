@@ -5,12 +5,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from swarmctl.lab import experiment
-from swarmctl.lab.course import Course
-from swarmctl.lab.facts import NodeFacts, failure
-from swarmctl.lab.notify import Restarts
-from swarmctl.lab.recording import ClockTruth
-from swarmctl.lab.watch import Members, Outcome
+from swarmlab import experiment
+from swarmlab.clocks import ClockTruth
+from swarmlab.mission_run import MissionRun
+from swarmlab.notify import Restarts
+from swarmlab.run_metadata import NodeMetadata, failure
+from swarmlab.watch import MissionMembers, MissionOutcome
 from swarmware.mission.folder import from_files
 from swarmware.types.mission import MissionState, OrderReceipt, TaskAnswer
 
@@ -52,7 +52,7 @@ def test_the_phase_is_what_most_platforms_do() -> None:
 def test_a_mission_is_completed_when_every_member_is_done_in_time(
     states: dict[str, str], in_time: bool, failure: str
 ) -> None:
-    outcome = Outcome(states, in_time)
+    outcome = MissionOutcome(states, in_time)
     assert outcome.completed is (failure == "")
     assert outcome.failure() == failure
 
@@ -69,7 +69,7 @@ def of_epoch(epoch: int, name: str) -> MissionState:
 
 
 def test_a_member_that_was_restarted_has_lost_its_mission_and_nobody_waits_for_it() -> None:
-    members = Members(["a", "b", "c"], 7)
+    members = MissionMembers(["a", "b", "c"], 7)
     members.take({"a": of_epoch(0, "idle"), "b": of_epoch(7, "running")})
     assert members.outcome(in_time=True).states == {"a": "unknown", "b": "running", "c": "unknown"}
     members.take({"a": of_epoch(7, "running"), "b": of_epoch(7, "done"), "c": of_epoch(7, "aborted")})
@@ -81,7 +81,7 @@ def test_a_member_that_was_restarted_has_lost_its_mission_and_nobody_waits_for_i
 
 
 def test_nobody_waits_for_members_that_were_withdrawn_at_the_start() -> None:
-    members = Members(["a", "b"], 7)
+    members = MissionMembers(["a", "b"], 7)
     members.take({"a": of_epoch(7, "ready"), "b": of_epoch(7, "running")})
     before = members.ended
     members.take({"a": of_epoch(7, "idle"), "b": of_epoch(7, "failed")})
@@ -89,8 +89,8 @@ def test_nobody_waits_for_members_that_were_withdrawn_at_the_start() -> None:
     assert members.outcome(in_time=True).failure() == "a not started, b failed"
 
 
-def node_facts(platform: str, *, ended: str = "", reasons: tuple[str, ...] = ()) -> NodeFacts:
-    return NodeFacts(
+def node_facts(platform: str, *, ended: str = "", reasons: tuple[str, ...] = ()) -> NodeMetadata:
+    return NodeMetadata(
         platform=platform, kind="uav", radius_m=0.3, clock=ClockTruth(0, 0), processes="one", outcome="",
         ended=ended, restarts=Restarts(len(reasons), reasons), log=f"logs/{platform}/log.txt",
     )  # fmt: skip
@@ -104,7 +104,7 @@ def test_the_failure_names_the_nodes_that_ended_with_their_logs_before_what_foll
 
 
 def test_a_course_that_breaks_off_says_how_far_it_came() -> None:
-    course = Course()
+    course = MissionRun()
     orders = tuple(OrderReceipt("formation", 7, name, "r", 0, 0, 0, True) for name in ("a", "b"))
     course.accepted(TaskAnswer("formation", "", 7, True, orders))
     course.members.take({"a": of_epoch(7, "running")})

@@ -5,18 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from swarmctl.lab import formation_error, measure
-from swarmctl.lab.measure import Track
+from swarmlab import formation_error, measure
+from swarmlab.measure import VehicleTrack
 from swarmware.types.vehicle import Goal
 
 COURSE = ((0.0, 0.0), (100.0, 0.0))
 
 
-def straight(platform: str, x_m: float, y_m: float, z_m: float = 0.0) -> Track:
+def straight(platform: str, x_m: float, y_m: float, z_m: float = 0.0) -> VehicleTrack:
     """East at 1 m/s, from x at t = 0."""
     t_s = np.arange(0, 101) / 5
     xyz = np.stack([x_m + t_s, np.full(len(t_s), y_m), np.full(len(t_s), z_m)], axis=1)
-    return Track(platform, t_s, xyz, np.zeros(len(t_s)))
+    return VehicleTrack(platform, t_s, xyz, np.zeros(len(t_s)))
 
 
 def formation(offset: tuple[float, float, float], *, advance: bool = True, seq: int = 1) -> Goal:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import host
-from swarmctl.lab.host import Busy, Host
+from swarmlab import host
+from swarmlab.host import CpuTime, HostInfo
 
 
 def test_this_computer_is_described_and_its_processor_time_rises() -> None:
@@ -19,19 +19,19 @@ def test_this_computer_is_described_and_its_processor_time_rises() -> None:
 
 
 def test_what_the_nodes_did_not_use_was_used_by_others() -> None:
-    found = host.shares(Host(cores=2), Busy(10, 100), Busy(20, 115), [40.0, 60.0])
+    found = host.shares(HostInfo(cores=2), CpuTime(10, 100), CpuTime(20, 115), [40.0, 60.0])
     assert found.nodes_percent == pytest.approx(100)
     assert found.others_percent == pytest.approx(50)
-    assert host.shares(Host(cores=2), Busy(10, 100), Busy(10, 100), [1.0]) == Host(cores=2)
-    some = host.shares(Host(cores=2), Busy(10, 100), Busy(20, 115), [40.0, None])
-    assert some == Host(cores=2), "what others used cannot be known without all nodes"
+    assert host.shares(HostInfo(cores=2), CpuTime(10, 100), CpuTime(10, 100), [1.0]) == HostInfo(cores=2)
+    some = host.shares(HostInfo(cores=2), CpuTime(10, 100), CpuTime(20, 115), [40.0, None])
+    assert some == HostInfo(cores=2), "what others used cannot be known without all nodes"
 
 
 def test_a_missed_goal_is_read_beside_the_load() -> None:
-    shown = Host("Some CPU", 2, "6.1", 10.24, 120.4, 55.5).summary()
+    shown = HostInfo("Some CPU", 2, "6.1", 10.24, 120.4, 55.5).summary()
     for figure in ("2 cores (Some CPU)", "load 10.2", "nodes used 120 %", "other processes 56 %"):
         assert figure in shown
-    assert host.Host("Some CPU", 2).summary() == "2 cores (Some CPU)"
+    assert host.HostInfo("Some CPU", 2).summary() == "2 cores (Some CPU)"
 
 
 def test_a_kernel_without_a_model_name_gives_the_architecture(tmp_path: Path) -> None:

@@ -5,16 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from swarmctl.lab import measure
-from swarmctl.lab.measure import Contact, Floats, Track
+from swarmlab import measure
+from swarmlab.measure import Contact, Floats, VehicleTrack
 
 
-def line(platform: str, start: tuple[float, float, float], velocity: tuple[float, float, float]) -> Track:
+def line(
+    platform: str, start: tuple[float, float, float], velocity: tuple[float, float, float]
+) -> VehicleTrack:
     """A vehicle on a straight line for ten seconds, seen ten times a second."""
     t_s = np.arange(101) / 10
     xyz = np.array(start) + t_s[:, None] * np.array(velocity)
     yaw = np.full(len(t_s), math.atan2(velocity[1], velocity[0]))
-    return Track(platform, t_s, xyz, yaw)
+    return VehicleTrack(platform, t_s, xyz, yaw)
 
 
 def test_resampling_a_straight_line_is_exact_between_the_samples() -> None:
@@ -25,19 +27,19 @@ def test_resampling_a_straight_line_is_exact_between_the_samples() -> None:
 
 def test_nothing_is_interpolated_outside_the_recording_or_over_a_hole() -> None:
     t_s = np.array([0.0, 1.0, 5.0, 6.0])
-    track = Track("a", t_s, np.zeros((4, 3)), np.zeros(4))
+    track = VehicleTrack("a", t_s, np.zeros((4, 3)), np.zeros(4))
     got = measure.resample(track, np.array([-0.1, 0.5, 1.0, 3.0, 5.0, 5.5, 6.1]))
     assert np.isnan(got[:, 0]).tolist() == [True, False, False, True, False, False, True]
 
 
 def test_a_heading_turns_the_short_way_round() -> None:
-    track = Track("a", np.array([0.0, 1.0]), np.zeros((2, 3)), np.array([3.1, -3.1]))
+    track = VehicleTrack("a", np.array([0.0, 1.0]), np.zeros((2, 3)), np.array([3.1, -3.1]))
     (half,) = measure.resample_yaw(track, np.array([0.5]))
     assert math.cos(half) == pytest.approx(-1)
 
 
 def test_an_empty_track_is_nowhere() -> None:
-    nowhere = Track("a", np.empty(0), np.empty((0, 3)), np.empty(0))
+    nowhere = VehicleTrack("a", np.empty(0), np.empty((0, 3)), np.empty(0))
     times = np.array([1.0, 2.0])
     assert np.isnan(measure.resample(nowhere, times)).all()
     assert np.isnan(measure.resample_yaw(nowhere, times)).all()

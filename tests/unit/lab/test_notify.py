@@ -3,7 +3,7 @@
 import socket
 from pathlib import Path
 
-from swarmctl.lab.notify import NotifySocket, Restarts
+from swarmlab.notify import NotifySocket, Restarts
 
 
 def say(path: Path, *messages: bytes) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmctl.lab import plan
+from swarmlab import plan
 from swarmware.errors import InvalidInput
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import processes
-from swarmctl.lab.processes import MARK, Identity
+from swarmctl import processes
+from swarmctl.processes import MARK, ProcessIdentity
 
 Popen = subprocess.Popen[bytes]
 
@@ -36,7 +36,7 @@ def started() -> Iterator[list[Popen]]:
         process.stdout.close()
 
 
-def start(made: list[Popen], mark: str, *code: str) -> Identity:
+def start(made: list[Popen], mark: str, *code: str) -> ProcessIdentity:
     process = subprocess.Popen(
         [sys.executable, "-c", *code], stdout=subprocess.PIPE, env={**os.environ, MARK: mark}
     )
@@ -57,7 +57,7 @@ def test_a_process_lives_until_it_is_ended_and_a_zombie_is_dead(started: list[Po
 
 def test_another_process_with_the_same_pid_is_not_it(started: list[Popen], tmp_path: Path) -> None:
     who = start(started, str(tmp_path), WAIT)
-    later = Identity(who.pid, who.start_ticks + 1)
+    later = ProcessIdentity(who.pid, who.start_ticks + 1)
     assert not later.alive()
     later.send(signal.SIGKILL)
     assert who.alive()
@@ -65,7 +65,7 @@ def test_another_process_with_the_same_pid_is_not_it(started: list[Popen], tmp_p
 
 def test_a_pid_that_nobody_has_is_dead() -> None:
     assert not processes.identity(2**22).alive()
-    assert not Identity(0, 0).alive()
+    assert not ProcessIdentity(0, 0).alive()
 
 
 def test_everything_a_lab_started_is_found_and_ended_even_grandchildren_in_sessions_of_their_own(

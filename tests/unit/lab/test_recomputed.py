@@ -6,10 +6,10 @@ import msgspec
 import pytest
 from tests.unit.lab.test_analysis import facts, write_logs
 
-from swarmctl.lab import experiment, report
-from swarmctl.lab.report import Report
 from swarmctl.output import Output
-from swarmctl.settings import Settings
+from swarmctl.settings import CliSettings
+from swarmlab import experiment, report
+from swarmlab.report import ExperimentReport
 from swarmware.errors import InvalidInput, NotFound
 
 
@@ -26,7 +26,7 @@ def write_facts(folder: Path, *, ready_s: float) -> None:
 
 
 def test_a_missed_goal_fails_a_strict_run_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = Output(Settings())
+    out = Output(CliSettings())
     write_facts(folder, ready_s=99.0)
     assert experiment.report(folder, out) == 0
     assert "missed: ready: 99 s, goal below 15 s (2 cores (Some CPU))" in capsys.readouterr().err
@@ -37,11 +37,11 @@ def test_a_missed_goal_fails_a_strict_run_only(folder: Path, capsys: pytest.Capt
 def test_the_table_for_a_page_has_every_row_of_the_report(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    experiment.report(folder, Output(Settings()))
+    experiment.report(folder, Output(CliSettings()))
     capsys.readouterr()
-    experiment.page_table(folder, Output(Settings()))
+    experiment.page_table(folder, Output(CliSettings()))
     table = capsys.readouterr().out.splitlines()
-    found = msgspec.json.decode((folder / "report.json").read_bytes(), type=Report)
+    found = msgspec.json.decode((folder / "report.json").read_bytes(), type=ExperimentReport)
     assert table[2:] == [
         f"| {row.what} | {row.paper or '–'} | {row.ours} | {row.note} |" for row in report.comparison(found)
     ]
@@ -50,7 +50,7 @@ def test_the_table_for_a_page_has_every_row_of_the_report(
 
 def test_a_folder_without_a_report_is_named(tmp_path: Path) -> None:
     with pytest.raises(NotFound, match=r"report\.json: no such file"):
-        experiment.page_table(tmp_path, Output(Settings()))
+        experiment.page_table(tmp_path, Output(CliSettings()))
     (tmp_path / "report.json").write_text('{"nodes": "many"}')
     with pytest.raises(InvalidInput, match=r"report\.json: Expected `int`"):
-        experiment.page_table(tmp_path, Output(Settings()))
+        experiment.page_table(tmp_path, Output(CliSettings()))

@@ -5,21 +5,21 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import processes, record
-from swarmctl.lab.record import LabRecord, NodeRecord
+from swarmctl import labs, processes
+from swarmctl.labs import LabNode, LabState
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SWARMCTL_LABS", str(tmp_path / "labs"))
-    return record.labs_folder()
+    return labs.labs_folder()
 
 
-def make(folder: Path, name: str, *, living: bool, created: int = 1) -> LabRecord:
+def make(folder: Path, name: str, *, living: bool, created: int = 1) -> LabState:
     who = processes.identity(os.getpid())
     nodes = tuple(
-        NodeRecord(
+        LabNode(
             platform=platform,
             kind=kind,
             folder=str(folder / name / "n" / platform),
@@ -33,7 +33,7 @@ def make(folder: Path, name: str, *, living: bool, created: int = 1) -> LabRecor
         for platform, kind in (("ugv1", "ugv"), ("gcs", "gcs"))
     )
     (folder / name).mkdir(parents=True)
-    lab = LabRecord(
+    lab = LabState(
         name=name,
         experiment="formation",
         net="loopback",
@@ -45,13 +45,13 @@ def make(folder: Path, name: str, *, living: bool, created: int = 1) -> LabRecor
         udp_port=4000,
         nodes=nodes,
     )
-    record.save(lab)
+    labs.save(lab)
     return lab
 
 
 def test_what_is_saved_is_loaded(folder: Path) -> None:
     lab = make(folder, "a", living=True)
-    assert record.load(folder / "a") == lab
+    assert labs.load(folder / "a") == lab
     assert lab.station.platform == "gcs"
     assert lab.node("ugv1").config_dir == folder / "a" / "n" / "ugv1" / "etc"
 
@@ -60,15 +60,15 @@ def test_the_newest_running_lab_is_meant_when_none_is_named(folder: Path) -> Non
     make(folder, "old", living=True, created=1)
     make(folder, "new", living=True, created=2)
     make(folder, "dead", living=False, created=3)
-    assert record.find().name == "new"
-    assert record.find("old").name == "old"
-    assert [lab.name for lab in record.labs()] == ["old", "new", "dead"]
+    assert labs.find().name == "new"
+    assert labs.find("old").name == "old"
+    assert [lab.name for lab in labs.labs()] == ["old", "new", "dead"]
 
 
 def test_without_a_running_lab_the_error_says_how_to_start_one(folder: Path) -> None:
     make(folder, "dead", living=False)
     with pytest.raises(NotFound, match="lab up"):
-        record.find()
+        labs.find()
 
 
 def test_an_unknown_node_is_named_beside_those_there_are(folder: Path) -> None:
@@ -81,17 +81,17 @@ def test_a_damaged_record_is_our_error_and_is_passed_over_in_the_list(folder: Pa
     (folder / "b").mkdir()
     (folder / "b" / "lab.json").write_bytes(b'{"name": 7}')
     with pytest.raises(ConfigError, match=r"lab\.json"):
-        record.load(folder / "b")
-    assert [lab.name for lab in record.labs()] == ["a"]
+        labs.load(folder / "b")
+    assert [lab.name for lab in labs.labs()] == ["a"]
 
 
 def test_a_folder_that_others_may_write_to_is_not_used(folder: Path) -> None:
     folder.chmod(0o777)
     with pytest.raises(Denied, match="only you"):
-        record.labs_folder()
+        labs.labs_folder()
 
 
 @pytest.mark.parametrize("name", ["", "A", "../x", "a/b", "x" * 25, "1a"])
 def test_a_name_that_would_leave_the_folder_is_refused(name: str) -> None:
     with pytest.raises(InvalidInput):
-        record.check_name(name)
+        labs.check_name(name)

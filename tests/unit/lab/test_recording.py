@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab.recording import TRUTH, ClockTruth, Recording
+from swarmlab.clocks import ClockTruth
+from swarmlab.recording import TRUTH, Recording
 from swarmware.clock import Clock
 from swarmware.record.segment import Channel, SegmentWriter
 from swarmware.types import registry

@@ -7,20 +7,20 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarmctl.lab import page, plots, report
-from swarmctl.lab.host import Host
-from swarmctl.lab.measure import Track
-from swarmctl.lab.report import P95, MeanMax, Percentiles, Receipt, Report, Traffic
-from swarmctl.lab.scene import Neighbour, NodeFigures, Scene, Series
 from swarmctl.output import plain_table
+from swarmlab import page, plots, report
+from swarmlab.host import HostInfo
+from swarmlab.measure import VehicleTrack
+from swarmlab.plot_data import NodeFigures, ObservedLink, PlotData, TimeSeries
+from swarmlab.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
 from swarmware.world import Box, Circle
 
-GOOD = Report(
+GOOD = ExperimentReport(
     nodes=16,
     ready_s=9.3125,
     completed=True,
     duration_s=120.123456,
-    traffic=Traffic(16.1, 1.01, 15.2),
+    traffic=TrafficFigures(16.1, 1.01, 15.2),
     requests=45,
     notifications=123456,
     bytes_per_notification=88.8,
@@ -36,7 +36,7 @@ GOOD = Report(
     clock_error_us=P95(22.25678),
     cpu_percent_of_core=MeanMax(5.1, 8.8),
     rss_mb=MeanMax(77, 81),
-    host=Host("Some CPU", 2, "6.1", 0.1, 88.0, 12.0),
+    host=HostInfo("Some CPU", 2, "6.1", 0.1, 88.0, 12.0),
 )
 
 KEYS = json.loads(
@@ -98,16 +98,17 @@ def test_goals_that_were_missed_are_named_with_the_goal() -> None:
     ]
 
 
-def scene() -> Scene:
+def scene() -> PlotData:
     t_s = np.arange(0, 60, 0.5)
     xyz = np.stack([t_s, np.sin(t_s / 9) * 5, np.full(len(t_s), 2.0)], axis=1)
     kinds = {"gcs": "gcs", "ugv1": "ugv", "uav1": "uav"}
-    return Scene(
+    return PlotData(
         title="Formation <of> 3 & more",
         subtitle="seed 1",
         nodes=tuple(NodeFigures(platform=name, kind=kind) for name, kind in kinds.items()),
         tracks={
-            name: Track(name, t_s, xyz + i, np.zeros(len(t_s))) for i, name in enumerate(("ugv1", "uav1"))
+            name: VehicleTrack(name, t_s, xyz + i, np.zeros(len(t_s)))
+            for i, name in enumerate(("ugv1", "uav1"))
         },
         kinds=kinds,
         leader="ugv1",
@@ -116,22 +117,22 @@ def scene() -> Scene:
             Circle(name="tree", x_m=20, y_m=9, radius_m=1, height_m=4),
             Box(name="shed", x_m=40, y_m=-9, size_m=(4, 2), height_m=3, yaw_rad=0.5),
         ),
-        formation_errors={"uav1": Series(t_s, np.where(t_s < 10, np.nan, 0.2))},
+        formation_errors={"uav1": TimeSeries(t_s, np.where(t_s < 10, np.nan, 0.2))},
         formed=((15.0, 50.0),),
-        traffic={name: Series(t_s, np.full(len(t_s), 1.5)) for name in kinds},
+        traffic={name: TimeSeries(t_s, np.full(len(t_s), 1.5)) for name in kinds},
         neighbours=(
-            Neighbour("gcs", "ugv1", 0.9, 0.4),
-            Neighbour("ugv1", "gcs", 1.0),
-            Neighbour("gcs", "uav1", 1),
+            ObservedLink("gcs", "ugv1", 0.9, 0.4),
+            ObservedLink("ugv1", "gcs", 1.0),
+            ObservedLink("gcs", "uav1", 1),
         ),
     )
 
 
-EMPTY = Scene(title="Nothing", subtitle="", nodes=(), tracks={}, kinds={})
+EMPTY = PlotData(title="Nothing", subtitle="", nodes=(), tracks={}, kinds={})
 
 
 @pytest.mark.parametrize("shown", [scene(), EMPTY], ids=["full", "empty"])
-def test_every_picture_can_be_drawn_even_of_a_run_that_recorded_nothing(shown: Scene) -> None:
+def test_every_picture_can_be_drawn_even_of_a_run_that_recorded_nothing(shown: PlotData) -> None:
     pictures = [
         plots.paths(shown),
         plots.formation(shown, 1.0),

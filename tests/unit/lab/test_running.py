@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.lab import folders, processes, record, running
-from swarmctl.lab.notify import Restarts
-from swarmctl.lab.record import LabRecord, NodeRecord
-from swarmctl.lab.running import RunningLab
+from swarmctl import labs, processes
+from swarmctl.labs import LabNode, LabState
+from swarmlab import provisioning, running
+from swarmlab.notify import Restarts
+from swarmlab.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.service.lives import Lives
 
@@ -32,12 +33,12 @@ FALLS = "import sys; sys.exit('no such world')"
 LATE = "import signal; signal.pause()"
 
 
-def lab(tmp_path: Path, names: list[str]) -> LabRecord:
+def lab(tmp_path: Path, names: list[str]) -> LabState:
     nodes = []
     for name in names:
         (tmp_path / name).mkdir()
         nodes.append(
-            NodeRecord(
+            LabNode(
                 platform=name,
                 kind="uav",
                 folder=str(tmp_path / name),
@@ -47,7 +48,7 @@ def lab(tmp_path: Path, names: list[str]) -> LabRecord:
                 drift_ppm=0,
             )
         )
-    return LabRecord(
+    return LabState(
         name="t", experiment="formation", net="loopback", seed=1, folder=str(tmp_path), created_utc_ns=1,
         starter=processes.identity(1), multicast_group="", udp_port=1, nodes=tuple(nodes),
     )  # fmt: skip
@@ -58,7 +59,7 @@ def node_program(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """What a node runs instead of swarmd, by its platform."""
     programs: dict[str, str] = {}
 
-    def command(node: NodeRecord) -> list[str]:
+    def command(node: LabNode) -> list[str]:
         return [sys.executable, "-c", programs[node.platform]]
 
     monkeypatch.setattr(running, "command", command)
@@ -69,9 +70,9 @@ async def start(rig: RunningLab, order: list[str], timeout_s: float = 20) -> Non
     try:
         await rig.start(order, timeout_s)
     finally:
-        rig.let_go()
-        processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
-        rig.collect()
+        rig.stop_watching()
+        processes.end([node.identity for node in rig.state.nodes], rig.state.mark)
+        rig.wait_children()
 
 
 def test_nodes_start_in_the_order_given_a_few_at_a_time_until_all_are_ready(
@@ -90,7 +91,7 @@ def test_nodes_start_in_the_order_given_a_few_at_a_time_until_all_are_ready(
     for _, what in seen:
         alive += 1 if what == "started" else -1
         assert alive <= 2
-    known = record.load(tmp_path)
+    known = labs.load(tmp_path)
     assert all(node.pid and node.pid_start for node in known.nodes), "whoever comes later can end them"
 
 
@@ -123,7 +124,7 @@ def test_one_that_is_asked_to_end_is_noticed(tmp_path: Path, node_program: dict[
 
     async def kill_one(rig: RunningLab) -> set[str]:
         await rig.start(["a", "b"], 20)
-        rig.record.node("b").identity.send(signal.SIGTERM)
+        rig.state.node("b").identity.send(signal.SIGTERM)
         await rig.until_fallen()
         return set(rig.fallen)
 
@@ -132,9 +133,9 @@ def test_one_that_is_asked_to_end_is_noticed(tmp_path: Path, node_program: dict[
         try:
             return await kill_one(rig)
         finally:
-            rig.let_go()
-            processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
-            rig.collect()
+            rig.stop_watching()
+            processes.end([node.identity for node in rig.state.nodes], rig.state.mark)
+            rig.wait_children()
 
     assert asyncio.run(main()) == {"b"}
 
@@ -157,21 +158,21 @@ def test_a_parent_that_was_killed_is_started_again_and_counts_from_the_beginning
         rig.on_restart = note
         try:
             await rig.start(["a"], 20)
-            before = rig.record.node("a").identity
+            before = rig.state.node("a").identity
             before.send(signal.SIGKILL)
             async with asyncio.timeout(20):
                 while seen.count("ready again") < 2:
                     news.clear()
                     await news.wait()
-            assert rig.record.node("a").identity not in {before, processes.identity(0)}
-            assert record.load(tmp_path).node("a").identity == rig.record.node("a").identity
+            assert rig.state.node("a").identity not in {before, processes.identity(0)}
+            assert labs.load(tmp_path).node("a").identity == rig.state.node("a").identity
             assert rig.restarts["a"].reasons == ("signal 11", "parent: signal 9", "signal 11")
             assert rig.fallen == {}
             rig.check()
         finally:
-            rig.let_go()
-            processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
-            rig.collect()
+            rig.stop_watching()
+            processes.end([node.identity for node in rig.state.nodes], rig.state.mark)
+            rig.wait_children()
 
     asyncio.run(main())
     assert "restarted 2 times (signal 11, parent: signal 9)" in seen
@@ -185,7 +186,7 @@ def test_a_parent_that_dies_at_each_start_is_given_up_and_one_of_a_lab_that_ends
     node_program["a"] = "import os; os.kill(os.getpid(), 9)"
     rig = RunningLab(lab(tmp_path, ["a"]))
     if ending:
-        (tmp_path / folders.ENDING).touch()
+        (tmp_path / provisioning.ENDING).touch()
     with pytest.raises(SwarmError, match="node a: ended with signal 9"):
         asyncio.run(start(rig, ["a"]))
     assert rig.restarts.get("a", Restarts()).count == (0 if ending else running.RESTARTS)
@@ -222,7 +223,7 @@ def test_work_goes_on_while_all_nodes_run_and_ends_with_the_first_that_does_not(
 
     async def work(rig: RunningLab) -> str:
         assert await rig.attended(asyncio.sleep(0, "done")) == "done"
-        rig.record.node("b").identity.send(signal.SIGTERM)
+        rig.state.node("b").identity.send(signal.SIGTERM)
         return str(await rig.attended(asyncio.Event().wait()))
 
     async def main() -> None:
@@ -231,9 +232,9 @@ def test_work_goes_on_while_all_nodes_run_and_ends_with_the_first_that_does_not(
             await rig.start(["a", "b"], 20)
             await work(rig)
         finally:
-            rig.let_go()
-            processes.end([node.identity for node in rig.record.nodes], rig.record.mark)
-            rig.collect()
+            rig.stop_watching()
+            processes.end([node.identity for node in rig.state.nodes], rig.state.mark)
+            rig.wait_children()
 
     with pytest.raises(SwarmError, match="node b: ended with signal 15"):
         asyncio.run(main())

@@ -1,0 +1,59 @@
+"""The effective configuration of a node's files, key by key, with where each value comes from."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from swarmware import document
+from swarmware.config import NodeConfig, load_node, load_service
+from swarmware.errors import NotFound
+from swarmware.record.address import without_password
+from swarmware.service.find import find, installed
+
+
+class EffectiveSetting(msgspec.Struct, frozen=True):
+    """One key."""
+
+    service: str
+    """`node` for node.toml."""
+    key: str
+    value: str
+    origin: str
+    """default, or the file."""
+
+
+def effective(folder: Path, service: str) -> list[EffectiveSetting]:
+    """Every key of the node, or of one service.
+
+    Raises: ConfigError for a file that does not fit, NotFound for a service that is not installed.
+    """
+    if service and service != "node" and service not in installed():
+        raise NotFound(
+            f"service {service!r}: not installed; expected node or one of {', '.join(installed())}"
+        )
+    out: list[EffectiveSetting] = []
+    if service in {"", "node"}:
+        out += _keys("node", folder / "node.toml", load_node(folder), NodeConfig())
+    for name in load_node(folder).services if not service else [service] if service != "node" else []:
+        cls = find(name).Config
+        out += _keys(name, folder / "services" / f"{name}.toml", load_service(folder, name, cls), cls())
+    return out
+
+
+def _keys(service: str, path: Path, config: Any, defaults: Any) -> Iterator[EffectiveSetting]:
+    written = set(_flat("", document.toml(document.read(path), str(path)))) if path.exists() else set()
+    standard = dict(_flat("", msgspec.to_builtins(defaults)))
+    for key, value in _flat("", msgspec.to_builtins(config)).items():
+        origin = str(path) if key in written and value != standard.get(key) else "default"
+        yield EffectiveSetting(service, key, without_password(msgspec.json.encode(value).decode()), origin)
+
+
+def _flat(prefix: str, value: Any) -> dict[str, Any]:
+    if isinstance(value, dict) and value:
+        out: dict[str, Any] = {}
+        for key, item in value.items():
+            out |= _flat(f"{prefix}.{key}" if prefix else str(key), item)
+        return out
+    return {prefix: value}

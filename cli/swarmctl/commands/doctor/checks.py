@@ -1,0 +1,310 @@
+"""What `swarmctl doctor` looks at on this machine: each check says what is wrong and what to do."""
+
+import contextlib
+import os
+import shutil
+import socket
+import struct
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final, Literal
+
+import msgspec
+
+from swarmctl import labs
+from swarmware.appfile import AppTable
+from swarmware.config import load_node, load_service, share_dir
+from swarmware.errors import ConfigError, SwarmError
+from swarmware.frame import decode
+from swarmware.record.address import password_in, without_password
+from swarmware.security import Keys
+from swarmware.service.find import find
+from swarmware.shm.layout import ring_file
+from swarmware.shm.reap import reap
+from swarmware.shm.ring import RingReader
+from swarmware.types import registry
+from swarmware.types.net import Traffic
+
+SOCKET_PATH_BYTES: Final = 107
+"""Longest path of a Unix socket (sun_path without its zero)."""
+SHM_LOW_BYTES: Final = 64 << 20
+DISK_LOW_BYTES: Final = 512 << 20
+
+DATABASE_S: Final = 2.0
+"""A server on the same network answers within milliseconds."""
+
+REFUSALS_SHOWN: Final = 8
+"""Lines about members that were turned away."""
+
+Verdict = Literal["ok", "warning", "error"]
+
+
+class CheckResult(msgspec.Struct, frozen=True):
+    """What one check found."""
+
+    check: str
+    verdict: Verdict
+    text: str
+    advice: str = ""
+    fixed: bool = False
+
+
+def examine(folder: Path | None, *, fix: bool) -> list[CheckResult]:
+    """All checks; with a configuration folder also those of that node. With `fix` leftovers are removed."""
+    out = [_python(), _share(), _shared_memory(), _multicast(), _remove_ipc(_owner(folder))]
+    out += _leftovers(fix)
+    if folder is not None:
+        out += _node(folder, fix)
+    return out
+
+
+def _python() -> CheckResult:
+    version = ".".join(map(str, sys.version_info[:3]))
+    fits = sys.version_info >= (3, 11)
+    return CheckResult(
+        "python", "ok" if fits else "error", f"Python {version}", "" if fits else "install 3.11 or later"
+    )
+
+
+def _share() -> CheckResult:
+    try:
+        return CheckResult("share", "ok", f"templates and missions in {share_dir()}")
+    except SwarmError as error:
+        return CheckResult("share", "error", str(error), "install the package again, or set SWARM_SHARE")
+
+
+def _shared_memory() -> CheckResult:
+    try:
+        usage = shutil.disk_usage("/dev/shm")
+    except OSError as error:
+        return CheckResult(
+            "shared memory", "error", f"/dev/shm: {error}", "mount a tmpfs there, or set shm_dir"
+        )
+    if not os.access("/dev/shm", os.W_OK):
+        return CheckResult(
+            "shared memory", "error", "/dev/shm cannot be written", "set its mode to 1777, or set shm_dir"
+        )
+    low = usage.free < SHM_LOW_BYTES
+    advice = "make it larger (containers: --shm-size), or remove what fills it" if low else ""
+    return CheckResult(
+        "shared memory", "warning" if low else "ok", f"{usage.free >> 20} MiB free in /dev/shm", advice
+    )
+
+
+def _multicast() -> CheckResult:
+    """A datagram to ourselves over loopback, as the lab sends them."""
+    group, interface = "239.255.7.7", "127.0.0.1"
+    try:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        ):
+            receiver.bind(("", 0))
+            joined = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(interface))
+            receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+            receiver.settimeout(1.0)
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
+            sender.sendto(b"swarm", (group, receiver.getsockname()[1]))
+            receiver.recv(16)
+    except OSError as error:
+        return CheckResult(
+            "multicast", "warning", f"loopback: {error}", "list the other nodes as seeds in broker.toml"
+        )
+    return CheckResult("multicast", "ok", "datagrams come back over loopback")
+
+
+def _owner(folder: Path | None) -> int:
+    """The user whose shared memory matters: of the node that runs, else ourselves."""
+    try:
+        return os.getuid() if folder is None else load_node(folder).run_path.stat().st_uid
+    except (OSError, SwarmError):
+        return os.getuid()
+
+
+def _remove_ipc(uid: int) -> CheckResult:
+    """logind removes the shared memory of an ordinary user at logout."""
+    text = ""
+    for path in [Path("/etc/systemd/logind.conf"), *Path("/etc/systemd/logind.conf.d").glob("*.conf")]:
+        try:
+            text += path.read_text() + "\n"
+        except OSError:
+            continue
+    off = any(line.strip().lower() == "removeipc=no" for line in text.splitlines())
+    managed = Path("/run/systemd/seats").exists()
+    ordinary = uid >= 1000
+    if managed and ordinary and not off:
+        return CheckResult(
+            "logout",
+            "warning",
+            "logind removes this user's shared memory at logout",
+            "run nodes as the system user `swarm`, or set RemoveIPC=no in logind.conf",
+        )
+    return CheckResult("logout", "ok", "shared memory survives a logout")
+
+
+def _leftovers(fix: bool) -> Iterator[CheckResult]:
+    known = {node.shm_dir for lab in labs.running_labs() for node in lab.nodes}
+    prefix = f"swarm-{os.getuid()}-"
+    stale = [path for path in Path("/dev/shm").glob(f"{prefix}*") if str(path) not in known]
+    if not stale:
+        yield CheckResult("leftovers", "ok", "no shared memory of labs that ended")
+        return
+    names = ", ".join(path.name for path in stale[:4]) + (" …" if len(stale) > 4 else "")
+    if fix:
+        for path in stale:
+            shutil.rmtree(path, ignore_errors=True)
+    yield CheckResult(
+        "leftovers",
+        "ok" if fix else "warning",
+        f"{len(stale)} folders of labs that ended: {names}",
+        "" if fix else "swarmctl doctor --fix removes them",
+        fixed=fix,
+    )
+
+
+def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
+    try:
+        node = load_node(folder)
+    except SwarmError as error:
+        yield CheckResult("node.toml", "error", str(error), "correct the file")
+        return
+    yield CheckResult("node.toml", "ok", f"{folder}: platform {node.platform}, {len(node.services)} services")
+    longest = len(str(node.run_path / "p" / "4194304-99.sock").encode())
+    if longest > SOCKET_PATH_BYTES:
+        text = f"{node.run_dir}: sockets in it would have paths of {longest} bytes"
+        yield CheckResult(
+            "run_dir", "error", text, f"choose a shorter run_dir: {SOCKET_PATH_BYTES} bytes at most"
+        )
+    table = AppTable(node.run_path)
+    table.refresh(probe=True)
+    alive = {entry.name for entry in table}
+    missing = [name for name in node.services if name not in alive]
+    if missing:
+        text = f"not running: {', '.join(missing)}"
+        yield CheckResult(
+            "services", "error", text, f"swarmd node --config {folder}, or systemctl start swarm.target"
+        )
+    else:
+        yield CheckResult("services", "ok", f"all {len(node.services)} services run")
+    if not len(table) and node.run_path.exists():
+        if fix:
+            reap(node.shm_path, node.run_path)
+        yield CheckResult(
+            "remains", "ok", "what dead processes left was removed" if fix else "nobody lives here", fixed=fix
+        )
+    if "broker" in alive:
+        yield processor(node.shm_path)
+    if alive:
+        yield from _present(folder, monitored="health" in alive)
+    yield from _settings(folder, node.services)
+    yield _keys(node.keys_dir, node.platform)
+    yield _disk(node.data_path)
+
+
+def processor(shm_dir: Path) -> CheckResult:
+    """Whether the broker's ticks leave when they are due, from its board `net/traffic`."""
+    try:
+        with contextlib.closing(RingReader(ring_file(shm_dir, "net/traffic"))) as ring:
+            data = ring.newest()
+        if data is None:
+            return CheckResult("processor", "ok", "the broker has just started")
+        frame = decode(data)
+        traffic = registry.decode(Traffic, frame.payload, frame.codec)
+    except SwarmError as error:
+        return CheckResult(
+            "processor", "warning", f"net/traffic cannot be read: {error}", "swarmctl traffic ls"
+        )
+    if traffic.slowdown > 1:
+        text = f"ticks slowed {traffic.slowdown:g} times: processor short ({traffic.slowed_ticks} so far)"
+        return CheckResult("processor", "warning", text, "run fewer services or nodes on this computer")
+    return CheckResult(
+        "processor", "ok", f"{traffic.tick_hz:g} ticks a second, {traffic.slowed_ticks} slowed so far"
+    )
+
+
+def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
+    """What the node has found itself."""
+    from swarmctl.commands.doctor.node_findings import query_node
+
+    try:
+        present = query_node(folder)
+    except SwarmError as error:
+        yield CheckResult(
+            "faults", "warning", f"the node cannot be joined: {error}", "ask as its user, or as root"
+        )
+        return
+    for fault in present.faults:
+        text = f"{fault.check}: {fault.state}: {fault.what}"
+        yield CheckResult(
+            "fault", "error" if fault.level == "error" else "warning", text, "swarmctl health faults"
+        )
+    if monitored and present.silent:
+        yield CheckResult("faults", "error", present.silent, "swarmctl app ls shows whether `health` hangs")
+    elif monitored and not present.faults:
+        yield CheckResult("faults", "ok", "the node has found none")
+    for one in present.refusals[:REFUSALS_SHOWN]:
+        text = f"{one.role}@{one.platform}: {one.path}: {one.count} times, last {one.age_s:.0f} s ago"
+        advice = "give it the role in the roster, or stop what sends there"
+        yield CheckResult("denied", "warning", f"{text}: {one.reason}", advice)
+    if more := present.refusals[REFUSALS_SHOWN:]:
+        yield CheckResult(
+            "denied", "warning", f"{sum(one.count for one in more)} times in {len(more)} other ways"
+        )
+
+
+def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:
+    """Files below services/: whether they fit, and whether the logger's database answers."""
+    for name in services:
+        try:
+            config = load_service(folder, name, find(name).Config)
+        except SwarmError as error:
+            yield CheckResult(f"{name}.toml", "error", str(error), "correct the file")
+            continue
+        if uri := getattr(config, "mongodb_uri", ""):
+            yield _database(folder / "services" / f"{name}.toml", uri)
+
+
+def _database(path: Path, uri: str) -> CheckResult:
+    from swarmware.record.mongo import MongoStore
+
+    try:
+        store = MongoStore(uri, timeout_s=DATABASE_S, answer_s=DATABASE_S)
+    except ConfigError as error:
+        return CheckResult(
+            "mongodb", "error", f"{path}: {error}", "correct the address; the local log goes on"
+        )
+    if password_in(uri) and path.stat().st_mode & 0o007:
+        text = f"{path}: everybody can read the password in it"
+        store.close()
+        return CheckResult("mongodb", "warning", text, f"chgrp swarm {path} && chmod 0640 {path}")
+    try:
+        store.ping()
+    except SwarmError as error:
+        return CheckResult(
+            "mongodb", "warning", str(error), "start the server; the ring keeps the log meanwhile"
+        )
+    finally:
+        store.close()
+    return CheckResult("mongodb", "ok", f"{without_password(uri)} answers")
+
+
+def _keys(directory: str, platform: str) -> CheckResult:
+    if Path(directory).exists() and not os.access(directory, os.R_OK | os.X_OK):
+        return CheckResult("keys", "ok", f"{directory} is not this user's to read, and it need not be")
+    try:
+        Keys.load(Path(directory), platform)
+    except SwarmError as error:
+        return CheckResult("keys", "warning", str(error), "without keys only loopback is served")
+    return CheckResult("keys", "ok", f"identity and roster in {directory}")
+
+
+def _disk(path: Path) -> CheckResult:
+    while not path.exists():
+        path = path.parent
+    free = shutil.disk_usage(path).free
+    low = free < DISK_LOW_BYTES
+    advice = "remove old logs, or make ring_bytes in logger.toml smaller" if low else ""
+    return CheckResult(
+        "disk", "warning" if low else "ok", f"{free >> 20} MiB free for logs at {path}", advice
+    )

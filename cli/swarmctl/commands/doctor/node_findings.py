@@ -1,0 +1,68 @@
+"""What a running node has found itself: its faults, and whom it turned away."""
+
+import asyncio
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmctl.session import NAME
+from swarmware.errors import SwarmError
+from swarmware.module import Module
+from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
+from swarmware.types.net import Denial
+
+ANSWER_S: Final = 2.0
+"""The monitor of this machine answers within milliseconds."""
+
+
+class DeniedRequests(msgspec.Struct, frozen=True):
+    """Requests of one member to one address that its role does not allow."""
+
+    platform: str
+    role: str
+    path: str
+    count: int
+    age_s: float
+    """Since the last of them."""
+    reason: str
+
+
+class NodeFindings(msgspec.Struct, frozen=True):
+    """What was found at a running node."""
+
+    faults: tuple[Fault, ...] = ()
+    """Confirmed and not over."""
+    refusals: tuple[DeniedRequests, ...] = ()
+    """Those that its shared memory still holds; most first."""
+    silent: str = ""
+    """Why the monitor gave no answer."""
+
+
+def query_node(folder: Path) -> NodeFindings:
+    """Asks the node of this configuration folder; its services must run."""
+    return asyncio.run(_look(folder))
+
+
+async def _look(folder: Path) -> NodeFindings:
+    async with Module(NAME, config_dir=folder) as module:
+        refusals = await _refusals(module)
+        try:
+            found = await module.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=ANSWER_S)
+        except SwarmError as error:
+            return NodeFindings((), refusals, str(error))
+        confirmed = tuple(fault for fault in found.faults if fault.phase is Phase.CONFIRMED)
+        return NodeFindings(confirmed, refusals)
+
+
+async def _refusals(module: Module) -> tuple[DeniedRequests, ...]:
+    reader = await module.stream_reader("net/denials", Denial, from_oldest=True)
+    found: dict[tuple[str, str], DeniedRequests] = {}
+    while (denial := reader.take()) is not None:
+        before = found.get((denial.platform, denial.path))
+        count = denial.count + (before.count if before is not None else 0)
+        age_s = (module.now_ns() - reader.meta.stamp_ns) / 1e9 if reader.meta is not None else 0.0
+        found[denial.platform, denial.path] = DeniedRequests(
+            denial.platform, denial.role, denial.path, count, age_s, denial.reason
+        )
+    return tuple(sorted(found.values(), key=lambda one: -one.count))

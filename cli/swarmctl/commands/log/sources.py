@@ -1,0 +1,186 @@
+"""Where the record is, as an operator names it, and how an entry looks to people."""
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from swarmctl import labs
+from swarmctl.output import Output
+from swarmctl.quantities import span_s
+from swarmctl.session import config_dir
+from swarmctl.settings import CliSettings
+from swarmctl.values import brief
+from swarmware.clock import utc_ns
+from swarmware.config import load_node, load_service
+from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
+from swarmware.names import Pattern
+from swarmware.record.address import database_in
+from swarmware.record.entry import Entry
+from swarmware.record.query import FolderSource, Query, Source
+
+
+class LoggerAddress(msgspec.Struct, frozen=True):
+    """What of logger.toml says where the logs go."""
+
+    mongodb_uri: str = ""
+    mongodb_database: str = "swarm"
+
+
+@contextmanager
+def source(settings: CliSettings, options: Mapping[str, Any]) -> Iterator[Source]:
+    """The place that the options name: a database, a folder, or the rings of the nodes on this machine."""
+    if options.get("mongodb"):
+        from swarmware.record.mongo import MongoStore
+
+        uri, name = database(settings, options["mongodb"], options.get("database") or "")
+        store = MongoStore(uri, name, timeout_s=settings.timeout_s, answer_s=5 * settings.timeout_s)
+        try:
+            yield store
+        finally:
+            store.close()
+        return
+    if spool := options.get("spool"):
+        from swarmware.record.spool import SpoolSource
+
+        try:
+            file = sys.stdin.buffer if spool == "-" else Path(spool).open("rb")  # noqa: SIM115  # closed below
+        except OSError as error:
+            raise NotFound(f"spool {spool}: {error.strerror}; expected a file of MessagePack") from error
+        with file:
+            yield SpoolSource(file, spool)
+        return
+    yield FolderSource(folders(settings, options.get("folder")))
+
+
+def database(settings: CliSettings, uri: str, name: str) -> tuple[str, str]:
+    """Address and name of the database: as asked for, else where the lab or the node writes to.
+
+    Raises: NotFound when `-` was asked for and nothing is forwarded.
+    """
+    written_uri, written = _forwarded(settings)
+    if uri == "-":
+        if not written_uri:
+            raise NotFound("--mongodb -: the logs go to no database; expected a lab with --mongodb, or a URI")
+        uri = written_uri
+    return uri, name or database_in(uri) or written or "swarm"
+
+
+def _forwarded(settings: CliSettings) -> tuple[str, str]:
+    """Where the logs of the lab, or of the node, are forwarded to; empty when nowhere."""
+    if settings.config_dir is None:
+        try:
+            lab = labs.find(settings.lab)
+        except NotFound:
+            if settings.lab:
+                raise
+        else:
+            return lab.mongodb_uri, lab.mongodb_database if lab.mongodb_uri else ""
+    try:
+        folder = config_dir(settings)
+        load_node(folder)
+    except SwarmError:
+        return "", ""  # no node here: the address says everything
+    found = load_service(folder, "logger", LoggerAddress)
+    return found.mongodb_uri, found.mongodb_database if found.mongodb_uri else ""
+
+
+def folders(settings: CliSettings, folder: str | None) -> list[Path]:
+    """Folders of segments: the one given, those of a lab's nodes, or that of the node itself.
+
+    Raises: NotFound when nothing is recorded there.
+    """
+    if folder:
+        root = Path(folder)
+        found = sorted({path.parent for path in root.rglob("*.mcap")}) if root.is_dir() else []
+        if not found:
+            raise NotFound(f"log folder {folder}: no segments (*.mcap) in it")
+        return found
+    if settings.config_dir is None:
+        try:
+            lab = labs.find(settings.lab)
+        except NotFound:
+            if settings.lab:
+                raise
+        else:
+            nodes = [lab.node(settings.node)] if settings.node else list(lab.nodes)
+            return [path for node in nodes if (path := node.data_dir / "log").is_dir()]
+    node = load_node(config_dir(settings))
+    if settings.node and settings.node != node.platform:
+        raise NotFound(f"log of {settings.node}: not on this machine; expected --mongodb URI, or to be there")
+    return [node.data_path / "log"]
+
+
+def absolute(pattern: str, settings: CliSettings) -> str:
+    """A pattern as it was typed, with its platform: the one asked about, else every one."""
+    return pattern if pattern.startswith("/") else f"/{settings.node or '*'}/{pattern}"
+
+
+def query(settings: CliSettings, options: Mapping[str, Any]) -> Query:
+    """The query in a command's options."""
+    now_ns = utc_ns()
+    return Query(
+        pattern=Pattern(absolute(options["pattern"], settings)).text,
+        types=tuple(options["types"]),
+        since_ns=instant_ns(options["since"], now_ns) if options["since"] else None,
+        until_ns=instant_ns(options["until"], now_ns) if options["until"] else None,
+        limit=options["limit"],
+        newest=options["newest"],
+    )
+
+
+def instant_ns(text: str, now_ns: int) -> int:
+    """An instant as people write it: so long ago, or a date.
+
+    Raises: InvalidInput when it is neither.
+    """
+    try:
+        return now_ns - round(span_s(text.removesuffix(" ago")) * 1e9)
+    except InvalidInput:
+        pass  # then it is a date
+    try:
+        found = datetime.fromisoformat(text)
+    except ValueError:
+        raise InvalidInput(f"time {text!r}: expected 30s, 5m, 2h, 1d or an ISO date with Z") from None
+    return round((found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp() * 1e9)
+
+
+def show(out: Output, entry: Entry) -> None:
+    """One entry: a line of JSON, or a line for people."""
+    if out.settings.json:
+        out.line(
+            {
+                "utc": iso(entry.utc_ns),
+                "utc_ns": entry.utc_ns,
+                "stamp_ns": entry.stamp_ns,
+                "path": entry.topic,
+                "type": entry.type,
+                "queue": entry.queue,
+                "sequence": entry.sequence,
+                **({"sender": entry.sender} if entry.sender else {}),
+                "value": entry.plain(),
+            }
+        )
+        return
+    sender = f"  from {entry.sender}" if entry.sender else ""
+    out.now(f"{iso(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}{sender}")
+
+
+def refuse_losses(found: Source) -> None:
+    """Says what of the record could not be read.
+
+    Raises: Partial when there is something.
+    """
+    if losses := found.losses():
+        more = f"; and {len(losses) - 3} more" if len(losses) > 3 else ""
+        raise Partial(f"the record is not whole: {'; '.join(losses[:3])}{more}")
+
+
+def iso(instant_utc_ns: int) -> str:
+    """ISO 8601 with milliseconds and Z."""
+    moment = datetime.fromtimestamp(instant_utc_ns // 1_000_000 / 1000, UTC)
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")

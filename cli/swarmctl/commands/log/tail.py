@@ -1,0 +1,112 @@
+"""The record as it grows: entries from now on, of one logger or of all on this machine."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Iterator
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+from swarmctl import labs
+from swarmctl.commands.log.interleaving import Interleaving
+from swarmctl.commands.log.sources import absolute
+from swarmctl.session import config_dir, local_config_dir
+from swarmctl.settings import CliSettings
+from swarmware.clock import utc_ns
+from swarmware.config import load_node
+from swarmware.errors import NotFound
+from swarmware.module import BoardReader, Module
+from swarmware.names import Pattern
+from swarmware.record.entry import Entry
+from swarmware.record.ring import segments
+from swarmware.record.segment import SegmentReader
+from swarmware.types.log import LogStats
+
+
+def follow(settings: CliSettings, pattern: str) -> Iterator[Entry]:
+    """Entries that match and are recorded from now on, in the order of the loggers' wall clock.
+
+    Raises: NotFound without a node whose record is on this machine.
+    """
+    matcher = Pattern(absolute(pattern, settings))
+    with asyncio.Runner() as runner:
+        tail = Tail(_folders(settings))
+        try:
+            runner.run(tail.open())
+            while True:
+                yield from (entry for entry in runner.run(tail.next()) if matcher.matches(entry.topic))
+        finally:
+            runner.run(tail.close())
+
+
+def _folders(settings: CliSettings) -> list[Path]:
+    """Configuration folders of the nodes that are followed: the one asked about, else all of its lab."""
+    joined = local_config_dir(settings)
+    if not settings.node and settings.config_dir is None:
+        for lab in labs.labs():
+            if lab.station.config_dir == config_dir(settings):
+                return [node.config_dir for node in lab.nodes if node.alive()]
+    return [joined]
+
+
+class Tail:
+    """Waits on the loggers' own reports, then reads what is new in their segments."""
+
+    def __init__(self, folders: list[Path]) -> None:
+        self._growing = {folder: SegmentFollower(_log_dir(folder)) for folder in folders}
+        self._order = Interleaving(map(str, folders), utc_ns(), time.monotonic_ns())
+        self._stack = AsyncExitStack()
+        self._news = asyncio.Event()
+
+    async def open(self) -> None:
+        """Joins the nodes."""
+        for folder, growing in self._growing.items():
+            module = await self._stack.enter_async_context(Module("swarmctl", config_dir=folder))
+            stats = await module.reader("log/stats", LogStats)
+            module.start(self._read(str(folder), stats, growing), "tail")
+
+    async def _read(self, logger: str, stats: BoardReader[LogStats], growing: "SegmentFollower") -> None:
+        async for report in stats:
+            self._order.on_batch(logger, growing.entries(), report.complete_utc_ns, time.monotonic_ns())
+            self._news.set()
+
+    async def next(self) -> list[Entry]:
+        """Entries that are next, as soon as there are some."""
+        while not (ready := self._order.ready(now_ns := time.monotonic_ns())):
+            deadline_ns = self._order.deadline_ns(now_ns)
+            self._news.clear()
+            # at the deadline a logger has not reported for long: the others are not held up by it
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(None if deadline_ns is None else (deadline_ns - now_ns) / 1e9):
+                    await self._news.wait()
+        return ready
+
+    async def close(self) -> None:
+        """Leaves the nodes."""
+        await self._stack.aclose()
+
+
+def _log_dir(folder: Path) -> Path:
+    log_dir = load_node(folder).data_path / "log"
+    if not log_dir.is_dir():
+        raise NotFound(f"log folder {log_dir}: not there; expected the logger of that node to run")
+    return log_dir
+
+
+class SegmentFollower:
+    """Segments of one logger, from the one that it writes now."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        self._readers = [SegmentReader(path) for path in segments(directory)[-1:]]
+
+    def entries(self) -> Iterator[Entry]:
+        """What is there and was not given by a call before."""
+        last = int(self._readers[-1].path.stem) if self._readers else -1
+        # listed before the reading: a segment that has a successor gets no entry any more
+        newer = [SegmentReader(path) for path in segments(self._directory) if int(path.stem) > last]
+        readers = self._readers + newer
+        self._readers = readers[-1:]
+        for reader in readers:
+            with contextlib.suppress(FileNotFoundError):  # the ring needed its room
+                yield from reader.entries()

@@ -1,0 +1,63 @@
+"""`swarmctl hold`, `land` and `return`: what vehicles can do by themselves, on command."""
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from swarmctl.lazy import Command
+from swarmctl.settings import settings
+from swarmctl.vehicle_options import EVERYTHING, PLATFORMS, REASON, Decorator, timeout_option
+
+
+def _options(wait_s: float) -> Decorator:
+    """What these commands have in common."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for decorator in (PLATFORMS, EVERYTHING, REASON, timeout_option(wait_s), click.pass_context):
+            function = decorator(function)
+        return function
+
+    return decorate
+
+
+def _run(
+    ctx: click.Context, then: str, platforms: tuple[str, ...], everything: bool, reason: str, wait_s: float
+) -> None:
+    from swarmctl.manoeuvres import command
+    from swarmctl.session import Session, run
+
+    async def work(session: Session) -> None:
+        await command(session, then, platforms, wait_s, reason, everything=everything)
+
+    run(settings(ctx), work)
+
+
+@click.command(cls=Command)
+@_options(15.0)
+def hold(ctx: click.Context, **options: Any) -> None:
+    """Have vehicles stop and keep their place; a mission of theirs ends. Names may be patterns: 'uav*'.
+
+    Example: swarmctl hold uav1
+    """
+    _run(ctx, "hold", **options)
+
+
+@click.command(cls=Command)
+@_options(120.0)
+def land(ctx: click.Context, **options: Any) -> None:
+    """Have vehicles land where they are and disarm; ground vehicles stop. A mission of theirs ends.
+
+    Example: swarmctl land --all
+    """
+    _run(ctx, "land", **options)
+
+
+@click.command(cls=Command, name="return")
+@_options(420.0)
+def return_(ctx: click.Context, **options: Any) -> None:
+    """Have vehicles go back to where they were armed, land there and disarm. A mission of theirs ends.
+
+    Example: swarmctl return uav1 uav2 --timeout 120
+    """
+    _run(ctx, "return", **options)

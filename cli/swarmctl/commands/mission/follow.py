@@ -1,0 +1,130 @@
+"""The members of a running mission, as they are heard by the node that was joined."""
+
+from typing import Final
+
+import msgspec
+
+from swarmctl.fanout import ask_all
+from swarmctl.session import Session
+from swarmctl.vehicle_observer import first_of
+from swarmware import names
+from swarmware.errors import NotFound, Partial, SwarmError
+from swarmware.types.mission import MissionState, MissionStatus
+from swarmware.types.rpc import Empty
+
+NOT_STARTED: Final = "idle"
+"""In a run that was ordered: it was taken back before it began."""
+ENDED: Final = frozenset({"done", "failed", "aborted", NOT_STARTED})
+BAD: Final = ENDED - {"done"}
+SILENT_S: Final = 5.0
+"""A member says its state once a second at least; after five of them it is not waited for."""
+
+
+class ActiveMission(msgspec.Struct, frozen=True):
+    """A run of a mission and who takes part."""
+
+    mission: str
+    epoch: int
+    members: tuple[str, ...]
+    kinds: dict[str, str]
+    """Of the members, as far as they are known."""
+    plays: bool
+    """It has not ended for all of them."""
+
+
+async def find_active(session: Session) -> ActiveMission:
+    """The run that is played now, else the newest that was: of the platform that `-n` names, else of any.
+
+    The one that is asked need not be a member itself.
+    Raises: NotFound when there is none.
+    """
+    states = await _states(session)
+    if session.settings.node:
+        found = await session.ask("sys/mission/status", Empty(), MissionStatus)
+        if not found.state.epoch:
+            raise NotFound(f"{found.platform}: no mission; expected one that was started")
+        return _ensemble(found.state.epoch, {**states, found.platform: found.state}, [found])
+    runs = {state.epoch for state in states.values() if state.epoch}
+    if not runs:
+        raise NotFound(f"{session.here}: no mission is known; expected one that was started")
+    playing = {state.epoch for state in states.values() if state.epoch and state.state not in ENDED}
+    epoch = max(playing or runs)
+    asked = [name for name, state in states.items() if state.epoch == epoch]
+    answers, _ = await ask_all(session, asked, "sys/mission/status", Empty(), MissionStatus)
+    return _ensemble(epoch, states, [answer for answer in answers.values() if answer.state.epoch == epoch])
+
+
+async def _states(session: Session) -> dict[str, MissionState]:
+    """The last word of every platform, also of those that are away."""
+    others = await session.module.readers("/*/mission/state", MissionState)
+    own = await session.module.reader("mission/state", MissionState)
+    found = {name: reader.value for name, reader in others.items()} | {session.here: own.value}
+    return {name: state for name, state in found.items() if state is not None}
+
+
+def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[MissionStatus]) -> ActiveMission:
+    inside = {name: state for name, state in states.items() if state.epoch == epoch}
+    kinds = {name: state.kind for name, state in inside.items()}
+    for answer in answers:
+        kinds |= {member.platform: member.kind for member in answer.members}
+    members = tuple(sorted(kinds, key=names.natural))
+    plays = any(state.state not in ENDED for state in inside.values())
+    mission = next((state.mission for state in inside.values() if state.mission), "mission")
+    return ActiveMission(mission, epoch, members, kinds, plays)
+
+
+async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None:
+    """A line for each change of a member in this run, until it has ended for all.
+
+    Raises: SwarmError when it ended badly for one, Partial when one fell silent.
+    """
+    others = await session.module.readers("/*/mission/state", MissionState)
+    own = await session.module.reader("mission/state", MissionState)
+    shown: dict[str, MissionState] = {}
+    heard: dict[str, tuple[int | None, int]] = {}
+    silent: set[str] = set()
+    while True:
+        now_ns = session.module.now_ns()
+        for platform in members:
+            reader = own if platform == session.here else others.get(platform)
+            state = None if reader is None else reader.value
+            stamp_ns = None if reader is None else reader.stamp_ns
+            if platform not in heard or heard[platform][0] != stamp_ns:
+                heard[platform] = (stamp_ns, now_ns)
+                silent.discard(platform)
+            # a board still shows the run before until its member has taken the order
+            if state is None or state.epoch != epoch:
+                pass
+            elif platform not in shown or display_key(state) != display_key(shown[platform]):
+                shown[platform] = state
+                _print_state(session, platform, state)
+            ended = platform in shown and shown[platform].state in ENDED
+            if not ended and now_ns - heard[platform][1] > SILENT_S * 1e9 and platform not in silent:
+                silent.add(platform)
+                session.out.warn(f"{platform}: not heard for {SILENT_S:g} s")
+        ended_by = {platform for platform, state in shown.items() if state.state in ENDED}
+        if ended_by | silent >= set(members):
+            break
+        await first_of(own.changed(), others.changed(), timeout_s=1.0)
+    bad = sorted((platform for platform in ended_by if shown[platform].state in BAD), key=names.natural)
+    if silent:
+        raise Partial(f"mission: {', '.join(sorted(silent, key=names.natural))} fell silent before its end")
+    if bad:
+        name = next((shown[p].mission for p in bad if shown[p].mission), "")
+        how = [f"{p} ({'not started' if shown[p].state == NOT_STARTED else shown[p].state})" for p in bad]
+        raise SwarmError(f"mission {name}: ended badly at {', '.join(how)}")
+
+
+def display_key(state: MissionState) -> object:
+    """What makes a line of its own."""
+    return state.state, state.mission, state.active, state.text
+
+
+def _print_state(session: Session, platform: str, state: MissionState) -> None:
+    if session.settings.json:
+        session.out.line({"platform": platform, "state": state})
+    else:
+        blocks = ", ".join(state.active)
+        session.out.now(
+            f"{platform:<8} {state.mission:<12} {state.state:<10} {blocks:<24} {state.text}".rstrip()
+        )

@@ -1,0 +1,87 @@
+"""`swarmctl arm`, `disarm` and `kill`: the motors."""
+
+import click
+
+from swarmctl import completion
+from swarmctl.lazy import Command
+from swarmctl.settings import settings
+from swarmctl.vehicle_options import EVERYTHING, PLATFORMS, REASON, timeout_option
+
+_WAIT_S = 10.0
+
+
+@click.command(cls=Command)
+@PLATFORMS
+@EVERYTHING
+@click.option("--yes", is_flag=True, help="Do not ask; motors may turn.")
+@timeout_option(_WAIT_S)
+@click.pass_context
+def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: bool, wait_s: float) -> None:
+    """Arm vehicles on the ground, after a question that names them. Names may be patterns: 'uav*'.
+
+    Example: swarmctl arm uav1 --yes
+    """
+    from swarmctl.commands.motors.requests import ARM, command
+    from swarmctl.confirmation import confirm
+    from swarmctl.session import Session, run
+    from swarmctl.vehicles import choose
+    from swarmware.types.vehicle import ArmRequest
+
+    async def work(session: Session) -> None:
+        chosen = await choose(session, platforms, everything=everything)
+        confirm(yes, f"arm {', '.join(chosen)}: motors may turn")
+        await command(session, "arm", ARM, ArmRequest(True), chosen, wait_s)
+
+    run(settings(ctx), work)
+
+
+@click.command(cls=Command)
+@PLATFORMS
+@EVERYTHING
+@timeout_option(_WAIT_S)
+@click.pass_context
+def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wait_s: float) -> None:
+    """Disarm vehicles that are on the ground; one in the air refuses. Names may be patterns: 'uav*'.
+
+    Example: swarmctl disarm --all
+    """
+    from swarmctl.commands.motors.requests import ARM, command
+    from swarmctl.session import Session, run
+    from swarmctl.vehicles import choose
+    from swarmware.types.vehicle import ArmRequest
+
+    async def work(session: Session) -> None:
+        chosen = await choose(session, platforms, everything=everything)
+        await command(session, "disarm", ARM, ArmRequest(False), chosen, wait_s)
+
+    run(settings(ctx), work)
+
+
+@click.command(cls=Command)
+@click.argument("platform", shell_complete=completion.platforms)
+@click.option(
+    "--confirm", "again", metavar="PLATFORM", default="", help="The same name again, instead of typing it."
+)
+@REASON
+@timeout_option(_WAIT_S)
+@click.pass_context
+def kill(ctx: click.Context, platform: str, again: str, reason: str, wait_s: float) -> None:
+    """Stop the motors of one vehicle at once, also in the air: it falls. Its name is asked for twice.
+
+    Needs neither its mission nor its navigator. There is no --yes and no pattern.
+
+    Example: swarmctl kill uav1 --confirm uav1
+    """
+    from swarmctl.commands.motors.requests import KILL, command
+    from swarmctl.confirmation import confirm_by_name
+    from swarmctl.session import Session, run
+    from swarmware import names
+    from swarmware.types.vehicle import KillRequest
+
+    names.check_platform(platform)
+    confirm_by_name(platform, again, f"kill {platform}: motors off, in the air it falls")
+
+    async def work(session: Session) -> None:
+        await command(session, "kill", KILL, KillRequest(platform, reason), {platform: ""}, wait_s)
+
+    run(settings(ctx), work)

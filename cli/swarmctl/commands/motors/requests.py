@@ -1,0 +1,84 @@
+"""Requests to the motors of vehicles, answered by the vehicles themselves."""
+
+import asyncio
+from collections.abc import Mapping
+
+from swarmctl.session import Session
+from swarmctl.vehicle_observer import VehicleObserver, VehicleResult, print_result, raise_failures
+from swarmware import names
+from swarmware.errors import NoAnswer, SwarmError
+from swarmware.types.vehicle import ArmRequest, KillRequest, VehicleState
+
+ARM = "sys/vehicle/arm"
+KILL = "sys/vehicle/kill"
+
+Request = ArmRequest | KillRequest
+
+
+class MotorRequests:
+    """One request to some vehicles, followed until each says that its motors are as they should be."""
+
+    def __init__(
+        self, session: Session, path: str, value: Request, chosen: Mapping[str, str], wait_s: float
+    ) -> None:
+        self._session = session
+        self._path = path
+        self._value = value
+        self._armed = isinstance(value, ArmRequest) and value.armed
+        self._chosen = chosen
+        self._wait_s = wait_s
+        self._observer = VehicleObserver(session, chosen)
+        self._begin_ns = session.module.now_ns()
+
+    async def run(self) -> list[VehicleResult]:
+        """Asks all at once.
+
+        Raises: the refusal, when a single vehicle was asked.
+        """
+        await self._observer.open()
+        return list(await asyncio.gather(*(self._one(name) for name in self._chosen)))
+
+    async def _one(self, name: str) -> VehicleResult:
+        state: VehicleState | None = None
+        try:
+            async with asyncio.timeout(self._wait_s):
+                await self._session.reach(name)
+                state = await self._session.module.request(
+                    names.join(name, self._path),
+                    self._value,
+                    VehicleState,
+                    timeout_s=self._wait_s,
+                    urgent=True,
+                )
+                while state.armed != self._armed:
+                    await self._observer.changed()
+                    state = self._observer.snapshot(name).vehicle or state
+        except TimeoutError:
+            return self._seen(name, state, f"not seen to be done within {self._wait_s:g} s")
+        except SwarmError as error:
+            if len(self._chosen) == 1:
+                raise
+            return self._seen(name, None, str(error), reached=not isinstance(error, NoAnswer))
+        return self._seen(name, state)
+
+    def _seen(
+        self, name: str, state: VehicleState | None, text: str = "", *, reached: bool | None = None
+    ) -> VehicleResult:
+        after_s = (self._session.module.now_ns() - self._begin_ns) / 1e9
+        got = state is not None if reached is None else reached
+        seen = self._observer.result(name, not text, got, after_s, text, state)
+        print_result(self._session, seen)
+        return seen
+
+
+async def command(
+    session: Session, name: str, path: str, value: Request, chosen: Mapping[str, str], wait_s: float
+) -> None:
+    """`swarmctl arm|disarm|kill` from the names to the result.
+
+    Raises: as `Motors.run` and `judge`.
+    """
+    found = await MotorRequests(session, path, value, chosen, wait_s).run()
+    if session.settings.json:
+        session.out.document({"command": name, "vehicles": found})
+    raise_failures(name, found)

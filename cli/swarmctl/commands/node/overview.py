@@ -1,0 +1,107 @@
+"""All nodes side by side: what each of them says of itself, and what was heard of it last."""
+
+import asyncio
+
+import msgspec
+
+from swarmctl.fanout import ask_all, platforms, read_boards
+from swarmctl.output import Cell, Column
+from swarmctl.quantities import spoken
+from swarmctl.session import Session
+from swarmware.errors import SwarmError
+from swarmware.types.health import HealthState
+from swarmware.types.mission import MissionState
+from swarmware.types.net import RouteState
+from swarmware.types.rpc import Empty
+from swarmware.types.system import NodeInfo
+from swarmware.types.vehicle import BatteryState, Pose, VehicleState
+
+
+class NodeOverview(msgspec.Struct, frozen=True):
+    """One node."""
+
+    platform: str
+    answers: bool
+    info: NodeInfo | None
+    route: RouteState | None
+    health: HealthState | None
+    mission: MissionState | None
+    mode: str | None
+    """Of a vehicle: auto | manual."""
+    armed: bool | None
+    height_m: float | None
+    """Above the map's origin, as the vehicle estimates it."""
+    battery_ratio: float | None
+
+
+async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, SwarmError]]:
+    """The platform that `-n` names, else all that are known; and why some did not answer."""
+    asked = [session.platform] if session.settings.node else await platforms(session)
+    ways = {route.platform: route for route in (await session.routes()).routes}
+    (
+        (infos, errors),
+        (healths, _),
+        (missions, _),
+        (vehicles, _),
+        (poses, _),
+        (batteries, _),
+    ) = await asyncio.gather(
+        ask_all(session, asked, "sys/node/info", Empty(), NodeInfo),
+        read_boards(session, asked, "health/state", HealthState),
+        read_boards(session, asked, "mission/state", MissionState),
+        read_boards(session, asked, "vehicle/state", VehicleState),
+        read_boards(session, asked, "nav/pose", Pose),
+        read_boards(session, asked, "power/battery", BatteryState),
+    )
+    nodes = []
+    for name in asked:
+        vehicle, pose, battery = vehicles.get(name), poses.get(name), batteries.get(name)
+        nodes.append(
+            NodeOverview(
+                name,
+                name in infos,
+                infos.get(name),
+                ways.get(name),
+                healths.get(name),
+                missions.get(name),
+                vehicle.mode if vehicle else None,
+                vehicle.armed if vehicle else None,
+                round(pose.z_m, 2) if pose else None,
+                round(battery.remaining_ratio, 3) if battery else None,
+            )
+        )
+    return nodes, errors
+
+
+def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], list[tuple[Cell, ...]]]:
+    """The columns and the rows for people."""
+    rows: list[tuple[Cell, ...]] = [
+        (
+            one.platform,
+            "answers" if one.answers else "silent" if one.route else "away",
+            spoken(one.info.uptime_s) if one.info else None,
+            one.health.level if one.health else None,
+            one.mode,
+            one.armed,
+            None if one.height_m is None else f"{round(one.height_m, 1) + 0.0:.1f}",
+            None if one.battery_ratio is None else f"{one.battery_ratio:.0%}",
+            f"{one.mission.mission} {one.mission.state}".strip() if one.mission else None,
+            one.route.via if one.route and one.route.hops > 1 else None,
+            one.route.hops if one.route else 0 if one.platform == session.here else None,
+        )
+        for one in nodes
+    ]
+    columns = [
+        Column("NODE"),
+        Column("STATE"),
+        Column("UP", right=True),
+        Column("HEALTH"),
+        Column("MODE"),
+        Column("ARMED"),
+        Column("HEIGHT m", right=True),
+        Column("BATTERY", right=True),
+        Column("MISSION"),
+        Column("VIA"),
+        Column("HOPS", right=True),
+    ]
+    return columns, rows

@@ -1,0 +1,99 @@
+"""The graph of a swarm: edges from what each node says of its neighbours."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import msgspec
+
+from swarmware import names
+from swarmware.types.net import Neighbours
+
+
+class TopologyEdge(msgspec.Struct, frozen=True):
+    """A link between two platforms."""
+
+    a: str
+    b: str
+    loss_ab_ratio: float
+    """Of what a sends, as b counts it."""
+    loss_ba_ratio: float
+    rtt_ms: float | None
+    both: bool
+    """Each hears the other."""
+
+
+def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
+    """Each pair once, in order of names."""
+    heard = {
+        (platform, one.platform): one
+        for platform, answer in answers.items()
+        for one in answer.neighbours
+        if one.platform and one.state in {"up", "heard", "half_open"}
+    }
+    out = []
+    pairs = {tuple(sorted(pair, key=names.natural)) for pair in heard}
+    for a, b in sorted(pairs, key=lambda pair: (names.natural(pair[0]), names.natural(pair[1]))):
+        at_a, at_b = heard.get((a, b)), heard.get((b, a))
+        one = at_a or at_b
+        assert one is not None
+        out.append(
+            TopologyEdge(
+                a,
+                b,
+                at_b.loss_in_ratio if at_b else (at_a.loss_out_ratio if at_a else 1.0),
+                at_a.loss_in_ratio if at_a else (at_b.loss_out_ratio if at_b else 1.0),
+                one.rtt_ms,
+                all(side is None or side.state == "up" for side in (at_a, at_b)),
+            )
+        )
+    return out
+
+
+def to_dot(nodes: list[str], found: list[TopologyEdge]) -> str:
+    """A Graphviz graph; a link that works one way only is dashed."""
+    lines = ["graph swarm {", "  overlap=false; node [shape=ellipse];"]
+    lines += [f'  "{node}";' for node in nodes]
+    for edge in found:
+        loss = max(edge.loss_ab_ratio, edge.loss_ba_ratio)
+        style = "" if edge.both else ', style="dashed"'
+        lines.append(f'  "{edge.a}" -- "{edge.b}" [label="{loss * 100:.0f} %"{style}];')
+    return "\n".join([*lines, "}"])
+
+
+def to_png(nodes: list[str], found: list[TopologyEdge], target: str) -> None:
+    """A picture with the nodes on a circle; the worse the link, the paler the line."""
+    with Path(target).open("wb") as file:  # first: a wrong name is told before the slow import
+        _draw(nodes, found, file)
+
+
+def _draw(nodes: list[str], found: list[TopologyEdge], file: BinaryIO) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 8))
+    canvas: Any = FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    place = {
+        node: (math.cos(math.tau * i / len(nodes)), math.sin(math.tau * i / len(nodes)))
+        for i, node in enumerate(nodes)
+    }
+    for edge in found:
+        (x0, y0), (x1, y1) = place[edge.a], place[edge.b]
+        loss = max(edge.loss_ab_ratio, edge.loss_ba_ratio)
+        axes.plot(
+            [x0, x1],
+            [y0, y1],
+            color="#1f77b4",
+            alpha=max(0.1, 1 - loss),
+            linestyle="-" if edge.both else "--",
+            zorder=1,
+        )
+    colours = {"gcs": "#d62728", "ugv": "#8c564b", "uav": "#2ca02c", "usv": "#9467bd"}
+    for node, (x, y) in place.items():
+        axes.scatter([x], [y], s=900, color=colours.get(node.rstrip("0123456789"), "#7f7f7f"), zorder=2)
+        axes.annotate(node, (x, y), ha="center", va="center", color="white", fontsize=8, zorder=3)
+    axes.set_axis_off()
+    axes.set_title(f"{len(nodes)} nodes, {len(found)} links")
+    canvas.print_png(file)

@@ -1,0 +1,80 @@
+"""New values of resources as they come, of one or of many at once."""
+
+import asyncio
+from typing import Any, Final, Self
+
+import msgspec
+
+from swarmctl.session import Session
+from swarmctl.values import single
+from swarmware.module import BoardReader, StreamReader
+from swarmware.types import registry
+from swarmware.types.tree import TreeEntry
+
+QUEUE_LIMIT: Final = 1000
+"""Values waiting to be printed; beyond it readers wait, and count what they lose."""
+
+
+class WatchedValue(msgspec.Struct, frozen=True):
+    """One new value."""
+
+    path: str
+    type: str
+    stamp_ns: int | None
+    """Hardware clock of the owner."""
+    age_s: float | None
+    value: Any
+    """A single value stands for itself."""
+
+
+class ResourceWatch:
+    """`async for news in await Watch.open(session, entries)`."""
+
+    def __init__(self) -> None:
+        self._news: asyncio.Queue[WatchedValue] = asyncio.Queue(QUEUE_LIMIT)
+        self._streams: list[StreamReader[Any]] = []
+
+    @classmethod
+    async def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
+        """Begins to read; what is not mirrored yet will be.
+
+        Raises: NotFound for a type that is not known here.
+        """
+        watch = cls()
+        for entry in entries:
+            found = registry.find(entry.type)
+            if entry.kind in {"event", "stream"}:
+                stream = await session.module.stream_reader(entry.path, found)
+                watch._streams.append(stream)
+                session.module.start(watch._every(entry, stream, session), f"watch {entry.path}")
+            else:
+                board = await session.module.reader(entry.path, found)
+                session.module.start(watch._newest(entry, board), f"watch {entry.path}")
+        return watch
+
+    async def _newest(self, entry: TreeEntry, board: BoardReader[Any]) -> None:
+        async for value in board:
+            await self._news.put(
+                WatchedValue(entry.path, entry.type, board.stamp_ns, board.age_s, single(value))
+            )
+
+    async def _every(self, entry: TreeEntry, stream: StreamReader[Any], session: Session) -> None:
+        async for value in stream:
+            meta = stream.meta
+            stamp_ns = None if meta is None else meta.stamp_ns
+            local_ns = stamp_ns
+            if meta is not None and meta.sender_hw != session.module.node.hardware:
+                local_ns = session.module.remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
+            age_s = None if local_ns is None else (session.module.now_ns() - local_ns) / 1e9
+            await self._news.put(WatchedValue(entry.path, entry.type, stamp_ns, age_s, single(value)))
+
+    @property
+    def lost(self) -> int:
+        """Items of streams that were overwritten before they were read."""
+        return sum(stream.lost for stream in self._streams)
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> WatchedValue:
+        return await self._news.get()

@@ -1,0 +1,86 @@
+"""What completion offers: platforms and paths that a command has seen, kept in one small file of the user."""
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+LIMIT: Final = 20_000
+"""Paths kept: about 1 MB, read within 20 ms by a shell that waits for it."""
+
+VALUED: Final = frozenset({"board", "event", "stream", "setting"})
+"""Kinds of resources that have a value."""
+
+
+class CachedResource(NamedTuple):
+    """One resource."""
+
+    path: str
+    kind: str
+    access: str
+
+
+def file() -> Path:
+    """$XDG_CACHE_HOME/swarm/seen.json, else below ~/.cache."""
+    root = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(root) if root else Path("~/.cache").expanduser()) / "swarm" / "seen.json"
+
+
+def load() -> tuple[str, list[str], list[CachedResource]]:
+    """Node by which it was seen, platforms, resources; nothing when the file is not there or not ours."""
+    try:
+        found: Any = json.loads(file().read_bytes())
+        rows = [CachedResource(*map(str, row)) for row in found["resources"]]
+        return str(found["way"]), [str(name) for name in found["platforms"]], rows
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return "", [], []
+
+
+def save(
+    way: str, platforms: Iterable[str], listed: Iterable[CachedResource] = (), whole: Iterable[str] = ()
+) -> None:
+    """Adds what was seen through a node; of the platforms in `whole` everything was listed.
+
+    Another way in is another swarm: what was seen through the former is forgotten.
+    """
+    before, _, old = load()
+    gone = set(whole)
+    kept = {row.path: row for row in old if row.path.split("/", 2)[1] not in gone} if before == way else {}
+    kept |= {row.path: row for row in listed}
+    content = {"way": way, "platforms": list(platforms), "resources": list(kept.values())[:LIMIT]}
+    target = file()
+    fresh = target.with_name(f"{target.name}.{os.getpid()}")
+    try:
+        target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        fresh.write_text(json.dumps(content, separators=(",", ":")))
+        fresh.replace(target)
+    except OSError:
+        return  # a home that cannot be written to has no completion of paths, and nothing worse
+
+
+def steps(paths: Iterable[str], begun: str) -> list[str]:
+    """What may follow: the next segment of each path, as with files; a branch alone is entered at once."""
+    fitting = [path for path in paths if path.startswith(begun)]
+    at = len(begun)
+    while True:
+        found = dict.fromkeys(_cut(path, at) for path in fitting)
+        if len(found) != 1:
+            return list(found)
+        only = next(iter(found))
+        if not only.endswith("/"):
+            return [only]
+        at = len(only)
+
+
+def _cut(path: str, at: int) -> str:
+    slash = path.find("/", at + (1 if at == 0 else 0))
+    return path if slash < 0 else path[: slash + 1]
+
+
+def local(rows: Iterable[CachedResource], platform: str) -> Iterator[str]:
+    """Paths without their platform: of one, or of all when none is named."""
+    for row in rows:
+        _, name, path = row.path.split("/", 2) if row.path.count("/") > 1 else ("", "", "")
+        if path and (not platform or name == platform):
+            yield path

@@ -1,0 +1,68 @@
+"""One question to every platform of the swarm at once."""
+
+import asyncio
+from typing import TypeVar
+
+import msgspec
+
+from swarmctl.session import Session
+from swarmctl.tree_access import newest
+from swarmware import names
+from swarmware.errors import SwarmError
+from swarmware.types import registry
+
+R = TypeVar("R", bound=msgspec.Struct)
+
+
+async def platforms(session: Session) -> list[str]:
+    """The node that was joined, every platform it can reach, and those that are away but known.
+
+    Raises: NoAnswer when its broker does not answer.
+    """
+    ways = {route.platform for route in (await session.routes()).routes}
+    return sorted({session.here, *ways, *await session.known()}, key=names.natural)
+
+
+async def ask_all(
+    session: Session, asked: list[str], path: str, value: msgspec.Struct, reply: type[R]
+) -> tuple[dict[str, R], dict[str, SwarmError]]:
+    """The answers, and the errors of those that gave none."""
+
+    async def one(platform: str) -> R | SwarmError:
+        try:
+            return await session.ask(names.join(platform, path), value, reply)
+        except SwarmError as error:
+            return error
+
+    return _sorted_out(asked, await asyncio.gather(*(one(platform) for platform in asked)))
+
+
+async def read_boards(
+    session: Session, asked: list[str], path: str, cls: type[R]
+) -> tuple[dict[str, R], dict[str, SwarmError]]:
+    """The newest value of one board of each: from a mirror where there is one, else from its owner."""
+
+    async def one(platform: str) -> R | SwarmError:
+        try:
+            return registry.decode(cls, (await newest(session, names.join(platform, path))).data)
+        except SwarmError as error:
+            return error
+
+    return _sorted_out(asked, await asyncio.gather(*(one(platform) for platform in asked)))
+
+
+def _sorted_out(asked: list[str], found: list[R | SwarmError]) -> tuple[dict[str, R], dict[str, SwarmError]]:
+    answers: dict[str, R] = {}
+    errors: dict[str, SwarmError] = {}
+    for platform, answer in zip(asked, found, strict=True):
+        if isinstance(answer, SwarmError):
+            errors[platform] = answer
+        else:
+            answers[platform] = answer
+    return answers, errors
+
+
+def warn_errors(session: Session, errors: dict[str, SwarmError]) -> None:
+    """Says on stderr who did not answer."""
+    for error in errors.values():
+        session.out.warn(str(error))

@@ -1,0 +1,205 @@
+"""What is known about a lab: lab.json in its folder, written by its starter, read by everybody."""
+
+import os
+import re
+import stat
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmctl.processes import NODE_MARK, ProcessIdentity, marked, marks
+from swarmware import document
+from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
+
+FILE: Final = "lab.json"
+_NAME: Final = re.compile(r"[a-z][a-z0-9_-]{0,23}\Z")
+
+
+class LabNode(msgspec.Struct, frozen=True, kw_only=True):
+    """One node of a lab."""
+
+    platform: str
+    kind: str
+    folder: str
+    """Everything of this node but its shared memory."""
+    shm_dir: str
+    processes: str
+    """one | per-daemon."""
+    offset_s: float
+    """Simulated clock: this node's reading minus the machine's CLOCK_MONOTONIC at its zero."""
+    drift_ppm: float
+    pid: int = 0
+    """0: not started yet."""
+    pid_start: int = 0
+    """Start time of the process in clock ticks since boot: tells it from a later one of the same pid."""
+
+    @property
+    def config_dir(self) -> Path:
+        """node.toml and services/."""
+        return Path(self.folder) / "etc"
+
+    @property
+    def run_dir(self) -> Path:
+        """Sockets and application files."""
+        return Path(self.folder) / "run"
+
+    @property
+    def data_dir(self) -> Path:
+        """Logs, settings, missions."""
+        return Path(self.folder) / "data"
+
+    @property
+    def keys_dir(self) -> Path:
+        """Identity of the node."""
+        return Path(self.folder) / "keys"
+
+    @property
+    def log_file(self) -> Path:
+        """What the node's processes say."""
+        return Path(self.folder) / "log.txt"
+
+    @property
+    def notify_path(self) -> Path:
+        """Socket on which the node says that it is ready (sd_notify)."""
+        return Path(self.folder) / "notify"
+
+    @property
+    def identity(self) -> ProcessIdentity:
+        """The node's main process."""
+        return ProcessIdentity(self.pid, self.pid_start)
+
+    def alive(self) -> bool:
+        """Whether its main process lives, or another: a guard that was killed is started again by others."""
+        return self.pid > 0 and (self.identity.alive() or bool(marked(self.folder, NODE_MARK)))
+
+
+class LabState(msgspec.Struct, frozen=True, kw_only=True):
+    """One lab."""
+
+    schema_version: int = 1
+    name: str
+    experiment: str
+    net: str
+    seed: int
+    folder: str
+    created_utc_ns: int
+    starter: ProcessIdentity
+    """Process that started it, or still does."""
+    multicast_group: str
+    udp_port: int
+    mongodb_uri: str = ""
+    mongodb_database: str = ""
+    """Where the logs go; empty: they stay on the nodes."""
+    ready_s: float = 0.0
+    """From the first start of a process until the whole swarm knew itself; 0: not yet."""
+    nodes: tuple[LabNode, ...]
+
+    def node(self, platform: str) -> LabNode:
+        """The node of that platform.
+
+        Raises: NotFound naming the nodes there are.
+        """
+        for node in self.nodes:
+            if node.platform == platform:
+                return node
+        known = ", ".join(node.platform for node in self.nodes)
+        raise NotFound(f"node {platform!r} (lab {self.name}): not there; expected one of {known}")
+
+    @property
+    def station(self) -> LabNode:
+        """The ground station: the way into the swarm."""
+        return next(node for node in self.nodes if node.kind == "gcs")
+
+    @property
+    def running(self) -> bool:
+        """Whether any of its nodes lives."""
+        return any(node.alive() for node in self.nodes)
+
+    @property
+    def mark(self) -> str:
+        """What every process of this lab carries in its environment."""
+        return self.folder
+
+
+def check_name(name: str) -> str:
+    """The lab's name itself.
+
+    Raises: InvalidInput when it is none.
+    """
+    if not _NAME.match(name):
+        raise InvalidInput(f"lab name {name!r}: expected [a-z][a-z0-9_-]{{0,23}}")
+    return name
+
+
+def default_folder() -> Path:
+    """Where this user's labs are unless SWARMCTL_LABS says otherwise."""
+    return Path(f"/tmp/swarm-{os.getuid()}")
+
+
+def labs_folder() -> Path:
+    """Folder of this user's labs; short, because sockets live below it.
+
+    Raises: Denied when somebody else could have prepared it.
+    """
+    folder = Path(os.environ.get("SWARMCTL_LABS") or default_folder())
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise Denied(f"folder of the labs ({folder}): expected a directory that only you can write to")
+    return folder
+
+
+def save(record: LabState) -> None:
+    """Writes lab.json; readers see the old one or the new one."""
+    path = Path(record.folder) / FILE
+    fresh = path.with_suffix(".new")
+    fresh.touch(mode=0o600)  # the address of the database may have a password in it
+    fresh.write_bytes(msgspec.json.format(msgspec.json.encode(record), indent=1))
+    fresh.replace(path)
+
+
+def load(folder: Path) -> LabState:
+    """The lab in this folder.
+
+    Raises: NotFound when there is none; ConfigError when its record is damaged.
+    """
+    try:
+        return document.json(document.read(folder / FILE), LabState, f"record of the lab ({folder / FILE})")
+    except FileNotFoundError:
+        raise NotFound(f"lab {folder.name!r} ({folder}): not there") from None
+
+
+def labs() -> list[LabState]:
+    """All labs of this user, running or left over, oldest first; damaged records are passed over."""
+    found = []
+    for path in labs_folder().glob(f"*/{FILE}"):
+        try:
+            found.append(load(path.parent))
+        except (NotFound, ConfigError):
+            continue
+    return sorted(found, key=lambda lab: lab.created_utc_ns)
+
+
+def running_labs() -> list[LabState]:
+    """All labs of this user of which a process runs, in whatever folder of labs."""
+    found = []
+    for mark in sorted(marks()):
+        try:
+            found.append(load(Path(mark)))
+        except (NotFound, ConfigError):
+            continue
+    return found
+
+
+def find(name: str = "") -> LabState:
+    """The lab of that name, or the newest that runs.
+
+    Raises: NotFound when there is none.
+    """
+    if name:
+        return load(labs_folder() / check_name(name))
+    running = [lab for lab in labs() if lab.running]
+    if not running:
+        raise NotFound("running lab: none; expected one started by `swarmctl lab up formation --detach`")
+    return running[-1]

@@ -1,0 +1,118 @@
+"""Values of the tree, read and written for an operator."""
+
+import asyncio
+from typing import Any, Final
+
+import msgspec
+
+from swarmctl.session import Session
+from swarmctl.values import decoded, decoded_payload, field, typed
+from swarmware import names
+from swarmware.errors import NoAnswer, NotFound, SwarmError
+from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeValue
+
+FRESH_S: Final = 1.0
+"""A mirror of this age is believed; an older one may be of something that changes seldom, or that nobody
+subscribes to any more."""
+
+
+class ResourceReading(msgspec.Struct, frozen=True):
+    """A value that was read."""
+
+    path: str
+    type: str
+    unit: str
+    value: Any
+    """Plain data; of one field when one was asked for."""
+    stamp_ns: int
+    """Hardware clock of the owner."""
+    age_s: float | None
+    """None: the owner's clock is not known here."""
+    sequence: int
+    version: int
+    quality: str
+    """live | stale | lost."""
+    owner: str
+    source: str
+    """own | mirror | asked."""
+
+    @property
+    def warning(self) -> str:
+        """What must be said beside the value; empty when nothing must."""
+        if self.quality != "lost":
+            return ""
+        age = "of unknown age" if self.age_s is None else f"{self.age_s:.0f} s old"
+        return f"{self.path}: lost; this is the last value, {age}"
+
+
+class Written(msgspec.Struct, frozen=True):
+    """A value that was set."""
+
+    path: str
+    type: str
+    value: Any
+    version: int
+
+
+async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
+    """The newest value; a mirror that is not young is held against its owner, who may be away.
+
+    Raises: NotFound, NoAnswer.
+    """
+    ask = f"/{session.here}/sys/tree/get"
+    found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about=path)
+    if found.source != "mirror" or found.quality == "lost" or (found.age_s or FRESH_S) < FRESH_S:
+        return found
+    try:
+        return await session.ask(ask, TreeGet(path, True), TreeValue, about=path)
+    except NoAnswer:
+        return found
+
+
+async def read(session: Session, path: str, fields: str = "", *, fresh: bool = False) -> ResourceReading:
+    """The newest value of a resource, or of one of its fields.
+
+    Raises: NotFound, NoAnswer, InvalidInput for a field that is not there.
+    """
+    if not names.split(path)[1]:
+        raise NotFound(f"{path}: a platform has no value; `swarmctl tree ls {path}` shows its resources")
+    found = await newest(session, path, fresh=fresh)
+    return ResourceReading(
+        found.path,
+        found.type,
+        found.unit,
+        field(decoded(found), found.path, fields),
+        found.stamp_ns,
+        found.age_s,
+        found.sequence,
+        found.version,
+        found.quality,
+        found.owner,
+        found.source,
+    )
+
+
+async def read_all(
+    session: Session, paths: list[str], fields: str = "", *, fresh: bool = False
+) -> tuple[list[ResourceReading], list[SwarmError]]:
+    """The values that there are, and why there are no others."""
+
+    async def one(path: str) -> ResourceReading | SwarmError:
+        try:
+            return await read(session, path, fields, fresh=fresh)
+        except SwarmError as error:
+            return error
+
+    found = await asyncio.gather(*(one(path) for path in paths))
+    readings = [reading for reading in found if isinstance(reading, ResourceReading)]
+    return readings, [error for error in found if isinstance(error, SwarmError)]
+
+
+async def write(session: Session, path: str, text: str, version: int | None = None) -> Written:
+    """Sets a resource, or a field of it, to what an operator typed.
+
+    Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
+    """
+    wish = TreeSet(path, typed(text), version)
+    done = await session.ask(f"/{session.here}/sys/tree/set", wish, TreeSetDone, about=path)
+    return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)

@@ -1,0 +1,276 @@
+"""What vehicles are seen to do: their states as they come in, until each does what it was told to."""
+
+import asyncio
+import math
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, Final, Generic, TypeVar
+
+import msgspec
+
+from swarmctl.session import Session
+from swarmctl.vehicles import STATION
+from swarmware.errors import NoAnswer, Partial, SwarmError
+from swarmware.module import BoardReader, BoardSet
+from swarmware.types.mission import MissionState
+from swarmware.types.vehicle import NavStatus, Pose, VehicleState
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+REST: Final = frozenset({"idle", "done", "failed", "aborted"})
+"""States of a mission in which nothing is played."""
+STANDING: Final = frozenset({"holding", "arrived", "idle"})
+"""States of a navigator that keeps its place."""
+STILL_M_S: Final = 0.5
+"""A vehicle slower than this holds its place: wind and the estimate move it a little."""
+HOME_M: Final = 3.0
+"""This near to where it was armed a vehicle has returned: GNSS drifts by as much."""
+POLL_S: Final = 0.5
+"""Longest pause between two looks when nothing comes in."""
+GRACE_S: Final = 3.0
+"""What a vehicle does after its mission has ended may reach us this much later."""
+
+
+class VehicleSnapshot(msgspec.Struct, frozen=True):
+    """What is known of one vehicle now."""
+
+    kind: str
+    mission: MissionState | None
+    vehicle: VehicleState | None
+    nav: NavStatus | None
+    pose: Pose | None
+    home: Pose | None
+
+    @property
+    def speed_m_s(self) -> float:
+        """Over the ground and upwards; infinite where nothing is known."""
+        pose = self.pose
+        return math.inf if pose is None else math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s)
+
+    @property
+    def from_home_m(self) -> float | None:
+        """Distance from where it was armed, on the map."""
+        if self.pose is None or self.home is None:
+            return None
+        return math.hypot(self.pose.x_m - self.home.x_m, self.pose.y_m - self.home.y_m)
+
+    @property
+    def standing(self) -> bool:
+        """Keeps its place, on the ground or in the air."""
+        if self.vehicle is None:
+            return False
+        if self.kind == "uav" and self.vehicle.landed:
+            return True
+        return self.nav is not None and self.nav.state in STANDING and self.speed_m_s < STILL_M_S
+
+    @property
+    def grounded(self) -> bool:
+        """On the ground and still, motors off."""
+        vehicle = self.vehicle
+        if vehicle is None or vehicle.armed or not vehicle.landed:
+            return False
+        return self.kind == "uav" or self.speed_m_s < STILL_M_S
+
+    def words(self) -> str:
+        """For people: `landed 0.0 m disarmed`."""
+        if self.vehicle is None:
+            return "not seen"
+        if self.kind == "uav":
+            doing = "landed" if self.vehicle.landed else "holding" if self.standing else "flying"
+        elif self.pose is None:
+            doing = "somewhere"
+        else:
+            doing = "stopped" if self.speed_m_s < STILL_M_S else "moving"
+        height = "" if self.pose is None else f" {max(self.pose.z_m, 0.0):.1f} m"
+        return f"{doing}{height} {'armed' if self.vehicle.armed else 'disarmed'}"
+
+
+class VehicleResult(msgspec.Struct, frozen=True):
+    """What became of one vehicle."""
+
+    platform: str
+    ok: bool
+    """It was seen to do what it was told to."""
+    reached: bool
+    """It has the command."""
+    state: str
+    """landed 0.0 m disarmed."""
+    after_s: float
+    mission: str = ""
+    """State of its mission."""
+    armed: bool | None = None
+    height_m: float | None = None
+    from_home_m: float | None = None
+    text: str = ""
+    """Why not."""
+
+
+class _Boards(Generic[T]):
+    """One board of every platform, that of this node among them."""
+
+    def __init__(self, here: str, own: BoardReader[T], others: BoardSet[T]) -> None:
+        self._here = here
+        self._own = own
+        self._others = others
+
+    def of(self, platform: str) -> BoardReader[T] | None:
+        return self._own if platform == self._here else self._others.get(platform)
+
+    def value(self, platform: str) -> T | None:
+        reader = self.of(platform)
+        return None if reader is None else reader.value
+
+    def sequence(self, platform: str) -> int:
+        reader = self.of(platform)
+        return 0 if reader is None else reader.sequence
+
+    def changed(self) -> tuple[Coroutine[Any, Any, object], ...]:
+        return self._own.changed(), self._others.changed()
+
+
+class VehicleObserver:
+    """The boards that say what vehicles do."""
+
+    def __init__(self, session: Session, kinds: Mapping[str, str]) -> None:
+        self._session = session
+        self._kinds = kinds
+
+    async def open(self) -> None:
+        """Begins to look; what is not mirrored here yet will be."""
+        self._missions = await self._board("mission/state", MissionState)
+        self._vehicles = await self._board("vehicle/state", VehicleState)
+        self._navs = await self._board("nav/status", NavStatus)
+        self._poses = await self._board("nav/pose", Pose)
+        self._homes = await self._board("vehicle/home", Pose)
+
+    async def _board(self, path: str, cls: type[T]) -> _Boards[T]:
+        module = self._session.module
+        return _Boards(
+            self._session.here, await module.reader(path, cls), await module.readers(f"/*/{path}", cls)
+        )
+
+    def snapshot(self, platform: str, vehicle: VehicleState | None = None) -> VehicleSnapshot:
+        """What is known of a vehicle now; `vehicle`: what it has just answered itself."""
+        mission = self._missions.value(platform)
+        return VehicleSnapshot(
+            self._kinds.get(platform, "") or (mission.kind if mission else ""),
+            mission,
+            vehicle or self._vehicles.value(platform),
+            self._navs.value(platform),
+            self._poses.value(platform),
+            self._homes.value(platform),
+        )
+
+    def mission_sequence(self, platform: str) -> int:
+        """Counts what its mission has said."""
+        return self._missions.sequence(platform)
+
+    async def changed(self) -> None:
+        """Something new came in, or a moment has passed."""
+        boards = (self._missions, self._vehicles, self._navs)
+        await first_of(*(wait for board in boards for wait in board.changed()), timeout_s=POLL_S)
+
+    def result(
+        self,
+        platform: str,
+        ok: bool,
+        reached: bool,
+        after_s: float,
+        text: str = "",
+        vehicle: VehicleState | None = None,
+    ) -> VehicleResult:
+        """The result for one vehicle, as it is seen now."""
+        sight = self.snapshot(platform, vehicle)
+        away_m = sight.from_home_m
+        words = sight.words() if sight.kind != STATION else ""
+        return VehicleResult(
+            platform,
+            ok,
+            reached,
+            words if reached or not words else f"last seen {words}",
+            round(after_s, 1),
+            sight.mission.state if sight.mission else "",
+            sight.vehicle.armed if sight.vehicle else None,
+            round(sight.pose.z_m, 2) if sight.pose else None,
+            None if away_m is None else round(away_m, 1),
+            text,
+        )
+
+
+Done = Callable[[VehicleSnapshot], bool]
+"""Whether a vehicle is seen to do what it was told to."""
+
+
+def returned(sight: VehicleSnapshot) -> bool:
+    """Down again where it was armed."""
+    away_m = sight.from_home_m
+    return sight.grounded and (away_m is None or away_m <= HOME_M)
+
+
+BUILT_IN: Final[dict[str, Done]] = {
+    "land": lambda sight: sight.grounded,
+    "hold": lambda sight: sight.standing,
+    "return": returned,
+}
+"""What the built-in missions of vehicles bring about."""
+
+
+class ManoeuvreProgress:
+    """Follows one vehicle from a command that its mission carries out until it is done, or has failed."""
+
+    def __init__(self, told: int, done: Done) -> None:
+        self._told = told
+        self._done = done
+        self._ended_ns: int | None = None
+
+    def verdict(self, sight: VehicleSnapshot, told: int, now_ns: int) -> bool | None:
+        """None while it goes on."""
+        mission = sight.mission
+        if mission is None or told == self._told or mission.state not in REST:
+            self._ended_ns = None
+            return None
+        if sight.kind == STATION:
+            return True
+        if mission.state != "failed" and self._done(sight):
+            return True
+        self._ended_ns = now_ns if self._ended_ns is None else self._ended_ns
+        over = now_ns - self._ended_ns > GRACE_S * 1e9
+        # a mission that had failed before says so until it has taken the command
+        return self._done(sight) if over else None
+
+
+def print_result(session: Session, seen: VehicleResult, *, home: bool = False) -> None:
+    """One line for a vehicle, as soon as its end is known; `home`: with the way to where it was armed."""
+    if session.settings.json:
+        return
+    words = [
+        seen.platform,
+        seen.state or f"mission {seen.mission or 'not seen'}",
+        f"after {seen.after_s:.1f} s",
+    ]
+    if home and seen.from_home_m is not None:
+        words.insert(2, f"{seen.from_home_m:.1f} m from its start")
+    session.out.now(" ".join(words) + (f": {seen.text}" if seen.text else ""))
+
+
+def raise_failures(what: str, found: list[VehicleResult]) -> None:
+    """Raises: Partial when some did it, NoAnswer when none was reached or seen to do it, SwarmError."""
+    bad = [seen for seen in found if not seen.ok]
+    if not bad:
+        return
+    text = f"{what}: {', '.join(f'{seen.platform} ({seen.text})' for seen in bad)}"
+    if len(bad) < len(found):
+        raise Partial(text)
+    if all("ended" in seen.text for seen in bad):
+        raise SwarmError(text)
+    raise NoAnswer(text)
+
+
+async def first_of(*waits: Coroutine[Any, Any, object], timeout_s: float) -> None:
+    """Returns when the first of them does, or in time; the others are given up."""
+    tasks = [asyncio.ensure_future(wait) for wait in waits]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED, timeout=timeout_s)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

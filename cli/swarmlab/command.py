@@ -1,0 +1,180 @@
+"""`swarmctl lab`: a whole swarm of real processes on this machine."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from swarmctl.lazy import Group
+from swarmctl.settings import settings
+
+EXPERIMENTS: Final = ("formation",)
+
+
+@click.group(cls=Group)
+def cmd() -> None:
+    """Run a whole swarm on this machine.
+
+    Example: swarmctl lab run formation --nodes 4
+    """
+
+
+def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """What `run` and `up` have in common."""
+    about = {
+        "nodes": "One ground station, one ground vehicle for two in the air.",
+        "usv": "Surface vessels among them.",
+        "net": "How the nodes are linked: loopback.",
+        "seed": "Of clocks, noise and start order.",
+        "name": "Of the lab; default: the experiment's.",
+        "per_daemon": "A process for each daemon: on all nodes, or on those named (a,b).",
+        "mongodb": "Forward all logs there as well.",
+    }
+    options = (
+        click.argument("experiment", type=click.Choice(EXPERIMENTS)),
+        click.option("--nodes", type=int, default=16, show_default=True, metavar="N", help=about["nodes"]),
+        click.option("--usv", type=int, default=0, show_default=True, metavar="N", help=about["usv"]),
+        click.option("--net", default="loopback", metavar="KIND", help=about["net"]),
+        click.option("--seed", type=int, default=1, show_default=True, metavar="K", help=about["seed"]),
+        click.option("--name", default="", metavar="NAME", help=about["name"]),
+        click.option(
+            "--per-daemon", is_flag=False, flag_value="all", metavar="[NAMES]", help=about["per_daemon"]
+        ),
+        click.option("--mongodb", "mongodb_uri", default="", metavar="URI", help=about["mongodb"]),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@cmd.command()
+@_swarm_options
+@click.option(
+    "--duration",
+    "duration_s",
+    type=click.FloatRange(min=1),
+    default=600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Give up when the mission takes longer.",
+)
+@click.option(
+    "--out",
+    "out_dir",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Report folder; default: report/EXPERIMENT-NODES.",
+)
+@click.option("--strict", is_flag=True, help="Exit 1 when a goal of the report is missed.")
+@click.pass_context
+def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: bool, **spec: Any) -> None:
+    """Start a swarm, run the experiment, stop it, write the report.
+
+    Example: swarmctl lab run formation --nodes 16 --json
+    """
+    from swarmctl.output import Output
+    from swarmlab import experiment
+    from swarmlab.provisioning import LabSpec
+
+    out = out_dir or Path("report") / f"{spec['experiment']}-{spec['nodes']}"
+    ctx.exit(experiment.main(LabSpec(**spec), duration_s, out, Output(settings(ctx)), strict=strict))
+
+
+@cmd.command()
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.option("--markdown", is_flag=True, help="Print the table for a page; compute nothing again.")
+@click.option("--strict", is_flag=True, help="Exit 1 when a goal is missed.")
+@click.pass_context
+def report(ctx: click.Context, folder: Path, markdown: bool, strict: bool) -> None:
+    """Compute the report of an earlier run again, from its logs.
+
+    Example: swarmctl lab report report/formation-16 --markdown
+    """
+    from swarmctl.output import Output
+    from swarmlab import experiment
+
+    if markdown:
+        experiment.page_table(folder, Output(settings(ctx)))
+        return
+    ctx.exit(experiment.report(folder, Output(settings(ctx)), strict=strict))
+
+
+@cmd.command()
+@_swarm_options
+@click.option("--detach", is_flag=True, help="Return when the swarm is up; `lab down` ends it.")
+@click.pass_context
+def up(ctx: click.Context, /, detach: bool, **spec: Any) -> None:
+    """Start a swarm and leave it to you.
+
+    Example: swarmctl lab up formation --nodes 6 --detach
+    """
+    from swarmctl.output import Output
+    from swarmlab import lifecycle
+    from swarmlab.provisioning import LabSpec
+
+    lifecycle.main(LabSpec(**spec), Output(settings(ctx)), detach=detach)
+
+
+@cmd.command()
+@click.pass_context
+def ls(ctx: click.Context) -> None:
+    """List the labs of this user.
+
+    Example: swarmctl lab ls
+    """
+    from swarmctl.output import Output
+    from swarmlab import listing
+
+    listing.show(Output(settings(ctx)))
+
+
+@cmd.command()
+@click.argument("platform", default="")
+@click.option("--follow", "-f", is_flag=True, help="Go on with what is written later.")
+@click.option("--lines", type=click.IntRange(min=1), default=20, show_default=True, help="Per node.")
+@click.pass_context
+def logs(ctx: click.Context, platform: str, follow: bool, lines: int) -> None:
+    """Show what the processes of a lab said.
+
+    Example: swarmctl lab logs uav1 --follow
+    """
+    from swarmctl import labs
+    from swarmctl.output import Output
+    from swarmlab import listing
+
+    chosen = settings(ctx)
+    lab = labs.find(chosen.lab)
+    wanted = platform or chosen.node
+    nodes = (lab.node(wanted),) if wanted else lab.nodes
+    if follow:
+        listing.follow(nodes, lines)
+    listing.logs(nodes, lines, Output(chosen))
+
+
+@cmd.command()
+@click.argument("name", default="")
+@click.option("--all", "everything", is_flag=True, help="All labs of this user.")
+@click.option("--keep", is_flag=True, help="Keep configuration and logs.")
+@click.pass_context
+def down(ctx: click.Context, name: str, everything: bool, keep: bool) -> None:
+    """End a lab and remove what it left; the newest, when none is named.
+
+    Example: swarmctl lab down
+    """
+    from swarmctl import labs
+    from swarmctl.output import Output
+    from swarmlab import provisioning
+
+    chosen = settings(ctx)
+    out = Output(chosen)
+    found = labs.labs() if everything else [labs.find(name or chosen.lab)]
+    ended = []
+    for lab in found:
+        out.say(f"ending lab {lab.name}: {len(lab.nodes)} nodes")
+        forced = provisioning.down(lab, keep=keep)
+        if forced:
+            out.warn(f"lab {lab.name}: {forced} processes did not end in time and were killed")
+        ended.append({"name": lab.name, "nodes": len(lab.nodes), "forced": forced})
+    if chosen.json:
+        out.document({"ended": ended})

@@ -1,0 +1,280 @@
+"""One experiment from start to report: swarm up, one instruction, mission followed, swarm down, figures."""
+
+import shutil
+import time
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, TypeVar
+
+import msgspec
+
+from swarmctl.labs import LabNode, LabState
+from swarmctl.output import Output
+from swarmctl.progress import Progress
+from swarmctl.session import Session, connect
+from swarmlab import database, host, lifecycle, provisioning
+from swarmlab.clocks import ClockTruth
+from swarmlab.host import HostInfo
+from swarmlab.mission_run import MissionRun
+from swarmlab.notify import Restarts
+from swarmlab.provisioning import RADIUS_M, LabSpec
+from swarmlab.run_metadata import NodeMetadata, RunMetadata, failure
+from swarmlab.running import RunningLab, exit_description
+from swarmlab.watch import ENDED, SwarmWatch
+from swarmware import __version__, document
+from swarmware.config import share_dir
+from swarmware.errors import ConfigError, NotFound, SwarmError
+from swarmware.mission.folder import MANIFEST
+from swarmware.types.mission import MissionFile, MissionPlan, MissionState, MissionTask, TaskAnswer
+
+PLAN: Final = "sys/mission/plan"
+TASK: Final = "sys/mission/task"
+TASK_S: Final = 30.0
+"""Longest wait until all platforms have answered the order."""
+QUIET_S: Final = 15.0
+"""Longest wait until trees and subscriptions are exchanged: the command is not to queue behind them."""
+RUN_FILE: Final = "run.json"
+REPORT: Final = "report.json"
+PAGE: Final = "report.html"
+LOGS: Final = "logs"
+CAPTIONS: Final = ("Paths", "Formation error", "Command to receipt", "Topology", "Traffic")
+"""Pictures of the report, in their order; a file each."""
+DATA_LOST: Final = 3
+"""Exit code: the experiment went well, but entries of the logs are missing."""
+
+
+S = TypeVar("S", bound=msgspec.Struct)
+
+
+def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict: bool = False) -> int:
+    """`lab run`; the exit code.
+
+    From the command on there is a report, whatever happens then.
+    Raises: SwarmError when the swarm does not come up.
+    """
+    database.examine(spec.mongodb_uri, out)
+    prepare(out_dir)
+    here = host.describe()
+    started_utc_ns = time.time_ns()
+    running = RunningLab(provisioning.make(spec))
+    running.log_of = lambda node: out_dir / _log_of(node)
+    try:
+        course = lifecycle.run_interruptible(_conduct(running, duration_s, out))
+    finally:
+        lab = running.state
+        with lifecycle.teardown(lab, out):
+            forced = provisioning.down(lab, keep=True)
+            running.wait_children()
+            _keep_logs(lab, out_dir)
+            provisioning.remove(lab)
+    if forced:
+        out.warn(f"{forced} processes did not end in time and were killed; their logs may lack the end")
+    metadata = _metadata(running, spec, course, started_utc_ns, here)
+    (out_dir / RUN_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(metadata), indent=1))
+    return report(out_dir, out, strict=strict)
+
+
+def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
+    """Computes, writes and prints the report of a folder with metadata and logs; the exit code.
+
+    With `strict` a goal that was missed is a failure.
+    Raises: NotFound when the folder has no run.json, ConfigError when it is of another version.
+    """
+    from swarmlab import analysis, page, plots
+    from swarmlab import report as figures
+
+    out.say("computing the report")
+    metadata = _read(out_dir / RUN_FILE, RunMetadata)
+    found, data = analysis.analyse(metadata, out_dir / LOGS)
+    text = msgspec.json.format(msgspec.json.encode(figures.rounded(found)), indent=2)
+    (out_dir / REPORT).write_bytes(text + b"\n")
+    drawn = (
+        plots.paths(data),
+        plots.formation(data, figures.LIMITS.formation_error_m),
+        plots.receipts(data, found.receipts),
+        plots.topology(data),
+        plots.traffic(data),
+    )
+    pictures = dict(zip(CAPTIONS, drawn, strict=True))
+    for caption, png in pictures.items():
+        (out_dir / _file(caption)).write_bytes(png)
+    shortfalls, misses = figures.shortfalls(found), figures.misses(found)
+    remarks = [*metadata.remarks(), *shortfalls]
+    remarks += [f"missed: {miss} ({found.host.summary()})" for miss in misses]
+    (out_dir / PAGE).write_text(page.page(data, found, pictures, remarks), "utf-8")
+    if out.settings.json:
+        out.exact(figures.rounded(found))
+    else:
+        out.table(figures.COLUMNS, figures.cells(found))
+    for remark in remarks:
+        out.warn(remark)
+    out.say(f"report: {out_dir / PAGE}")
+    if shortfalls or (strict and misses):
+        return SwarmError.exit_code
+    return DATA_LOST if found.log_gaps else 0
+
+
+def page_table(out_dir: Path, out: Output) -> None:
+    """Prints the table of a report that is there, for a page.
+
+    Raises: NotFound without a report; ConfigError when it is of another version.
+    """
+    from swarmlab import report as figures
+
+    out.text(figures.markdown(_read(out_dir / REPORT, figures.ExperimentReport)).rstrip())
+
+
+def _read(path: Path, cls: type[S]) -> S:
+    try:
+        return document.json(document.read(path), cls, str(path))
+    except FileNotFoundError:
+        raise NotFound(f"{path}: no such file; expected the folder of a report") from None
+    except ConfigError as error:
+        raise ConfigError(f"{error}; expected a report of this version") from error
+
+
+def prepare(out_dir: Path) -> None:
+    """A report folder without an earlier report; whatever else is there is left alone."""
+    shutil.rmtree(out_dir / LOGS, ignore_errors=True)
+    (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
+    for name in (RUN_FILE, REPORT, PAGE, *(_file(caption) for caption in CAPTIONS)):
+        (out_dir / name).unlink(missing_ok=True)
+
+
+def _file(caption: str) -> str:
+    return f"{caption.lower().replace(' ', '-')}.png"
+
+
+async def _conduct(running: RunningLab, duration_s: float, out: Output) -> MissionRun:
+    """Raises: SwarmError when there is no swarm that could be commanded; later errors are the course's."""
+    course = MissionRun()
+    try:
+        await lifecycle.bring_up(running, out)
+        try:
+            async with connect(lifecycle.station_settings(running.state)) as session:
+                await running.attended(_mission(session, running.state, course, duration_s, out))
+        except SwarmError as error:
+            if not course.command_mono_ns:
+                raise
+            course.error = str(error)
+        course.close(running.state)
+    finally:
+        running.stop_watching()
+    out.say(f"mission {'completed' if not course.failure() else 'failed: ' + course.failure()}")
+    return course
+
+
+async def _mission(
+    session: Session, lab: LabState, course: MissionRun, duration_s: float, out: Output
+) -> None:
+    watch = await SwarmWatch.open(session)
+    task = mission_task(lab.experiment)
+    if not await watch.until_quiet(QUIET_S):
+        out.say("the links are still busy; going on")
+    # as `mission start`: who would take part is asked before the instruction is given
+    plan = await session.ask(PLAN, task, MissionPlan, timeout_s=TASK_S)
+    for left in plan.left_out:
+        out.warn(f"{left.platform}: takes no part: {left.why}")
+    course.command()
+    try:
+        course.answer = answer = await session.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
+    finally:
+        course.commanded(lab)
+    if not answer.accepted:
+        reasons = [
+            f"{o.platform}: {'; '.join(o.reasons) or 'silent'}" for o in answer.orders if not o.accepted
+        ]
+        raise SwarmError(f"mission {lab.experiment}: not accepted ({', '.join(reasons)}); expected by all")
+    course.accepted(answer)
+    out.say(f"mission {answer.mission} accepted by {len(answer.orders)} platforms")
+    with Progress(out, "mission", len(answer.orders)) as bar:
+        notes: list[str] = []
+
+        def show(states: Mapping[str, MissionState]) -> None:
+            note = phase(states)
+            done = sum(state.progress_ratio if state.state not in ENDED else 1.0 for state in states.values())
+            if not notes or notes[-1] != note or out.lively:
+                bar.at(done, note)
+                notes.append(note)
+
+        course.in_time = await watch.until_ended(course.members, duration_s, show)
+
+
+def phase(states: Mapping[str, MissionState]) -> str:
+    """What most platforms are doing, in a few words."""
+    ended = [state.state for state in states.values() if state.state in ENDED]
+    doing = Counter(block for state in states.values() if state.state not in ENDED for block in state.active)
+    if not doing:
+        return f"{len(ended)} of {len(states)} ended" if ended else ""
+    return ", ".join(f"{block} {count}" for block, count in doing.most_common(3))
+
+
+def mission_task(name: str) -> MissionTask:
+    """The mission of this installation, with its files: the ground station needs no copy of it.
+
+    Raises: ConfigError when the installation has none of that name.
+    """
+    folder = share_dir() / "missions" / name
+    files = sorted(path for path in folder.glob("*") if path.name == MANIFEST or path.suffix == ".json")
+    return MissionTask(
+        name=name, files=tuple(MissionFile(path.name, path.read_text("utf-8")) for path in files)
+    )
+
+
+def _log_of(node: LabNode) -> Path:
+    """Where what a node said is kept, in the report folder."""
+    return Path(LOGS) / node.platform / node.log_file.name
+
+
+def _keep_logs(lab: LabState, out_dir: Path) -> None:
+    for node in lab.nodes:
+        target = out_dir / LOGS / node.platform
+        target.mkdir(parents=True, exist_ok=True)
+        for path in [node.log_file, *(node.data_dir / "log").glob("*.mcap")]:
+            if path.exists():
+                shutil.copy2(path, target / path.name)
+
+
+def _metadata(
+    running: RunningLab, spec: LabSpec, course: MissionRun, started_utc_ns: int, here: HostInfo
+) -> RunMetadata:
+    lab, answer = running.state, course.answer
+    nodes = tuple(_node_metadata(running, course, node) for node in lab.nodes)
+    why = failure(nodes, course.failure())
+    return RunMetadata(
+        experiment=spec.experiment,
+        world=spec.experiment,
+        seed=lab.seed,
+        net=lab.net,
+        version=__version__,
+        host=host.shares(here, *course.busy, [node.cpu_percent for node in nodes]),
+        started_utc_ns=started_utc_ns,
+        ready_s=lab.ready_s,
+        command_mono_ns=course.command_mono_ns,
+        instructed_ns=answer.instructed_ns if answer else 0,
+        end_mono_ns=course.end_mono_ns,
+        completed=not why,
+        failure=why,
+        orders=answer.orders if answer else (),
+        nodes=nodes,
+    )
+
+
+def _node_metadata(running: RunningLab, course: MissionRun, node: LabNode) -> NodeMetadata:
+    code = running.fallen.get(node.platform)
+    restarts = running.restarts.get(node.platform, Restarts())
+    whole = code is None and not restarts.count  # the processor time of a process goes with it
+    return NodeMetadata(
+        platform=node.platform,
+        kind=node.kind,
+        radius_m=RADIUS_M.get(node.kind, 0.0),
+        clock=ClockTruth(node.offset_s, node.drift_ppm),
+        processes=node.processes,
+        outcome=course.outcome.states.get(node.platform, ""),
+        restarts=restarts,
+        ended="" if code is None else exit_description(code),
+        log=str(_log_of(node)),
+        cpu_percent=course.percent(node.platform) if whole else None,
+        rss_mb=course.after[node.platform].rss_mb if code is None else None,
+    )

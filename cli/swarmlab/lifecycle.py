@@ -1,0 +1,134 @@
+"""Brings a lab up, keeps it up, takes it down: also when somebody presses Ctrl-C in the middle."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Final, TypeVar
+
+from swarmctl.labs import LabState
+from swarmctl.output import Output
+from swarmctl.progress import Progress
+from swarmctl.session import connect
+from swarmctl.settings import CliSettings
+from swarmlab import database, listing, plan, provisioning
+from swarmlab.capacity import Capacity
+from swarmlab.provisioning import LabSpec
+from swarmlab.running import RunningLab
+from swarmlab.watch import SwarmWatch
+from swarmware.errors import NoAnswer
+
+T = TypeVar("T")
+
+UP_S: Final = 120.0
+"""Longest wait for a swarm; two cores bring sixteen nodes up in a tenth of it."""
+
+
+def run_interruptible(main: Coroutine[Any, Any, T]) -> T:
+    """Runs it; SIGTERM and a closed terminal interrupt it as Ctrl-C does, so that the lab is taken down.
+
+    Raises: KeyboardInterrupt when it was interrupted.
+    """
+
+    async def interruptible() -> T:
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        assert task is not None
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, task.cancel)
+        return await main
+
+    try:
+        return asyncio.run(interruptible())
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+
+
+@contextmanager
+def teardown(lab: LabState, out: Output) -> Iterator[None]:
+    """The end of a lab: it takes seconds, and a second Ctrl-C must not leave half of it behind."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        with suppress(OSError):  # the terminal may be gone: that may be why it ends
+            out.say(f"ending lab {lab.name}")
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def station_settings(lab: LabState) -> CliSettings:
+    """Settings that join the lab's ground station."""
+    return CliSettings(config=str(lab.station.config_dir))
+
+
+async def bring_up(running: RunningLab, out: Output) -> float:
+    """Starts all nodes and waits until the ground station knows every tree; seconds from the first start.
+
+    Raises: SwarmError when a node falls over or the processor is too slow, NoAnswer when it takes too long.
+    """
+    lab = running.state
+    running.on_restart = lambda platform, what: out.warn(f"node {platform}: {what}")
+    order = plan.start_order([node.platform for node in lab.nodes], lab.seed)
+    with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
+        running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")
+        capacity = Capacity(len(order))
+        await running.start(order[: capacity.first], UP_S)
+        if rest := order[capacity.first :]:
+            await capacity.measure(running.state, capacity.first)
+            await running.start(rest, UP_S)
+    vehicles = [node.platform for node in lab.nodes if node.kind != "gcs"]
+    with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
+        async with connect(station_settings(lab)) as session:
+            watch = await SwarmWatch.open(session)
+            try:
+                await running.attended(watch.until_known(vehicles, UP_S, bar.at))
+            except NoAnswer as error:
+                raise NoAnswer(f"{error}; {capacity.describe()}") from error
+    await capacity.measure(running.state, len(order))
+    ready_s = running.save_ready()
+    out.say(f"{len(lab.nodes)} nodes ready after {ready_s:.1f} s")
+    return ready_s
+
+
+def main(spec: LabSpec, out: Output, *, detach: bool) -> None:
+    """`lab up`."""
+    database.examine(spec.mongodb_uri, out)
+    running = RunningLab(provisioning.make(spec))
+    left_running = False
+    try:
+        left_running = run_interruptible(_up(running, out, detach=detach))
+    finally:
+        if left_running:
+            running.detach()
+        else:
+            with teardown(running.state, out):
+                provisioning.down(running.state)
+                running.wait_children()
+
+
+async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:
+    name = running.state.name
+    try:
+        await bring_up(running, out)
+        if out.settings.json:
+            out.document(listing.describe(running.state, time.time_ns()))
+        if detach:
+            out.say(f"lab {name} is up; `swarmctl lab down {name}` ends it")
+            return True
+        out.say("Ctrl-C ends it")
+        await _stay(running, out)
+        return False
+    finally:
+        running.stop_watching()
+
+
+async def _stay(running: RunningLab, out: Output) -> None:
+    """Until interrupted, or until no node is left."""
+    told: set[str] = set()
+    while len(told) < len(running.state.nodes):
+        await running.until_fallen(told)
+        for platform in sorted(running.fallen.keys() - told):
+            out.warn(f"node {platform} ended (code {running.fallen[platform]})")
+            told.add(platform)

@@ -1,0 +1,94 @@
+"""What labs there are, and what their processes said."""
+
+import os
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Never
+
+import msgspec
+
+from swarmctl import labs
+from swarmctl.labs import LabNode, LabState
+from swarmctl.output import Column, Output
+
+
+class LabLine(msgspec.Struct, frozen=True):
+    """One lab in the list."""
+
+    name: str
+    experiment: str
+    nodes: int
+    alive: int
+    """Nodes of which a process lives."""
+    state: str
+    """starting | running | partly | dead."""
+    age_s: float
+    ready_s: float
+    multicast: str
+    folder: str
+
+
+_COLUMNS = (
+    Column("lab"),
+    Column("experiment"),
+    Column("state"),
+    Column("nodes", right=True),
+    Column("alive", right=True),
+    Column("age", right=True),
+    Column("multicast"),
+    Column("folder"),
+)
+
+
+def describe(lab: LabState, now_utc_ns: int) -> LabLine:
+    """One lab as it is now."""
+    alive = sum(node.alive() for node in lab.nodes)
+    state = "running" if alive == len(lab.nodes) else "partly" if alive else "dead"
+    if lab.starter.alive() and not lab.ready_s:
+        state = "starting"
+    return LabLine(
+        lab.name,
+        lab.experiment,
+        len(lab.nodes),
+        alive,
+        state,
+        (now_utc_ns - lab.created_utc_ns) / 1e9,
+        lab.ready_s,
+        f"{lab.multicast_group}:{lab.udp_port}",
+        lab.folder,
+    )
+
+
+def show(out: Output) -> None:
+    """Prints the list."""
+    lines = [describe(lab, time.time_ns()) for lab in labs.labs()]
+    if out.settings.json:
+        out.document({"labs": lines})
+        return
+    rows = [
+        (x.name, x.experiment, x.state, x.nodes, x.alive, f"{x.age_s:.0f} s", x.multicast, x.folder)
+        for x in lines
+    ]
+    out.table(_COLUMNS, rows)
+
+
+def logs(nodes: Sequence[LabNode], lines: int, out: Output) -> None:
+    """Prints the last lines of each node's log, with the node's name before each."""
+    for node in nodes:
+        try:
+            with node.log_file.open(encoding="utf-8", errors="replace") as file:
+                last = deque(file, maxlen=lines)
+        except FileNotFoundError:
+            continue
+        for line in last:
+            if out.settings.json:
+                out.line({"node": node.platform, "text": line.rstrip("\n")})
+            else:
+                out.text(f"{node.platform}: {line.rstrip()}" if len(nodes) > 1 else line.rstrip("\n"))
+
+
+def follow(nodes: Sequence[LabNode], lines: int) -> Never:
+    """Hands over to tail(1), which waits for new lines without polling."""
+    files = [str(node.log_file) for node in nodes]
+    os.execvp("tail", ["tail", "-n", str(lines), "-F", *files])

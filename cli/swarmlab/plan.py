@@ -1,0 +1,92 @@
+"""Who the nodes of a lab are: names, kinds and simulated clocks, all from the number of nodes and a seed."""
+
+import random
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import InvalidInput
+
+MIN_NODES: Final = 3
+"""A ground station, a ground vehicle that leads and one that follows in the air."""
+MAX_NODES: Final = 200
+"""More processes than this belong into virtual time."""
+OFFSET_S: Final = 5.0
+"""Simulated clocks differ from true time by up to this much …"""
+DRIFT_PPM: Final = 50.0
+"""… and run off by up to this: an uncompensated quartz."""
+
+
+class PlannedNode(msgspec.Struct, frozen=True):
+    """One node to be."""
+
+    platform: str
+    kind: str
+    """ugv | usv | uav | gcs."""
+    offset_s: float
+    drift_ppm: float
+
+
+def kinds(nodes: int, usv: int = 0) -> tuple[int, int]:
+    """Numbers of ground and air vehicles: about one to two, besides the ground station (S0.75: 5 + 10 + 1)
+    and the surface vessels.
+
+    Raises: InvalidInput when the number makes no swarm.
+    """
+    if not MIN_NODES <= nodes <= MAX_NODES:
+        raise InvalidInput(f"number of nodes {nodes}: expected {MIN_NODES}..{MAX_NODES}")
+    if not 0 <= usv <= nodes - MIN_NODES:
+        raise InvalidInput(
+            f"number of surface vessels {usv}: expected 0..{nodes - MIN_NODES} of {nodes} nodes"
+        )
+    vehicles = nodes - 1 - usv
+    ground = max(1, round(vehicles / 3))
+    return ground, vehicles - ground
+
+
+def members(nodes: int, seed: int, usv: int = 0) -> tuple[PlannedNode, ...]:
+    """The nodes, ground station first, each with another clock.
+
+    Raises: InvalidInput when the number makes no swarm.
+    """
+    ground, air = kinds(nodes, usv)
+    who = [("gcs", "gcs")]
+    who += [(f"ugv{i}", "ugv") for i in range(1, ground + 1)]
+    who += [(f"usv{i}", "usv") for i in range(1, usv + 1)]
+    who += [(f"uav{i}", "uav") for i in range(1, air + 1)]
+    chance = random.Random(seed)
+    return tuple(
+        PlannedNode(
+            platform,
+            kind,
+            round(chance.uniform(-OFFSET_S, OFFSET_S), 6),
+            round(chance.uniform(-DRIFT_PPM, DRIFT_PPM), 3),
+        )
+        for platform, kind in who
+    )
+
+
+def per_daemon(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str]:
+    """Platforms whose services get a process each: none, `all`, or those named.
+
+    Raises: InvalidInput when a name is no node of the lab.
+    """
+    if spec is None:
+        return frozenset()
+    known = {member.platform for member in who}
+    if spec in {"", "all"}:
+        return frozenset(known)
+    named = {name.strip() for name in spec.split(",") if name.strip()}
+    if strangers := sorted(named - known):
+        raise InvalidInput(
+            f"--per-daemon {strangers[0]}: no such node; expected some of {', '.join(sorted(known))}"
+        )
+    return frozenset(named)
+
+
+def start_order(platforms: Sequence[str], seed: int) -> list[str]:
+    """Platforms in a random order: no node may depend on another being there first (S0.37)."""
+    names = list(platforms)
+    random.Random(f"order {seed}").shuffle(names)
+    return names

@@ -1,0 +1,288 @@
+"""A lab whose processes this process starts: who is up, who has fallen over."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Collection, Coroutine
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from swarmctl import labs, processes
+from swarmctl.labs import LabNode, LabState
+from swarmctl.processes import MARK, NODE_MARK
+from swarmlab import provisioning
+from swarmlab.notify import NotifySocket, Restarts
+from swarmware.config import CONFIG_VARIABLE
+from swarmware.errors import NoAnswer, SwarmError
+from swarmware.service.lives import Lives
+
+T = TypeVar("T")
+
+Watcher = Callable[[str, str], None]
+"""Told of each change: platform, and `started` or `ready`."""
+
+TAIL_LINES: Final = 12
+"""Lines of a fallen node's log that its error quotes."""
+
+ASKED: Final = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+"""Signals that ask a node to end; whatever other signal ends its parent, it is started again."""
+
+RESTARTS: Final = 5
+"""Restarts in a row of a parent that does not get ready, within nine seconds; then the node has fallen."""
+
+ENVIRONMENT: Final = {
+    # a thread pool per process and node would only fight over the cores
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "PYTHONUNBUFFERED": "1",
+}
+
+
+def at_once() -> int:
+    """Nodes that may be starting at the same time: more only make each other late."""
+    return max(2, 2 * (os.cpu_count() or 1))
+
+
+def command(node: LabNode) -> list[str]:
+    """What is started for a node."""
+    return [sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)]
+
+
+def environment(lab: LabState, node: LabNode) -> dict[str, str]:
+    """The node's environment: marked, with its own notification socket, without the operator's options."""
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith("SWARMCTL_") and key != CONFIG_VARIABLE
+    }
+    kept.pop("WATCHDOG_USEC", None)
+    return (
+        kept
+        | ENVIRONMENT
+        | {
+            MARK: lab.mark,
+            NODE_MARK: node.folder,
+            "NOTIFY_SOCKET": str(node.notify_path),
+        }
+    )
+
+
+class RunningLab:
+    """Starts the nodes, a few at a time, and watches them through the kernel: no polling."""
+
+    def __init__(self, lab: LabState, *, heals: bool = True) -> None:
+        """`heals`: a node whose parent was killed is started again."""
+        self.state = lab
+        self._heals = heals
+        self.log_of: Callable[[LabNode], Path] = lambda node: node.log_file
+        """Where a node's log is found when the lab has ended."""
+        self.watcher: Watcher = lambda _platform, _what: None
+        self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
+        """Called with platform and words when its supervisor restarts its process, and when that is ready."""
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._pidfds: dict[str, int] = {}
+        self._sockets: dict[str, NotifySocket] = {}
+        self._changed = asyncio.Event()
+        self._lives: dict[str, Lives] = {}
+        self._again: dict[str, tuple[asyncio.TimerHandle, int]] = {}
+        """Nodes that are about to be started again, with the exit codes that they had."""
+        self._watching = True
+        self.fallen: dict[str, int] = {}
+        """Exit codes of nodes that ended; negative: the signal that ended them."""
+        self.restarts: dict[str, Restarts] = {}
+        """Of nodes whose supervisor has started their process again."""
+        self.began_mono_ns = 0
+        """When the first process was started."""
+
+    def ready(self, platform: str) -> bool:
+        """Whether the node has said so."""
+        return platform in self._sockets and self._sockets[platform].ready
+
+    async def start(self, order: list[str], timeout_s: float) -> None:
+        """Starts these nodes in this order and returns when all of them are ready.
+
+        Raises: SwarmError when a node falls over, NoAnswer when one is not ready in time.
+        """
+        self.began_mono_ns = self.began_mono_ns or time.monotonic_ns()
+        waiting = list(order)
+        starting: set[str] = set()
+        try:
+            async with asyncio.timeout(timeout_s):
+                while waiting or starting:
+                    self._changed.clear()
+                    for platform in sorted(starting):
+                        if self.ready(platform):
+                            starting.discard(platform)
+                            self.watcher(platform, "ready")
+                    while waiting and len(starting) < at_once():
+                        platform = waiting.pop(0)
+                        self._launch(self.state.node(platform))
+                        starting.add(platform)
+                        self.watcher(platform, "started")
+                    self.check()
+                    if waiting or starting:
+                        await self._changed.wait()
+        except TimeoutError:
+            late = ", ".join(sorted(starting))
+            status = "; ".join(self._sockets[name].status or "silent" for name in sorted(starting))
+            raise NoAnswer(
+                f"lab {self.state.name}: {late} not ready ({status}); expected within {timeout_s:g} s"
+            ) from None
+
+    def check(self) -> None:
+        """Raises: SwarmError with the end of its log when a node has fallen over."""
+        for platform, code in self.fallen.items():
+            node = self.state.node(platform)
+            raise SwarmError(
+                f"node {platform}: ended with {exit_description(code)} ({self.log_of(node)});"
+                f" expected to run\n"
+                f"{_tail(node)}"
+            )
+
+    async def attended(self, work: Coroutine[Any, Any, T]) -> T:
+        """The work's result, if all nodes run until then.
+
+        Raises: SwarmError with the end of its log as soon as a node has fallen over.
+        """
+        task = asyncio.create_task(work, name="work")
+        fallen = asyncio.create_task(self.until_fallen(), name="fallen")
+        try:
+            await asyncio.wait([task, fallen], return_when=asyncio.FIRST_COMPLETED)
+            self.check()
+            return await task
+        finally:
+            task.cancel()
+            fallen.cancel()
+            await asyncio.gather(task, fallen, return_exceptions=True)
+
+    async def until_fallen(self, known: Collection[str] = ()) -> None:
+        """Returns when any node has ended besides those already known."""
+        while not self.fallen.keys() - set(known):
+            self._changed.clear()
+            await self._changed.wait()
+
+    def _launch(self, node: LabNode) -> None:
+        loop = asyncio.get_running_loop()
+        if node.platform not in self._sockets:
+            heard = self._sockets[node.platform] = NotifySocket(node.notify_path)
+            loop.add_reader(heard.fileno(), self._on_notify, node.platform, heard)
+            self._lives[node.platform] = Lives(limit=RESTARTS)
+        with node.log_file.open("ab") as log:
+            child = subprocess.Popen(
+                command(node),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment(self.state, node),
+                cwd=node.folder,
+                start_new_session=True,
+            )
+        self._children[node.platform] = child
+        self._pidfds[node.platform] = os.pidfd_open(child.pid)
+        loop.add_reader(self._pidfds[node.platform], self._on_exit, node.platform)
+        who = processes.identity(child.pid)
+        known = msgspec.structs.replace(node, pid=who.pid, pid_start=who.start_ticks)
+        nodes = tuple(known if old.platform == node.platform else old for old in self.state.nodes)
+        self.state = msgspec.structs.replace(self.state, nodes=nodes)
+        labs.save(self.state)
+
+    def save_ready(self) -> float:
+        """Writes down that the whole swarm is up; seconds since the first start."""
+        ready_s = (time.monotonic_ns() - self.began_mono_ns) / 1e9
+        self.state = msgspec.structs.replace(self.state, ready_s=ready_s)
+        labs.save(self.state)
+        return ready_s
+
+    def _on_notify(self, platform: str, heard: NotifySocket) -> None:
+        restarts, ready = heard.restarts, heard.ready
+        heard.drain()
+        if heard.ready and not ready:
+            self._lives[platform].on_ready(time.monotonic_ns())
+        restarted = heard.restarts != restarts
+        if restarted:
+            self.restarts[platform] = heard.restarts
+            self.on_restart(platform, str(heard.restarts))
+        if heard.restarts.count and heard.ready and (restarted or not ready):
+            self.on_restart(platform, "ready again")
+        self._changed.set()
+
+    def _on_exit(self, platform: str) -> None:
+        fd = self._pidfds.pop(platform)
+        asyncio.get_running_loop().remove_reader(fd)
+        os.close(fd)
+        code = self._children[platform].wait()
+        pause_s = None
+        killed = code < 0 and -code not in ASKED
+        if killed and self._heals and self._watching and not provisioning.is_ending(self.state):
+            pause_s = self._lives[platform].on_end(time.monotonic_ns(), killed=-code == signal.SIGKILL)
+        if pause_s is None:
+            self.fallen[platform] = code
+        else:
+            # nobody else starts the parent of a node; what it had started may live, and is taken over
+            timer = asyncio.get_running_loop().call_later(pause_s, self._launch_again, platform)
+            self._again[platform] = (timer, code)
+            heard = self._sockets[platform]
+            heard.drain()  # what it said came before its end
+            heard.supervisor_died(exit_description(code))
+            self.restarts[platform] = heard.restarts
+            self.on_restart(platform, str(heard.restarts))
+        self._changed.set()
+
+    def _launch_again(self, platform: str) -> None:
+        _, code = self._again.pop(platform)
+        if provisioning.is_ending(self.state):
+            self.fallen[platform] = code
+            self._changed.set()
+        else:
+            self._launch(self.state.node(platform))
+
+    def stop_watching(self) -> None:
+        """Stops watching; the nodes live on. What has ended or was said until now is known."""
+        loop = asyncio.get_running_loop()
+        self._watching = False
+        for platform, (timer, code) in self._again.items():
+            timer.cancel()
+            self.fallen[platform] = code
+        self._again.clear()
+        for platform, heard in self._sockets.items():
+            self._on_notify(platform, heard)
+        for platform in list(self._pidfds):
+            if self._children[platform].poll() is not None:
+                self._on_exit(platform)
+        for fd in self._pidfds.values():
+            loop.remove_reader(fd)
+            os.close(fd)
+        self._pidfds.clear()
+        for heard in self._sockets.values():
+            loop.remove_reader(heard.fileno())
+            heard.close()
+        self._sockets.clear()
+
+    def detach(self) -> None:
+        """The nodes are nobody's children from here on: this process ends before them."""
+        for child in self._children.values():
+            # without this the interpreter complains that they still run
+            child.returncode = child.returncode if child.returncode is not None else 0
+
+    def wait_children(self) -> None:
+        """Takes the exit codes of all children; call it when they were ended."""
+        for child in self._children.values():
+            child.wait()
+
+
+def exit_description(code: int) -> str:
+    """An exit code as `subprocess` gives it, in words."""
+    return f"signal {-code}" if code < 0 else f"exit code {code}"
+
+
+def _tail(node: LabNode) -> str:
+    try:
+        lines = node.log_file.read_text("utf-8", "replace").splitlines()
+    except OSError:
+        return ""
+    return "\n".join(f"  | {line}" for line in lines[-TAIL_LINES:])
