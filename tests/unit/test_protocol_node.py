@@ -278,7 +278,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"ahead ({AHEAD} from `first` on",
         f"at most {WINDOW} notifications and {FLIGHT_BYTES // 1024} KiB unacknowledged",
         f"{ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB in one notification",
-        f"`min_interval_s` or {tree.min_interval_s} s; changes of the structure wait {tree.coalesce_s} s",
+        f"every {tree.min_interval_s} s. Changes of the structure wait {tree.coalesce_s} s",
         f"waits there, for {mission.start_timeout_s:g} s",
         f"its clock + {mission.barrier_lead_s} s",
         f"more than {LATE_NS / 1e9} s too late",
