@@ -95,6 +95,26 @@ def test_a_join_waits_for_all_its_branches() -> None:
     assert short(p.on_outcome(1, "ok", S)) == ["start c 3"]
 
 
+def test_a_join_waits_for_all_its_branches_each_time() -> None:
+    p = player(
+        net(
+            s="Start>f",
+            f="Fork>a,b",
+            a={"type": "Arm", "next": "j"},
+            b={"type": "Hold", "next": "j"},
+            j="Join>c",
+            c={"type": "Land", "next": "f"},
+            e="End",
+        )
+    )
+    p.start(0)
+    p.on_outcome(1, "ok", S)
+    assert short(p.on_outcome(2, "ok", S)) == ["start c 3"]
+    assert short(p.on_outcome(3, "ok", S)) == ["start a 4", "start b 5"]
+    assert short(p.on_outcome(4, "ok", S)) == [], "the other branch of the first round does not count"
+    assert short(p.on_outcome(5, "ok", S)) == ["start c 6"]
+
+
 def test_an_end_cancels_what_still_runs_and_waits_for_it() -> None:
     p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e2", e="End", e2="End"))
     p.start(0)

@@ -10,14 +10,15 @@ from tests.unit.tree.pair import S, core
 
 from swarmd.tree.core.action import AskStructure, AskSubscription, SendNotify
 from swarmd.tree.core.arrivals import AHEAD, Arrivals
-from swarmd.tree.core.lane import FLIGHT_BYTES, WINDOW
+from swarmd.tree.core.feed import Feed
+from swarmd.tree.core.lane import FLIGHT_BYTES, WINDOW, Lane, Number
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.errors import WireError
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
 from swarmware.testing import VirtualSwarm
 from swarmware.types import registry
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree import Rule, TreeItem, TreeNotify
 
 LIDAR = Resource(path="sensor/lidar", kind=Kind.STREAM, type="Blob", link="notify", owner="hal")
 SONAR = Resource(path="sensor/sonar", kind=Kind.STREAM, type="Blob", link="notify", owner="hal")
@@ -196,3 +197,16 @@ def test_a_serial_beyond_the_window_is_refused_and_takes_no_memory() -> None:
         Arrivals().take(TreeNotify("uav1", 1, 3 + AHEAD, first=3))
     with pytest.raises(WireError, match="window"):
         Arrivals().take(TreeNotify("uav1", 1, 2, first=3))
+
+
+def test_what_is_repeated_says_which_serials_a_subscriber_that_started_again_need_not_wait_for() -> None:
+    lane, feed = Lane(Number.NEWS), Feed(FAULTS, Rule("**"), 0)
+    for serial in (1, 2):
+        event = item("health/faults", serial, kind=FrameKind.EVENT)
+        lane.launch(TreeNotify("uav1", 1, 0, (event,)), [(feed, [event])], 0)
+    lane.delivered(1, 1)
+    assert lane.failed(2, 2, (S,))
+    (again,) = lane.repeat(3)
+    assert (again.serial, again.first) == (2, 2)
+    arrivals = Arrivals()
+    assert arrivals.take(again) == [again]
