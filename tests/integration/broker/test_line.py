@@ -8,7 +8,7 @@ from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 
 from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
-from swarmware.frame import Kind
+from swarmware.frame import HEADER_BYTES, Kind
 from swarmware.names import join
 from swarmware.types.net import ChannelLimits, SetChannel, TimingBatch, Traffic
 from swarmware.types.scalar import Float, Text
@@ -75,6 +75,11 @@ async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(t
         [received] = [one.received_frames for one in there.channels if one.channel == "plan/share"]
         assert received == there.received_frames
         assert there.notifications == 10, "a repetition is no other notification"
+        [out] = [one for one in here.links if (one.platform, one.transport) == ("uav2", "tcp")]
+        [into] = [one for one in there.links if (one.platform, one.transport) == ("uav1", "tcp")]
+        assert (out.sent_frames, out.sent_bytes) == (into.received_frames, into.received_bytes)
+        assert (out.received_frames, out.received_bytes) == (into.sent_frames, into.sent_bytes)
+        assert out.sent_bytes > out.sent_frames * HEADER_BYTES
 
 
 @on_uvloop

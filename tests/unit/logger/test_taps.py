@@ -1,0 +1,87 @@
+"""A tap into a ring: each event is taken once, also by a restarted logger; what is gone is counted."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmd.logger.core import Track, track
+from swarmd.logger.taps import Tap
+from swarmware.frame import Frame, Kind, encode
+from swarmware.resource import Kind as ResourceKind
+from swarmware.resource import Resource
+from swarmware.shm.layout import ring_file
+from swarmware.shm.ring import RingWriter
+from swarmware.types import registry
+from swarmware.types.scalar import Int
+
+SLOTS = 8
+
+
+@pytest.fixture
+def ring(tmp_path: Path) -> Iterator[RingWriter]:
+    writer = RingWriter(ring_file(tmp_path, "test/event"), slots=SLOTS, slot_bytes=128)
+    yield writer
+    writer.close()
+
+
+def events() -> Track:
+    made = track(Resource(path="test/event", kind=ResourceKind.EVENT, type="Int", log="all", owner="me"))
+    assert made is not None
+    return made
+
+
+def write(ring: RingWriter, *numbers: int) -> None:
+    for number in numbers:
+        frame = Frame(Kind.EVENT, 7, sequence=number, stamp_ns=number, payload=registry.encode(Int(number)))
+        ring.write(encode(frame))
+
+
+def taken(tap: Tap) -> tuple[list[int], int]:
+    frames, lost = tap.all()
+    return [frame.sequence for frame in frames], lost
+
+
+def test_each_event_is_taken_once_and_those_overwritten_unseen_are_counted_once(
+    tmp_path: Path, ring: RingWriter
+) -> None:
+    tap = Tap(tmp_path, events(), None)
+    write(ring, 1, 2, 3)
+    assert not tap.still(0)
+    assert taken(tap) == ([1, 2, 3], 0)
+    assert tap.still(0)
+    assert taken(tap) == ([], 0)
+    write(ring, *range(4, 24))
+    found, lost = taken(tap)
+    assert found[-1] == 23
+    assert len(found) + lost == 20
+    assert lost >= 20 - SLOTS
+    write(ring, 24)
+    assert taken(tap) == ([24], 0), "what was lost before is not lost again"
+    tap.close()
+
+
+def test_a_logger_that_was_restarted_takes_only_what_it_had_not_logged(
+    tmp_path: Path, ring: RingWriter
+) -> None:
+    write(ring, *range(1, 20))
+    tap = Tap(tmp_path, events(), 17)
+    assert taken(tap) == ([18, 19], 0), "what went before them is logged, not lost"
+    write(ring, 20)
+    assert taken(tap) == ([20], 0)
+    tap.close()
+
+
+def test_a_ring_that_comes_later_is_found_and_one_that_is_missed_is_not_looked_for_all_the_time(
+    tmp_path: Path,
+) -> None:
+    tap = Tap(tmp_path, events(), None)
+    assert not tap.still(0)
+    assert taken(tap) == ([], 0)
+    assert tap.still(1)
+    tap.look_again()
+    with RingWriter(ring_file(tmp_path, "test/event"), slots=SLOTS, slot_bytes=128) as writer:
+        write(writer, 1)
+        assert not tap.still(2)
+        assert taken(tap) == ([1], 0)
+    tap.close()

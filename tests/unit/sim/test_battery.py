@@ -1,0 +1,16 @@
+"""The accumulator: energy drawn, and none below empty."""
+
+from swarmd.sim.config import Battery
+from swarmd.sim.core.battery import Accumulator
+
+
+def test_energy_falls_by_what_is_drawn_and_never_below_nothing() -> None:
+    config = Battery(capacity_wh=1.0, start_ratio=1.0)
+    pack = Accumulator(config)
+    pack.draw(1800.0, 1.0)
+    assert pack.ratio == 0.5
+    assert pack.state().remaining_ratio == 0.5
+    assert config.voltage_empty_v < pack.state().voltage_v < config.voltage_full_v
+    pack.draw(1800.0, 60.0)
+    assert pack.empty
+    assert (pack.ratio, pack.state().voltage_v) == (0.0, config.voltage_empty_v)
