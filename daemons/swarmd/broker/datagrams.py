@@ -191,7 +191,7 @@ class Datagrams:
     def receive(self) -> None:
         """Takes what has come by now; otherwise it may wait for a moment in the sockets."""
         self._udp.receive()
-        self._udp.pace(self._station.mesh.neighbours.shortest_period_ns())
+        self._udp.pace(self._station.mesh.neighbours.usual_period_ns())
 
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)

@@ -71,10 +71,14 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         return len(self._readers)
 
     def poll(self) -> None:
-        """The doorbell has rung."""
-        if self._wakeup.awaited:
-            self._refresh()
+        """The doorbell has rung: wake those who wait if it was for us."""
+        if self._wakeup.awaited and self._has_news():
             self._wakeup.notify()
+
+    def _has_news(self) -> bool:
+        self._refresh()
+        given = self._given
+        return any(reader.position != given.get(platform) for platform, reader in self._readers.items())
 
     async def changed(self, timeout_s: float | None = None) -> tuple[str, ...]:
         """Platforms with a value that this method has not told of yet; waits for the first.

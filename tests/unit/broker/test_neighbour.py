@@ -431,3 +431,17 @@ def test_strangers_beyond_the_limit_are_turned_away(table: Neighbours) -> None:
         Peer(table, 1000 + index).datagram(0)
     header = Header(0, 1, 1, 1)
     assert table.on_header(header, False, AT, 0, []) is None
+
+
+def test_the_usual_period_is_that_of_most_whatever_one_declares_and_the_lost_have_none(
+    table: Neighbours,
+) -> None:
+    peers = [Peer(table, hw) for hw in range(20, 25)]
+    for peer, period_ms in zip(peers, (500, 100, 500, 200, 500), strict=True):
+        peer.period_ms = period_ms
+        peer.datagram(SECOND, hello=True)
+    assert table.usual_period_ns() == 500 * MS
+    for peer in peers[1::2]:
+        peer.datagram(60 * SECOND, hello=True)
+    table.on_timer(60 * SECOND)
+    assert table.usual_period_ns() in (100 * MS, 200 * MS)

@@ -1,5 +1,6 @@
 """A module on a node: boards, streams, inboxes and requests, through the doors that users take."""
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from swarmware.delivery import Status, with_sender
 from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
 from swarmware.frame import Frame, Kind, encode
 from swarmware.module import Meta, Module
+from swarmware.module.wakeup import Wakeup
 from swarmware.testing import tmp_node
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int, Text
@@ -21,6 +23,20 @@ class Supervised(msgspec.Struct):
     """Settings of a service."""
 
     supervisor: str
+
+
+class Counted(Wakeup):
+    """How often somebody was woken."""
+
+    __slots__ = ("count",)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+
+    def notify(self) -> None:
+        self.count += 1
+        super().notify()
 
 
 THERE = names.hardware_id("uav7")
@@ -242,6 +258,30 @@ async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path
         mirror.close()
         with pytest.raises(InvalidInput, match="wildcards only in the platform"):
             await m.readers("/*/nav/*", Float)
+
+
+async def test_who_waits_for_boards_of_other_platforms_is_not_woken_by_other_bells(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = await m.readers("/*/nav/height", Float)
+        mirror = node.mirror_writer("uav7", "nav/height")
+        data_id = names.data_id("nav/height", "Float")
+        frame = encode(Frame(Kind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0))))
+        mirror.publish(frame)
+        assert await heights.changed(1.0) == ("uav7",)
+        other = await m.writer("nav/other", Float)
+        reader = await m.reader("nav/other", Float)
+        wakeup = heights._wakeup = Counted()
+        waiting = asyncio.create_task(heights.changed(5.0))
+        await asyncio.sleep(0)
+        for number in range(3):
+            other.write(Float(number))
+            await reader.changed(1.0)
+            heights.poll()
+        assert wakeup.count == 0
+        mirror.publish(frame)
+        assert await waiting == ("uav7",)
+        assert wakeup.count == 1
+        mirror.close()
 
 
 async def test_a_frame_that_is_damaged_or_of_another_type_is_counted_and_the_last_value_stays(

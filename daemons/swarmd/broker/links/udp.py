@@ -27,7 +27,7 @@ WINDOW_NS: Final = 20_000_000
 One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
 (`tests/bench/ticks.py`). The kernel's stamps say when each of them came."""
 REST_WINDOW_NS: Final = 50_000_000
-"""The same when nobody here ticks faster than at 4 Hz; a barrier's members leave 250 ms after its news."""
+"""The same while most nodes tick no faster than at 4 Hz; a barrier's members leave 250 ms after its news."""
 DATAGRAM_MAX: Final = 2048
 RECEIVE_BYTES: Final = 512 * 1024
 STAMP_LIMIT_NS: Final = 5_000_000_000
@@ -97,7 +97,7 @@ class Udp:
         return True
 
     def pace(self, period_ns: int) -> None:
-        """The shortest time between two datagrams of one sender."""
+        """The usual time between two datagrams of one sender."""
         self._window_ns = WINDOW_NS if period_ns < 5 * REST_WINDOW_NS else REST_WINDOW_NS
 
     def receive(self) -> int:
