@@ -26,7 +26,8 @@ def test_what_is_flown_here_is_the_shipped_mission() -> None:
 
 
 @pytest.mark.parametrize(
-    ("nodes", "seed"), [(3, 1), (4, 2), (5, 3), (6, 4), (7, 5), (8, 6), (10, 7), (13, 8), (16, 9), (16, 10)]
+    ("nodes", "seed"),
+    [(3, 1), (4, 2), (5, 3), (6, 4), (7, 5), (8, 6), (10, 7), (13, 8), (16, 9), (16, 10), (10, 304)],
 )
 def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
     flight = Flight(nodes, seed)

@@ -180,6 +180,21 @@ def test_no_progress_is_being_blocked() -> None:
     assert rig.status.state == "moving"
 
 
+def test_driving_to_and_fro_is_no_progress() -> None:
+    rig = Rig("ugv", "ugv1").goal(Goal(1, "goto", 50.0, 0.0)).go(1.0)
+    rig.held = True
+    begin = rig.truth
+    for step in range(80):
+        phase = math.pi * step / 10
+        x_m = begin.x_m + 0.2 * math.sin(phase)
+        rig.truth = Pose.planar(x_m, begin.y_m, 0.0, 0.0, (0.2 * math.pi * math.cos(phase), 0.0, 0.0))
+        rig.go(0.1)
+    assert (rig.status.state, rig.status.error) == ("blocked", NavError.NO_WAY)
+    rig.held = False
+    rig.go(2.0)
+    assert rig.status.state == "moving"
+
+
 @pytest.mark.parametrize(
     ("goal", "kind", "note"),
     [

@@ -73,7 +73,11 @@ class GroundPilot:
         hurry = 1 + _IMPATIENCE_1_S * (now_ns - self._moved_ns) / 1e9
         choice = self._planner.plan(pose, v, aim, wanted, around, min(hurry, _MOST_HURRY))
         self.free = choice.free
-        self._last = Setpoint(choice.v_m_s, 0.0, 0.0, choice.w_rad_s)
+        w = choice.w_rad_s
+        if choice.score == -math.inf and v > _MOVES_M_S:
+            # braking holds the arc: that one was free for as long as it takes, and straight on may not be
+            w = pose.wz_rad_s * max(0.0, 1 - self._config.dwa.a_max_m_s2 / self._config.plan_hz / v)
+        self._last = Setpoint(choice.v_m_s, 0.0, 0.0, w)
         return self._last
 
     def _there(self, pose: Pose, target: Target) -> bool:
@@ -94,13 +98,15 @@ class GroundPilot:
         config = self._config
         dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
         distance = math.hypot(dx, dy)
-        bearing = math.atan2(aim_m[1] - pose.y_m, aim_m[0] - pose.x_m)
-        aside = math.remainder(bearing - pose.yaw_rad, math.tau)
+        # how far behind it is counts along the wanted way: seen along a detour, the place may lie behind
+        bearing = math.atan2(target.ahead_m[1] - pose.y_m, target.ahead_m[0] - pose.x_m)
         cos, sin = math.cos(bearing), math.sin(bearing)
         along = dx * cos + dy * sin
         place = target.velocity_m_s[0] * cos + target.velocity_m_s[1] * sin
         braking = math.sqrt(2 * 0.5 * config.dwa.a_max_m_s2 * distance)
         more = math.copysign(min(config.along_kp_1_s * abs(along), braking), along)
-        # a vehicle that looks elsewhere turns before it drives
-        wanted = (place + more) * max(0.0, math.cos(aside))
-        return min(max(wanted, -config.dwa.v_back_m_s), target.speed_m_s)
+        # a vehicle that looks elsewhere turns before it drives; a wide detour is driven slowly
+        aim = math.atan2(aim_m[1] - pose.y_m, aim_m[0] - pose.x_m)
+        wanted = (place + more) * max(0.0, math.cos(aim - pose.yaw_rad)) * (1 + math.cos(aim - bearing)) / 2
+        # a slot that runs away asks for more than the drive has: beyond it all speeds would be equally bad
+        return min(max(wanted, -config.dwa.v_back_m_s), target.speed_m_s, config.dwa.v_max_m_s)

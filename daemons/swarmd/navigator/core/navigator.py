@@ -94,6 +94,7 @@ class Navigator:
         self._arrived = False
         self._setpoint = _STOP
         self._moved_ns = 0
+        self._was: tuple[float, float, float] | None = None
         self._status = NavStatus(0, "idle")
         self._status_ns = -(1 << 62)
 
@@ -342,9 +343,12 @@ class Navigator:
 
     def _checked(self, plan: _Plan, pose: Pose | None, now_ns: int) -> _Plan:
         """Blocked when there should be progress and is none."""
-        moves = pose is not None and math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s) > _STILL_M_S
+        here = None if pose is None else (pose.x_m, pose.y_m, pose.z_m)
+        # a way, not a speed: one that drives to and fro before an obstacle has a speed, too
+        least_m = _STILL_M_S * self._config.blocked_s
+        moves = here is not None and (self._was is None or math.dist(here, self._was) > least_m)
         if moves or not plan.blockable:
-            self._moved_ns = now_ns
+            self._moved_ns, self._was = now_ns, here
         if now_ns - self._moved_ns > self._config.blocked_s * 1e9:
             return msgspec.structs.replace(plan, state="blocked", error=NavError.NO_WAY)
         return plan
