@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from hashlib import blake2b
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -42,10 +42,15 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     description: str | UnsetType = UNSET
 
 
+PlatformKind = Literal["uav", "ugv", "usv", "gcs"]
+
+
 class TemplateFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One file of the templates folder."""
 
     description: str = ""
+    kinds: tuple[PlatformKind, ...] = ()
+    """Kinds of platforms that it describes."""
     extends: str | tuple[str, ...] = ()
     remove: tuple[str, ...] = ()
     resources: dict[str, Entry] = {}
@@ -58,6 +63,8 @@ class Template(msgspec.Struct, frozen=True):
     description: str
     resources: tuple[Resource, ...]
     """Sorted by path."""
+    kinds: tuple[str, ...] = ()
+    """Kinds of platforms that it describes; empty: the file names none, nor does what it extends."""
 
     @property
     def digest(self) -> bytes:
@@ -89,12 +96,34 @@ def load(name: str, folder: Path) -> Template:
     top = _merge(name, folder, (), merged, origin)
     resources = tuple(_resource(path, merged[path], origin[path]) for path in sorted(merged))
     _refuse_leaf_parents(resources, origin)
-    return Template(name, top.description, resources)
+    return Template(name, top.description, resources, _kinds(top, folder))
+
+
+def _kinds(file: TemplateFile, folder: Path) -> tuple[str, ...]:
+    """Its own, or those of what it extends, later ones first."""
+    for parent in () if file.kinds else reversed(_parents(file)):
+        if kinds := _kinds(_read(folder / (parent + _ENDING)), folder):
+            return kinds
+    return file.kinds
+
+
+def _parents(file: TemplateFile) -> tuple[str, ...]:
+    return (file.extends,) if isinstance(file.extends, str) else file.extends
 
 
 def names_in(folder: Path) -> list[str]:
     """Names of the templates in a folder."""
     return sorted(path.stem for path in folder.glob("*" + _ENDING))
+
+
+def whole(folder: Path) -> list[Template]:
+    """The templates that platforms have; not those without a kind that are only there to be extended.
+
+    Raises: ConfigError when a template is wrong.
+    """
+    names = names_in(folder)
+    parts = {parent for name in names for parent in _parents(_read(folder / (name + _ENDING)))}
+    return [found for name in names if (found := load(name, folder)).kinds or name not in parts]
 
 
 def _merge(
@@ -115,8 +144,7 @@ def _merge(
         known = ", ".join(names_in(folder)) or "none there"
         raise ConfigError(f"{where}no template {name!r}; expected one of: {known}")
     file = _read(source)
-    parents = (file.extends,) if isinstance(file.extends, str) else file.extends
-    for parent in parents:
+    for parent in _parents(file):
         _merge(parent, folder, (*trail, name), merged, origin)
     for text in file.remove:
         _remove(text, str(source), merged)

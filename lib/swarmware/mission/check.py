@@ -49,19 +49,20 @@ def check_text(
     catalogue: Catalogue | None = None,
     budget: Budget | None = None,
     *,
-    flies: bool | None = None,
+    kinds: Iterable[str] = (),
 ) -> tuple[Reading, list[Finding]]:
     """One member's mission: what was read, and everything that is wrong with it.
 
-    `flies`: a vehicle that leaves the ground may play it; None: as the binding's kind says.
+    `kinds`: of the platforms that may play it; empty: the binding's.
     """
+    players = tuple(kinds) or (binding.kind,)
     reading = read(text, file, binding, catalogue or built_in())
     findings = list(reading.findings)
     mission = reading.mission
     if mission is not None:
-        findings += _conditions(mission, text, file)
+        findings += _conditions(mission, text, file, players, binding.id)
     if mission is not None and not any(finding.rule in _GRAPH_RULES for finding in findings):
-        remarks = soundness.check(mission, budget, flies=binding.kind == FLYING if flies is None else flies)
+        remarks = soundness.check(mission, budget, flies=FLYING in players)
         if remarks:
             source = parse_source(text, file)
             for remark in remarks:
@@ -70,9 +71,9 @@ def check_text(
     return reading, findings
 
 
-def _conditions(mission: Mission, text: str, file: str) -> list[Finding]:
-    """What its conditions say of resources, held against the templates."""
-    problems = vocabulary.shipped().check(mission) if mission.resources() else []
+def _conditions(mission: Mission, text: str, file: str, kinds: tuple[str, ...], own: str) -> list[Finding]:
+    """What its conditions say of resources, held against the templates of who may play it."""
+    problems = vocabulary.shipped().check(mission, kinds, own) if mission.resources() else []
     if not problems:
         return []
     source = parse_source(text, file)
@@ -102,7 +103,7 @@ def check_folder(
         text = folder.texts[role.file]
         file = folder.place(role.file)
         binding = folder.example(role)
-        reading, found = check_text(text, file, binding, catalogue, budget, flies=FLYING in role.kinds)
+        reading, found = check_text(text, file, binding, catalogue, budget, kinds=role.kinds)
         findings += found if set(role.kinds) == {FLYING} else map(_for_some, found)
         used.update(reading.params)
         if reading.mission is not None:

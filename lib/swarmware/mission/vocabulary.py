@@ -70,14 +70,27 @@ _Said = tuple[int, Severity, str]
 _Looking = Generator[_Said, None, _Value | None]
 
 
+_Known = dict[str, dict[str, Resource]]
+"""Resources by local path and kind of platform; kind "" stands for every one."""
+
+
 class Vocabulary:
-    """Resources by local path, from the templates of all kinds of platforms."""
+    """What platforms of each kind have, by local path."""
 
-    def __init__(self, resources: Iterable[Resource]) -> None:
-        self._known: dict[str, Resource] = {resource.path: resource for resource in resources}
+    def __init__(self, resources: Iterable[Resource] = ()) -> None:
+        self._known: _Known = {}
+        self.add("", resources)
 
-    def check(self, mission: Mission) -> list[Problem]:
-        """What the conditions of a mission cannot mean."""
+    def add(self, kind: str, resources: Iterable[Resource]) -> None:
+        """What a template of this kind of platform says; "": of every kind."""
+        for resource in resources:
+            self._known.setdefault(resource.path, {})[kind] = resource
+
+    def check(self, mission: Mission, kinds: Iterable[str] = (), own: str = "") -> list[Problem]:
+        """What the conditions of a mission cannot mean, of platforms of these kinds (empty: of any).
+
+        `own`: the name of the platform itself, whose resources a path may name, too.
+        """
         conditions = [(f"/requires/{n}", condition) for n, condition in enumerate(mission.requires)]
         conditions += [
             (f"{edge.pointer.removesuffix('/next')}/if", edge.condition)
@@ -85,9 +98,24 @@ class Vocabulary:
             for edge in block.edges
             if edge.condition
         ]
-        return [problem for where in conditions for problem in self._condition(*where)]
+        players = tuple(kinds)
+        readers = [_Reader(self._known, players, kind, own) for kind in players or ("",)]
+        found = [problem for where in conditions for reader in readers for problem in reader.problems(*where)]
+        return list(dict.fromkeys(found))
 
-    def _condition(self, pointer: str, condition: Condition) -> Iterator[Problem]:
+
+class _Reader:
+    """One look at a condition: what it means on a platform of one kind."""
+
+    def __init__(self, known: _Known, kinds: tuple[str, ...], kind: str, own: str) -> None:
+        self._known = known
+        self._kinds = kinds
+        """All that may play the role."""
+        self._kind = kind
+        self._own = own
+
+    def problems(self, pointer: str, condition: Condition) -> Iterator[Problem]:
+        """What one condition cannot mean."""
         for at, severity, message in self._truth(condition.node):
             yield Problem(pointer, condition.text, at, severity, f"condition {condition.text!r}: {message}")
 
@@ -129,9 +157,9 @@ class Vocabulary:
                 _TRUTH if isinstance(node.value, bool) else _TEXT if isinstance(node.value, str) else _NUMBER
             )
             return _Value(repr(node.value) if sort == _TEXT else str(node.value).lower(), sort)
-        local = split(node.path)[1]
-        resource = self._known.get(local)
-        if resource is None:
+        platform, local = split(node.path)
+        having = self._known.get(local)
+        if having is None:
             near = get_close_matches(local, self._known, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             yield (
@@ -140,6 +168,13 @@ class Vocabulary:
                 f"resource {node.path!r} stands in no template{hint} (an application may provide it)",
             )
             return _Value(node.path, _NUMBER if isinstance(node, Age) else "")
+        if self._kind and platform in {None, self._own}:
+            yield from self._lacking(node, having)
+            resource = having.get(self._kind) or having.get("")
+            if resource is None:
+                return _Value(node.path, _NUMBER if isinstance(node, Age) else "")
+        else:
+            resource = next(iter(having.values()))
         if resource.kind in _VALUELESS:
             yield node.at, "error", f"{node.path!r} is {_VALUELESS[resource.kind]}: expected a board"
             return None
@@ -154,6 +189,14 @@ class Vocabulary:
             yield node.at, "warning", message
             return _Value(node.path)
         return (yield from self._field(node, resource, cls))
+
+    def _lacking(self, node: Age | Field, having: dict[str, Resource]) -> Iterator[_Said]:
+        """A resource that a platform of some of the kinds does not have."""
+        lacking = [] if "" in having else [kind for kind in self._kinds if kind not in having]
+        if lacking:
+            severity: Severity = "error" if len(lacking) == len(self._kinds) else "warning"
+            has, want = " or ".join(sorted(having)), " or ".join(lacking)
+            yield node.at, severity, f"resource {node.path!r} is one of a {has}: no {want} has it"
 
     def _field(self, node: Field, resource: Resource, cls: type[msgspec.Struct]) -> _Looking:
         fields = _fields(cls)
@@ -199,9 +242,11 @@ def shipped() -> Vocabulary:
     Raises: ConfigError when a template is wrong.
     """
     folder = share_dir() / "templates"
-    return Vocabulary(
-        resource for name in template.names_in(folder) for resource in template.load(name, folder).resources
-    )
+    found = Vocabulary()
+    for each in template.whole(folder):
+        for kind in each.kinds or ("",):
+            found.add(kind, each.resources)
+    return found
 
 
 def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Said]:

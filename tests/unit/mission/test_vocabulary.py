@@ -12,12 +12,12 @@ from swarmware.mission.vocabulary import Vocabulary
 from swarmware.resource import Resource
 
 
-def found(condition: str) -> list[Finding]:
+def found(condition: str, kinds: tuple[str, ...] = (), kind: str = "uav") -> list[Finding]:
     text = (
         '{"requires": [' + json.dumps(condition) + '],\n "mission": {"s": {"type": "Start", "next": "e"},'
         ' "e": {"type": "End"}}}'
     )
-    return check_text(text, "m.json", Binding())[1]
+    return check_text(text, "m.json", Binding(f"{kind}1", kind), kinds=kinds)[1]
 
 
 @pytest.mark.parametrize(
@@ -93,6 +93,58 @@ def test_a_resource_of_no_template_is_a_warning_with_the_nearest_one() -> None:
     assert [f.severity for f in found("crop/wetness.ratio > 0.5 and age(crop/wetness) < 3")] == [
         "warning"
     ] * 2
+
+
+@pytest.mark.parametrize(
+    ("kinds", "condition", "severity", "said"),
+    [
+        (("uav",), "config/navigator/heading_weight > 1", "error", "is one of a ugv or usv: no uav has it"),
+        (("uav", "ugv"), "config/navigator/heading_weight > 1", "warning", "no uav has it"),
+        (("ugv",), "3 > /ugv1/sensor/height", "error", "is one of a uav: no ugv has it"),
+        (("ugv",), "age(sensor/height) < 1", "error", "is one of a uav: no ugv has it"),
+        (("gcs",), "battery > 30 %", "error", "no gcs has it"),
+        (("ugv", "gcs"), "nav/pose.z > 3", "warning", "no gcs has it"),
+    ],
+)
+def test_a_resource_of_another_kind_is_found_with_line_and_column(
+    kinds: tuple[str, ...], condition: str, severity: str, said: str
+) -> None:
+    finding = found(condition, kinds, kinds[0])[0]
+    assert (finding.severity, finding.rule, finding.line) == (severity, "condition", 1)
+    assert said in finding.message
+    assert finding.column >= len('{"requires": ["') + 1
+
+
+@pytest.mark.parametrize(
+    ("kinds", "condition"),
+    [
+        (("ugv", "usv"), "config/navigator/heading_weight > 1"),
+        (("uav",), "sensor/height > 1"),
+        (("uav",), "/ugv1/config/navigator/heading_weight > 1"),
+        (("gcs",), "/uav1/power/battery.remaining_ratio > 30 %"),
+        (("uav", "ugv", "gcs"), "health/state.level != 'error'"),
+    ],
+)
+def test_what_the_kinds_have_and_what_others_are_asked_for_is_sound(
+    kinds: tuple[str, ...], condition: str
+) -> None:
+    assert found(condition, kinds, kinds[0]) == []
+
+
+def test_a_field_is_held_against_the_resource_of_each_kind() -> None:
+    vocabulary = Vocabulary()
+    vocabulary.add("uav", [Resource(path="winch/length", type="Float", range=(0.0, 12.0))])
+    vocabulary.add("ugv", [Resource(path="winch/length", type="Float", range=(0.0, 50.0))])
+    text = json.dumps(
+        {
+            "requires": ["winch/length > 20"],
+            "mission": {"s": {"type": "Start", "next": "e"}, "e": {"type": "End"}},
+        }
+    )
+    mission = load(text, "m.json", Binding())
+    assert vocabulary.check(mission, ["ugv"]) == []
+    (problem,) = vocabulary.check(mission, ["ugv", "uav"])
+    assert "expected 0 to 12" in problem.message
 
 
 def test_a_type_of_a_package_that_is_not_installed_is_a_warning() -> None:
