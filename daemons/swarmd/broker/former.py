@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Final
 
+from swarmd.broker.core.neighbour import notice_ns
 from swarmd.broker.core.pace import IDLE_HZ
 from swarmd.broker.core.slowest import CEILINGS_NS
 from swarmware.errors import Denied
@@ -25,7 +26,15 @@ class Former:
         self._session = folder / SESSION
         self._period = folder / PERIOD
         self.slowest_ns = self._read() if self._session.exists() else 0
-        """Longest time between two datagrams that the former session declared; 0: there was none."""
+        """Longest time between two datagrams that the former session declared; 0: none is known."""
+
+    def quiet_ns(self, timeout_ns: int) -> int:
+        """How long others may still send through the former session.
+
+        An empty folder is no proof that there was none, and without this wait idle swarms looped: who lost
+        its data counts as idle. A loop stays possible where the lost session declared a longer period.
+        """
+        return notice_ns(self.slowest_ns or _IDLE_NS, timeout_ns)
 
     def _read(self) -> int:
         try:

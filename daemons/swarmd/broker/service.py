@@ -10,7 +10,6 @@ import msgspec
 from swarmd.broker import config as settings
 from swarmd.broker.boards import Mirrors, OwnBoards
 from swarmd.broker.core.mesh import LinkChanged, LinkEvent, LinkState, Mesh, RouteChanged
-from swarmd.broker.core.neighbour import notice_ns
 from swarmd.broker.core.pace import Pace
 from swarmd.broker.core.relay import News
 from swarmd.broker.core.sessions import Outcome, Sessions
@@ -154,7 +153,6 @@ class Broker(Service):
         node = self.module.node
         now_ns = self._clock.now_ns()
         timeout_ns = round(self.config.link_timeout_s * 1e9)
-        quiet_ns = notice_ns(former.slowest_ns, timeout_ns) if former.slowest_ns else 0
         station = Station(
             Identity(
                 node.hardware,
@@ -168,7 +166,7 @@ class Broker(Service):
                 node.hardware,
                 session // _SEQUENCE_NS & 0x7FFF_FFFF,
                 timeout_ns,
-                now_ns + quiet_ns,
+                now_ns + former.quiet_ns(timeout_ns),
             ),
             self._counters,
             busy_hz=self.config.tick_hz,

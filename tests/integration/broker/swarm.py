@@ -12,6 +12,7 @@ import msgspec
 import uvloop
 
 from swarmd.broker.config import Config
+from swarmd.broker.former import Former
 from swarmd.broker.service import Broker
 from swarmware.config import load_service
 from swarmware.module import BoardReader, Module
@@ -61,6 +62,10 @@ class Station:
     async def open(self) -> None:
         self.node = await Node.attach(self.config_dir)
         self._stack.push_async_callback(self.node.close)
+        former = Former(self.node.config.data_path)
+        if not former.slowest_ns:  # it ran at 10 Hz before: a node without data waits longer for routes
+            former.next_session(1)
+            former.keep(125_000_000)
         self.app = await self._stack.enter_async_context(Module("app", node=self.node))
         self.neighbours: BoardReader[Neighbours] = await self.app.reader("net/neighbours", Neighbours)
         self.routes: BoardReader[Routes] = await self.app.reader("net/routes", Routes)

@@ -7,6 +7,7 @@ wants anything) after seconds, in a crowd, or where the processor is short, afte
 believed as late as it can be.
 """
 
+from pathlib import Path
 from typing import Final
 
 import pytest
@@ -16,6 +17,7 @@ from swarmd.broker.core.link import LinkState
 from swarmd.broker.core.mesh import Mesh, RouteChanged
 from swarmd.broker.core.neighbour import notice_ns
 from swarmd.broker.core.tick import Header, Tick
+from swarmd.broker.former import Former
 
 SEEDS: Final = 20
 LOSS: Final = 1 / 6
@@ -74,6 +76,20 @@ def test_restarts_among_slow_senders_make_no_loop(period_s: float, every_s: floa
                 swarm.run(at_ns)
                 swarm.move(every_s)
                 swarm.restart(notice_ns(period_ns, SECOND))
+        except AssertionError as error:
+            pytest.fail(f"seed {seed}: {error}")
+        assert swarm.changes > 500
+
+
+def test_nodes_that_lost_their_data_make_no_loop_either(tmp_path: Path) -> None:
+    quiet_ns = Former(tmp_path).quiet_ns(SECOND)
+    for seed in range(3):
+        swarm = Restarting(seed, 25, SECOND // 2)
+        try:
+            for half_s in range(1, 60):
+                swarm.run(half_s * SECOND // 2)
+                swarm.move(0.5)
+                swarm.restart(quiet_ns)
         except AssertionError as error:
             pytest.fail(f"seed {seed}: {error}")
         assert swarm.changes > 500

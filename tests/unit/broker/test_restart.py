@@ -91,6 +91,16 @@ def test_what_is_kept_is_there_at_the_next_start(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == [PERIOD, SESSION]
 
 
+def test_a_node_whose_data_was_lost_waits_as_one_that_was_idle(tmp_path: Path) -> None:
+    idle = tmp_path / "idle"
+    idle.mkdir()
+    Former(idle).next_session(1)
+    Former(idle).keep(500 * MS)
+    assert Former(tmp_path).quiet_ns(SECOND) == Former(idle).quiet_ns(SECOND) == notice_ns(500 * MS, SECOND)
+    Former(idle).keep(2000 * MS)
+    assert Former(idle).quiet_ns(SECOND) == notice_ns(2000 * MS, SECOND)
+
+
 @pytest.mark.parametrize("content", [b"", b"x", b"\xff\xfe", b"0", b"77", b"-500", b"9" * 5000, b"5\n0"])
 def test_a_damaged_period_counts_as_the_longest(tmp_path: Path, content: bytes) -> None:
     Former(tmp_path).next_session(1)
