@@ -12,7 +12,7 @@ from swarmd.tree.core.quality import Quality, quality
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.settings import Settings
-from swarmd.tree.taps import Peek, plain_payload
+from swarmd.tree.taps import Peek
 from swarmware import names
 from swarmware.access import Access, Verb
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
@@ -206,7 +206,7 @@ class Answers:
         return TreeValue(
             path,
             resource.type,
-            plain_payload(frame, resource.type),
+            registry.messagepack(resource.type, frame.payload, frame.codec),
             frame.stamp_ns,
             frame.sequence,
             frame.sequence if version is None else version,
@@ -310,7 +310,7 @@ class Answers:
         if frame is None:
             return ""
         try:
-            return _json(plain_payload(frame, resource.type))
+            return _json(registry.messagepack(resource.type, frame.payload, frame.codec))
         except SwarmError:
             return ""
 

@@ -6,12 +6,12 @@ from typing import Final
 from swarmd.tree.core.mirror import is_news
 from swarmware import frame as wire
 from swarmware import names
-from swarmware.errors import SwarmError, WireError
+from swarmware.errors import WireError
 from swarmware.frame import Codec, Frame, Kind
 from swarmware.node import Node, Publication
+from swarmware.node.follower import RingFollower
 from swarmware.shm.layout import RING_SUFFIX, ring_file, ring_path
 from swarmware.shm.reap import mirror_folders, reap_ring
-from swarmware.shm.ring import RingReader
 from swarmware.types.tree import TreeItem
 
 MIRRORED: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM})
@@ -74,15 +74,10 @@ class Mirrors:
 
     def _newest(self, platform: str, path: str) -> tuple[int, int]:
         """Sequence and stamp of what a former tree service wrote last."""
-        try:
-            with RingReader(ring_file(self._node.shm_dir, path, platform)) as ring:
-                data = ring.newest()
-            if data is not None:
-                frame = wire.decode(data)
-                return frame.sequence, frame.stamp_ns
-        except SwarmError:
-            pass  # there is none, or none that can be read
-        return -1, -(1 << 63)
+        follower = RingFollower(ring_file(self._node.shm_dir, path, platform), name=f"/{platform}/{path}")
+        frame = follower.peek()
+        follower.close()
+        return (-1, -(1 << 63)) if frame is None else (frame.sequence, frame.stamp_ns)
 
     def platforms(self) -> list[str]:
         """Platforms of which there are mirrors, also from a former start."""

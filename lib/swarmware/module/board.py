@@ -1,24 +1,20 @@
 """The reader's end of a board: the newest value, and its age."""
 
-import logging
 from typing import Generic, TypeVar
 
 import msgspec
 
 from swarmware.errors import NoAnswer, WireError
-from swarmware.frame import decode
 from swarmware.module.meta import Meta
 from swarmware.module.remote_clocks import RemoteClocks
-from swarmware.module.source import Source
-from swarmware.module.wakeup import Deadline
+from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.names import split
 from swarmware.node import Node
+from swarmware.node.follower import RingFollower
 from swarmware.shm.layout import ring_file
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)
-
-log = logging.getLogger("swarm.module")
 
 
 class BoardReader(Generic[T]):
@@ -32,51 +28,42 @@ class BoardReader(Generic[T]):
         self, node: Node, path: str, cls: type[T], data_id: int, remote_clocks: RemoteClocks
     ) -> None:
         self.path = path
-        self.refused = 0
-        """Frames that were of another type, or damaged."""
         self._cls = cls
-        self._data_id = data_id
         self._node = node
         self._remote_clocks = remote_clocks
         platform, local = split(path)
-        self._source = Source(node, ring_file(node.shm_dir, local, platform))
+        self._follower = RingFollower(
+            ring_file(node.shm_dir, local, platform), name=f"board {path}", data_id=data_id
+        )
+        self._wakeup = Wakeup()
         self._value: T | None = None
         self._meta: Meta | None = None
-        self._at = -1
-        self._source.open()
+
+    @property
+    def refused(self) -> int:
+        """Frames that were damaged, of another type or of another path."""
+        return self._follower.refused
 
     @property
     def value(self) -> T | None:
         """The newest value; None as long as there was none."""
-        source = self._source
-        ring = source.ring
-        if ring is not None and source.before + ring.sequence == self._at and not ring.moved:
-            return self._value
-        return self._take()
-
-    def _take(self) -> T | None:
-        ring = self._source.ring
-        if ring is None or ring.moved:
-            ring = self._source.open()
-            if ring is None:
-                return self._value
-        before = self._source.before
-        self._at = before + ring.sequence
-        try:
-            data = ring.newest()
-            if data is None:
-                return self._value
-            self._at = before + ring.seen
-            frame = decode(data)
-            if frame.data_id != self._data_id:
-                raise WireError(f"of another type than {self._cls.__name__}, or of another path")
-            self._value = registry.decode(self._cls, frame.payload, frame.codec)
-            self._meta = Meta.of(frame)
-        except WireError as error:
-            self.refused += 1
-            if self.refused == 1:  # the count tells the rest
-                log.warning("board %s: refused: %s", self.path, error)
+        ring = self._follower.ring
+        if ring is None or not ring.unchanged:
+            self._take()
         return self._value
+
+    def _take(self) -> bool:
+        """Take the newest value; False when there is none that was not taken before."""
+        frame = self._follower.newest()
+        if frame is None:
+            return False
+        try:
+            value = registry.decode(self._cls, frame.payload, frame.codec)
+        except WireError as error:
+            self._follower.refuse(error)
+            return False
+        self._value, self._meta = value, Meta.of(frame)
+        return True
 
     @property
     def meta(self) -> Meta | None:
@@ -110,7 +97,10 @@ class BoardReader(Generic[T]):
     @property
     def alive(self) -> bool:
         """Whether somebody writes this board now."""
-        ring = self._source.ring if self._source.ring is not None else self._source.open()
+        follower = self._follower
+        if follower.position < 0:
+            return False
+        ring = follower.ring
         return ring is not None and not ring.moved and ring.owner_alive()
 
     async def changed(self, timeout_s: float | None = None) -> T:
@@ -119,31 +109,21 @@ class BoardReader(Generic[T]):
         Raises: NoAnswer when there is none in time.
         """
         deadline = Deadline(timeout_s)
-        self._source.listen()
+        self.listen()
         while True:
-            if self._news():
-                at, meta = self._at, self._meta
-                value = self._take()
-                if value is not None and self._at != at and self._meta is not meta:
-                    return value
-            if not await self._source.wait(deadline):
+            if self._take() and self._value is not None:
+                return self._value
+            if not await self._wakeup.until(deadline):
                 raise NoAnswer(f"board {self.path}: no new value within {timeout_s} s")
-
-    def _news(self) -> bool:
-        ring = self._source.ring
-        return ring is None or ring.moved or self._source.before + ring.sequence != self._at
 
     def listen(self) -> None:
         """Have this process woken by each value, also when nobody waits for it here."""
-        self._source.listen()
+        self._follower.listen(self._node, self._wakeup.notify)
 
     @property
     def position(self) -> int:
-        """Counts the values, read or not: a larger number when there is news; -1: there was no writer yet."""
-        ring = self._source.ring
-        if ring is None or ring.moved:
-            ring = self._source.open()
-        return -1 if ring is None else self._source.before + ring.sequence
+        """Number of values written, read or not: it grows with each one; -1: there was no writer yet."""
+        return self._follower.position
 
     def __aiter__(self) -> "BoardReader[T]":
         return self
@@ -153,4 +133,4 @@ class BoardReader(Generic[T]):
 
     def close(self) -> None:
         """Stop reading."""
-        self._source.close()
+        self._follower.close()

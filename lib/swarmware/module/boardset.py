@@ -101,8 +101,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
                     fresh.append(platform)
             if fresh:
                 return tuple(fresh)
-            remaining_s = deadline.remaining_s()
-            if remaining_s == 0.0 or not await self._wakeup.wait(remaining_s):
+            if not await self._wakeup.until(deadline):
                 raise NoAnswer(f"boards {self.pattern}: no new value within {timeout_s} s")
 
     def close(self) -> None:

@@ -83,8 +83,7 @@ class Inbox(Generic[T]):
                     await asyncio.sleep(0)
                 return value
             self._run = 0
-            remaining_s = deadline.remaining_s()
-            if remaining_s == 0.0 or not await self._wakeup.wait(remaining_s):
+            if not await self._wakeup.until(deadline):
                 raise NoAnswer(f"inbox {self.path}: no message within {timeout_s} s")
 
     def __aiter__(self) -> "Inbox[T]":

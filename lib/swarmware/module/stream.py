@@ -1,18 +1,16 @@
 """The reader's end of a stream or of events: every one, in order; what was overrun is counted."""
 
 import asyncio
-import logging
 from typing import Final, Generic, TypeVar
 
 import msgspec
 
 from swarmware.errors import NoAnswer, WireError
-from swarmware.frame import decode
 from swarmware.module.meta import Meta
-from swarmware.module.source import Source
-from swarmware.module.wakeup import Deadline
+from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.names import split
 from swarmware.node import Node
+from swarmware.node.follower import RingFollower
 from swarmware.shm.layout import ring_file
 from swarmware.types import registry
 
@@ -21,8 +19,6 @@ T = TypeVar("T", bound=msgspec.Struct)
 FAIR: Final = 64
 """Items taken without waiting before the event loop gets its turn."""
 
-log = logging.getLogger("swarm.module")
-
 
 class StreamReader(Generic[T]):
     """`async for item in reader`: every item from now on; those already there when the writer came before us
@@ -30,31 +26,34 @@ class StreamReader(Generic[T]):
 
     def __init__(self, node: Node, path: str, cls: type[T], data_id: int, *, from_oldest: bool) -> None:
         self.path = path
-        self.refused = 0
-        """Frames that were of another type, or damaged."""
         self.meta: Meta | None = None
         """Who wrote the item given last, and when."""
         self._cls = cls
-        self._data_id = data_id
         self._last: tuple[int, int] | None = None
         """Of a mirror: its owner's sequence and stamp of the item given last."""
         self._gaps = 0
         platform, local = split(path)
         self._mirrored = platform is not None
-        self._source = Source(node, ring_file(node.shm_dir, local, platform))
         self._run = 0
-        self._source.listen()
-        # a ring that is not there yet can only hold what is written from now on
-        self._source.open(after=0 if from_oldest else None)
+        self._wakeup = Wakeup()
+        self._follower = RingFollower(
+            ring_file(node.shm_dir, local, platform),
+            name=f"stream {path}",
+            data_id=data_id,
+            from_oldest=from_oldest,
+        )
+        self._follower.listen(node, self._wakeup.notify)
+
+    @property
+    def refused(self) -> int:
+        """Frames that were damaged, of another type or of another path."""
+        return self._follower.refused
 
     @property
     def lost(self) -> int:
         """Items that will not be given: overwritten here before they were read, or left out on the way from
         another platform, as its sequence shows with the item after them."""
-        ring = self._source.ring
-        if self._mirrored:
-            return self._gaps
-        return 0 if ring is None else ring.lost
+        return self._gaps if self._mirrored else self._follower.lost
 
     def _count_gap(self, sequence: int, stamp_ns: int) -> None:
         """A sequence that goes on later than the last leaves a gap; one that does not is a new start."""
@@ -66,27 +65,17 @@ class StreamReader(Generic[T]):
 
     def take(self) -> T | None:
         """The next item if there is one; does not wait."""
-        while True:
-            ring = self._source.ring or self._source.open(after=0)
-            data = None if ring is None else ring.next()
-            if data is None:
-                if ring is None or not ring.moved or self._source.open(after=0) is ring:
-                    return None
-                continue
+        while (frame := self._follower.next()) is not None:
             try:
-                frame = decode(data)
-                if frame.data_id != self._data_id:
-                    raise WireError(f"of another type than {self._cls.__name__}, or of another path")
                 if self._mirrored:
                     self._count_gap(frame.sequence, frame.stamp_ns)
                 value = registry.decode(self._cls, frame.payload, frame.codec)
             except WireError as error:
-                self.refused += 1
-                if self.refused == 1:  # the count tells the rest
-                    log.warning("stream %s: refused: %s", self.path, error)
+                self._follower.refuse(error)
                 continue
             self.meta = Meta.of(frame)
             return value
+        return None
 
     async def next(self, timeout_s: float | None = None) -> T:
         """The next item.
@@ -104,7 +93,7 @@ class StreamReader(Generic[T]):
                 return value
             self._run = 0
             deadline = deadline or Deadline(timeout_s)
-            if not await self._source.wait(deadline):
+            if not await self._wakeup.until(deadline):
                 raise NoAnswer(f"stream {self.path}: nothing new within {timeout_s} s")
 
     def __aiter__(self) -> "StreamReader[T]":
@@ -115,4 +104,4 @@ class StreamReader(Generic[T]):
 
     def close(self) -> None:
         """Stop reading."""
-        self._source.close()
+        self._follower.close()

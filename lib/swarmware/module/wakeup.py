@@ -35,6 +35,11 @@ class Wakeup:
             if timer is not None:
                 timer.cancel()
 
+    async def until(self, deadline: "Deadline") -> bool:
+        """Wait for the next `notify`; False when the deadline has passed before."""
+        remaining_s = deadline.remaining_s()
+        return remaining_s != 0.0 and await self.wait(remaining_s)
+
 
 def _expire(future: "asyncio.Future[bool]") -> None:
     if not future.done():

@@ -253,6 +253,8 @@ class RingReader:
         self._first = self._words[layout.W_FIRST]
         self._fence = Fence()
         self.nonce = self._words[layout.W_NONCE]
+        self.epoch = self._words[layout.W_EPOCH]
+        """Identity over replacements of the file: sequences of one epoch never start again."""
         self.seen = 0
         """Sequence of the frame that `newest()` or `view()` gave last."""
         self.lost = 0
@@ -264,6 +266,12 @@ class RingReader:
     def sequence(self) -> int:
         """Sequence of the newest frame; compare with `seen` to know whether `newest()` has something new."""
         return self._words[_NEWEST]
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether `newest()` has given the newest frame, and the path has no other file."""
+        words = self._words
+        return words[_NEWEST] == self.seen and not words[_MOVED]
 
     @property
     def moved(self) -> bool:
@@ -283,7 +291,7 @@ class RingReader:
 
     def same_epoch(self, former: "RingReader") -> bool:
         """Whether its sequences go on from those of a former file at the path; else they start again."""
-        return self._words[layout.W_EPOCH] == former._words[layout.W_EPOCH]
+        return self.epoch == former.epoch
 
     @property
     def owner(self) -> Owner:

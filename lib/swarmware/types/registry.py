@@ -117,6 +117,16 @@ def decode(cls: type[T], data: bytes | memoryview, codec: Codec = Codec.NONE) ->
         raise WireError(f"payload of type {cls.__name__}: {error}") from error
 
 
+def messagepack(type_name: str, data: bytes | memoryview, codec: Codec) -> bytes:
+    """A payload as MessagePack, whatever its codec.
+
+    Raises: NotFound when a coded payload has an unknown type, WireError when it is damaged.
+    """
+    if codec is Codec.NONE:
+        return bytes(data)
+    return encode(decode(find(type_name), data, codec))
+
+
 def decompress(data: bytes | memoryview, codec: Codec) -> bytes:
     """The payload without its compression, never longer than a frame may be.
 

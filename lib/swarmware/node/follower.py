@@ -1,0 +1,192 @@
+"""Follows the ring of one resource, from before its writer comes until after it has gone."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from swarmware.errors import NotFound, SwarmError, WireError
+from swarmware.frame import Frame, decode
+from swarmware.node.node import Node
+from swarmware.shm.layout import readers_folder
+from swarmware.shm.ring import RingReader
+from swarmware.shm.ringfile import absent
+
+log = logging.getLogger("swarm.follower")
+
+
+class RingFollower:
+    """Opens the ring when it appears, opens it again when it was replaced, and decodes its frames.
+
+    `name`: of the resource, for the log. `data_id`: of the frames; others are refused; None: any.
+    `next()` begins with the first frame written from now on; `from_oldest`: with the oldest in the ring; in a
+    ring that appears later with its first.
+    """
+
+    def __init__(
+        self, path: Path, *, name: str = "", data_id: int | None = None, from_oldest: bool = False
+    ) -> None:
+        self.ring: RingReader | None = None
+        self.before = 0
+        """Frames of former rings at the path: of another epoch, so that its sequences started again."""
+        self.refused = 0
+        """Frames that were damaged, of another type or of another path."""
+        self._path = path
+        self._file = str(path)
+        self._name = name or self._file
+        self._data_id = data_id
+        self._lost = 0
+        self._warned = ""
+        self._node: Node | None = None
+        self._on_change: Callable[[], None] | None = None
+        self._reported = -1
+        self._open(0 if from_oldest else None)
+
+    @property
+    def position(self) -> int:
+        """Number of frames written, given or not: it grows with each one; -1: there was no writer yet."""
+        ring = self.ring
+        if ring is None or ring.moved:
+            ring = self._open(0)
+        return -1 if ring is None else self.before + ring.sequence
+
+    @property
+    def present(self) -> bool:
+        """Whether the ring that was read last is the one at the path."""
+        return self.ring is not None and not self.ring.moved
+
+    @property
+    def lost(self) -> int:
+        """Frames that `next()` could not give because the writer had overwritten them."""
+        return 0 if self.ring is None else self.ring.lost
+
+    def take_lost(self) -> int:
+        """Frames lost since the last call."""
+        before, self._lost = self._lost, self.lost
+        return self._lost - before
+
+    def newest(self) -> Frame | None:
+        """The newest frame; None when there is none that `newest()` has not given or refused before."""
+        ring = self.ring
+        data: bytes | None = None
+        if ring is None or ring.moved:
+            if ring is not None:  # a ring that is withdrawn or replaced may hold the newest frame
+                data = self._newest_of(ring)
+            ring = self._open(0)
+            if ring is None:
+                return None
+        data = self._newest_of(ring) or data
+        return None if data is None else self._decoded(data)
+
+    def peek(self) -> Frame | None:
+        """The newest frame, also one that `newest()` has given; None without a ring at the path."""
+        ring = self.ring
+        if ring is None or ring.moved:
+            ring = self._open(0)
+            if ring is None or ring.moved:
+                return None
+        ring.seen = 0
+        data = self._newest_of(ring)
+        return None if data is None else self._decoded(data)
+
+    def next(self) -> Frame | None:
+        """The next frame in order; None when there is none yet. What was overwritten is counted in `lost`."""
+        while True:
+            ring = self.ring or self._open(0)
+            if ring is None:
+                return None
+            data = ring.next()
+            if data is not None:
+                frame = self._decoded(data)
+                if frame is not None:
+                    return frame
+            elif not ring.moved or self._open(0) is ring:
+                return None
+
+    def refuse(self, error: SwarmError) -> None:
+        """Count a frame that cannot be used; the first one is logged."""
+        self.refused += 1
+        if self.refused == 1:
+            log.warning("%s: refused: %s", self._name, error)
+
+    def listen(self, node: Node, on_change: Callable[[], None]) -> None:
+        """Have `on_change` called at each change; read the ring after this call, not before."""
+        self._on_change = on_change
+        if self._node is None:
+            self._node = node
+            node.listen(readers_folder(self._path))
+            node.watch(self)
+
+    def poll(self) -> None:
+        """The doorbell has rung, perhaps for this ring."""
+        ring = self.ring
+        if ring is None:
+            if absent(self._file):
+                return
+        elif ring.moved:
+            self._reported = -1
+        elif ring.sequence == self._reported:
+            return
+        else:
+            self._reported = ring.sequence
+        if self._on_change is not None:
+            self._on_change()
+
+    def close(self) -> None:
+        """Stop listening, and close the ring."""
+        if self._node is not None:
+            self._node.unwatch(self)
+            self._node.unlisten(readers_folder(self._path))
+            self._node = None
+        if self.ring is not None:
+            self.ring.close()
+            self.ring = None
+
+    def _open(self, after: int | None) -> RingReader | None:
+        """The ring that is at the path now; the former one as long as there is no other."""
+        former = self.ring
+        if absent(self._file):
+            return former
+        try:
+            if former is None:
+                self.ring = RingReader(self._path, after=after)
+            else:
+                written = former.sequence
+                self.ring = former.reopen()
+                if not self.ring.same_epoch(former):
+                    self.before += written
+        except NotFound:
+            return former
+        except SwarmError as error:
+            if str(error) != self._warned:  # once, not at every look
+                self._warned = str(error)
+                log.warning("%s", error)
+            return former
+        return self.ring
+
+    def _newest_of(self, ring: RingReader) -> bytes | None:
+        """Bytes of the newest frame of one ring, if it was not given or refused before."""
+        sequence = ring.sequence
+        if sequence == ring.seen:
+            return None
+        try:
+            data = ring.newest()
+        except WireError as error:
+            self.refuse(error)
+            data = None
+        if data is None:
+            ring.seen = (
+                sequence  # there is none, or none that can be read: nothing to look at before the next
+            )
+        return data
+
+    def _decoded(self, data: bytes) -> Frame | None:
+        try:
+            frame = decode(data)
+            if self._data_id is not None and frame.data_id != self._data_id:
+                raise WireError(
+                    f"data id {frame.data_id:#010x}, of another type or path; expected {self._data_id:#010x}"
+                )
+        except WireError as error:
+            self.refuse(error)
+            return None
+        return frame
