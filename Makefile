@@ -53,8 +53,8 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.lab: pyproject.toml | $(VENV)/bin/python
-	@echo "installing swarmware into $(VENV)"
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@echo "installing swarmware and what the lab needs into $(VENV)"
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[lab]'
 	@touch $@
 
 $(VENV)/.test: pyproject.toml | $(VENV)/bin/python

@@ -15,6 +15,7 @@ from swarmctl.progress import Progress
 from swarmctl.session import Session, connect
 from swarmlab import database, host, lifecycle, provisioning
 from swarmlab.clocks import ClockTruth
+from swarmlab.extras import require_report
 from swarmlab.host import HostInfo
 from swarmlab.mission_run import MissionRun
 from swarmlab.notify import Restarts
@@ -51,8 +52,9 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
     """`lab run`; the exit code.
 
     From the command on there is a report, whatever happens then.
-    Raises: SwarmError when the swarm does not come up.
+    Raises: SwarmError when the swarm does not come up, ConfigError without the extra `lab`.
     """
+    require_report("lab run")
     database.examine(spec.mongodb_uri, out)
     prepare(out_dir)
     here = host.describe()
@@ -79,8 +81,10 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     """Computes, writes and prints the report of a folder with metadata and logs; the exit code.
 
     With `strict` a goal that was missed is a failure.
-    Raises: NotFound when the folder has no run.json, ConfigError when it is of another version.
+    Raises: NotFound when the folder has no run.json, ConfigError when it is of another version or
+        the extra `lab` is not installed.
     """
+    require_report("lab report")
     from swarmlab import analysis, page, plots
     from swarmlab import report as figures
 

@@ -90,3 +90,10 @@ KINDS: dict[str, type[SwarmError]] = {
 def from_kind(kind: str, message: str) -> SwarmError:
     """The error that another process reported, as its own class; an unknown kind becomes a SwarmError."""
     return KINDS.get(kind, SwarmError)(message)
+
+
+def missing_extra(what: str, error: ImportError, extra: str) -> ConfigError:
+    """The error of a part whose modules are not installed; `extra`: of the distribution, brings them."""
+    return ConfigError(
+        f"{what}: the module {error.name} is not installed; expected `pip install 'swarmware[{extra}]'`"
+    )

@@ -10,6 +10,7 @@ from swarmd.navigator.core.navigator import Navigator as Core
 from swarmd.navigator.core.navigator import Pilot
 from swarmd.navigator.inputs import Fresh, Inputs
 from swarmware.config import load
+from swarmware.errors import missing_extra
 from swarmware.module import BoardWriter
 from swarmware.service import Service
 from swarmware.types.scalar import Float
@@ -84,8 +85,11 @@ def pilot(kind: str, config: settings.Config) -> Pilot:
     """The pilot for a kind of platform."""
     if kind == "uav":
         return AirPilot(config)
-    # brings numpy, which a node that flies does not need
-    from swarmd.navigator.core.ground_pilot import GroundPilot
+    try:
+        # brings numpy, which a node that flies does not need
+        from swarmd.navigator.core.ground_pilot import GroundPilot
+    except ImportError as error:
+        raise missing_extra("planner of ground vehicles", error, "nav") from error
 
     return GroundPilot(config)
 

@@ -1,4 +1,7 @@
-"""MongoDB as circular queues of fixed slots: the only file that knows pymongo."""
+"""MongoDB as circular queues of fixed slots: the only file that knows pymongo.
+
+Raises: ConfigError when it is imported and pymongo is not installed.
+"""
 
 import re
 import warnings
@@ -9,18 +12,22 @@ from itertools import islice
 from typing import Any, Final
 
 import msgspec
-from bson import encode
-from bson.errors import BSONError
-from bson.raw_bson import RawBSONDocument
-from pymongo import ASCENDING, DESCENDING, MongoClient, ReplaceOne
-from pymongo.errors import OperationFailure, PyMongoError
 
 from swarmware import names
-from swarmware.errors import ConfigError, Denied, NoAnswer
+from swarmware.errors import ConfigError, Denied, NoAnswer, missing_extra
 from swarmware.record.address import password_in, without_password
 from swarmware.record.cursor import Cursor
 from swarmware.record.entry import Entry
 from swarmware.record.query import Query
+
+try:
+    from bson import encode
+    from bson.errors import BSONError
+    from bson.raw_bson import RawBSONDocument
+    from pymongo import ASCENDING, DESCENDING, MongoClient, ReplaceOne
+    from pymongo.errors import OperationFailure, PyMongoError
+except ImportError as error:
+    raise missing_extra("mongodb", error, "mongo") from error
 
 QUEUE_SIZE: Final = 1_000_000
 """Slots of a queue unless the configuration says otherwise: about 300 MB of poses."""

@@ -266,13 +266,16 @@ def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:
 
 
 def _database(path: Path, uri: str) -> CheckResult:
-    from swarmware.record.mongo import MongoStore
-
     try:
+        from swarmware.record.mongo import MongoStore
+
         store = MongoStore(uri, timeout_s=DATABASE_S, answer_s=DATABASE_S)
     except ConfigError as error:
         return CheckResult(
-            "mongodb", "error", f"{path}: {error}", "correct the address; the local log goes on"
+            "mongodb",
+            "error",
+            f"{path}: {error}",
+            "correct the address or install what is missing; the local log goes on",
         )
     if password_in(uri) and path.stat().st_mode & 0o007:
         text = f"{path}: everybody can read the password in it"

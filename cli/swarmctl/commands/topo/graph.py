@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 import msgspec
 
 from swarmware import names
+from swarmware.errors import missing_extra
 from swarmware.types.net import Neighbours
 
 
@@ -63,14 +64,20 @@ def to_dot(nodes: list[str], found: list[TopologyEdge]) -> str:
 
 
 def to_png(nodes: list[str], found: list[TopologyEdge], target: str) -> None:
-    """A picture with the nodes on a circle; the worse the link, the paler the line."""
-    with Path(target).open("wb") as file:  # first: a wrong name is told before the slow import
+    """A picture with the nodes on a circle; the worse the link, the paler the line.
+
+    Raises: ConfigError without matplotlib.
+    """
+    with Path(target).open("wb") as file:  # first: a wrong name is reported before the slow import
         _draw(nodes, found, file)
 
 
 def _draw(nodes: list[str], found: list[TopologyEdge], file: BinaryIO) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise missing_extra("topo --png", error, "lab") from error
 
     figure = Figure(figsize=(8, 8))
     canvas: Any = FigureCanvasAgg(figure)

@@ -1,6 +1,10 @@
 """The dynamic window approach: speeds that are safe and attainable, the best of them by three terms.
 
 Source: S0, equations 4 and 5; Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, 1997.
+
+Needs numpy (extra `nav`): 176 pairs of speeds × 12 instants × up to 72 echoes of the scanner, ten times a
+second. As loops in plain Python a plan took five times as long (40 echoes, 5 neighbours: 9.7 and 1.7 ms of
+processor time), a tenth of a core and more. Air vehicles do not import this module.
 """
 
 import math

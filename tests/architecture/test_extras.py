@@ -1,0 +1,121 @@
+"""What an extra of the distribution brings is needed by those alone who use it."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from swarmware.testing import make_node
+
+ROOT = Path(__file__).parents[2]
+EXTRA = ("bson", "jsonschema", "matplotlib", "numpy", "pymongo")
+BLOCK = f"import sys; sys.modules.update(dict.fromkeys({EXTRA!r}))\n"
+"""None in `sys.modules` makes an import fail as it does where the module is not installed."""
+REPORT = (
+    "analysis",
+    "formation_error",
+    "measure",
+    "plot_data",
+    "page",
+    "plots",
+    "recording",
+    "traffic_totals",
+)
+NEEDY = {
+    "swarmware.record.mongo",
+    "swarmd.navigator.core.detour",
+    "swarmd.navigator.core.dwa",
+    "swarmd.navigator.core.ground_pilot",
+    *(f"swarmlab.{name}" for name in REPORT),
+}
+"""Modules that may need an extra; whoever uses them imports them late and says which one is missing."""
+
+
+def modules(root: str) -> list[str]:
+    paths = (path.relative_to(ROOT / root) for path in (ROOT / root).rglob("*.py"))
+    found = {".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in paths}
+    return sorted(name for name in found - NEEDY if not name.endswith("__main__"))
+
+
+def blocked(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", BLOCK + code], capture_output=True, text=True, check=False)
+
+
+def swarmctl(*words: str) -> subprocess.CompletedProcess[str]:
+    return blocked(f"from swarmctl.main import main; sys.exit(main({list(words)!r}))")
+
+
+@pytest.mark.parametrize("root", ["lib", "daemons", "cli"])
+def test_every_module_but_those_that_use_an_extra_is_imported_without(root: str) -> None:
+    names = modules(root)
+    assert len(names) > 50
+    done = blocked(f"from importlib import import_module\nfor name in {names!r}: import_module(name)")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("words", [["--help"], ["lab", "up", "--help"], ["mission", "check", "formation"]])
+def test_the_operators_command_works_without(words: list[str]) -> None:
+    done = swarmctl(*words)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_value_of_the_tree_is_asked_for_without(tmp_path: Path) -> None:
+    done = swarmctl("tree", "get", "nav/pose", "--config", str(make_node(tmp_path)))
+    assert done.returncode == 4, "nothing runs on this node"
+    assert "nothing runs there" in done.stderr
+
+
+def test_an_air_vehicle_has_its_navigator_without_and_a_ground_vehicle_says_what_is_missing() -> None:
+    done = blocked(
+        "from swarmd.navigator.config import Config\n"
+        "from swarmd.navigator.service import pilot\n"
+        "from swarmware.errors import ConfigError\n"
+        "print(pilot('uav', Config()).flies)\n"
+        "try: pilot('ugv', Config())\n"
+        "except ConfigError as error: print(error)\n"
+    )
+    assert done.stdout.splitlines() == [
+        "True",
+        "planner of ground vehicles: the module numpy is not installed;"
+        " expected `pip install 'swarmware[nav]'`",
+    ], done.stderr
+
+
+def test_the_logger_keeps_the_local_log_and_says_what_the_database_needs(tmp_path: Path) -> None:
+    done = blocked(
+        "import asyncio\n"
+        "from pathlib import Path\n"
+        "from swarmd.logger.config import Config\n"
+        "from swarmd.logger.upload import Upload\n"
+        "class Health:\n"
+        "    def report(self, *words, **_): print(*words)\n"
+        "config = Config(mongodb_uri='mongodb://127.0.0.1')\n"
+        f"upload = Upload(Path({str(tmp_path)!r}), 'uav1', config, Health())\n"
+        "asyncio.run(asyncio.wait_for(upload.run(), 30))\n"
+        "print(upload.state)\n"
+    )
+    *_, condition, state = done.stdout.splitlines()
+    assert state.startswith("off: mongodb: the module ") and "swarmware[mongo]" in state, done.stderr
+    assert condition == "mongodb misconfigured"
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        (["log", "query", "--mongodb", "mongodb://127.0.0.1"], "mongo"),
+        (["lab", "up", "formation", "--nodes", "3", "--mongodb", "mongodb://127.0.0.1"], "mongo"),
+        (["lab", "run", "formation", "--nodes", "3", "--out", "report"], "lab"),
+        (["lab", "report", "."], "lab"),
+    ],
+)
+def test_a_command_that_needs_an_extra_names_it_before_it_does_anything(words: list[str], extra: str) -> None:
+    done = swarmctl(*words)
+    assert done.returncode == 7, done.stderr
+    assert f"pip install 'swarmware[{extra}]'" in done.stderr
+
+
+def test_what_is_an_extra_is_no_dependency_of_all() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert not [name for name in project["dependencies"] if name.split(">")[0] in EXTRA]
