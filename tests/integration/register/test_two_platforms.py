@@ -7,6 +7,7 @@ from pathlib import Path
 from tests.integration.tree.pair import PATIENCE_S, SERVICES, Platform, on_uvloop, platforms
 
 from swarmware.errors import SwarmError
+from swarmware.module import Module
 from swarmware.types.register import Register
 from swarmware.types.rpc import Empty
 
@@ -38,6 +39,9 @@ async def test_a_partner_whose_applications_do_not_change_is_known_while_it_live
         for node in (uav, gcs):
             await node.start(*SERVICES)
         await until_known(gcs, lambda units: {"probe", "broker", "tree"} <= units.get("uav1", set()))
+        async with Module("late", config_dir=uav.config_dir):
+            await until_known(gcs, lambda units: "late" in units["uav1"])
+        await until_known(gcs, lambda units: "late" not in units["uav1"])
         loop = asyncio.get_running_loop()
         end_s = loop.time() + 2.5 * FORGET_S
         while loop.time() < end_s:
