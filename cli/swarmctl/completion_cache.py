@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from swarmware.filewriter import replace_file
+
 LIMIT: Final = 20_000
 """Paths kept: about 1 MB, read within 20 ms by a shell that waits for it."""
 
@@ -50,11 +52,9 @@ def save(
     kept |= {row.path: row for row in listed}
     content = {"way": way, "platforms": list(platforms), "resources": list(kept.values())[:LIMIT]}
     target = file()
-    fresh = target.with_name(f"{target.name}.{os.getpid()}")
     try:
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        fresh.write_text(json.dumps(content, separators=(",", ":")))
-        fresh.replace(target)
+        replace_file(target, json.dumps(content, separators=(",", ":")).encode(), mode=0o600, durable=False)
     except OSError:
         return  # a home that cannot be written to has no completion of paths, and nothing worse
 

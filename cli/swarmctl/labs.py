@@ -11,6 +11,7 @@ import msgspec
 from swarmctl.processes import NODE_MARK, ProcessIdentity, marked, marks
 from swarmware import document
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
+from swarmware.filewriter import replace_file
 
 FILE: Final = "lab.json"
 _NAME: Final = re.compile(r"[a-z][a-z0-9_-]{0,23}\Z")
@@ -153,10 +154,9 @@ def labs_folder() -> Path:
 def save(record: LabState) -> None:
     """Writes lab.json; readers see the old one or the new one."""
     path = Path(record.folder) / FILE
-    fresh = path.with_suffix(".new")
-    fresh.touch(mode=0o600)  # the address of the database may have a password in it
-    fresh.write_bytes(msgspec.json.format(msgspec.json.encode(record), indent=1))
-    fresh.replace(path)
+    data = msgspec.json.format(msgspec.json.encode(record), indent=1)
+    # the address of the database may have a password in it
+    replace_file(path, data, mode=0o600, durable=False)
 
 
 def load(folder: Path) -> LabState:

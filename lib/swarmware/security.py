@@ -5,7 +5,6 @@ signs the roster, the list of members; the group key seals datagrams, with a key
 sender and session.
 """
 
-import contextlib
 import os
 import struct
 from collections.abc import Iterable, Mapping
@@ -23,6 +22,7 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from swarmware import document
 from swarmware.access import Role
 from swarmware.errors import ConfigError, Denied
+from swarmware.filewriter import replace_file
 from swarmware.names import check_platform
 
 T = TypeVar("T")
@@ -288,7 +288,7 @@ def next_session(path: Path, wanted: int) -> int:
         before = 0
     session = max(wanted, before + 1)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, session.to_bytes(8, "little"), 0o600)
+    replace_file(path, session.to_bytes(8, "little"), mode=0o600)
     return session
 
 
@@ -310,15 +310,15 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) ->
     )
     signed = sign_roster(roster, root)
     directory.mkdir(parents=True, exist_ok=True)
-    _write(directory / "root.key", root.private_bytes_raw(), 0o600)
-    _write(directory / "root.pub", root.public_key().public_bytes_raw(), 0o644)
+    replace_file(directory / "root.key", root.private_bytes_raw(), mode=0o600)
+    replace_file(directory / "root.pub", root.public_key().public_bytes_raw(), mode=0o644)
     for platform, seed in seeds.items():
         folder = directory / platform
         folder.mkdir(exist_ok=True)
-        _write(folder / "node.key", seed, 0o600)
-        _write(folder / "group.key", msgspec.json.encode(group), 0o600)
-        _write(folder / "root.pub", root.public_key().public_bytes_raw(), 0o644)
-        _write(folder / "roster.json", signed, 0o644)
+        replace_file(folder / "node.key", seed, mode=0o600)
+        replace_file(folder / "group.key", msgspec.json.encode(group), mode=0o600)
+        replace_file(folder / "root.pub", root.public_key().public_bytes_raw(), mode=0o644)
+        replace_file(folder / "roster.json", signed, mode=0o644)
     return roster
 
 
@@ -390,19 +390,3 @@ def _read_secret(path: Path) -> bytes:
     if path.stat().st_mode & 0o077:
         raise Denied(f"{path}: others can read it; expected mode 0600")
     return data
-
-
-def _write(path: Path, data: bytes, mode: int) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(descriptor)
-        temporary.chmod(mode)
-        temporary.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        raise

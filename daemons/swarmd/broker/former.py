@@ -1,8 +1,6 @@
 """What the broker keeps over its restarts: its session, and how late others notice that it ended."""
 
-import contextlib
 import logging
-import os
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +8,7 @@ from swarmd.broker.core.neighbour import notice_ns
 from swarmd.broker.core.pace import IDLE_HZ
 from swarmd.broker.core.slowest import CEILINGS_NS
 from swarmware.errors import Denied
+from swarmware.filewriter import replace_file
 from swarmware.security import next_session
 
 SESSION: Final = "broker.session"
@@ -64,17 +63,10 @@ class Former:
             raise Denied(f"{self._session}: cannot be written: {error.strerror}") from error
 
     def keep(self, slowest_ns: int) -> None:
-        """Keeps how slow our neighbours take us to be, for the next start."""
-        fresh = self._period.with_name(f".{PERIOD}.{os.getpid()}")
+        """Keep the longest period that this session declared, for the next start."""
         try:
-            with fresh.open("w", encoding="ascii") as file:
-                file.write(f"{slowest_ns // 1_000_000}\n")
-                file.flush()
-                os.fsync(file.fileno())  # or a power cut may leave the new name with no bytes in it
-            fresh.replace(self._period)
+            replace_file(self._period, b"%d\n" % (slowest_ns // 1_000_000))
         except OSError as error:
-            with contextlib.suppress(OSError):
-                fresh.unlink()
             log.warning(
                 "%s: cannot be written: %s; a restart within the next minutes may disturb routes for seconds",
                 self._period,

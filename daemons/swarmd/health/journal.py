@@ -1,13 +1,12 @@
 """What the monitor must know again after it was killed: registrations and open faults (S1.25)."""
 
-import contextlib
-import os
 from pathlib import Path
 
 import msgspec
 
 from swarmware import document
 from swarmware.errors import ConfigError
+from swarmware.filewriter import replace_file
 from swarmware.types.health import CheckRegistration, Fault
 
 
@@ -36,16 +35,10 @@ class JournalFile:
         return found if found.boot_id == self._boot_id else empty
 
     def save(self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...]) -> None:
-        """Replaces the file. It outlives processes, not the node: no fsync.
+        """Replace the file. It outlives processes, not the node.
 
-        Raises: OSError when it cannot be written; the one before holds then.
+        Raises: OSError when it cannot be written; the former journal is then unchanged.
         """
         self._path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
-        temporary = self._path.with_suffix(f".{os.getpid()}")
-        try:
-            temporary.write_bytes(msgspec.json.encode(Journal(self._boot_id, registrations, faults)))
-            temporary.replace(self._path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                temporary.unlink()
-            raise
+        data = msgspec.json.encode(Journal(self._boot_id, registrations, faults))
+        replace_file(self._path, data, durable=False)

@@ -1,8 +1,6 @@
 """Settings of this platform that differ from their defaults, kept in one file."""
 
-import contextlib
 import logging
-import os
 from pathlib import Path
 
 import msgspec
@@ -11,6 +9,7 @@ import tomli_w
 from swarmware import document
 from swarmware.clock import utc_ns
 from swarmware.errors import ConfigError
+from swarmware.filewriter import replace_file
 from swarmware.resource import Plain
 
 log = logging.getLogger("swarm.tree")
@@ -66,14 +65,5 @@ class Store:
 
     def _save(self, kept: dict[str, Kept]) -> None:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        fresh = self._path.with_suffix(".new")
-        try:
-            with fresh.open("wb") as file:
-                tomli_w.dump({path: msgspec.to_builtins(one) for path, one in sorted(kept.items())}, file)
-                file.flush()
-                os.fsync(file.fileno())  # or a power cut may leave the new name with no bytes in it
-            fresh.replace(self._path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                fresh.unlink()  # on a full disk it would take the last room
-            raise
+        content = tomli_w.dumps({path: msgspec.to_builtins(one) for path, one in sorted(kept.items())})
+        replace_file(self._path, content.encode())
