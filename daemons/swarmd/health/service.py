@@ -25,10 +25,10 @@ from swarmware.appfile import AppEntry, AppTable
 from swarmware.appfile.trace import died
 from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
-from swarmware.master.deaths import ProcessWatcher
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
 from swarmware.names import Pattern, segment
 from swarmware.node.node import APPS_TABLE
+from swarmware.runtime.processes import ProcessWatcher
 from swarmware.service import Service
 from swarmware.types import registry
 from swarmware.types.health import (

@@ -12,11 +12,11 @@ from swarmware.appfile.trace import folder, set_aside
 from swarmware.clock import Clock
 from swarmware.errors import Conflict, Denied
 from swarmware.frame import Frame, Kind, encode
-from swarmware.master.deaths import ProcessWatcher
 from swarmware.master.record import NOBODY, Holder
 from swarmware.master.role import Role
 from swarmware.names import ANY, application_id, data_id
 from swarmware.resource import Resource
+from swarmware.runtime.processes import ProcessWatcher
 from swarmware.shm.doorbell import DoorbellSenders, folder_lock
 from swarmware.shm.lock import stands_at, try_lock
 from swarmware.shm.notifier import ReaderNotifier

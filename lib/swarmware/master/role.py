@@ -6,7 +6,6 @@ process that holds one is ever forked (ADR 20).
 """
 
 import asyncio
-import contextlib
 import fcntl
 import logging
 import os
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.master.record import NOBODY, Holder, RecordFile
+from swarmware.runtime.processes import WatchedProcess
 from swarmware.shm.lock import try_lock
 from swarmware.shm.ticks import start_ticks
 
@@ -50,7 +50,7 @@ class Role:
         self._loop = asyncio.get_running_loop()
         self._me = (os.getpid(), start_ticks(os.getpid()))
         self._mark = b""
-        self._watched = -1
+        self._watched: WatchedProcess | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._retry_s = RETRY_S
         self._closed = False
@@ -163,18 +163,17 @@ class Role:
     def _watch(self, pid: int, pid_start: int) -> None:
         """Contends again when this process dies."""
         try:
-            fd = os.pidfd_open(pid)
+            process = WatchedProcess(pid, self._contend)
         except OSError:
             # it is dead already, or of another PID namespace: only the lock shows which
             self._again()
             return
         if start_ticks(pid) != pid_start:
-            os.close(fd)
+            process.close()
             self._again()
             return
         self._retry_s = RETRY_S
-        self._watched = fd
-        self._loop.add_reader(fd, self._contend)
+        self._watched = process
 
     def _again(self) -> None:
         self._retry = self._loop.call_later(self._retry_s, self._contend)
@@ -184,8 +183,6 @@ class Role:
         if self._retry is not None:
             self._retry.cancel()
             self._retry = None
-        if self._watched >= 0:
-            self._loop.remove_reader(self._watched)
-            with contextlib.suppress(OSError):
-                os.close(self._watched)
-            self._watched = -1
+        if self._watched is not None:
+            self._watched.close()
+            self._watched = None

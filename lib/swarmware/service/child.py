@@ -1,12 +1,11 @@
 """A process of a service as its supervisor sees it: started here or found running, its end known at once."""
 
 import asyncio
-import contextlib
-import os
 import signal
 from collections.abc import Callable
 
 from swarmware.errors import NotFound
+from swarmware.runtime.processes import WatchedProcess
 from swarmware.service.fork import ENDED_S, Started
 
 
@@ -18,41 +17,34 @@ class Child:
         self._started = started
         self.pid = started.pid
         try:
-            self._fd = os.pidfd_open(self.pid)
+            self._process = WatchedProcess(self.pid, self._ended)
         except ProcessLookupError:
             started.close()
             raise NotFound(f"process {self.pid}: it does not run") from None
         self._on_exit = on_exit
         self._late: asyncio.TimerHandle | None = None
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._fd, self._ended)
 
     def signal(self, number: signal.Signals) -> None:
-        """Sends a signal to this very process, never to a later one with its number."""
-        if self._fd >= 0:
-            with contextlib.suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._fd, number)
+        """Send a signal to this very process, never to a later one with its number."""
+        self._process.signal(number)
 
     def _ended(self) -> None:
         status = self._started.status
         if status is None:
-            self._say()
+            self._report()
         else:  # its parent, the fork server, learns how
-            self._loop.remove_reader(self._fd)
-            self._loop.add_reader(status, self._say)
-            self._late = self._loop.call_later(ENDED_S, self._say)
+            self._loop.add_reader(status, self._report)
+            self._late = self._loop.call_later(ENDED_S, self._report)
 
-    def _say(self) -> None:
+    def _report(self) -> None:
         how = self._started.how()
         self.close()
         self._on_exit(how)
 
     def close(self) -> None:
-        """Watch it no more; it goes on."""
-        if self._fd >= 0:
-            self._loop.remove_reader(self._fd)
-            os.close(self._fd)
-            self._fd = -1
+        """Stop watching; the process goes on."""
+        self._process.close()
         if self._late is not None:
             self._late.cancel()
         if self._started.status is not None:

@@ -3,7 +3,6 @@ guard cannot do itself (S1.26)."""
 
 import asyncio
 import logging
-import os
 from contextlib import suppress
 from typing import Final
 
@@ -12,6 +11,7 @@ from swarmware.appfile.trace import died, last_of
 from swarmware.errors import NotFound, SwarmError
 from swarmware.node import Node
 from swarmware.node.node import APPS_TABLE
+from swarmware.runtime.processes import process_end
 from swarmware.service.child import Child
 from swarmware.service.lives import PAUSES_S, Lives
 from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
@@ -58,7 +58,10 @@ class GuardWatch:
             if guard is not None:
                 self._lives.on_ready(node.clock.now_ns())
                 clear_start_record(GUARD, node.run_dir)
-                await _end_of(guard.pid)
+                try:
+                    await process_end(guard.pid)
+                except OSError:
+                    await asyncio.sleep(LOOK_S)  # it has ended already, or no descriptor is free
                 missed = _alone(guard) and died(node.run_dir, guard)
                 if missed:
                     await self._pause()
@@ -108,20 +111,3 @@ class GuardWatch:
 def _alone(guard: AppEntry) -> bool:
     """Whether no systemd starts it again."""
     return bool(guard.config.get("supervisor", "self") == "self")
-
-
-async def _end_of(pid: int) -> None:
-    """Returns when the process has ended."""
-    try:
-        fd = os.pidfd_open(pid)
-    except OSError:
-        await asyncio.sleep(LOOK_S)  # dead already, or no descriptor is free
-        return
-    loop = asyncio.get_running_loop()
-    ended = asyncio.Event()
-    loop.add_reader(fd, ended.set)
-    try:
-        await ended.wait()
-    finally:
-        loop.remove_reader(fd)
-        os.close(fd)

@@ -1,0 +1,83 @@
+"""Processes by their pidfd, on the event loop: the end of each is reported once, within milliseconds.
+
+The parent of a node's processes and its fork server live without an event loop; they poll pidfds themselves.
+"""
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import Callable, Set
+from functools import partial
+
+
+class WatchedProcess:
+    """One running process, child or not: reports its end, takes signals."""
+
+    def __init__(self, pid: int, on_end: Callable[[], None]) -> None:
+        """Raises: ProcessLookupError without such a process, OSError when it cannot be watched from here."""
+        self.pid = pid
+        self._fd = os.pidfd_open(pid)
+        self._on_end = on_end
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._fd, self._ended)
+
+    def _ended(self) -> None:
+        self.close()
+        self._on_end()
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to this very process, never to a later one with its number."""
+        if self._fd >= 0:
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._fd, number)
+
+    def close(self) -> None:
+        """Stop watching; the process goes on."""
+        if self._fd >= 0:
+            self._loop.remove_reader(self._fd)
+            os.close(self._fd)
+            self._fd = -1
+
+
+class ProcessWatcher:
+    """Watches a changing set of processes; `on_end` gets the pid of each that ends."""
+
+    def __init__(self, on_end: Callable[[int], None]) -> None:
+        self._on_end = on_end
+        self._loop = asyncio.get_running_loop()
+        self._processes: dict[int, WatchedProcess] = {}
+
+    def watch(self, pids: Set[int]) -> None:
+        """Watch these processes and no others, this process excepted."""
+        wanted = pids - {os.getpid()}
+        for pid in self._processes.keys() - wanted:
+            self._processes.pop(pid).close()
+        for pid in wanted - self._processes.keys():
+            try:
+                self._processes[pid] = WatchedProcess(pid, partial(self._ended, pid))
+            except ProcessLookupError:
+                self._loop.call_soon(self._on_end, pid)
+            except OSError:
+                continue  # of another PID namespace: its lock shows the end when somebody looks
+
+    def _ended(self, pid: int) -> None:
+        del self._processes[pid]
+        self._on_end(pid)
+
+    def close(self) -> None:
+        """Stop watching."""
+        self.watch(frozenset())
+
+
+async def process_end(pid: int) -> None:
+    """Return when the process has ended.
+
+    Raises: OSError when it cannot be watched: it has ended already, or no descriptor is free.
+    """
+    ended = asyncio.Event()
+    process = WatchedProcess(pid, ended.set)
+    try:
+        await ended.wait()
+    finally:
+        process.close()

@@ -1,0 +1,101 @@
+"""Watched processes: the end of each is reported once; signals reach the very process."""
+
+import asyncio
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from swarmware.runtime.processes import ProcessWatcher, WatchedProcess, process_end
+
+
+def descriptors() -> int:
+    """How many this process has open."""
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+@pytest.fixture
+def children() -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Processes that wait to be killed."""
+    made = [subprocess.Popen(["sleep", "60"]) for _ in range(2)]
+    yield made
+    for child in made:
+        child.kill()
+        child.wait()
+
+
+async def test_the_end_of_a_watched_process_is_reported_once_and_of_another_not(
+    children: list[subprocess.Popen[bytes]],
+) -> None:
+    ended: asyncio.Queue[int] = asyncio.Queue()
+    watcher = ProcessWatcher(ended.put_nowait)
+    kept, dropped = children
+    watcher.watch({kept.pid, dropped.pid, os.getpid()})
+    watcher.watch({kept.pid, os.getpid()})
+    dropped.kill()
+    dropped.wait()
+    kept.kill()
+    async with asyncio.timeout(5):
+        assert await ended.get() == kept.pid
+    await asyncio.sleep(0)
+    assert ended.empty()
+    watcher.close()
+
+
+async def test_a_process_that_has_ended_already_is_reported_at_once(
+    children: list[subprocess.Popen[bytes]],
+) -> None:
+    ended: asyncio.Queue[int] = asyncio.Queue()
+    watcher = ProcessWatcher(ended.put_nowait)
+    children[0].kill()
+    children[0].wait()
+    watcher.watch({children[0].pid})
+    async with asyncio.timeout(5):
+        assert await ended.get() == children[0].pid
+    watcher.close()
+
+
+async def test_nothing_is_reported_after_closing(children: list[subprocess.Popen[bytes]]) -> None:
+    ended: list[int] = []
+    before = descriptors()
+    watcher = ProcessWatcher(ended.append)
+    watcher.watch({child.pid for child in children})
+    watcher.close()
+    assert descriptors() == before
+    children[0].kill()
+    children[0].wait()
+    await asyncio.sleep(0)
+    assert ended == []
+
+
+async def test_a_signal_reaches_the_process_and_its_end_is_reported_before_the_watch_closes(
+    children: list[subprocess.Popen[bytes]],
+) -> None:
+    ended = asyncio.Event()
+    before = descriptors()
+    process = WatchedProcess(children[0].pid, ended.set)
+    process.signal(signal.SIGTERM)
+    async with asyncio.timeout(5):
+        await ended.wait()
+    assert children[0].wait() == -signal.SIGTERM
+    process.signal(signal.SIGKILL)  # nothing: the number may have another owner by now
+    process.close()
+    assert descriptors() == before
+
+
+async def test_who_waits_for_the_end_of_a_process_returns_with_it_or_is_refused(
+    children: list[subprocess.Popen[bytes]],
+) -> None:
+    before = descriptors()
+    waiting = asyncio.create_task(process_end(children[0].pid))
+    await asyncio.sleep(0)
+    children[0].kill()
+    async with asyncio.timeout(5):
+        await waiting
+    children[0].wait()
+    with pytest.raises(ProcessLookupError):
+        await process_end(children[0].pid)
+    assert descriptors() == before
