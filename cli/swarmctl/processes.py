@@ -1,4 +1,9 @@
-"""Processes of a lab: who they are, whether they live, how they end."""
+"""Processes of a lab: who they are, whether they live, how they end.
+
+psutil finds them by their environment. Identity, signals and waiting are the kernel's own, start ticks
+and pidfds: the state file of a lab needs an identity that another process can compare, while psutil gives
+a creation time of the wall clock, which moves when that clock is set, and its `wait_procs` polls.
+"""
 
 import os
 import select
@@ -6,30 +11,31 @@ import signal
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Final
 
 import msgspec
 
+from swarmware.shm.ticks import start_ticks
+
 MARK: Final = "SWARM_LAB"
 """Environment variable that every process of a lab inherits; its value is the lab's folder."""
 NODE_MARK: Final = "SWARM_LAB_NODE"
-"""The same for a node's processes; its value is the node's folder."""
+"""The same for the processes of one node; its value is the node's folder."""
 
 
 class ProcessIdentity(msgspec.Struct, frozen=True, order=True):
-    """A process for good: pids come back, a pid with its start time does not."""
+    """One process: the kernel gives a pid again, but never with the same start time."""
 
     pid: int
     start_ticks: int
-    """Clock ticks since boot, field 22 of /proc/PID/stat."""
+    """Clock ticks since boot; 0: there was no such process."""
 
     def alive(self) -> bool:
-        """Whether it runs; one that only waits to be collected by its parent does not."""
-        return self.pid > 0 and _stat(self.pid) == (self.start_ticks, True)
+        """Whether it runs; a zombie does not."""
+        return start_ticks(self.pid) == self.start_ticks != 0
 
     def send(self, number: signal.Signals) -> None:
-        """A signal to this process and to no later one of its pid."""
+        """Sends a signal to this process, never to a later one of the same pid."""
         with suppress(ProcessLookupError, PermissionError):
             fd = os.pidfd_open(self.pid)
             try:
@@ -39,32 +45,21 @@ class ProcessIdentity(msgspec.Struct, frozen=True, order=True):
                 os.close(fd)
 
 
-def _stat(pid: int) -> tuple[int, bool] | None:
-    """Start time and whether it still runs; None when there is no such process."""
-    try:
-        text = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
-    except OSError:
-        return None
-    fields = text[text.rindex(")") + 2 :].split()  # the name before may hold blanks and brackets
-    return int(fields[19]), fields[0] not in {"Z", "X"}
-
-
 def identity(pid: int) -> ProcessIdentity:
-    """The process that has this pid now; a start time of 0 when there is none."""
-    found = _stat(pid)
-    return ProcessIdentity(pid, found[0] if found else 0)
+    """The process that has this pid now."""
+    return ProcessIdentity(pid, start_ticks(pid))
 
 
 def marked(mark: str, variable: str = MARK) -> list[ProcessIdentity]:
     """All processes of a lab, or of one node: what was started, and what those started."""
-    return [who for who, found in _marks(variable) if found == mark]
+    return [process for process, found in _marks(variable) if found == mark]
 
 
 def by_mark(variable: str) -> dict[str, list[ProcessIdentity]]:
-    """Mark → its processes, in one look at all processes of the machine."""
+    """The processes of each mark, from one pass over all processes of the machine."""
     found: dict[str, list[ProcessIdentity]] = {}
-    for who, mark in _marks(variable):
-        found.setdefault(mark, []).append(who)
+    for process, mark in _marks(variable):
+        found.setdefault(mark, []).append(process)
     return found
 
 
@@ -74,24 +69,24 @@ def marks() -> set[str]:
 
 
 def _marks(variable: str) -> Iterator[tuple[ProcessIdentity, str]]:
-    """Every other living process that carries the variable, and what it says."""
-    head = f"{variable}=".encode()
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdecimal() or int(entry.name) == os.getpid():
+    """Every other living process that carries the variable, and its value."""
+    import psutil  # most commands look at no process
+
+    for pid in psutil.pids():
+        if pid == os.getpid():
             continue
         try:
-            environment = (entry / "environ").read_bytes()
-        except OSError:
-            continue  # gone meanwhile, or another user's
-        for word in environment.split(b"\0"):
-            if word.startswith(head) and (who := identity(int(entry.name))).alive():
-                yield who, os.fsdecode(word[len(head) :])
+            mark = psutil.Process(pid).environ().get(variable)
+        except psutil.Error:
+            continue  # it has ended, or is another user's
+        if mark is not None and (process := identity(pid)).alive():
+            yield process, mark
 
 
 def wait_gone(processes: Iterable[ProcessIdentity], timeout_s: float) -> list[ProcessIdentity]:
     """Waits until they have ended, woken by the kernel; returns those that have not.
 
-    A process whose parent never collects it counts as ended.
+    A zombie counts as ended.
     """
     poller = select.poll()
     fds: dict[int, ProcessIdentity] = {}
@@ -115,9 +110,9 @@ def wait_gone(processes: Iterable[ProcessIdentity], timeout_s: float) -> list[Pr
 
 
 def end(first: Iterable[ProcessIdentity], mark: str, *, grace_s: float = 8.0) -> int:
-    """Ends a lab's processes, nodes first and in peace; returns how many had to be forced.
+    """Ends the processes of a lab, nodes first, with SIGTERM before SIGKILL; returns how many were killed.
 
-    A node's main process gets SIGTERM alone: it ends its own children in their order.
+    The main process of a node gets SIGTERM alone: it ends its children in their order.
     """
     nodes = [process for process in first if process.alive()]
     for process in nodes:

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Concatenate, Final, ParamSpec, TypeVar
 
 import msgspec
 
@@ -21,6 +21,7 @@ from swarmware.types.tree import TreeList, TreeListing
 
 R = TypeVar("R", bound=msgspec.Struct)
 T = TypeVar("T")
+P = ParamSpec("P")
 
 NAME: Final = "swarmctl"
 
@@ -164,11 +165,16 @@ async def connect(settings: CliSettings, out: Output | None = None) -> AsyncIter
         yield Session(module, settings, out or Output(settings))
 
 
-def run(settings: CliSettings, command: Callable[[Session], Awaitable[T]]) -> T:
-    """Joins the node, runs the command on it, leaves again: what most commands are made of."""
+def run(
+    settings: CliSettings,
+    command: Callable[Concatenate[Session, P], Awaitable[T]],
+    *args: P.args,
+    **kwargs: P.kwargs,
+) -> T:
+    """Joins the node, calls `command(session, …)`, leaves again: what most commands are made of."""
 
     async def main() -> T:
         async with connect(settings) as session:
-            return await command(session)
+            return await command(session, *args, **kwargs)
 
     return asyncio.run(main())

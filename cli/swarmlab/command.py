@@ -124,9 +124,9 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl lab ls
     """
     from swarmctl.output import Output
-    from swarmlab import listing
+    from swarmlab.listing import list_labs
 
-    listing.show(Output(settings(ctx)))
+    list_labs(Output(settings(ctx)))
 
 
 @cmd.command()
@@ -139,17 +139,10 @@ def logs(ctx: click.Context, platform: str, follow: bool, lines: int) -> None:
 
     Example: swarmctl lab logs uav1 --follow
     """
-    from swarmctl import labs
     from swarmctl.output import Output
-    from swarmlab import listing
+    from swarmlab.listing import print_logs
 
-    chosen = settings(ctx)
-    lab = labs.find(chosen.lab)
-    wanted = platform or chosen.node
-    nodes = (lab.node(wanted),) if wanted else lab.nodes
-    if follow:
-        listing.follow(nodes, lines)
-    listing.logs(nodes, lines, Output(chosen))
+    print_logs(platform, lines, Output(settings(ctx)), follow=follow)
 
 
 @cmd.command()
@@ -162,19 +155,7 @@ def down(ctx: click.Context, name: str, everything: bool, keep: bool) -> None:
 
     Example: swarmctl lab down
     """
-    from swarmctl import labs
     from swarmctl.output import Output
-    from swarmlab import provisioning
+    from swarmlab.lifecycle import end_labs
 
-    chosen = settings(ctx)
-    out = Output(chosen)
-    found = labs.labs() if everything else [labs.find(name or chosen.lab)]
-    ended = []
-    for lab in found:
-        out.say(f"ending lab {lab.name}: {len(lab.nodes)} nodes")
-        forced = provisioning.down(lab, keep=keep)
-        if forced:
-            out.warn(f"lab {lab.name}: {forced} processes did not end in time and were killed")
-        ended.append({"name": lab.name, "nodes": len(lab.nodes), "forced": forced})
-    if chosen.json:
-        out.document({"ended": ended})
+    end_labs(name, Output(settings(ctx)), everything=everything, keep=keep)

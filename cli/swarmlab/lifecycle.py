@@ -7,6 +7,7 @@ from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
+from swarmctl import labs
 from swarmctl.labs import LabState
 from swarmctl.output import Output
 from swarmctl.progress import Progress
@@ -132,3 +133,21 @@ async def _stay(running: RunningLab, out: Output) -> None:
         for platform in sorted(running.fallen.keys() - told):
             out.warn(f"node {platform} ended (code {running.fallen[platform]})")
             told.add(platform)
+
+
+def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
+    """`lab down`: ends the lab of that name, the newest, or with `everything` all of this user.
+
+    `keep`: configuration and logs stay.
+    Raises: NotFound when there is none, NoAnswer when a process does not end.
+    """
+    found = labs.labs() if everything else [labs.find(name or out.settings.lab)]
+    ended = []
+    for lab in found:
+        out.say(f"ending lab {lab.name}: {len(lab.nodes)} nodes")
+        forced = provisioning.down(lab, keep=keep)
+        if forced:
+            out.warn(f"lab {lab.name}: {forced} processes did not end in time and were killed")
+        ended.append({"name": lab.name, "nodes": len(lab.nodes), "forced": forced})
+    if out.settings.json:
+        out.document({"ended": ended})

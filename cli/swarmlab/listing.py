@@ -60,7 +60,7 @@ def describe(lab: LabState, now_utc_ns: int) -> LabLine:
     )
 
 
-def show(out: Output) -> None:
+def list_labs(out: Output) -> None:
     """Prints the list."""
     lines = [describe(lab, time.time_ns()) for lab in labs.labs()]
     if out.settings.json:
@@ -73,8 +73,17 @@ def show(out: Output) -> None:
     out.table(_COLUMNS, rows)
 
 
-def logs(nodes: Sequence[LabNode], lines: int, out: Output) -> None:
-    """Prints the last lines of each node's log, with the node's name before each."""
+def print_logs(platform: str, lines: int, out: Output, *, follow: bool) -> None:
+    """Prints the last lines of each node's log; of one platform when it is named, here or by `-n`.
+
+    With `follow` the process becomes tail(1) and goes on with what is written later.
+    Raises: NotFound when there is no such lab or node.
+    """
+    lab = labs.find(out.settings.lab)
+    wanted = platform or out.settings.node
+    nodes = (lab.node(wanted),) if wanted else lab.nodes
+    if follow:
+        _exec_tail(nodes, lines)
     for node in nodes:
         try:
             with node.log_file.open(encoding="utf-8", errors="replace") as file:
@@ -88,7 +97,7 @@ def logs(nodes: Sequence[LabNode], lines: int, out: Output) -> None:
                 out.text(f"{node.platform}: {line.rstrip()}" if len(nodes) > 1 else line.rstrip("\n"))
 
 
-def follow(nodes: Sequence[LabNode], lines: int) -> Never:
-    """Hands over to tail(1), which waits for new lines without polling."""
+def _exec_tail(nodes: Sequence[LabNode], lines: int) -> Never:
+    """tail(1) waits for new lines without polling."""
     files = [str(node.log_file) for node in nodes]
     os.execvp("tail", ["tail", "-n", str(lines), "-F", *files])

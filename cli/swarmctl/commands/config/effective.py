@@ -6,6 +6,9 @@ from typing import Any
 
 import msgspec
 
+from swarmctl.output import Column, Output
+from swarmctl.session import local_config_dir
+from swarmctl.settings import CliSettings
 from swarmware import document
 from swarmware.config import NodeConfig, load_node, load_service
 from swarmware.errors import NotFound
@@ -40,6 +43,23 @@ def effective(folder: Path, service: str) -> list[EffectiveSetting]:
         cls = find(name).Config
         out += _keys(name, folder / "services" / f"{name}.toml", load_service(folder, name, cls), cls())
     return out
+
+
+def print_effective(settings: CliSettings, service: str, out: Output, *, changed: bool) -> None:
+    """Prints the keys of a node whose files are on this machine; `changed`: those that are not the defaults.
+
+    Raises: as `effective` and `local_config_dir`.
+    """
+    rows = effective(local_config_dir(settings), service)
+    if changed:
+        rows = [row for row in rows if row.origin != "default"]
+    if settings.json:
+        out.document({"settings": rows})
+        return
+    out.table(
+        [Column("SERVICE"), Column("KEY"), Column("FROM"), Column("VALUE")],
+        [(row.service, row.key, row.origin, row.value) for row in rows],
+    )
 
 
 def _keys(service: str, path: Path, config: Any, defaults: Any) -> Iterator[EffectiveSetting]:

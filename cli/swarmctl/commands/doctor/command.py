@@ -5,9 +5,6 @@ import click
 from swarmctl.lazy import Command
 from swarmctl.settings import settings
 
-WARNINGS = 1
-ERRORS = 2
-
 
 @click.command(cls=Command)
 @click.option("--fix", is_flag=True, help="Remove what dead processes left.")
@@ -17,24 +14,7 @@ def cmd(ctx: click.Context, fix: bool) -> None:
 
     Example: swarmctl doctor --fix
     """
-    from swarmctl.commands.doctor.checks import examine
-    from swarmctl.output import Column, Output
-    from swarmctl.session import local_config_dir
-    from swarmware.errors import NotFound
+    from swarmctl.commands.doctor.diagnosis import diagnose
+    from swarmctl.output import Output
 
-    out = Output(settings(ctx))
-    try:
-        folder = local_config_dir(settings(ctx))
-    except NotFound as error:
-        if settings(ctx).node or settings(ctx).lab:
-            raise  # what was named is not there
-        out.say(f"{error}: only the machine is looked at")
-        folder = None
-    results = examine(folder, fix=fix)
-    if settings(ctx).json:
-        out.document({"results": results})
-    else:
-        rows = [(result.verdict, result.check, result.text, result.advice) for result in results]
-        out.table([Column("VERDICT"), Column("CHECK"), Column("FOUND"), Column("ADVICE")], rows)
-    verdicts = {result.verdict for result in results}
-    ctx.exit(ERRORS if "error" in verdicts else WARNINGS if "warning" in verdicts else 0)
+    ctx.exit(diagnose(Output(settings(ctx)), fix=fix))

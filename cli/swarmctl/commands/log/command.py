@@ -58,18 +58,10 @@ def query(ctx: click.Context, /, **options: Any) -> None:
 
     Example: swarmctl log query '/uav1/nav/*' --since 30s --limit 20
     """
-    from swarmctl.commands.log import sources
+    from swarmctl.commands.log.entries import print_entries
     from swarmctl.output import Output
 
-    out = Output(settings(ctx))
-    with sources.source(settings(ctx), options) as found:
-        count = 0
-        for entry in found.entries(sources.query(settings(ctx), options)):
-            sources.show(out, entry)
-            count += 1
-    if not count:
-        out.say(found.nothing() or "no entry matches")
-    sources.refuse_losses(found)
+    print_entries(options, Output(settings(ctx)))
 
 
 @cmd.command()
@@ -81,14 +73,10 @@ def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
 
     Example: swarmctl log tail '/uav1/mission/**' --json
     """
-    from itertools import islice
-
-    from swarmctl.commands.log import sources, tail
+    from swarmctl.commands.log.entries import follow_entries
     from swarmctl.output import Output
 
-    out = Output(settings(ctx))
-    for entry in islice(tail.follow(settings(ctx), pattern), count):
-        sources.show(out, entry)
+    follow_entries(pattern, count, Output(settings(ctx)))
 
 
 @cmd.command()
@@ -109,14 +97,10 @@ def export(ctx: click.Context, /, form: str, target: str, **options: Any) -> Non
 
     Example: swarmctl log export '/*/nav/pose' --format csv --out poses.csv
     """
-    from swarmctl.commands.log import sources
-    from swarmctl.commands.log.export import export as write
+    from swarmctl.commands.log.entries import export_entries
     from swarmctl.output import Output
 
-    with sources.source(settings(ctx), options) as found:
-        count = write(found.entries(sources.query(settings(ctx), options)), form, target)
-    Output(settings(ctx)).say(f"{count} entries to {target}")
-    sources.refuse_losses(found)
+    export_entries(options, form, target, Output(settings(ctx)))
 
 
 @cmd.command()
@@ -128,29 +112,7 @@ def stats(ctx: click.Context, /, strict: bool, **options: Any) -> None:
 
     Example: swarmctl log stats --node uav1
     """
-    from swarmctl.commands.log import sources
-    from swarmctl.output import Column, Output
-    from swarmware.errors import Partial
-    from swarmware.record.query import Query
-    from swarmware.record.query import stats as count
+    from swarmctl.commands.log.entries import count_entries
+    from swarmctl.output import Output
 
-    out = Output(settings(ctx))
-    with sources.source(settings(ctx), options) as found:
-        queues = count(found.entries(Query()))
-    if settings(ctx).json:
-        out.document({"queues": queues})
-    else:
-        rows = [
-            (q.queue, q.entries, q.bytes, q.missing, (q.last_utc_ns - q.first_utc_ns) / 1e9) for q in queues
-        ]
-        columns = [
-            Column("QUEUE"),
-            Column("ENTRIES", right=True),
-            Column("BYTES", right=True),
-            Column("MISSING", right=True),
-            Column("SPAN s", right=True),
-        ]
-        out.table(columns, rows)
-    sources.refuse_losses(found)
-    if strict and (missing := sum(queue.missing for queue in queues)):
-        raise Partial(f"log: {missing} entries are missing; expected none")
+    count_entries(options, Output(settings(ctx)), strict=strict)

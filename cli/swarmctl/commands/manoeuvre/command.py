@@ -25,12 +25,9 @@ def _run(
     ctx: click.Context, then: str, platforms: tuple[str, ...], everything: bool, reason: str, wait_s: float
 ) -> None:
     from swarmctl.manoeuvres import command
-    from swarmctl.session import Session, run
+    from swarmctl.session import run
 
-    async def work(session: Session) -> None:
-        await command(session, then, platforms, wait_s, reason, everything=everything)
-
-    run(settings(ctx), work)
+    run(settings(ctx), command, then, platforms, wait_s, reason, everything=everything)
 
 
 @click.command(cls=Command)

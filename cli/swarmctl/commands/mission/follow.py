@@ -128,3 +128,15 @@ def _print_state(session: Session, platform: str, state: MissionState) -> None:
         session.out.now(
             f"{platform:<8} {state.mission:<12} {state.state:<10} {blocks:<24} {state.text}".rstrip()
         )
+
+
+async def watch(session: Session, platforms: tuple[str, ...]) -> None:
+    """Follows the active mission of all its members, or of those that are named.
+
+    Raises: NotFound for a platform that is not a member; as `follow`.
+    """
+    found = await find_active(session)
+    if others := [name for name in platforms if name not in found.members]:
+        members = ", ".join(found.members)
+        raise NotFound(f"{others[0]}: no member of {found.mission}; expected some of {members}")
+    await follow(session, found.epoch, platforms or found.members)

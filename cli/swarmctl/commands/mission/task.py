@@ -6,8 +6,9 @@ from pathlib import Path
 
 import msgspec
 
+from swarmctl.output import Column, Output
 from swarmware.config import share_dir
-from swarmware.errors import InvalidInput, NotFound
+from swarmware.errors import InvalidInput, MissionError, NotFound
 from swarmware.mission.check import check_files
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import read_files
@@ -78,3 +79,22 @@ def _param(text: str) -> tuple[str, ParamValue]:
         raise InvalidInput(
             f"--set {name}: {error}; expected a number, a word, true, false or points"
         ) from error
+
+
+def check_missions(missions: Iterable[str], out: Output) -> None:
+    """Prints the verdict on each and its findings.
+
+    Raises: MissionError when one must not be flown; as `check_all`.
+    """
+    verdicts = check_all(missions)
+    if out.settings.json:
+        out.document({"missions": verdicts})
+    else:
+        rows = [(v.source, "sound" if v.sound else "refused", len(v.findings)) for v in verdicts]
+        out.table([Column("MISSION"), Column("VERDICT"), Column("FINDINGS", right=True)], rows)
+        for verdict in verdicts:
+            for finding in verdict.findings:
+                out.text(str(finding))
+    if not all(verdict.sound for verdict in verdicts):
+        bad = ", ".join(verdict.source for verdict in verdicts if not verdict.sound)
+        raise MissionError(f"mission {bad}: must not be flown; expected no finding of level error")

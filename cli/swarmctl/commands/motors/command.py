@@ -21,18 +21,10 @@ def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: b
 
     Example: swarmctl arm uav1 --yes
     """
-    from swarmctl.commands.motors.requests import ARM, command
-    from swarmctl.confirmation import confirm
-    from swarmctl.session import Session, run
-    from swarmctl.vehicles import choose
-    from swarmware.types.vehicle import ArmRequest
+    from swarmctl.commands.motors import requests
+    from swarmctl.session import run
 
-    async def work(session: Session) -> None:
-        chosen = await choose(session, platforms, everything=everything)
-        confirm(yes, f"arm {', '.join(chosen)}: motors may turn")
-        await command(session, "arm", ARM, ArmRequest(True), chosen, wait_s)
-
-    run(settings(ctx), work)
+    run(settings(ctx), requests.arm, platforms, wait_s, everything=everything, yes=yes)
 
 
 @click.command(cls=Command)
@@ -45,16 +37,10 @@ def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wai
 
     Example: swarmctl disarm --all
     """
-    from swarmctl.commands.motors.requests import ARM, command
-    from swarmctl.session import Session, run
-    from swarmctl.vehicles import choose
-    from swarmware.types.vehicle import ArmRequest
+    from swarmctl.commands.motors import requests
+    from swarmctl.session import run
 
-    async def work(session: Session) -> None:
-        chosen = await choose(session, platforms, everything=everything)
-        await command(session, "disarm", ARM, ArmRequest(False), chosen, wait_s)
-
-    run(settings(ctx), work)
+    run(settings(ctx), requests.disarm, platforms, wait_s, everything=everything)
 
 
 @click.command(cls=Command)
@@ -72,16 +58,11 @@ def kill(ctx: click.Context, platform: str, again: str, reason: str, wait_s: flo
 
     Example: swarmctl kill uav1 --confirm uav1
     """
-    from swarmctl.commands.motors.requests import KILL, command
+    from swarmctl.commands.motors import requests
     from swarmctl.confirmation import confirm_by_name
-    from swarmctl.session import Session, run
+    from swarmctl.session import run
     from swarmware import names
-    from swarmware.types.vehicle import KillRequest
 
     names.check_platform(platform)
     confirm_by_name(platform, again, f"kill {platform}: motors off, in the air it falls")
-
-    async def work(session: Session) -> None:
-        await command(session, "kill", KILL, KillRequest(platform, reason), {platform: ""}, wait_s)
-
-    run(settings(ctx), work)
+    run(settings(ctx), requests.kill, platform, reason, wait_s)

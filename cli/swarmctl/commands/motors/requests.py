@@ -3,8 +3,10 @@
 import asyncio
 from collections.abc import Mapping
 
+from swarmctl.confirmation import confirm
 from swarmctl.session import Session
 from swarmctl.vehicle_observer import VehicleObserver, VehicleResult, print_result, raise_failures
+from swarmctl.vehicles import choose
 from swarmware import names
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.types.vehicle import ArmRequest, KillRequest, VehicleState
@@ -71,13 +73,38 @@ class MotorRequests:
         return seen
 
 
-async def command(
+async def arm(
+    session: Session, wanted: tuple[str, ...], wait_s: float, *, everything: bool, yes: bool
+) -> None:
+    """Arms vehicles on the ground; asks before, naming them.
+
+    Raises: as `choose`, `confirm` and `MotorRequests.run`.
+    """
+    chosen = await choose(session, wanted, everything=everything)
+    confirm(yes, f"arm {', '.join(chosen)}: motors may turn")
+    await _request(session, "arm", ARM, ArmRequest(True), chosen, wait_s)
+
+
+async def disarm(session: Session, wanted: tuple[str, ...], wait_s: float, *, everything: bool) -> None:
+    """Disarms vehicles on the ground.
+
+    Raises: as `choose` and `MotorRequests.run`.
+    """
+    chosen = await choose(session, wanted, everything=everything)
+    await _request(session, "disarm", ARM, ArmRequest(False), chosen, wait_s)
+
+
+async def kill(session: Session, platform: str, reason: str, wait_s: float) -> None:
+    """Stops the motors of one vehicle, also in the air.
+
+    Raises: as `MotorRequests.run`.
+    """
+    await _request(session, "kill", KILL, KillRequest(platform, reason), {platform: ""}, wait_s)
+
+
+async def _request(
     session: Session, name: str, path: str, value: Request, chosen: Mapping[str, str], wait_s: float
 ) -> None:
-    """`swarmctl arm|disarm|kill` from the names to the result.
-
-    Raises: as `Motors.run` and `judge`.
-    """
     found = await MotorRequests(session, path, value, chosen, wait_s).run()
     if session.settings.json:
         session.out.document({"command": name, "vehicles": found})

@@ -4,11 +4,12 @@ import asyncio
 
 import msgspec
 
-from swarmctl.fanout import ask_all, platforms, read_boards
+from swarmctl.fanout import ask_all, platforms, read_boards, warn_errors
 from swarmctl.output import Cell, Column
 from swarmctl.quantities import spoken
 from swarmctl.session import Session
-from swarmware.errors import SwarmError
+from swarmware import names
+from swarmware.errors import Partial, SwarmError
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
 from swarmware.types.net import RouteState
@@ -105,3 +106,40 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
         Column("HOPS", right=True),
     ]
     return columns, rows
+
+
+async def list_nodes(session: Session) -> None:
+    """Prints all nodes.
+
+    Raises: Partial when one did not answer; the error itself when `-n` names it.
+    """
+    nodes, errors = await overview(session)
+    if session.settings.node and errors:
+        raise errors[session.platform]
+    if session.settings.json:
+        session.out.document({"nodes": nodes})
+    else:
+        session.out.table(*table(session, nodes))
+    warn_errors(session, errors)
+    if errors:
+        raise Partial(f"nodes: {len(errors)} of {len(nodes)} did not answer")
+
+
+async def show_node(session: Session, platform: str) -> None:
+    """Prints what one node is; empty: the platform that `-n` names."""
+    target = names.check_platform(platform or session.platform)
+    found = await session.ask(f"/{target}/sys/node/info", Empty(), NodeInfo)
+    if session.settings.json:
+        session.out.document(found)
+        return
+    rows = [
+        ("platform", f"{found.platform}, unit {found.unit}"),
+        ("kind", f"{found.kind}, template {found.template}"),
+        ("version", found.version),
+        ("up", spoken(found.uptime_s)),
+        ("services", ", ".join(found.services)),
+        ("processes", found.processes),
+        ("configuration", found.config_dir),
+        ("boot", f"{found.boot_id:016x}"),
+    ]
+    session.out.table([Column("WHAT"), Column("IS")], rows)

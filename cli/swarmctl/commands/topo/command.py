@@ -15,50 +15,9 @@ def cmd(ctx: click.Context, dot: bool, png: str | None) -> None:
 
     Example: swarmctl topo --dot | neato -Tsvg > swarm.svg
     """
-    from swarmctl.commands.topo.graph import edges, to_dot, to_png
-    from swarmctl.fanout import ask_all, platforms, warn_errors
-    from swarmctl.output import Column
-    from swarmctl.session import Session, run
-    from swarmware.errors import Partial
-    from swarmware.types.net import Neighbours
-    from swarmware.types.rpc import Empty
+    from swarmctl.commands.topo.topology import show_topology
+    from swarmctl.session import run
 
-    async def work(session: Session) -> None:
-        if dot and png:
-            raise click.UsageError("--dot or --png FILE, not both")
-        asked = await platforms(session)
-        answers, errors = await ask_all(session, asked, "sys/broker/links", Empty(), Neighbours)
-        found = edges(answers)
-        if png:
-            to_png(asked, found, png)
-            session.out.say(f"graph of {len(asked)} nodes and {len(found)} links to {png}")
-        elif dot:
-            session.out.text(to_dot(asked, found))
-        elif session.settings.json:
-            session.out.document({"nodes": asked, "links": found, "silent": sorted(errors)})
-        else:
-            rows = [
-                (
-                    e.a,
-                    e.b,
-                    f"{e.loss_ab_ratio * 100:.0f} %",
-                    f"{e.loss_ba_ratio * 100:.0f} %",
-                    e.rtt_ms,
-                    e.both,
-                )
-                for e in found
-            ]
-            columns = [
-                Column("NODE"),
-                Column("NODE"),
-                Column("LOSS →", right=True),
-                Column("LOSS ←", right=True),
-                Column("RTT ms", right=True),
-                Column("BOTH WAYS"),
-            ]
-            session.out.table(columns, rows)
-        warn_errors(session, errors)
-        if errors:
-            raise Partial(f"topology: {len(errors)} of {len(asked)} platforms did not answer")
-
-    run(settings(ctx), work)
+    if dot and png:
+        raise click.UsageError("--dot or --png FILE, not both")
+    run(settings(ctx), show_topology, dot=dot, png=png or "")

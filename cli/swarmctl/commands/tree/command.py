@@ -24,43 +24,10 @@ def ls(ctx: click.Context, pattern: str) -> None:
 
     Example: swarmctl tree ls /uav1
     """
-    from swarmctl.output import Column
-    from swarmctl.session import Session, run
-    from swarmctl.tree_listing import listing
+    from swarmctl.commands.tree.listing import list_resources
+    from swarmctl.session import run
 
-    async def work(session: Session) -> None:
-        found = await listing(session, pattern)
-        if session.settings.json:
-            session.out.document(found)
-            return
-        rows = [
-            (
-                e.path,
-                e.kind,
-                e.type,
-                e.unit,
-                e.access,
-                f"{e.rate_hz:g}" if e.rate_hz else None,
-                None if e.age_s is None else f"{e.age_s:.2f}",
-                None if e.quality == "none" else e.quality,
-                e.owner,
-            )
-            for e in found.entries
-        ]
-        columns = [
-            Column("PATH"),
-            Column("KIND"),
-            Column("TYPE"),
-            Column("UNIT"),
-            Column("ACCESS"),
-            Column("HZ", right=True),
-            Column("AGE s", right=True),
-            Column("QUALITY"),
-            Column("OWNER"),
-        ]
-        session.out.table(columns, rows)
-
-    run(settings(ctx), work)
+    run(settings(ctx), list_resources, pattern)
 
 
 @cmd.command()
@@ -71,18 +38,10 @@ def show(ctx: click.Context, pattern: str) -> None:
 
     Example: swarmctl tree show /uav1
     """
-    from swarmctl.commands.tree.drawing import tree
-    from swarmctl.session import Session, run
-    from swarmctl.tree_listing import listing
+    from swarmctl.commands.tree.listing import draw_resources
+    from swarmctl.session import run
 
-    async def work(session: Session) -> None:
-        found = await listing(session, pattern)
-        if session.settings.json:
-            session.out.document(found)
-        else:
-            session.out.text("\n".join(tree(found.entries)))
-
-    run(settings(ctx), work)
+    run(settings(ctx), draw_resources, pattern)
 
 
 @cmd.command()
@@ -94,50 +53,10 @@ def get(ctx: click.Context, path: str, fresh: bool) -> None:
 
     Example: swarmctl tree get /uav1/nav/pose.x_m
     """
-    from swarmctl.session import Session, run
-    from swarmctl.tree_access import ResourceReading, read, read_all
-    from swarmctl.tree_listing import is_pattern, valued
-    from swarmctl.values import brief
-    from swarmware.errors import Partial
+    from swarmctl.commands.tree.reading import print_values
+    from swarmctl.session import run
 
-    name, _, fields = path.partition(".")
-
-    def warn_lost(session: Session, readings: list[ResourceReading]) -> None:
-        for reading in readings:
-            if reading.warning:
-                session.out.warn(reading.warning)
-
-    def shown(reading: ResourceReading) -> str:
-        return brief(reading.value) + (f" {reading.unit}" if reading.unit and not fields else "")
-
-    async def one(session: Session) -> None:
-        found = await read(session, session.path(name), fields, fresh=fresh)
-        warn_lost(session, [found])
-        if session.settings.json:
-            session.out.document(found)
-            return
-        session.out.text(shown(found))
-        age = "of unknown age" if found.age_s is None else f"{found.age_s:.3f} s old"
-        session.out.detail(f"{found.path}: {found.type}, {age}, {found.quality}, from {found.source}")
-
-    async def many(session: Session) -> None:
-        entries = await valued(session, name)
-        found, errors = await read_all(session, [entry.path for entry in entries], fields, fresh=fresh)
-        warn_lost(session, found)
-        if session.settings.json:
-            session.out.document({"values": found})
-        else:
-            width = max((len(reading.path) for reading in found), default=0)
-            for reading in found:
-                session.out.text(f"{reading.path:<{width}}  {shown(reading)}")
-        for error in errors:
-            session.out.warn(str(error))
-        if errors and not found:
-            raise errors[0]
-        if errors:
-            raise Partial(f"{name}: {len(errors)} of {len(entries)} gave no value")
-
-    run(settings(ctx), many if is_pattern(name) else one)
+    run(settings(ctx), print_values, path, fresh=fresh)
 
 
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
@@ -153,22 +72,10 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
 
     Example: swarmctl tree set /uav1/config/navigator/altitude_kp 1.5
     """
-    from swarmctl.confirmation import confirm
-    from swarmctl.session import Session, run
-    from swarmctl.tree_access import write
-    from swarmctl.tree_listing import consequence
-    from swarmctl.values import brief
+    from swarmctl.session import run
+    from swarmctl.tree_set import set_resource
 
-    async def work(session: Session) -> None:
-        if will := await consequence(session, session.path(path)):
-            confirm(yes, f"set {session.path(path)}: {will}")
-        done = await write(session, session.path(path), value, version)
-        if session.settings.json:
-            session.out.document(done)
-        else:
-            session.out.text(f"{done.path} = {brief(done.value)} (version {done.version})")
-
-    run(settings(ctx), work)
+    run(settings(ctx), set_resource, path, value, version=version, yes=yes)
 
 
 @cmd.command()
@@ -180,30 +87,7 @@ def watch(ctx: click.Context, path: str, count: int | None) -> None:
 
     Example: swarmctl tree watch /uav1/nav/pose --count 10 --json
     """
-    import msgspec
+    from swarmctl.commands.tree.watching import print_changes
+    from swarmctl.session import run
 
-    from swarmctl.commands.tree.watching import ResourceWatch
-    from swarmctl.session import Session, run
-    from swarmctl.tree_listing import is_pattern, valued
-    from swarmctl.values import brief, field
-    from swarmware.errors import Partial
-
-    name, _, fields = path.partition(".")
-
-    async def work(session: Session) -> None:
-        entries = await valued(session, name)
-        watched = await ResourceWatch.open(session, entries)
-        seen = 0
-        async for news in watched:
-            value = field(news.value, news.path, fields)
-            if session.settings.json:
-                session.out.line(msgspec.structs.replace(news, value=value))
-            else:
-                session.out.now(f"{news.path}  {brief(value)}" if is_pattern(name) else brief(value))
-            seen += 1
-            if seen == count:
-                break
-        if watched.lost:
-            raise Partial(f"{name}: {watched.lost} values were overwritten before they were read")
-
-    run(settings(ctx), work)
+    run(settings(ctx), print_changes, path, count)

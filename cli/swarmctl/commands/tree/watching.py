@@ -6,7 +6,9 @@ from typing import Any, Final, Self
 import msgspec
 
 from swarmctl.session import Session
-from swarmctl.values import single
+from swarmctl.tree_listing import is_pattern, valued
+from swarmctl.values import brief, field, single
+from swarmware.errors import Partial
 from swarmware.module import BoardReader, StreamReader
 from swarmware.types import registry
 from swarmware.types.tree import TreeEntry
@@ -78,3 +80,24 @@ class ResourceWatch:
 
     async def __anext__(self) -> WatchedValue:
         return await self._news.get()
+
+
+async def print_changes(session: Session, path: str, count: int | None) -> None:
+    """Prints each new value of the resources, or of a field of them; ends after `count`, when one is given.
+
+    Raises: Partial when values were overwritten before they were read.
+    """
+    name, _, fields = path.partition(".")
+    watch = await ResourceWatch.open(session, await valued(session, name))
+    printed = 0
+    async for new in watch:
+        value = field(new.value, new.path, fields)
+        if session.settings.json:
+            session.out.line(msgspec.structs.replace(new, value=value))
+        else:
+            session.out.now(f"{new.path}  {brief(value)}" if is_pattern(name) else brief(value))
+        printed += 1
+        if printed == count:
+            break
+    if watch.lost:
+        raise Partial(f"{name}: {watch.lost} values were overwritten before they were read")

@@ -1,0 +1,52 @@
+"""Applications of a platform, or of all, from the register of one."""
+
+from swarmctl.output import Column
+from swarmctl.quantities import spoken
+from swarmctl.session import Session
+from swarmware.errors import NotFound
+from swarmware.types.register import Register
+from swarmware.types.rpc import Empty
+
+
+async def list_applications(session: Session, everywhere: bool) -> None:
+    """Prints the applications of the platform asked about; of every platform with `everywhere`.
+
+    Raises: NotFound when its register has not answered yet.
+    """
+    register = await session.ask("sys/register/apps", Empty(), Register)
+    units = [u for u in register.units if everywhere or u.table.platform == session.platform]
+    if not units:
+        raise NotFound(f"register of {session.platform}: not known; expected its register to have answered")
+    if session.settings.json:
+        session.out.document({"units": units})
+        return
+    rows = [
+        (
+            f"{unit.table.platform}.{unit.table.unit}",
+            f"{app.name}#{app.instance}",
+            app.pid,
+            spoken((unit.table.stamp_ns - app.started_ns) / 1e9 + unit.age_s),
+            app.provides,
+            len(app.serves),
+            unit.hops,
+            unit.table.master == f"{app.name}#{app.instance}",
+        )
+        for unit in units
+        for app in unit.table.applications
+    ]
+    columns = [
+        Column("UNIT"),
+        Column("APPLICATION"),
+        Column("PID", right=True),
+        Column("UP", right=True),
+        Column("RESOURCES", right=True),
+        Column("COMMANDS", right=True),
+        Column("HOPS", right=True),
+        Column("MASTER"),
+    ]
+    session.out.table(columns, rows)
+    for unit in units:
+        if unit.table.omitted:
+            session.out.warn(
+                f"{unit.table.platform}: {unit.table.omitted} more that the table has no room for"
+            )

@@ -1,0 +1,33 @@
+"""`swarmctl doctor` as a whole: the checks of this machine and of its node, printed."""
+
+from typing import Final
+
+from swarmctl.commands.doctor.checks import examine
+from swarmctl.output import Column, Output
+from swarmctl.session import local_config_dir
+from swarmware.errors import NotFound
+
+WARNINGS: Final = 1
+ERRORS: Final = 2
+
+
+def diagnose(out: Output, *, fix: bool) -> int:
+    """Prints what each check found; the exit code. Without a node here only the machine is checked.
+
+    Raises: NotFound when the node or lab that was named is not on this machine.
+    """
+    try:
+        folder = local_config_dir(out.settings)
+    except NotFound as error:
+        if out.settings.node or out.settings.lab:
+            raise
+        out.say(f"{error}: only the machine is looked at")
+        folder = None
+    results = examine(folder, fix=fix)
+    if out.settings.json:
+        out.document({"results": results})
+    else:
+        rows = [(result.verdict, result.check, result.text, result.advice) for result in results]
+        out.table([Column("VERDICT"), Column("CHECK"), Column("FOUND"), Column("ADVICE")], rows)
+    verdicts = {result.verdict for result in results}
+    return ERRORS if "error" in verdicts else WARNINGS if "warning" in verdicts else 0

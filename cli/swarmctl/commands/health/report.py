@@ -1,0 +1,136 @@
+"""State, checks and faults of platforms, from their monitors."""
+
+from swarmctl.fanout import platforms, read_boards, warn_errors
+from swarmctl.output import Cell, Column
+from swarmctl.quantities import spoken
+from swarmctl.session import Session
+from swarmware import names
+from swarmware.errors import NotFound, Partial
+from swarmware.types.health import FaultClear, FaultList, FaultQuery, HealthReport, HealthState
+from swarmware.types.rpc import Empty
+
+
+async def list_states(session: Session) -> None:
+    """Prints the state of the platform that `-n` names, else of every one.
+
+    Raises: Partial when a platform did not answer; the error itself when one was named.
+    """
+    asked = [session.platform] if session.settings.node else await platforms(session)
+    states, errors = await read_boards(session, asked, "health/state", HealthState)
+    if session.settings.node and errors:
+        raise errors[session.platform]
+    if session.settings.json:
+        rows = [{"platform": platform, "state": states.get(platform)} for platform in asked]
+        session.out.document({"platforms": rows, "silent": sorted(errors)})
+    else:
+        columns = [
+            Column("PLATFORM"),
+            Column("LEVEL"),
+            Column("BATTERY", right=True),
+            Column("APPS", right=True),
+            Column("FAILED", right=True),
+            Column("GUARD"),
+            Column("CHECKS", right=True),
+            Column("FAULTS"),
+        ]
+        session.out.table(columns, [_row(platform, states.get(platform)) for platform in asked])
+    warn_errors(session, errors)
+    if errors:
+        raise Partial(f"health: {len(errors)} of {len(asked)} platforms did not answer")
+
+
+def _row(platform: str, state: HealthState | None) -> tuple[Cell, ...]:
+    if state is None:
+        return (platform, "silent", *[None] * 6)
+    battery = f"{state.battery_ratio * 100:.0f} % {state.battery}" if state.battery_ratio >= 0 else None
+    more = state.fault_count - len(state.faults)
+    faults = ", ".join(state.faults) + (f" and {more} more" if more > 0 else "")
+    return (
+        platform,
+        state.level,
+        battery,
+        state.apps_alive,
+        state.apps_failed,
+        state.guard,
+        state.checks,
+        faults or "none",
+    )
+
+
+async def show_checks(session: Session, platform: str) -> None:
+    """Prints each check of a platform and its newest result; empty: the platform that `-n` names."""
+    target = names.check_platform(platform or session.platform)
+    report = await session.ask(f"/{target}/sys/health/state", Empty(), HealthReport)
+    if session.settings.json:
+        session.out.document(report)
+        return
+    rows = [
+        (
+            check.check,
+            check.app,
+            check.state,
+            check.level,
+            f"{check.frequency_hz:g}",
+            # a check that never changed has no instant: it is so since the monitor started
+            spoken((report.stamp_ns - check.since_ns) / 1e9) if check.since_ns else "start",
+        )
+        for check in report.checks
+    ]
+    columns = [
+        Column("CHECK"),
+        Column("BY"),
+        Column("STATE"),
+        Column("LEVEL"),
+        Column("HZ", right=True),
+        Column("SINCE", right=True),
+    ]
+    session.out.table(columns, rows, f"{report.platform}: {report.state.level}")
+
+
+async def list_faults(session: Session, cleared: bool) -> None:
+    """Prints the faults of a platform; with `cleared` also those that are over."""
+    found = await session.ask("sys/health/faults", FaultQuery(cleared), FaultList)
+    if session.settings.json:
+        session.out.document(found)
+        return
+    if not found.faults:
+        session.out.say(f"{found.platform}: no faults" + ("" if cleared else "; --cleared shows those over"))
+        return
+    rows = [
+        (
+            fault.check,
+            fault.state,
+            fault.level,
+            str(fault.phase),
+            fault.count,
+            spoken((found.stamp_ns - fault.first_ns) / 1e9),
+            spoken((found.stamp_ns - fault.last_ns) / 1e9),
+            fault.what,
+        )
+        for fault in found.faults
+    ]
+    columns = [
+        Column("CHECK"),
+        Column("STATE"),
+        Column("LEVEL"),
+        Column("PHASE"),
+        Column("COUNT", right=True),
+        Column("FIRST AGO", right=True),
+        Column("LAST AGO", right=True),
+        Column("WHAT"),
+    ]
+    session.out.table(columns, rows)
+
+
+async def clear_faults(session: Session, pattern: str) -> None:
+    """Ends the faults whose check matches.
+
+    Raises: NotFound when none does.
+    """
+    cleared = await session.ask("sys/health/clear", FaultClear(pattern), FaultList)
+    if not cleared.faults and pattern != "**":
+        raise NotFound(f"{cleared.platform}: no fault matches {pattern}; `health faults` lists them")
+    if session.settings.json:
+        session.out.document(cleared)
+    for fault in cleared.faults:
+        session.out.say(f"{cleared.platform}: {fault.check}: {fault.state} cleared")

@@ -1,0 +1,44 @@
+"""Neighbours of a platform as its broker sees them."""
+
+from swarmctl.output import Column
+from swarmctl.session import Session
+from swarmware.types.net import Neighbours
+from swarmware.types.rpc import Empty
+
+
+async def list_neighbours(session: Session) -> None:
+    """Prints state, address, loss, round trip and cost of each."""
+    found = await session.ask("sys/broker/links", Empty(), Neighbours)
+    if session.settings.json:
+        session.out.document(found)
+        return
+    rows = [
+        (
+            one.platform or f"{one.hardware:08x}",
+            one.state,
+            one.address,
+            one.transport,
+            "multicast" if one.multicast else "unicast",
+            f"{one.loss_in_ratio * 100:.0f} %",
+            f"{one.loss_out_ratio * 100:.0f} %",
+            None if one.rtt_ms is None else f"{one.rtt_ms:.2f}",
+            None if one.cost >= 65535 else f"{one.cost / 256:.2f}",
+            f"{one.tick_hz:.1f}",
+            f"{one.silent_s:.1f}",
+        )
+        for one in found.neighbours
+    ]
+    columns = [
+        Column("NEIGHBOUR"),
+        Column("STATE"),
+        Column("ADDRESS"),
+        Column("MESSAGES"),
+        Column("TICK"),
+        Column("LOSS IN", right=True),
+        Column("LOSS OUT", right=True),
+        Column("RTT ms", right=True),
+        Column("ETX", right=True),
+        Column("HZ", right=True),
+        Column("SILENT s", right=True),
+    ]
+    session.out.table(columns, rows)

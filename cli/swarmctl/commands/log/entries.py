@@ -1,0 +1,71 @@
+"""Entries of the record, printed, exported and counted."""
+
+from collections.abc import Mapping
+from itertools import islice
+from typing import Any
+
+from swarmctl.commands.log import export, sources, tail
+from swarmctl.output import Column, Output
+from swarmware.errors import Partial
+from swarmware.record.query import Query, stats
+
+
+def print_entries(options: Mapping[str, Any], out: Output) -> None:
+    """Prints the entries that the options name.
+
+    Raises: Partial when a part of the record could not be read; as `sources.source`.
+    """
+    with sources.source(out.settings, options) as found:
+        count = 0
+        for entry in found.entries(sources.query(out.settings, options)):
+            sources.show(out, entry)
+            count += 1
+    if not count:
+        out.say(found.nothing() or "no entry matches")
+    sources.refuse_losses(found)
+
+
+def follow_entries(pattern: str, count: int | None, out: Output) -> None:
+    """Prints entries that match and are recorded from now on; ends after `count`, when one is given.
+
+    Raises: as `tail.follow`.
+    """
+    for entry in islice(tail.follow(out.settings, pattern), count):
+        sources.show(out, entry)
+
+
+def export_entries(options: Mapping[str, Any], form: str, target: str, out: Output) -> None:
+    """Writes the entries that the options name to a file.
+
+    Raises: Partial when a part of the record could not be read; as `sources.source`.
+    """
+    with sources.source(out.settings, options) as found:
+        count = export.export(found.entries(sources.query(out.settings, options)), form, target)
+    out.say(f"{count} entries to {target}")
+    sources.refuse_losses(found)
+
+
+def count_entries(options: Mapping[str, Any], out: Output, *, strict: bool) -> None:
+    """Prints how many entries each queue has and how many are missing.
+
+    Raises: Partial when a part could not be read, or with `strict` when entries are missing.
+    """
+    with sources.source(out.settings, options) as found:
+        queues = stats(found.entries(Query()))
+    if out.settings.json:
+        out.document({"queues": queues})
+    else:
+        rows = [
+            (q.queue, q.entries, q.bytes, q.missing, (q.last_utc_ns - q.first_utc_ns) / 1e9) for q in queues
+        ]
+        columns = [
+            Column("QUEUE"),
+            Column("ENTRIES", right=True),
+            Column("BYTES", right=True),
+            Column("MISSING", right=True),
+            Column("SPAN s", right=True),
+        ]
+        out.table(columns, rows)
+    sources.refuse_losses(found)
+    if strict and (missing := sum(queue.missing for queue in queues)):
+        raise Partial(f"log: {missing} entries are missing; expected none")

@@ -1,0 +1,39 @@
+"""The end of a running mission on command, at all its members or at some."""
+
+from swarmctl.commands.mission.follow import find_active
+from swarmctl.confirmation import confirm
+from swarmctl.manoeuvres import manoeuvre
+from swarmctl.session import Session
+from swarmctl.vehicle_observer import raise_failures
+from swarmctl.vehicles import choose, is_station
+from swarmware.errors import NotFound
+from swarmware.types.mission import MissionAbort
+
+
+async def abort(
+    session: Session, platforms: tuple[str, ...], reason: str, then: str, wait_s: float, *, yes: bool
+) -> None:
+    """Has the members do `then` (land, hold, return) and follows them until each was seen to; asks before.
+
+    Raises: NotFound when no mission runs; as `choose` and `raise_failures`.
+    """
+    one = session.settings.node and not await is_station(session, session.settings.node)
+    if platforms or one:
+        chosen = await choose(session, platforms)
+        what = f"abort the mission at {', '.join(chosen)} alone, then {then}; where others wait for it"
+        confirm(yes, f"{what} they take their alternative")
+    else:
+        found = await find_active(session)
+        if not found.plays:
+            raise NotFound(
+                f"no mission runs at {', '.join(found.members)}; expected one"
+                " (`swarmctl land --all` lands whatever flies)"
+            )
+        chosen = {name: found.kinds[name] for name in found.members}
+        confirm(yes, f"abort {found.mission} at {', '.join(chosen)}, then {then}")
+    seen = await manoeuvre(session, MissionAbort(reason, then), chosen, wait_s)
+    if session.settings.json:
+        reached = [one.platform for one in seen if one.reached]
+        silent = [one.platform for one in seen if not one.reached]
+        session.out.document({"told": reached, "silent": silent, "vehicles": seen})
+    raise_failures("abort", seen)

@@ -1,0 +1,59 @@
+"""One instruction for the swarm: planned, confirmed by the operator, given, and followed."""
+
+from typing import Final
+
+from swarmctl.commands.mission.follow import follow
+from swarmctl.confirmation import confirm
+from swarmctl.output import Column
+from swarmctl.session import Session
+from swarmware.errors import Partial
+from swarmware.types.mission import MissionPlan, MissionTask, TaskAnswer
+
+ANSWER_S: Final = 15.0
+"""Shortest wait for the ground station: it checks the mission and asks every platform."""
+
+
+async def start(session: Session, mission: str, task: MissionTask, *, yes: bool, watch: bool) -> None:
+    """Says who would take part and who not, asks, gives the instruction; `mission`: as the operator named it.
+
+    Raises: Partial when a platform refused or did not answer; with `watch` as `follow`.
+    """
+    wait_s = max(session.settings.timeout_s, ANSWER_S)
+    plan = await session.ask("sys/mission/plan", task, MissionPlan, timeout_s=wait_s)
+    for warning in plan.warnings:
+        session.out.warn(warning)
+    for left in plan.left_out:
+        session.out.warn(f"{left.platform}: takes no part: {left.why}")
+    without = ", ".join(left.platform for left in plan.left_out)
+    who = ", ".join(member.platform for member in plan.members)
+    confirm(
+        yes, f"start {plan.mission} with {who}{f', without {without}' if without else ''}: they will move"
+    )
+    answer = await session.ask("sys/mission/task", task, TaskAnswer, timeout_s=wait_s)
+    if session.settings.json and not watch:
+        session.out.document(answer)
+    elif not session.settings.json:
+        rows = [
+            (
+                order.platform,
+                order.role,
+                order.accepted,
+                (order.acked_ns - order.sent_ns) / 1e6 if order.acked_ns else None,
+                "; ".join(order.reasons),
+            )
+            for order in answer.orders
+        ]
+        columns = [
+            Column("PLATFORM"),
+            Column("ROLE"),
+            Column("ACCEPTED"),
+            Column("ACK ms", right=True),
+            Column("WHY NOT"),
+        ]
+        session.out.table(columns, rows, f"{answer.mission} {answer.hash[:8]} run {answer.epoch}")
+    if not answer.accepted:
+        refused = ", ".join(order.platform for order in answer.orders if not order.accepted)
+        raise Partial(f"mission {mission}: refused or not heard by {refused}; nobody started")
+    if watch:
+        took = tuple(order.platform for order in answer.orders)
+        await follow(session, answer.epoch, took)

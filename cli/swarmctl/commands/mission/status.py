@@ -1,0 +1,64 @@
+"""Missions that a ground station holds, and what the running one does."""
+
+from swarmctl.output import Column
+from swarmctl.session import Session
+from swarmware import names
+from swarmware.types.mission import MissionList, MissionState, MissionStatus
+from swarmware.types.rpc import Empty
+
+
+async def list_missions(session: Session) -> None:
+    """Prints the missions of the platform asked about."""
+    found = await session.ask("sys/mission/ls", Empty(), MissionList)
+    if session.settings.json:
+        session.out.document(found)
+        return
+    rows = [(m.name, m.title, m.hash[:8], ", ".join(m.roles), m.sound, m.findings) for m in found.missions]
+    columns = [
+        Column("MISSION"),
+        Column("TITLE"),
+        Column("HASH"),
+        Column("ROLES"),
+        Column("SOUND"),
+        Column("FINDINGS", right=True),
+    ]
+    session.out.table(columns, rows)
+
+
+async def print_status(session: Session) -> None:
+    """Prints the state of the platform asked about and of the members that it hears."""
+    found = await session.ask("sys/mission/status", Empty(), MissionStatus)
+    if session.settings.json:
+        session.out.document(found)
+    else:
+        _show(session, found)
+
+
+def _rows(found: MissionStatus) -> list[tuple[str, MissionState]]:
+    states = {found.platform: found.state, **found.others}
+    return sorted(states.items(), key=lambda item: names.natural(item[0]))
+
+
+def _show(session: Session, found: MissionStatus) -> None:
+    rows = [
+        (
+            platform,
+            state.mission,
+            state.state,
+            f"{state.progress_ratio * 100:.0f} %",
+            ", ".join(state.active),
+            ", ".join(arrival.barrier for arrival in state.arrivals),
+            state.text,
+        )
+        for platform, state in _rows(found)
+    ]
+    columns = [
+        Column("PLATFORM"),
+        Column("MISSION"),
+        Column("STATE"),
+        Column("PROGRESS", right=True),
+        Column("BLOCKS"),
+        Column("WAITS AT"),
+        Column("SAYS"),
+    ]
+    session.out.table(columns, rows)

@@ -1,0 +1,42 @@
+"""Conversion functions from the clock of one platform to those of the others."""
+
+from swarmctl.output import Column
+from swarmctl.session import Session
+from swarmware.types.rpc import Empty
+from swarmware.types.time import TimeFunctions
+
+
+async def list_conversions(session: Session) -> None:
+    """Prints offset, skew, bound and age of each."""
+    found = await session.ask("sys/time/functions", Empty(), TimeFunctions)
+    if session.settings.json:
+        session.out.document(found)
+        return
+    rows = [
+        (
+            f"{one.platform}.{one.unit}",
+            f"{one.offset_ns / 1e9:+.6f}",
+            f"{one.skew * 1e6:+.3f}",
+            f"{one.bound_ns / 1e3:.0f}",
+            f"{one.sigma_ns / 1e3:.1f}",
+            f"{(found.stamp_ns - one.t0_ns) / 1e9:.1f}",
+            one.hops,
+            one.via,
+            one.samples,
+            one.suspect,
+        )
+        for one in found.functions
+    ]
+    columns = [
+        Column("CLOCK"),
+        Column("OFFSET s", right=True),
+        Column("SKEW ppm", right=True),
+        Column("BOUND us", right=True),
+        Column("SIGMA us", right=True),
+        Column("AGE s", right=True),
+        Column("HOPS", right=True),
+        Column("VIA"),
+        Column("SAMPLES", right=True),
+        Column("SUSPECT"),
+    ]
+    session.out.table(columns, rows, "theirs minus that of " + session.platform)

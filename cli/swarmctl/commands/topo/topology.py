@@ -1,0 +1,50 @@
+"""The links of the swarm, asked of every platform."""
+
+from swarmctl.commands.topo.graph import edges, to_dot, to_png
+from swarmctl.fanout import ask_all, platforms, warn_errors
+from swarmctl.output import Column
+from swarmctl.session import Session
+from swarmware.errors import Partial
+from swarmware.types.net import Neighbours
+from swarmware.types.rpc import Empty
+
+
+async def show_topology(session: Session, *, dot: bool, png: str) -> None:
+    """Prints the links, as a Graphviz graph with `dot`; draws them into the file `png`, when one is given.
+
+    Raises: Partial when a platform did not answer.
+    """
+    asked = await platforms(session)
+    answers, errors = await ask_all(session, asked, "sys/broker/links", Empty(), Neighbours)
+    found = edges(answers)
+    if png:
+        to_png(asked, found, png)
+        session.out.say(f"graph of {len(asked)} nodes and {len(found)} links to {png}")
+    elif dot:
+        session.out.text(to_dot(asked, found))
+    elif session.settings.json:
+        session.out.document({"nodes": asked, "links": found, "silent": sorted(errors)})
+    else:
+        rows = [
+            (
+                e.a,
+                e.b,
+                f"{e.loss_ab_ratio * 100:.0f} %",
+                f"{e.loss_ba_ratio * 100:.0f} %",
+                e.rtt_ms,
+                e.both,
+            )
+            for e in found
+        ]
+        columns = [
+            Column("NODE"),
+            Column("NODE"),
+            Column("LOSS →", right=True),
+            Column("LOSS ←", right=True),
+            Column("RTT ms", right=True),
+            Column("BOTH WAYS"),
+        ]
+        session.out.table(columns, rows)
+    warn_errors(session, errors)
+    if errors:
+        raise Partial(f"topology: {len(errors)} of {len(asked)} platforms did not answer")

@@ -1,0 +1,84 @@
+"""What a platform's broker carried since it started."""
+
+import msgspec
+
+from swarmctl.output import Column
+from swarmctl.session import Session
+from swarmware.types.net import Traffic
+from swarmware.types.rpc import Empty
+
+
+async def list_counters(session: Session) -> None:
+    """Prints the counters of each link and channel, and what was refused."""
+    found = await session.ask("sys/broker/traffic", Empty(), Traffic)
+    if session.settings.json:
+        session.out.document(found)
+        return
+    names: tuple[str, ...] = (
+        "SENT",
+        "BYTES",
+        "RECEIVED",
+        "BYTES",
+        "LOST",
+        "LATE",
+        "DUPLICATE",
+        "DROPPED",
+    )
+    columns = [Column("LINK"), Column("BY"), *(Column(name, right=True) for name in names)]
+    rows = [
+        (
+            one.platform,
+            one.transport,
+            one.sent_frames,
+            one.sent_bytes,
+            one.received_frames,
+            one.received_bytes,
+            one.lost,
+            one.late,
+            one.duplicates,
+            one.dropped,
+        )
+        for one in found.links
+    ]
+    session.out.table(columns, rows)
+    session.out.text("")
+    names = (
+        "OFFERED",
+        "SENT",
+        "BYTES",
+        "RECEIVED",
+        "BYTES",
+        "LATE",
+        "DUPLICATE",
+        "DROPPED",
+        "MAX HZ",
+        "HELD BACK",
+    )
+    columns = [Column("CHANNEL"), *(Column(name, right=True) for name in names)]
+    channels = [
+        (
+            one.channel,
+            one.offered_frames,
+            one.sent_frames,
+            one.sent_bytes,
+            one.received_frames,
+            one.received_bytes,
+            one.late,
+            one.duplicates,
+            one.dropped,
+            one.max_hz,
+            one.held_back,
+        )
+        for one in found.channels
+    ]
+    session.out.table(columns, channels)
+    session.out.text("")
+    counts = msgspec.structs.asdict(found.refused).items()
+    refused = ", ".join(f"{count} {name}" for name, count in counts if count) or "nothing"
+    session.out.text(
+        f"refused: {refused}; requests answered: {found.requests}; values received: {found.notifications}"
+    )
+    if found.slowed_ticks:
+        session.out.text(
+            f"ticks slowed: {found.slowed_ticks}, {found.slowdown:g} times at present: processor short"
+        )

@@ -1,0 +1,105 @@
+"""Rates of a broker's channels: as its counters grow, and the limits that an operator sets."""
+
+import click
+
+from swarmctl.output import Column
+from swarmctl.session import Session
+from swarmware import names
+from swarmware.names import Pattern
+from swarmware.types.net import ChannelLimits, SetChannel, Traffic
+from swarmware.types.rpc import Empty
+
+
+async def follow_rates(session: Session, period_s: float, count: int | None) -> None:
+    """Prints the rate of each channel once per period; ends after `count` periods, when one is given."""
+    before = await session.ask("sys/broker/traffic", Empty(), Traffic)
+    turn = 0
+    async for _ in session.module.every(period_s):
+        now = await session.ask("sys/broker/traffic", Empty(), Traffic)
+        if now.at_ns == before.at_ns:
+            continue
+        _show_rates(session, before, now)
+        before = now
+        turn += 1
+        if turn == count:
+            return
+
+
+def _show_rates(session: Session, before: Traffic, now: Traffic) -> None:
+    span_s = (now.at_ns - before.at_ns) / 1e9
+    old = {one.channel: one for one in before.channels}
+    rates = []
+    for one in now.channels:
+        was = old.get(one.channel)
+        deltas = [
+            (getattr(one, field) - (getattr(was, field) if was else 0)) / span_s
+            for field in (
+                "offered_frames",
+                "sent_frames",
+                "sent_bytes",
+                "received_frames",
+                "received_bytes",
+                "dropped",
+                "held_back",
+            )
+        ]
+        if any(deltas):
+            rates.append((one.channel, *deltas))
+    rates.sort(key=lambda row: -(row[3] + row[5]))
+    total = (
+        (now.sent_bytes - before.sent_bytes) / span_s,
+        (now.received_bytes - before.received_bytes) / span_s,
+    )
+    if session.settings.json:
+        names = (
+            "channel",
+            "offered_hz",
+            "sent_hz",
+            "sent_bytes_s",
+            "received_hz",
+            "received_bytes_s",
+            "dropped_hz",
+            "held_back_hz",
+        )
+        session.out.line(
+            {
+                "platform": session.platform,
+                "at_ns": now.at_ns,
+                "sent_bytes_s": total[0],
+                "received_bytes_s": total[1],
+                "channels": [dict(zip(names, row, strict=True)) for row in rates],
+            }
+        )
+        return
+    if session.out.fancy:
+        click.clear()
+    columns = [
+        Column("CHANNEL"),
+        Column("OFFERED /s", right=True),
+        Column("SENT /s", right=True),
+        Column("B/s", right=True),
+        Column("RECEIVED /s", right=True),
+        Column("B/s", right=True),
+        Column("DROPPED /s", right=True),
+        Column("HELD BACK /s", right=True),
+    ]
+    title = f"{session.platform}: {total[0] / 1000:.2f} kB/s out, {total[1] / 1000:.2f} kB/s in, on the wire"
+    session.out.table(columns, [(row[0], *(f"{rate:.1f}" for rate in row[1:])) for row in rates], title)
+
+
+async def set_limit(session: Session, pattern: str, max_hz: float | None, duration_s: float) -> None:
+    """Limits the boards that match and prints all limits; `max_hz` None: no limit, `duration_s` 0: no end."""
+    platform, local = names.split(pattern)
+    request = SetChannel(Pattern(local).text, max_hz, duration_s)
+    target = names.check_platform(platform or session.platform)
+    limits = await session.ask(f"/{target}/sys/broker/set_channel", request, ChannelLimits)
+    for path in limits.unlimited:
+        session.out.warn(f"/{target}/{path}: not limited, each item of it is promised")
+    traffic = await session.ask(f"/{target}/sys/broker/traffic", Empty(), Traffic)
+    if not any(Pattern(local).matches(one.channel) for one in traffic.channels):
+        session.out.warn(f"{target} has sent nothing yet that matches {local}; the limit stands for later")
+    if session.settings.json:
+        session.out.document(limits)
+        return
+    rows = [(one.pattern, one.max_hz, one.remaining_s) for one in limits.limits]
+    session.out.table([Column("PATTERN"), Column("MAX HZ", right=True), Column("LEFT s", right=True)], rows)

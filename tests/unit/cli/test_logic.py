@@ -1,0 +1,220 @@
+"""Commands without a swarm: each is a function of a session, and the answers of the swarm are given here."""
+
+import io
+import json
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import click
+import msgspec
+import pytest
+
+from swarmctl.commands.app.listing import list_applications
+from swarmctl.commands.config.live import print_settings
+from swarmctl.commands.health.report import clear_faults, list_faults
+from swarmctl.commands.mission.start import start
+from swarmctl.commands.node.overview import show_node
+from swarmctl.commands.topo.topology import show_topology
+from swarmctl.commands.tree.listing import draw_resources, list_resources
+from swarmctl.commands.tree.reading import print_values
+from swarmctl.output import Output
+from swarmctl.session import Session
+from swarmctl.settings import CliSettings
+from swarmctl.tree_set import set_resource
+from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
+from swarmware.types.health import FaultList
+from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
+from swarmware.types.net import Neighbours, Routes, RouteState
+from swarmware.types.register import Register
+from swarmware.types.system import NodeInfo
+from swarmware.types.tree import TreeEntry, TreeListing, TreeSetDone, TreeValue
+
+R = TypeVar("R", bound=msgspec.Struct)
+GET, SET, LIST = (f"/gcs/sys/tree/{verb}" for verb in ("get", "set", "list"))
+GAIN = "/uav1/config/gain"
+
+
+class ScriptedSession(Session):
+    """Answers by path, or by path and resource; an error among them is raised. Keeps what was asked."""
+
+    def __init__(self, answers: Mapping[str, Any], **options: Any) -> None:
+        self.stdout, self.stderr = io.StringIO(), io.StringIO()
+        self.settings = CliSettings(**options)
+        self.out = Output(self.settings, self.stdout, self.stderr)
+        self.here = "gcs"
+        self.platform = self.settings.node or self.here
+        self.answers = answers
+        self.asked: list[str] = []
+
+    async def ask(
+        self,
+        path: str,
+        value: msgspec.Struct,
+        reply: type[R],
+        *,
+        about: str = "",
+        timeout_s: float | None = None,
+    ) -> R:
+        self.asked.append(path)
+        found = self.answers[f"{path} {about}".strip()]
+        if isinstance(found, SwarmError):
+            raise found
+        assert isinstance(found, reply)
+        return found
+
+    async def routes(self) -> Routes:
+        route = RouteState("uav1", 1, "uav1", 256, 1, 1, 0)
+        return Routes((route,))
+
+    async def known(self) -> tuple[str, ...]:
+        return ("gcs", "uav1")
+
+    async def reach(self, platform: str) -> None:
+        assert platform in {"gcs", "uav1"}
+
+    @property
+    def document(self) -> Any:
+        return json.loads(self.stdout.getvalue())
+
+
+@pytest.fixture(autouse=True)
+def nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
+
+
+def value(path: str, number: float, **more: Any) -> TreeValue:
+    data = msgspec.msgpack.encode([number])
+    known: dict[str, Any] = {
+        "stamp_ns": 1,
+        "sequence": 1,
+        "version": 1,
+        "age_s": 0.25,
+        "quality": "live",
+        "unit": "m",
+    }
+    return TreeValue(path, "Float", data, **(known | more))
+
+
+def listing(*paths: str, confirm: str = "") -> TreeListing:
+    entries = [TreeEntry(path, "setting", "Float", unit="m", access="rw", confirm=confirm) for path in paths]
+    return TreeListing(tuple(entries))
+
+
+async def test_applications_of_a_platform_without_a_register_are_not_found() -> None:
+    session = ScriptedSession({"sys/register/apps": Register()}, node="uav1")
+    with pytest.raises(NotFound, match="register of uav1"):
+        await list_applications(session, everywhere=False)
+    assert session.stdout.getvalue() == ""
+
+
+async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
+    info = NodeInfo("uav1", "main", "uav", "multirotor", "0.1.0", 7, 61.0, ("broker",), "/etc/swarm", "one")
+    for json_wanted in (False, True):
+        session = ScriptedSession({"/uav1/sys/node/info": info}, json=json_wanted)
+        await show_node(session, "uav1")
+        if json_wanted:
+            assert session.document["uptime_s"] == 61.0
+        else:
+            assert "1m01s" in session.stdout.getvalue()
+
+
+async def test_faults_that_match_nothing_are_an_error_unless_all_were_meant() -> None:
+    session = ScriptedSession({"sys/health/clear": FaultList("uav1", 1)})
+    await clear_faults(session, "**")
+    with pytest.raises(NotFound, match="no fault matches age/x"):
+        await clear_faults(session, "age/x")
+
+
+async def test_no_faults_are_talk_and_not_a_result() -> None:
+    session = ScriptedSession({"sys/health/faults": FaultList("uav1", 1)})
+    await list_faults(session, cleared=False)
+    assert session.stdout.getvalue() == ""
+    assert "--cleared" in session.stderr.getvalue()
+
+
+async def test_a_topology_with_a_silent_platform_is_printed_and_partial() -> None:
+    answers = {"/gcs/sys/broker/links": Neighbours(), "/uav1/sys/broker/links": NoAnswer("uav1: silent")}
+    session = ScriptedSession(answers, json=True)
+    with pytest.raises(Partial, match="1 of 2"):
+        await show_topology(session, dot=False, png="")
+    assert session.document["silent"] == ["uav1"]
+    assert session.stderr.getvalue() == "warning: uav1: silent\n"
+
+
+async def test_a_value_is_printed_with_its_unit_and_a_lost_one_with_a_warning() -> None:
+    path = "/uav1/height"
+    session = ScriptedSession({f"{GET} {path}": value(path, 1.5, quality="lost", age_s=9.0)}, node="uav1")
+    await print_values(session, "height", fresh=False)
+    assert session.stdout.getvalue() == "1.5 m\n"
+    assert "lost; this is the last value, 9 s old" in session.stderr.getvalue()
+
+
+async def test_of_several_values_those_that_there_are_are_printed() -> None:
+    answers = {
+        f"{LIST}": listing("/uav1/a", "/uav1/b"),
+        f"{GET} /uav1/a": value("/uav1/a", 2.0),
+        f"{GET} /uav1/b": NoAnswer("/uav1/b: no answer"),
+    }
+    session = ScriptedSession(answers)
+    with pytest.raises(Partial, match="1 of 2 gave no value"):
+        await print_values(session, "/uav1/*", fresh=False)
+    assert session.stdout.getvalue() == "/uav1/a  2 m\n"
+
+
+async def test_resources_are_listed_and_drawn() -> None:
+    session = ScriptedSession({LIST: listing("/uav1/a", "/uav1/b/c")})
+    await list_resources(session, "/uav1")
+    await draw_resources(session, "/uav1")
+    assert "/uav1/b/c  setting  Float  m" in session.stdout.getvalue()
+    assert "    └── b\n        └── c  setting Float m" in session.stdout.getvalue()
+
+
+async def test_a_resource_that_wants_a_confirmation_is_not_set_without() -> None:
+    answers = {
+        LIST: listing(GAIN, confirm="the vehicle may swing"),
+        f"{SET} {GAIN}": TreeSetDone(GAIN, 2, "Float", msgspec.msgpack.encode([1.5])),
+    }
+    session = ScriptedSession(answers, node="uav1")
+    with pytest.raises(click.UsageError, match="the vehicle may swing"):
+        await set_resource(session, "config/gain", "1.5", version=None, yes=False)
+    assert SET not in session.asked
+    await set_resource(session, "config/gain", "1.5", version=None, yes=True)
+    assert session.stdout.getvalue() == f"{GAIN} = 1.5 (version 2)\n"
+
+
+async def test_live_settings_are_printed_with_range_and_one_alone_as_its_value() -> None:
+    answers = {LIST: listing(GAIN), f"{GET} {GAIN}": value(GAIN, 1.5)}
+    session = ScriptedSession(answers, node="uav1")
+    await print_settings(session, "gain")
+    assert session.stdout.getvalue() == "1.5\n"
+    session = ScriptedSession(answers, node="uav1", json=True)
+    await print_settings(session, "**")
+    assert session.document["settings"][0]["path"] == GAIN
+
+
+def receipt(platform: str, *, accepted: bool) -> OrderReceipt:
+    return OrderReceipt("formation", 1, platform, "member", 10, 20 if accepted else 0, 15, accepted)
+
+
+async def test_a_mission_is_not_started_before_the_operator_agrees() -> None:
+    plan = MissionPlan("formation", "h", (), (LeftOut("uav2", "battery low"),), ("a parameter is unused",))
+    session = ScriptedSession({"sys/mission/plan": plan})
+    with pytest.raises(click.UsageError, match="without uav2: they will move"):
+        await start(session, "formation", MissionTask("formation"), yes=False, watch=False)
+    assert session.asked == ["sys/mission/plan"]
+    assert "uav2: takes no part: battery low" in session.stderr.getvalue()
+    assert "a parameter is unused" in session.stderr.getvalue()
+
+
+async def test_a_mission_that_a_platform_refuses_is_partial_and_names_it() -> None:
+    orders = (receipt("uav1", accepted=True), receipt("uav2", accepted=False))
+    answers = {
+        "sys/mission/plan": MissionPlan("formation", "h", ()),
+        "sys/mission/task": TaskAnswer("formation", "h", 1, False, orders),
+    }
+    session = ScriptedSession(answers)
+    with pytest.raises(Partial, match="refused or not heard by uav2; nobody started"):
+        await start(session, "formation", MissionTask("formation"), yes=True, watch=False)
+    assert "uav2" in session.stdout.getvalue()
