@@ -7,6 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.applications import Applications
+from swarmd.tree.core.action import Action
 from swarmd.tree.core.index import Index, Leaf
 from swarmd.tree.core.quality import Quality, quality
 from swarmd.tree.core.tree import SwarmTree
@@ -53,7 +54,9 @@ class Answers:
         applications: Applications,
         changes: BoardWriter[TreeChange],
         answer_s: float,
+        feed: Callable[[list[Action]], None],
     ) -> None:
+        """`feed` has what the core decides carried out."""
         self._module = module
         self._tree = tree
         self._settings = settings
@@ -61,13 +64,12 @@ class Answers:
         self._applications = applications
         self._changes = changes
         self._answer_s = answer_s
-        self._act: Callable[[], None] = lambda: None
+        self._feed = feed
         self._learned = asyncio.Event()
         self._access = Access()
 
-    async def serve(self, act: Callable[[], None]) -> None:
-        """Takes requests from now on; `act` carries out what the core wants."""
-        self._act = act
+    async def serve(self) -> None:
+        """Takes requests from now on."""
         serve = self._module.serve
         await serve("sys/tree/get", TreeGet, self._get, reply=TreeValue)
         await serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
@@ -338,17 +340,12 @@ class Answers:
     async def _demand(self, wanted: Pattern) -> None:
         """Ask those whose structure nobody here has wanted before, and wait for the answers, not for long."""
         remotes = self._tree.remotes
-        asked = [
-            platform
-            for platform in remotes.platforms()
-            if wanted.matches(platform) and remotes.demand(platform)
-        ]
-        if not asked:
-            return
-        self._act()
+        asked = [platform for platform in remotes.platforms() if wanted.matches(platform)]
+        for platform in asked:
+            self._feed(self._tree.on_demand(platform, self._module.now_ns()))
         try:
             async with asyncio.timeout(DEMAND_S):
-                while any((one := remotes.get(platform)) is not None and one.asking for platform in asked):
+                while any(remotes.asks(platform) for platform in asked):
                     self._learned.clear()
                     await self._learned.wait()
         except TimeoutError:

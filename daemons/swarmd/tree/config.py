@@ -4,10 +4,6 @@ from typing import Annotated, Final
 
 import msgspec
 
-from swarmd.tree.core.held import Intervals
-from swarmd.tree.core.local import Timing
-from swarmd.tree.core.remotes import ReplicaTimeouts
-from swarmd.tree.core.tree import Limits
 from swarmware.names import Pattern, check_path
 from swarmware.types.tree import Rule
 
@@ -75,25 +71,3 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         if self.keep is not None:
             return self.keep
         return KEPT if kind == "gcs" else ()
-
-    def limits(self) -> Limits:
-        """The same for the core."""
-        retry_ns = tuple(_ns(pause_s) for pause_s in self.retry_s)
-        return Limits(
-            timing=Timing(lost_ns=_ns(self.lost_s), expire_ns=_ns(self.expire_s)),
-            intervals=Intervals(
-                coalesce_ns=_ns(self.coalesce_s),
-                min_interval_ns=_ns(self.min_interval_s),
-                retry_ns=retry_ns,
-            ),
-            timeouts=ReplicaTimeouts(
-                lease_ns=_ns(self.lease_s),
-                retry_ns=retry_ns,
-                forget_ns=_ns(self.forget_s),
-                whole_swarm=self.whole_swarm,
-            ),
-        )
-
-
-def _ns(seconds: float) -> int:
-    return round(seconds * 1e9)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 import secrets
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,7 @@ from swarmd.tree.core.action import (
     SendNotify,
     Unwatch,
     Watch,
+    WriteMirror,
 )
 from swarmd.tree.core.lane import WINDOW
 from swarmd.tree.core.reach import Reach, reachable
@@ -70,10 +72,9 @@ class Tree(Service):
         self._tree = SwarmTree(
             module.platform,
             template.load(node.config.template, folder).resources,
+            config,
             epoch=secrets.randbits(31) + 1,
-            limits=config.limits(),
             templates=_templates(folder),
-            rules=[rule.rule() for rule in config.rules],
             keep=config.kept(node.config.kind),
         )
         self._peek = Peek(node.shm_dir)
@@ -81,10 +82,10 @@ class Tree(Service):
         self._settings = Settings(module, Store(node.config.data_path / "settings.toml"))
         self._taps: dict[str, Tap] = {}
         self._reached: dict[str, Reach] = {}
-        self._timer: asyncio.TimerHandle | None = None
-        self._act_comes = False
-        self._closed = False
         self._boundary = Boundary()
+        self._driver = self.drive(self._tree, self._perform, settled=self._settled, boundary=self._of_action)
+        self._structure = 0
+        """Digest of the structure whose settings are published."""
         self._losses = StreamLosses()
         self._at_once = asyncio.Semaphore(AT_ONCE)
         self._mission = 0
@@ -108,8 +109,18 @@ class Tree(Service):
             news = asyncio.Event()
             applications = Applications(module.node, news.set)
             stack.callback(applications.close)
+            self._answers = Answers(
+                module,
+                self._tree,
+                self._settings,
+                self._peek,
+                applications,
+                changes,
+                self.config.answer_s,
+                self._driver.feed,
+            )
             for platform in self._mirrors.platforms():
-                self._tree.remotes.on_left_behind(platform, module.now_ns())
+                self._driver.feed(self._tree.on_left_behind(platform, module.now_ns()))
             # before the first answer: others must not be told of a tree without its applications
             self._take_applications(applications)
             await module.serve(
@@ -118,11 +129,9 @@ class Tree(Service):
             await module.serve(
                 "sys/tree/subscribe", SubscribeRequest, self._on_subscribe, reply=SubscribeReply
             )
-            self._answers = Answers(
-                module, self._tree, self._settings, self._peek, applications, changes, self.config.answer_s
-            )
-            await self._answers.serve(self._act)
+            await self._answers.serve()
             async with asyncio.TaskGroup() as group:
+                group.create_task(self._driver.run(), name="tree:driver")
                 group.create_task(self._follow_applications(applications, news), name="tree:apps")
                 group.create_task(self._follow_notes(notes), name="tree:notes")
                 group.create_task(self._follow_limits(limits), name="tree:limits")
@@ -132,11 +141,9 @@ class Tree(Service):
                 group.create_task(self._report(stats, losses, applications, mission), name="tree:stats")
 
     def _close(self) -> None:
-        self._closed = True
+        self._driver.stop()
         for tap in self._taps.values():
             tap.close()
-        if self._timer is not None:
-            self._timer.cancel()
         self._settings.close()
         self._mirrors.close()
         self._peek.close()
@@ -152,18 +159,15 @@ class Tree(Service):
     def _take_applications(self, applications: Applications) -> None:
         table = applications.table
         with self._boundary("applications of the node"):
-            self._tree.set_applications(
-                [resource for entry in table for resource in entry.provides],
-                {pattern for entry in table for pattern in entry.reads},
-                self.module.now_ns(),
+            self._driver.feed(
+                self._tree.on_applications(
+                    [resource for entry in table for resource in entry.provides],
+                    {pattern for entry in table for pattern in entry.reads},
+                    self.module.now_ns(),
+                )
             )
             for text, why in self._tree.interests.refused.items():
                 log.warning("an application wants to read %s: %s", text, why)
-            self._structure_changed()
-        self._act()
-
-    def _structure_changed(self) -> None:
-        self._settings.publish(leaf.resource for leaf in self._tree.local.index)
 
     async def _report(
         self,
@@ -226,19 +230,17 @@ class Tree(Service):
         for platform in before:
             if platform not in found:
                 with self._boundary(f"loss of {platform}"):
-                    self._tree.on_gone(platform, now_ns)
+                    self._driver.feed(self._tree.on_gone(platform, now_ns))
         for platform, reach in found.items():
             if before.get(platform) != reach:
                 with self._boundary(f"reach of {platform}"):
-                    self._tree.on_up(platform, reach.version, reach.near, now_ns)
-        self._act()
+                    self._driver.feed(self._tree.on_up(platform, reach.version, reach.near, now_ns))
 
     async def _follow_limits(self, board: BoardReader[ChannelLimits]) -> None:
         while True:
             limits = await board.changed()
             with self._boundary("limits of rates"):
-                self._tree.held.set_limits(limits.limits, self.module.now_ns())
-            self._act()
+                self._driver.feed(self._tree.on_limits(limits.limits, self.module.now_ns()))
 
     async def _follow_notes(self, notes: Inbox[TreeNotify]) -> None:
         async for note in notes:
@@ -246,49 +248,44 @@ class Tree(Service):
                 log.warning("a notification in the name of %s came from another; dropped", note.platform)
                 continue
             self._notes += 1
-            items: list[TreeItem] = []
             with self._boundary(f"notification of {note.platform}"):
-                items = self._tree.on_notify(note, self.module.now_ns())
-            for item in items:
-                with self._boundary(f"mirror of /{note.platform}/{item.path}"):
-                    self._values_in += self._mirrors.write(note.platform, item)
-            self._answers.learned()
-            self._act()
+                self._driver.feed(self._tree.on_notify(note, self.module.now_ns()))
 
     def _on_structure(self, request: StructureRequest, meta: Meta) -> StructureReply:
         _check_sender(request.platform, meta)
         self._answered += 1
-        reply = self._tree.on_structure_asked(request)
-        self._later()
+        reply, actions = self._tree.on_structure_asked(request, self.module.now_ns())
+        self._driver.defer(actions)  # the answer goes out first
         return reply
 
     def _on_subscribe(self, request: SubscribeRequest, meta: Meta) -> SubscribeReply:
         _check_sender(request.platform, meta)
         self._answered += 1
-        reply = self._tree.on_subscribe_asked(request, self.module.now_ns())
-        self._later()
+        reply, actions = self._tree.on_subscribe_asked(request, self.module.now_ns())
+        self._driver.defer(actions)
         return reply
-
-    def _later(self) -> None:
-        """Act in a turn of its own: an answer goes out first, values that come together go together."""
-        if not self._act_comes:
-            self._act_comes = True
-            asyncio.get_running_loop().call_soon(self._act)
 
     # -- what the core wants
 
-    def _act(self) -> None:
-        self._act_comes = False
-        if self._closed:
-            return
-        while actions := self._tree.drain():
-            for action in actions:
-                with self._boundary(f"{type(action).__name__} of the tree"):
-                    self._do(action)
+    def _of_action(self, action: Action | None) -> AbstractContextManager[None]:
+        match action:
+            case None:
+                return self._boundary("timer of the tree")
+            case WriteMirror(platform, item):
+                return self._boundary(f"mirror of /{platform}/{item.path}")
+            case _:
+                return self._boundary(f"{type(action).__name__} of the tree")
+
+    def _settled(self) -> None:
+        """Publishes what follows from the state."""
+        self._answers.learned()
+        if self._tree.local.index.digest != self._structure:
+            self._structure = self._tree.local.index.digest
+            with self._boundary("settings of the tree"):
+                self._settings.publish(leaf.resource for leaf in self._tree.local.index)
         if self._tree.plan_changed():
             with self._boundary("plan of the tick"):
                 self._plan.write(self._tree_plan())
-        self._arm()
 
     def _tree_plan(self) -> TreePlan:
         tree = self._tree
@@ -296,7 +293,7 @@ class Tree(Service):
             tree.local.version, tuple(tree.held.offers()), tuple(tree.remotes.wants()), self._mission
         )
 
-    def _do(self, action: Action) -> None:
+    def _perform(self, action: Action) -> None:
         match action:
             case AskStructure():
                 self.module.start(self._ask_structure(action), f"structure of {action.platform}")
@@ -309,6 +306,8 @@ class Tree(Service):
             case Unwatch():
                 if tap := self._taps.pop(action.path, None):
                     tap.close()
+            case WriteMirror(platform, item):
+                self._values_in += self._mirrors.write(platform, item)
             case KeepOnly():
                 self._mirrors.keep_only(action.platform, action.paths)
             case Forget():
@@ -325,8 +324,8 @@ class Tree(Service):
 
     def _on_value(self, item: TreeItem) -> None:
         with self._boundary(f"value of {item.path}"):
-            self._tree.on_value(item, self.module.now_ns())
-        self._later()
+            # in a turn of its own: values that come together go together
+            self._driver.defer(self._tree.on_value(item, self.module.now_ns()))
 
     async def _ask_structure(self, action: AskStructure) -> None:
         path, reply = f"/{action.platform}/sys/tree/structure", None
@@ -339,9 +338,7 @@ class Tree(Service):
             except SwarmError as error:
                 log.debug("structure of %s: %s", action.platform, error)
         with self._boundary(f"structure of {action.platform}"):
-            self._tree.on_structure(action.platform, reply, self.module.now_ns())
-        self._answers.learned()
-        self._act()
+            self._driver.feed(self._tree.on_structure(action.platform, reply, self.module.now_ns()))
 
     async def _ask_subscription(self, action: AskSubscription) -> None:
         path, reply = f"/{action.platform}/sys/tree/subscribe", None
@@ -354,35 +351,16 @@ class Tree(Service):
             except SwarmError as error:
                 log.debug("subscription at %s: %s", action.platform, error)
         with self._boundary(f"subscription at {action.platform}"):
-            self._tree.on_subscribed(action.platform, reply, action.request.set_digest, self.module.now_ns())
-        self._act()
+            asked, now_ns = action.request.set_digest, self.module.now_ns()
+            self._driver.feed(self._tree.on_subscribed(action.platform, reply, asked, now_ns))
 
     async def _send(self, action: SendNotify) -> None:
         path = f"/{action.platform}/sys/tree/notify"
         outcome = await self.module.send(
             path, action.notify, timeout_s=self.config.answer_s, kind=action.kind
         )
-        self._tree.on_notified(action.platform, action.notify, bool(outcome), self.module.now_ns())
-        self._act()
-
-    # -- time
-
-    def _arm(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        deadline_ns = self._tree.deadline_ns()
-        if deadline_ns is not None:
-            # never earlier: a timer that fires a moment before the deadline would fire again and again
-            wait_s = max(0.0, (deadline_ns - self.module.now_ns()) / 1e9) + 0.001
-            self._timer = asyncio.get_running_loop().call_later(wait_s, self._on_timer)
-
-    def _on_timer(self) -> None:
-        self._timer = None
-        with self._boundary("timer of the tree"):
-            self._tree.on_timer(self.module.now_ns())
-            self._structure_changed()
-        self._act()
+        now_ns = self.module.now_ns()
+        self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))
 
 
 def _templates(folder: Path) -> list[tuple[Resource, ...]]:

@@ -4,7 +4,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
-from typing import Final, Generic
+from typing import Any, Final, Generic
 
 from swarmware.runtime.core import Action, Alarm, Core, EventLoop, HardwareClock
 from swarmware.runtime.instant import wait_s
@@ -13,8 +13,8 @@ from swarmware.runtime.slow import SlowSteps
 RETRY_NS: Final = 1_000_000_000
 """Pause after an `on_timer` that failed: what was due still is, and would fail again at once, for ever."""
 
-Boundary = Callable[[str], AbstractContextManager[None]]
-"""Keeps the failure of one action, named by the text, from the others."""
+Boundary = Callable[[Any], AbstractContextManager[None]]
+"""Keeps the failure of one action, or of a step at a deadline (None), from the others."""
 
 
 class CoreDriver(Generic[Action]):
@@ -74,6 +74,14 @@ class CoreDriver(Generic[Action]):
         if not self._is_performing:
             self._carry_out()
 
+    def defer(self, actions: Iterable[Action] = ()) -> None:
+        """As `feed`, in a turn of its own: after the answer that the caller returns."""
+        if self._is_stopped:
+            return
+        self._queue.extend(actions)
+        if not self._is_performing:
+            self._arm()
+
     def stop(self) -> None:
         """Nothing is carried out any more, also of what is in the queue."""
         self._is_stopped = True
@@ -92,7 +100,7 @@ class CoreDriver(Generic[Action]):
                     if boundary is None:
                         perform(action)
                     else:
-                        with boundary(type(action).__name__):
+                        with boundary(action):
                             perform(action)
                 if settled is not None and not self._is_stopped:
                     settled()
@@ -122,7 +130,7 @@ class CoreDriver(Generic[Action]):
         self._alarm = self._loop.call_later(delay_s, self._on_alarm)
 
     def _due_ns(self) -> int | None:
-        if self._queue:  # an action failed, and those after it are still to be done
+        if self._queue:  # deferred, or after an action that failed
             return self._clock.now_ns()
         due_ns = self.core.deadline_ns()
         if due_ns is not None and self._not_before_ns is not None:
@@ -150,7 +158,7 @@ class CoreDriver(Generic[Action]):
             self._carry_out()
             return
         self._not_before_ns = now_ns + RETRY_NS
-        with self._boundary("on_timer") if self._boundary is not None else nullcontext():
+        with self._boundary(None) if self._boundary is not None else nullcontext():
             actions = self.core.on_timer(now_ns)
             self._not_before_ns = None
             self.feed(actions)

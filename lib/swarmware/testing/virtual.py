@@ -42,24 +42,6 @@ class VirtualTime:
 
         self.after(period_s if first_s is None else first_s, tick)
 
-    def wake(self, deadline: Callable[[], int | None], on_timer: Callable[[int], None]) -> Callable[[], None]:
-        """Call a core at its deadlines; what comes back must be called each time the core was fed."""
-        armed: list[int] = []
-
-        def arm() -> None:
-            due_ns = deadline()
-            if due_ns is not None and (not armed or due_ns < armed[0]):
-                armed[:] = [due_ns]
-                self.at(due_ns, lambda: fire(due_ns))
-
-        def fire(due_ns: int) -> None:
-            if armed and armed[0] == due_ns:
-                armed.clear()
-                on_timer(self.now_ns)
-                arm()
-
-        return arm
-
     def call_later(self, delay: float, callback: Callable[[], None], /) -> "VirtualAlarm":
         """Have it happen after so many seconds unless it is cancelled, as an event loop does."""
         alarm = VirtualAlarm(callback)

@@ -6,14 +6,21 @@ from typing import Protocol
 
 import msgspec
 
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify, Unwatch, Watch
-from swarmd.tree.core.held import Intervals
-from swarmd.tree.core.local import Timing
+from swarmd.tree.config import Config
+from swarmd.tree.core.action import (
+    Action,
+    AskStructure,
+    AskSubscription,
+    SendNotify,
+    Unwatch,
+    Watch,
+    WriteMirror,
+)
 from swarmd.tree.core.mirror import is_news
-from swarmd.tree.core.remotes import ReplicaTimeouts
-from swarmd.tree.core.tree import Limits, SwarmTree
+from swarmd.tree.core.tree import SwarmTree
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
+from swarmware.runtime.driver import CoreDriver
 from swarmware.types.tree import (
     StructureReply,
     StructureRequest,
@@ -24,10 +31,14 @@ from swarmware.types.tree import (
 )
 
 S = 1_000_000_000
-LIMITS = Limits(
-    timing=Timing(lost_ns=1 * S, expire_ns=10 * S),
-    intervals=Intervals(coalesce_ns=S // 5, min_interval_ns=S // 10, retry_ns=(S // 2, 1 * S, 2 * S, 4 * S)),
-    timeouts=ReplicaTimeouts(lease_ns=40 * S, retry_ns=(S // 2, 1 * S, 2 * S, 4 * S), forget_ns=300 * S),
+CONFIG = Config(
+    lost_s=1.0,
+    expire_s=10.0,
+    coalesce_s=0.2,
+    min_interval_s=0.1,
+    lease_s=40.0,
+    retry_s=(0.5, 1.0, 2.0, 4.0),
+    forget_s=300.0,
 )
 TEMPLATE = (
     Resource(path="power/battery", type="Float", owner="hal"),
@@ -48,7 +59,7 @@ class Network(Protocol):
         """A random number."""
         ...
 
-    def wake(self, deadline: Callable[[], int | None], on_timer: Callable[[int], None]) -> Callable[[], None]:
+    def drive(self, core: SwarmTree, perform: Callable[[Action], None]) -> CoreDriver[Action]:
         """See VirtualTime."""
         ...
 
@@ -82,10 +93,11 @@ class Node:
         """Neighbours, and everybody's version, as it was told last."""
         self._network = network
         self._template = TEMPLATE if number % 3 else OTHER
-        timeouts = msgspec.structs.replace(LIMITS.timeouts, whole_swarm=whole_swarm)
-        self._limits = msgspec.structs.replace(LIMITS, timeouts=timeouts)
+        self._config = msgspec.structs.replace(CONFIG, whole_swarm=whole_swarm)
         self._watched: set[str] = set()
-        self._arm: Callable[[], None] = lambda: None
+        self._driver: CoreDriver[Action] | None = None
+        self._epoch = 0
+        """Of the notification that came last."""
 
     # -- its life
 
@@ -95,23 +107,23 @@ class Node:
         tree = self.tree = SwarmTree(
             self.name,
             self._template,
+            self._config,
             epoch=self._network.new_epoch(),
-            limits=self._limits,
             templates=(TEMPLATE,),
         )
         self._watched = set()
         self.seen = ({}, {})
-        life = self.life
-        self._arm = self._network.wake(
-            lambda: tree.deadline_ns() if life == self.life else None,
-            lambda now_ns: self.do(partial(tree.on_timer, now_ns)),
-        )
+        if self._driver is not None:
+            self._driver.stop()
+        self._driver = self._network.drive(tree, partial(self._carry_out, tree))
         self.update()
 
     def stop(self) -> None:
         """The node dies; memory and mirrors go with it."""
         self.life += 1
         self.tree = None
+        if self._driver is not None:
+            self._driver.stop()
         self.mirrors.clear()
         self.events.clear()
 
@@ -136,7 +148,7 @@ class Node:
                 Resource(path=f"plan/step{module}", type="Text", owner=f"planner{module}")
                 for module in sorted(self.modules)
             ]
-            self.do(partial(self.tree.set_applications, provided, self.patterns, self._network.now_ns))
+            self.do(partial(self.tree.on_applications, provided, self.patterns, self._network.now_ns))
 
     def write(self, path: str, text: str, kind: FrameKind = FrameKind.BOARD) -> None:
         """An application writes a value."""
@@ -151,27 +163,24 @@ class Node:
         """A notification came."""
         tree = self.tree
         assert tree is not None
-        items: list[TreeItem] = []
-        self.do(lambda: items.extend(tree.on_notify(notify, self._network.now_ns)))
-        for item in items:
-            key = (notify.platform, item.path)
-            last = self.mirrors.get(key)
-            if last is not None and not is_news(item, last.sequence, last.stamp_ns):
-                continue
-            self.mirrors[key] = item
-            if item.kind == FrameKind.EVENT:
-                self.events.setdefault((notify.platform, notify.epoch), []).append(item.sequence)
+        self._epoch = notify.epoch
+        self.do(partial(tree.on_notify, notify, self._network.now_ns))
+
+    def _write_mirror(self, platform: str, item: TreeItem, epoch: int) -> None:
+        last = self.mirrors.get((platform, item.path))
+        if last is not None and not is_news(item, last.sequence, last.stamp_ns):
+            return
+        self.mirrors[platform, item.path] = item
+        if item.kind == FrameKind.EVENT:
+            self.events.setdefault((platform, epoch), []).append(item.sequence)
 
     # -- the shell
 
-    def do(self, call: Callable[[], object]) -> None:
-        """Feed the core, carry out what it wants."""
-        call()
-        tree = self.tree
-        while tree is not None and (actions := tree.drain()):
-            for action in actions:
-                self._carry_out(tree, action)
-        self._arm()
+    def do(self, call: Callable[[], list[Action]]) -> None:
+        """Feed the core; its driver carries out what it wants."""
+        actions = call()
+        if self._driver is not None:
+            self._driver.feed(actions)
 
     def _carry_out(self, tree: SwarmTree, action: Action) -> None:
         match action:
@@ -179,7 +188,9 @@ class Node:
                 self._watched.add(resource.path)
                 value = self.values.get(resource.path)
                 if value is not None and resource.kind is Kind.BOARD:
-                    tree.on_value(value, self._network.now_ns)
+                    self.do(partial(tree.on_value, value, self._network.now_ns))
+            case WriteMirror(platform, item):
+                self._write_mirror(platform, item, self._epoch)
             case Unwatch(path):
                 self._watched.discard(path)
             case AskStructure(platform, request):

@@ -9,6 +9,7 @@ import msgspec
 from tests.simulation.tree.node import Node
 from tests.simulation.tree.radio import Radio
 
+from swarmd.tree.core.action import Action
 from swarmd.tree.core.interest import subscribable
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.frame import Kind as FrameKind
@@ -149,7 +150,7 @@ class Swarm(VirtualTime):
         def finish(reply: StructureReply | None) -> None:
             one.on_structure(platform, reply)
 
-        self._ask(one, platform, lambda tree: tree.on_structure_asked(request), finish)
+        self._ask(one, platform, lambda tree: tree.on_structure_asked(request, self.now_ns), finish)
 
     def ask_subscription(self, one: Node, platform: str, request: SubscribeRequest) -> None:
         """A request to another tree."""
@@ -163,7 +164,7 @@ class Swarm(VirtualTime):
         self,
         one: Node,
         platform: str,
-        answer: Callable[[SwarmTree], Answer],
+        answer: Callable[[SwarmTree], tuple[Answer, list[Action]]],
         done: Callable[[Answer | None], None],
     ) -> None:
         self.messages += 1
@@ -178,10 +179,10 @@ class Swarm(VirtualTime):
             if tree is None or not self.radio.way(one.name, platform):
                 self.after(GIVE_UP_S, partial(finish, None))
                 return
-            replies: list[Answer] = []
-            other.do(lambda: replies.append(answer(tree)))
+            reply, actions = answer(tree)
+            other.do(lambda: actions)
             if luck >= self.weather.loss:
-                self.after(self._random.uniform(*HOP_S), partial(finish, replies[0]))
+                self.after(self._random.uniform(*HOP_S), partial(finish, reply))
             else:
                 self.after(GIVE_UP_S, partial(finish, None))
 

@@ -15,6 +15,7 @@ from swarmware import template
 from swarmware.delivery import with_lifetime
 from swarmware.frame import HEADER_BYTES
 from swarmware.resource import Resource
+from swarmware.runtime.driver import CoreDriver
 from swarmware.testing import VirtualTime
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
@@ -35,6 +36,7 @@ class Cell(VirtualTime):
         self.bytes: dict[str, int] = {}
         self.structure_bytes: dict[str, int] = {}
         self.trees: dict[str, SwarmTree] = {}
+        self._drivers: dict[str, CoreDriver[Action]] = {}
         self.up: set[str] = set()
         for index in range(16):
             kind = "gcs" if index == 0 else "ugv" if index < 6 else "multirotor"
@@ -42,13 +44,15 @@ class Cell(VirtualTime):
             self._start(name, TEMPLATES[kind], 1000 + index, patterns.get(name, ()))
 
     def _start(self, name: str, own: tuple[Resource, ...], epoch: int, patterns: tuple[str, ...]) -> None:
-        tree = SwarmTree(name, own, epoch=epoch, limits=Config().limits(), templates=list(TEMPLATES.values()))
+        tree = SwarmTree(name, own, Config(), epoch=epoch, templates=list(TEMPLATES.values()))
         self.trees[name] = tree
+        self._drivers[name] = self.drive(
+            tree, lambda action: self.after(0.005, partial(self._carry, name, action))
+        )
         self.bytes[name] = self.structure_bytes[name] = 0
         running = [resource for resource in own if resource.owner]
         extra = Resource(path=f"app/{name}", type="Text", owner="planner")
-        tree.set_applications([*running, extra], patterns, 0)
-        tree.drain()
+        tree.on_applications([*running, extra], patterns, 0)
 
     def join(self, name: str) -> None:
         """It comes into the cell; all hear it, it hears all."""
@@ -60,26 +64,18 @@ class Cell(VirtualTime):
     def leave(self, name: str) -> None:
         self.up.discard(name)
         for other in sorted(self.up):
-            self.trees[name].on_gone(other, self.now_ns)
-            self.trees[other].on_gone(name, self.now_ns)
+            self.feed(name, self.trees[name].on_gone(other, self.now_ns))
+            self.feed(other, self.trees[other].on_gone(name, self.now_ns))
 
     def _hear(self, one: str, two: str) -> None:
-        tree = self.trees[one]
-        tree.on_up(two, self.trees[two].local.version, True, self.now_ns)
-        self.act(one)
+        version = self.trees[two].local.version
+        self.feed(one, self.trees[one].on_up(two, version, True, self.now_ns))
 
-    def act(self, name: str) -> None:
-        tree = self.trees[name]
-        for action in tree.drain():
-            self.after(0.005, partial(self._carry, name, action))
-        deadline_ns = tree.deadline_ns()
-        if deadline_ns is not None:
-            self.at(deadline_ns + 1, partial(self._timer, name, deadline_ns))
+    def _perform(self, name: str, action: Action) -> None:
+        self.after(0.005, partial(self._carry, name, action))
 
-    def _timer(self, name: str, deadline_ns: int) -> None:
-        if self.trees[name].deadline_ns() == deadline_ns:
-            self.trees[name].on_timer(self.now_ns)
-            self.act(name)
+    def feed(self, name: str, actions: list[Action]) -> None:
+        self._drivers[name].feed(actions)
 
     def _count(self, one: str, two: str, size: int) -> None:
         self.bytes[one] += size
@@ -89,28 +85,26 @@ class Cell(VirtualTime):
         tree = self.trees[name]
         match action:
             case AskStructure(platform, request):
-                reply = self.trees[platform].on_structure_asked(request)
+                reply, theirs = self.trees[platform].on_structure_asked(request, self.now_ns)
                 self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(request)))
                 answer = registry.encode(Reply(True, registry.encode(reply)))
                 self._count(name, platform, HEADER_BYTES + len(answer))
                 self.structure_bytes[name] += len(reply.data)
                 self.structure_bytes[platform] += len(reply.data)
-                tree.on_structure(platform, reply, self.now_ns)
-                self.act(platform)
+                self.feed(name, tree.on_structure(platform, reply, self.now_ns))
+                self.feed(platform, theirs)
             case AskSubscription(platform, wish):
-                granted = self.trees[platform].on_subscribe_asked(wish, self.now_ns)
+                granted, theirs = self.trees[platform].on_subscribe_asked(wish, self.now_ns)
                 self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(wish)))
                 answer = registry.encode(Reply(True, registry.encode(granted)))
                 self._count(name, platform, HEADER_BYTES + len(answer))
-                tree.on_subscribed(platform, granted, wish.set_digest, self.now_ns)
-                self.act(platform)
+                self.feed(name, tree.on_subscribed(platform, granted, wish.set_digest, self.now_ns))
+                self.feed(platform, theirs)
             case SendNotify(platform, notify):
                 self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(notify)))
                 self._count(name, platform, ACK_BYTES)
-                self.trees[platform].on_notify(notify, self.now_ns)
-                tree.on_notified(platform, notify, True, self.now_ns)
-                self.act(platform)
-        self.act(name)
+                self.feed(platform, self.trees[platform].on_notify(notify, self.now_ns))
+                self.feed(name, tree.on_notified(platform, notify, True, self.now_ns))
 
     def complete(self) -> bool:
         return all(
@@ -146,8 +140,7 @@ def test_a_second_visit_to_sixteen_nodes_costs_at_most_a_hundred_bytes(
     swarm.run_for(5)
     assert swarm.complete()
     assert swarm.bytes["uav9"] - before <= 100
-    swarm.trees["ugv1"].on_value(TreeItem("app/ugv1", 7, 1, 1, 1, b"x"), swarm.now_ns)
-    swarm.act("ugv1")
+    swarm.feed("ugv1", swarm.trees["ugv1"].on_value(TreeItem("app/ugv1", 7, 1, 1, 1, b"x"), swarm.now_ns))
     swarm.run_for(1)
     assert (swarm.bytes["uav9"] - before > 100) is bool(patterns), "its subscription holds"
 

@@ -173,6 +173,18 @@ def test_an_action_that_causes_an_event_has_its_actions_done_after_those_that_we
     assert shell.core.woken_ns == [9 * MS]
 
 
+def test_deferred_actions_are_carried_out_in_a_turn_of_their_own_before_what_is_due(shell: Shell) -> None:
+    shell.core.brings = ["due"]
+    shell.driver.defer(shell.core.on_event("one", due_ns=0))
+    assert shell.done == []
+    shell.driver.defer(["two"])
+    shell.time.run_until(0)
+    assert shell.done == ["one", "two", "due"]
+    shell.does["act"] = lambda: shell.driver.defer(["after"])
+    shell.driver.feed(["act", "next"])
+    assert shell.done[3:] == ["act", "next", "after"]
+
+
 def test_settling_may_cause_an_event_too(shell: Shell) -> None:
     def settled() -> None:
         shell.settled()
@@ -212,7 +224,7 @@ def test_behind_a_boundary_neither_a_failed_action_nor_a_failed_deadline_stops_t
     refused: list[str] = []
 
     @contextmanager
-    def boundary(what: str) -> Iterator[None]:
+    def boundary(what: str | None) -> Iterator[None]:
         try:
             yield
         except RuntimeError as error:
@@ -231,7 +243,7 @@ def test_behind_a_boundary_neither_a_failed_action_nor_a_failed_deadline_stops_t
     driver.feed(core.on_event("bad", "good", due_ns=10 * MS))
     time.run_until(500 * MS)
     assert done == ["good"]
-    assert refused == ["str: the action failed", "on_timer: the core is broken"]
+    assert refused == ["bad: the action failed", "None: the core is broken"]
     assert core.woken_ns == [10 * MS], "once, and not in a circle"
     time.run_for(2)
     assert core.due_ns is None

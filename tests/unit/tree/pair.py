@@ -1,21 +1,26 @@
 """Two tree cores and the messages between them, carried by hand."""
 
+from collections.abc import Callable
+from typing import Any
+
 import msgspec
 
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify
-from swarmd.tree.core.held import Intervals
-from swarmd.tree.core.local import Timing
-from swarmd.tree.core.remotes import ReplicaTimeouts
-from swarmd.tree.core.tree import Limits, SwarmTree
+from swarmd.tree.config import Config, RuleConfig
+from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify, WriteMirror
+from swarmd.tree.core.tree import SwarmTree
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
-from swarmware.types.tree import Rule, TreeItem, TreeNotify
+from swarmware.types.tree import TreeItem, TreeNotify
 
 S = 1_000_000_000
-LIMITS = Limits(
-    timing=Timing(lost_ns=1 * S, expire_ns=10 * S),
-    intervals=Intervals(coalesce_ns=S // 5, min_interval_ns=0, retry_ns=(1 * S, 2 * S)),
-    timeouts=ReplicaTimeouts(lease_ns=60 * S, retry_ns=(1 * S, 2 * S), forget_ns=600 * S),
+CONFIG = Config(
+    lost_s=1.0,
+    expire_s=10.0,
+    coalesce_s=0.2,
+    min_interval_s=0.0,
+    lease_s=60.0,
+    retry_s=(1.0, 2.0),
+    forget_s=600.0,
 )
 BATTERY = Resource(path="power/battery", type="Float", owner="hal")
 FAULTS = Resource(path="health/faults", kind=Kind.EVENT, type="Text", owner="health")
@@ -24,16 +29,54 @@ STEP = Resource(path="plan/step", type="Text", owner="planner")
 TEMPLATE = (FAULTS, POSE, BATTERY)
 
 
+class Tree:
+    """A core whose actions are kept until they are asked for."""
+
+    def __init__(self, core: SwarmTree) -> None:
+        self.core = core
+        self._actions: list[Action] = []
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.core, name)
+        return self._keep(found) if name.startswith("on_") else found
+
+    def _keep(self, event: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*facts: Any) -> Any:
+            found = event(*facts)
+            answer, actions = found if isinstance(found, tuple) else (None, found)
+            self._actions += actions
+            return answer
+
+        return call
+
+    def on_notify(self, notify: TreeNotify, now_ns: int) -> list[TreeItem]:
+        """The values for mirrors."""
+        found: list[TreeItem] = []
+        for action in self.core.on_notify(notify, now_ns):
+            if isinstance(action, WriteMirror):
+                assert action.platform == notify.platform
+                found.append(action.item)
+            else:
+                self._actions.append(action)
+        return found
+
+    def drain(self) -> list[Action]:
+        """What is to be done since the last time."""
+        actions, self._actions = self._actions, []
+        return actions
+
+
 def core(
     name: str,
     template: tuple[Resource, ...] = TEMPLATE,
     *,
     epoch: int = 1,
     templates: tuple[tuple[Resource, ...], ...] = (TEMPLATE,),
-    rules: tuple[Rule, ...] = (),
-    limits: Limits = LIMITS,
-) -> SwarmTree:
-    return SwarmTree(name, template, epoch=epoch, limits=limits, templates=templates, rules=rules)
+    rules: tuple[RuleConfig, ...] = (),
+    config: Config = CONFIG,
+) -> Tree:
+    config = msgspec.structs.replace(config, rules=rules)
+    return Tree(SwarmTree(name, template, config, epoch=epoch, templates=templates))
 
 
 def value(path: str, number: float, sequence: int = 1, kind: FrameKind = FrameKind.BOARD) -> TreeItem:
@@ -43,13 +86,13 @@ def value(path: str, number: float, sequence: int = 1, kind: FrameKind = FrameKi
 class Pair:
     """`a` and `b`, each with what it wants done; messages move when `carry` is called."""
 
-    def __init__(self, a: SwarmTree, b: SwarmTree) -> None:
+    def __init__(self, a: Tree, b: Tree) -> None:
         self.trees = {a.platform: a, b.platform: b}
         self.now_ns = 0
         self.log: list[tuple[str, Action]] = []
         self.received: dict[str, list[TreeItem]] = {a.platform: [], b.platform: []}
 
-    def replace(self, fresh: SwarmTree) -> None:
+    def replace(self, fresh: Tree) -> None:
         """A tree service that started again."""
         self.trees[fresh.platform] = fresh
 
@@ -84,11 +127,11 @@ class Pair:
                 count += 1
                 self._carry(self.trees[name], action, lose, lose_answers)
 
-    def _carry(self, tree: SwarmTree, action: Action, lose: bool, lose_answers: bool) -> None:
+    def _carry(self, tree: Tree, action: Action, lose: bool, lose_answers: bool) -> None:
         now_ns = self.now_ns
         match action:
             case AskStructure(platform, request):
-                structure = None if lose else self.trees[platform].on_structure_asked(request)
+                structure = None if lose else self.trees[platform].on_structure_asked(request, now_ns)
                 tree.on_structure(platform, None if lose_answers else structure, now_ns)
             case AskSubscription(platform, wish):
                 granted = None if lose else self.trees[platform].on_subscribe_asked(wish, now_ns)
@@ -114,7 +157,7 @@ class Pair:
 def pair(*patterns: str, near: bool = True) -> Pair:
     """gcs reads the patterns; they have met and everything is settled."""
     both = Pair(core("gcs"), core("uav1"))
-    both.trees["gcs"].set_applications([], patterns, 0)
+    both.trees["gcs"].on_applications([], patterns, 0)
     both.meet(near=near)
     both.carry()
     return both

@@ -10,13 +10,12 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, S, core, value
+from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, S, Tree, core, value
 
 from swarmd.tree.core import structure
 from swarmd.tree.core.action import AskStructure, AskSubscription, SendNotify
 from swarmd.tree.core.index import Index, leaf
 from swarmd.tree.core.structure import PATHS_LIMIT, Form, Patches
-from swarmd.tree.core.tree import SwarmTree
 from swarmware import names
 from swarmware.errors import InvalidInput, SwarmError, WireError
 from swarmware.frame import Frame, Kind, encode
@@ -101,7 +100,7 @@ STEPS = st.one_of(
 )
 
 
-def feed(tree: SwarmTree, step: object, now_ns: int) -> None:
+def feed(tree: Tree, step: object, now_ns: int) -> None:
     """One thing from outside, as it comes: through the decoder, or not at all."""
     match step:
         case TreeItem():
@@ -110,14 +109,14 @@ def feed(tree: SwarmTree, step: object, now_ns: int) -> None:
             path, rate_hz, max_age_s = step
             with contextlib.suppress(ValueError):
                 made = Resource(path=path, type="Pose", rate_hz=rate_hz, max_age_s=max_age_s, owner="x")
-                tree.set_applications([made], ["/uav7/**"], now_ns)
+                tree.on_applications([made], ["/uav7/**"], now_ns)
         case msgspec.Struct():
             came = registry.decode(type(step), registry.encode(step))
             match came:
                 case SubscribeRequest():
                     registry.encode(tree.on_subscribe_asked(came, now_ns))
                 case StructureRequest():
-                    registry.encode(tree.on_structure_asked(came))
+                    registry.encode(tree.on_structure_asked(came, 0))
                 case StructureReply():
                     tree.on_structure("uav7", came, now_ns)
                 case SubscribeReply():
@@ -126,7 +125,7 @@ def feed(tree: SwarmTree, step: object, now_ns: int) -> None:
                     tree.on_notify(came, now_ns)
 
 
-def sendable(tree: SwarmTree, now_ns: int) -> None:
+def sendable(tree: Tree, now_ns: int) -> None:
     """What the tree wants sent fits the wire; half of the notifications arrive."""
     for action in tree.drain():
         match action:
@@ -152,7 +151,7 @@ def test_nothing_that_comes_in_ends_the_tree_or_makes_it_say_what_cannot_be_sent
             with contextlib.suppress(SwarmError):
                 feed(tree, step, now_ns)
         sendable(tree, now_ns)
-    tree.set_applications([STEP], [], now_ns)
+    tree.on_applications([STEP], [], now_ns)
     tree.on_timer(now_ns + 100 * S)
     sendable(tree, now_ns)
 
@@ -166,7 +165,7 @@ def test_a_subscription_that_is_refused_leaves_nothing_behind(interval_s: float)
         assert uav.held.subscribers() == []
     with pytest.raises(InvalidInput, match="lease_s"):
         uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, interval_s, 0, False, ("**",)), 0)
-    uav.set_applications([STEP], [], 0)
+    uav.on_applications([STEP], [], 0)
     uav.on_timer(S)
     assert uav.drain() == []
 

@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from tests.unit.tree.pair import LIMITS, POSE, STEP, TEMPLATE, Pair, S, core, pair, value
+from tests.unit.tree.pair import CONFIG, POSE, STEP, TEMPLATE, Pair, S, Tree, core, pair, value
 
 from swarmd.tree.core import structure
 from swarmd.tree.core.action import AskStructure, AskSubscription, Forget, KeepOnly, SendNotify
@@ -69,7 +69,7 @@ def test_what_changed_while_they_were_apart_is_asked_for_as_changes() -> None:
     both = pair()
     both.trees["gcs"].on_gone("uav1", 0)
     both.trees["uav1"].on_gone("gcs", 0)
-    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.trees["uav1"].on_applications([STEP], [], 0)
     both.carry()
     both.meet()
     both.carry()
@@ -80,7 +80,7 @@ def test_what_changed_while_they_were_apart_is_asked_for_as_changes() -> None:
 def test_a_new_resource_is_pushed_to_whoever_subscribed() -> None:
     both = pair("/uav1/power/battery")
     both.log.clear()
-    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.trees["uav1"].on_applications([STEP], [], 0)
     both.carry()
     assert not knows(both, "gcs", "uav1"), "it waits a moment for others to go with it"
     both.wait(0.3)
@@ -91,7 +91,7 @@ def test_a_new_resource_is_pushed_to_whoever_subscribed() -> None:
 def test_who_did_not_subscribe_asks_for_a_new_resource_when_the_hello_tells_of_it() -> None:
     both = pair()
     both.log.clear()
-    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.trees["uav1"].on_applications([STEP], [], 0)
     both.wait(0.3)
     assert both.log == []
     both.meet()
@@ -105,7 +105,7 @@ def test_many_changes_of_a_moment_are_one_notification() -> None:
     both.log.clear()
     for number in range(5):
         step = Resource(path=f"plan/step{number}", type="Text", owner="planner")
-        both.trees["uav1"].set_applications([step], [], both.now_ns)
+        both.trees["uav1"].on_applications([step], [], both.now_ns)
         both.wait(0.01)
     both.wait(0.3)
     assert both.said(SendNotify) == 1
@@ -119,7 +119,7 @@ def test_changes_that_do_not_fit_what_is_held_are_asked_for_again() -> None:
     assert remote.index is not None
     remote.index = remote.index.copy()
     remote.index.remove("nav/pose")  # a fault in memory, if you like
-    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.trees["uav1"].on_applications([STEP], [], 0)
     both.wait(0.3)
     assert knows(both, "gcs", "uav1")
 
@@ -145,14 +145,14 @@ def test_a_structure_that_comes_back_to_what_was_heard_of_it_before_is_asked_for
     (asked,) = gcs.drain()
     assert isinstance(asked, AskStructure)
     gcs.on_up("uav1", before, True, 0)
-    uav.set_applications([STEP], [], 0)
-    gcs.on_structure("uav1", uav.on_structure_asked(asked.request), 0)
+    uav.on_applications([STEP], [], 0)
+    gcs.on_structure("uav1", uav.on_structure_asked(asked.request, 0), 0)
     gcs.on_up("uav1", uav.local.version, True, 0)
     both.carry()
     assert knows(both, "gcs", "uav1")
     gcs.on_up("uav1", before ^ 1, True, 0)
     both.carry()
-    uav.set_applications([], [], 0)
+    uav.on_applications([], [], 0)
     both.wait(20)
     gcs.on_up("uav1", uav.local.version, True, both.now_ns)
     both.carry()
@@ -207,7 +207,7 @@ def test_nobody_is_asked_who_cannot_be_reached() -> None:
 
 
 def test_a_lost_platform_whose_values_are_kept_is_not_forgotten() -> None:
-    gcs = SwarmTree("gcs", TEMPLATE, epoch=1, limits=LIMITS, keep=["nav/pose"])
+    gcs = Tree(SwarmTree("gcs", TEMPLATE, CONFIG, epoch=1, keep=["nav/pose"]))
     both = Pair(gcs, core("uav1"))
     both.meet()
     both.carry()
@@ -224,10 +224,10 @@ def test_what_leaves_a_structure_is_told_so_that_its_mirrors_go() -> None:
     uav = both.trees["uav1"]
     first = [action for who, action in both.log if who == "gcs" and isinstance(action, KeepOnly)]
     assert [action.platform for action in first] == ["uav1"], "mirrors of a former start may be there"
-    uav.set_applications([STEP], [], 0)
+    uav.on_applications([STEP], [], 0)
     both.wait(1)
     both.log.clear()
-    uav.set_applications([], [], both.now_ns)
+    uav.on_applications([], [], both.now_ns)
     both.wait(20)
     (kept,) = [action for who, action in both.log if who == "gcs" and isinstance(action, KeepOnly)]
     assert kept.paths == {resource.path for resource in TEMPLATE}
@@ -235,8 +235,8 @@ def test_what_leaves_a_structure_is_told_so_that_its_mirrors_go() -> None:
 
 def test_a_platform_whose_mirrors_were_left_behind_is_forgotten_unless_it_comes() -> None:
     gcs = core("gcs")
-    gcs.remotes.on_left_behind("uav1", 0)
-    gcs.remotes.on_left_behind("uav2", 0)
+    gcs.on_left_behind("uav1", 0)
+    gcs.on_left_behind("uav2", 0)
     gcs.on_up("uav2", None, True, 1)
     gcs.drain()
     gcs.on_timer(600 * S)
@@ -283,7 +283,7 @@ def test_an_answer_that_does_not_fit_itself_is_not_believed(reply: StructureRepl
 def test_far_platforms_of_which_nobody_wants_anything_are_left_alone() -> None:
     both = pair(near=False)
     assert both.said(AskStructure) == 0
-    both.trees["gcs"].set_applications([], ["/uav1/power/battery"], 0)
+    both.trees["gcs"].on_applications([], ["/uav1/power/battery"], 0)
     both.carry()
     assert knows(both, "gcs", "uav1")
     assert not knows(both, "uav1", "gcs")
@@ -291,16 +291,18 @@ def test_far_platforms_of_which_nobody_wants_anything_are_left_alone() -> None:
 
 def test_a_look_at_a_far_platform_asks_once_and_subscribes_to_nothing() -> None:
     both = pair(near=False)
-    assert both.trees["gcs"].remotes.demand("uav1")
+    both.trees["gcs"].on_demand("uav1", 0)
+    assert both.trees["gcs"].remotes.asks("uav1")
     both.carry()
     assert knows(both, "gcs", "uav1")
     assert both.said(AskSubscription) == 0
-    assert not both.trees["gcs"].remotes.demand("uav9")
+    both.trees["gcs"].on_demand("uav9", 0)
+    assert not both.trees["gcs"].remotes.asks("uav9")
 
 
 def test_whole_swarm_follows_everybody() -> None:
-    timeouts = msgspec.structs.replace(LIMITS.timeouts, whole_swarm=True)
-    both = Pair(core("gcs", limits=msgspec.structs.replace(LIMITS, timeouts=timeouts)), core("uav1"))
+    everybody = msgspec.structs.replace(CONFIG, whole_swarm=True)
+    both = Pair(core("gcs", config=everybody), core("uav1"))
     both.meet(near=False)
     both.carry()
     assert knows(both, "gcs", "uav1")
@@ -311,7 +313,7 @@ def test_who_comes_near_again_is_asked_although_it_never_went_out_of_reach() -> 
     both = pair()
     both.trees["gcs"].on_up("uav1", None, False, 0)
     both.trees["uav1"].on_gone("gcs", 0)
-    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.trees["uav1"].on_applications([STEP], [], 0)
     both.carry()
     both.trees["gcs"].on_up("uav1", None, True, 0)
     both.carry()
@@ -323,7 +325,7 @@ def test_a_structure_of_one_kind_is_a_hash_on_the_wire() -> None:
     both.meet()
     asked = both.trees["gcs"].drain()
     assert isinstance(asked[0], AskStructure)
-    reply = both.trees["uav1"].on_structure_asked(asked[0].request)
+    reply = both.trees["uav1"].on_structure_asked(asked[0].request, 0)
     assert len(TEMPLATE) == 3
     assert len(msgspec.msgpack.encode(asked[0].request)) + len(msgspec.msgpack.encode(reply)) < 100
 
@@ -331,7 +333,7 @@ def test_a_structure_of_one_kind_is_a_hash_on_the_wire() -> None:
 def test_what_a_platform_has_of_others_is_not_in_the_structure_that_it_gives() -> None:
     own = Resource(path="relay/load", type="Float", owner="relay")
     relay = core("uav2", (own,), templates=((own,), TEMPLATE))
-    relay.set_applications([], ["/uav1/**"], 0)
+    relay.on_applications([], ["/uav1/**"], 0)
     upstream = Pair(core("uav1", templates=((own,), TEMPLATE)), relay)
     upstream.meet()
     upstream.carry()

@@ -4,13 +4,14 @@ import msgspec
 import pytest
 from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, Pair, S, core, pair, value
 
+from swarmd.tree.config import RuleConfig
 from swarmd.tree.core.action import SendNotify, Unwatch, Watch
 from swarmd.tree.core.held import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
 from swarmware.types.net import ChannelLimit, Offer, Want
-from swarmware.types.tree import Rule, SubscribeRequest, TreeItem, TreeNotify
+from swarmware.types.tree import SubscribeRequest, TreeItem, TreeNotify
 
 
 def battery(both: Pair, number: float, sequence: int = 1) -> None:
@@ -31,21 +32,21 @@ def test_the_owner_watches_what_somebody_wants_and_tells_it() -> None:
 
 def test_nothing_is_watched_any_more_when_nobody_wants_it() -> None:
     both = pair("/uav1/power/battery")
-    both.trees["gcs"].set_applications([], [], 0)
+    both.trees["gcs"].on_applications([], [], 0)
     both.carry()
     assert both.log[-1] == ("uav1", Unwatch("power/battery"))
 
 
 def test_a_far_platform_is_told_when_nothing_of_it_is_wanted_any_more() -> None:
     both = pair("/uav1/power/battery", near=False)
-    both.trees["gcs"].set_applications([], [], 0)
+    both.trees["gcs"].on_applications([], [], 0)
     both.carry()
     assert both.trees["uav1"].held.feeds == 0
 
 
 def test_a_pattern_may_match_nothing_yet() -> None:
     both = pair("/*/plan/*")
-    both.trees["uav1"].set_applications([STEP], [], 0)
+    both.trees["uav1"].on_applications([STEP], [], 0)
     both.trees["uav1"].on_value(value("plan/step", 1.0), 0)
     both.carry()
     assert [item.path for item in both.received["gcs"]] == ["plan/step"]
@@ -60,7 +61,7 @@ def test_who_subscribes_later_gets_the_value_there_is() -> None:
     battery(both, 0.9)
     both.carry()
     late = core("uav2")
-    late.set_applications([], ["/uav1/power/battery"], 0)
+    late.on_applications([], ["/uav1/power/battery"], 0)
     three = Pair(late, both.trees["uav1"])
     three.meet()
     three.carry()
@@ -162,7 +163,7 @@ def test_a_subscriber_that_started_again_is_told_everything_again() -> None:
     battery(both, 0.9)
     both.carry()
     fresh = core("gcs", epoch=5)
-    fresh.set_applications([], ["/uav1/power/battery"], 0)
+    fresh.on_applications([], ["/uav1/power/battery"], 0)
     both.replace(fresh)
     both.meet()
     both.carry()
@@ -279,8 +280,10 @@ def test_what_happens_while_the_subscriber_is_away_is_told_when_it_is_back() -> 
 
 
 def test_rules_of_the_subscriber_hold_at_the_owner() -> None:
-    both = Pair(core("gcs", rules=(Rule("power/*", 0.5, 2.0),)), core("uav1"))
-    both.trees["gcs"].set_applications([], ["/uav1/power/battery"], 0)
+    both = Pair(
+        core("gcs", rules=(RuleConfig(pattern="power/*", deadband=0.5, min_interval_s=2.0),)), core("uav1")
+    )
+    both.trees["gcs"].on_applications([], ["/uav1/power/battery"], 0)
     both.meet()
     both.carry()
     for sequence, number in enumerate((1.0, 1.2, 2.0, 2.1), 1):
@@ -300,7 +303,7 @@ def test_periodic_boards_are_for_the_tick() -> None:
     assert uav.held.offers() == [Offer("nav/pose", POSE.data_id, "Pose", 50)]
     assert gcs.remotes.wants() == [Want("uav1", "nav/pose", "Pose", POSE.data_id)]
     assert uav.held.feeds == 0
-    gcs.set_applications([], [], 0)
+    gcs.on_applications([], [], 0)
     both.carry()
     assert gcs.plan_changed()
     assert uav.plan_changed()
@@ -310,8 +313,8 @@ def test_periodic_boards_are_for_the_tick() -> None:
 def test_of_several_subscribers_the_most_eager_sets_the_pace_of_the_tick() -> None:
     uav = core("uav1")
     for name, interval_s in (("gcs", 1.0), ("uav2", 0.2)):
-        other = core(name, rules=(Rule("nav/*", 0.0, interval_s),))
-        other.set_applications([], ["/uav1/nav/pose"], 0)
+        other = core(name, rules=(RuleConfig(pattern="nav/*", min_interval_s=interval_s),))
+        other.on_applications([], ["/uav1/nav/pose"], 0)
         both = Pair(other, uav)
         both.meet()
         both.carry()
@@ -339,12 +342,12 @@ def test_a_notification_has_a_limit_and_the_rest_follows() -> None:
 def test_a_resource_that_changes_its_type_is_watched_anew() -> None:
     both = pair("/uav1/plan/step")
     uav = both.trees["uav1"]
-    uav.set_applications([STEP], [], 0)
+    uav.on_applications([STEP], [], 0)
     both.carry()
     uav.on_value(value("plan/step", 1.0), 0)
     both.carry()
     other = Resource(path="plan/step", kind=Kind.EVENT, type="Int", owner="planner")
-    uav.set_applications([other], [], 0)
+    uav.on_applications([other], [], 0)
     both.carry()
     assert both.log[-1] == ("uav1", Watch(other))
 
@@ -359,7 +362,7 @@ def test_a_pattern_that_is_none_is_refused() -> None:
 def test_an_operators_limit_holds_for_notified_boards_and_not_for_events() -> None:
     both = pair("/uav1/power/battery", "/uav1/health/faults")
     uav = both.trees["uav1"]
-    uav.held.set_limits((ChannelLimit("power/*", 0.5), ChannelLimit("**", 0.0)), both.now_ns)
+    uav.on_limits((ChannelLimit("power/*", 0.5), ChannelLimit("**", 0.0)), both.now_ns)
     for sequence in range(1, 41):
         battery(both, float(sequence), sequence)
         uav.on_value(value("health/faults", 0.0, sequence, FrameKind.EVENT), both.now_ns)
@@ -367,10 +370,10 @@ def test_an_operators_limit_holds_for_notified_boards_and_not_for_events() -> No
     taken = [item for item in both.received["gcs"] if item.path == "power/battery"]
     assert [item.sequence for item in taken] == [1, 20, 40], "the newest every two seconds"
     assert len(both.received["gcs"]) - len(taken) == 40
-    uav.held.set_limits((ChannelLimit("**", 0.0),), both.now_ns)
+    uav.on_limits((ChannelLimit("**", 0.0),), both.now_ns)
     battery(both, 99.0, 99)
     both.wait(100)
     assert both.received["gcs"][-1].sequence != 99
-    uav.held.set_limits((), both.now_ns)
+    uav.on_limits((), both.now_ns)
     both.carry()
     assert both.received["gcs"][-1].sequence == 99

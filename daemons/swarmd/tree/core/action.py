@@ -4,7 +4,7 @@ import msgspec
 
 from swarmware.frame import Kind
 from swarmware.resource import Resource
-from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeNotify
+from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
 
 class AskStructure(msgspec.Struct, frozen=True, gc=False):
@@ -53,6 +53,13 @@ class Forget(msgspec.Struct, frozen=True, gc=False):
     platform: str
 
 
+class WriteMirror(msgspec.Struct, frozen=True, gc=False):
+    """A value of another platform that is read here."""
+
+    platform: str
+    item: TreeItem
+
+
 class KeepOnly(msgspec.Struct, frozen=True, gc=False):
     """These are all resources of a platform: mirrors of others go."""
 
@@ -60,4 +67,4 @@ class KeepOnly(msgspec.Struct, frozen=True, gc=False):
     paths: frozenset[str]
 
 
-Action = AskStructure | AskSubscription | SendNotify | Watch | Unwatch | Forget | KeepOnly
+Action = AskStructure | AskSubscription | SendNotify | Watch | Unwatch | Forget | KeepOnly | WriteMirror

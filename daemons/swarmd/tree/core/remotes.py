@@ -127,15 +127,19 @@ class Remotes:
             remote.gone_ns = now_ns
             self._timers.set((platform, "forget"), now_ns + self._timeouts.forget_ns)
 
-    def demand(self, platform: str) -> bool:
-        """Somebody wants to see its structure; whether an answer may come."""
+    def demand(self, platform: str) -> None:
+        """Somebody wants to see its structure."""
         remote = self._remotes.get(platform)
         if remote is None or not remote.up:
-            return False
+            return
         if remote.index is None or not self._keeps_up(remote):
             remote.demanded = True
             self._ask(remote)
-        return remote.asking
+
+    def asks(self, platform: str) -> bool:
+        """Whether an answer of it may come."""
+        remote = self._remotes.get(platform)
+        return remote is not None and remote.up and remote.asking
 
     def on_gone(self, platform: str, now_ns: int) -> None:
         """It cannot be reached any more."""
