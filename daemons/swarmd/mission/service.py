@@ -12,14 +12,13 @@ from swarmd.mission.blocks.plugins import installed
 from swarmd.mission.builtin import built_in
 from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
-from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
+from swarmd.mission.core.actions import Action, Announce, CancelBlock, StartBlock, Step
 from swarmd.mission.core.admission import Admission
-from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS, Announcer
+from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.member import MissionCore
 from swarmd.mission.core.phases import REST, Phase
-from swarmd.mission.core.run import Limits
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import Runner
@@ -73,36 +72,31 @@ class Mission(Service):
         await self._open()
         try:
             async with asyncio.TaskGroup() as group:
+                group.create_task(self._driver.run(), name="mission:driver")
                 group.create_task(self._listen(), name="mission:others")
                 group.create_task(self._take_aborts(), name="mission:aborts")
                 group.create_task(self._watch_links(), name="mission:links")
                 group.create_task(self._prepare(), name="mission:store")
                 await self._restarted()
-                self._after([])
         finally:
-            if self._timer is not None:
-                self._timer.cancel()
             await self._runner.close()
 
     async def _open(self) -> None:
         module, node = self.module, self.module.node.config
-        self._timer: asyncio.TimerHandle | None = None
-        self._held: list[Action] = []
-        """Actions of an order whose answer leaves first."""
         self._kind = node.kind
         self._plugins = installed()
         self._checker = Checker(self._plugins.catalogue)
         self._admission = Admission(module.platform, self._kind)
         self._values = Values(module)
-        self._announcer = Announcer()
         self._core = MissionCore(
             module.platform,
             built_in(module.platform, self._kind),
             self._values,
             random.random,
-            Limits(self.config.start_timeout_s, self.config.lost_after_s),
+            self.config,
             self._lead_ns,
         )
+        self._driver = self.drive(self._core, self._perform)
         vehicle = await Vehicle.open(module, self.config) if self._kind in VEHICLES else None
         self._runner = Runner(module, vehicle, self._plugins, self._ended, self._core.report)
         self._store = Store((node.data_path / "missions", node.share_path / "missions"), self._checker)
@@ -191,18 +185,18 @@ class Mission(Service):
             await self._values.open(run.mission.resources())
             if self._has_taken(order):  # meanwhile
                 return MissionReceipt(True, received_ns)
-            self._held += self._core.order(run, self.module.now_ns())
+            # the answer leaves first: on the ground station it waits, others hear with the next tick
+            self._driver.defer(self._core.on_order(run, self.module.now_ns()))
         except SwarmError as error:
             log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
             return MissionReceipt(False, received_ns, tuple(str(error).splitlines()))
-        # the answer leaves first: on the ground station it waits, the other members hear with the next tick
         asyncio.get_running_loop().call_soon(self._taken, run.epoch)
         return MissionReceipt(True, received_ns)
 
     def _taken(self, epoch: int) -> None:
         """What the others stated in this run before this platform took its order counts, too."""
         others = self._others.items()
-        self._after(self._hear([name for name, board in others if (s := board.value) and s.epoch == epoch]))
+        self._hear([name for name, board in others if (s := board.value) and s.epoch == epoch])
 
     def _has_taken(self, order: MissionOrder) -> bool:
         """It is asked again, because the answer was lost or late."""
@@ -259,15 +253,16 @@ class Mission(Service):
                 continue
             log.warning("abort: %s", order.reason)
             try:
-                self._after(self._core.abort(order.reason, order.then, self.module.now_ns()))
+                now_ns = self.module.now_ns()
+                self._driver.feed(self._core.on_abort(order.reason, order.then, now_ns))
             except Conflict as error:
                 log.warning("abort refused: %s", error)
 
     async def _listen(self) -> None:
         while True:
-            self._after(self._hear(await self._others.changed()))
+            self._hear(await self._others.changed())
 
-    def _hear(self, platforms: Iterable[str]) -> list[Action]:
+    def _hear(self, platforms: Iterable[str]) -> None:
         """Takes in the newest states of these platforms."""
         states: list[tuple[str, MissionState, tuple[Meeting, ...]]] = []
         now_ns = self.module.now_ns()
@@ -279,7 +274,7 @@ class Mission(Service):
                 self._census.heard(platform, state, now_ns - round(max(reader.age_s or 0.0, 0.0) * 1e9))
                 meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
                 states.append((platform, state, meetings))
-        return self._core.heard_all(states, now_ns)
+        self._driver.feed(self._core.on_states(states, now_ns))
 
     def _local(self, meeting: Meeting, meta: Meta, now_ns: int) -> Meeting:
         """The meeting on this platform's clock."""
@@ -309,7 +304,7 @@ class Mission(Service):
             if routes is not None and (self._routes.age_s or 0.0) < self.config.lost_after_s:
                 now_ns = self.module.now_ns()
                 for route in routes.routes:
-                    self._core.alive(route.platform, now_ns)
+                    self._core.on_alive(route.platform, now_ns)
                     self._census.reached(route.platform, now_ns)
 
     async def _prepare(self) -> None:
@@ -332,38 +327,23 @@ class Mission(Service):
         if state is not None and state.armed:
             reason = "the mission daemon was restarted while the vehicle was armed"
             log.warning("%s: %s", SAFE, reason)
-            self._after(self._core.abort(reason, SAFE, self.module.now_ns()))
+            self._driver.feed(self._core.on_abort(reason, SAFE, self.module.now_ns()))
 
     # -- what goes out
 
     def _ended(self, token: int, outcome: str, text: str) -> None:
-        self._after(self._core.ended(token, outcome, text, self.module.now_ns()))
+        self._driver.feed(self._core.on_ended(token, outcome, text, self.module.now_ns()))
 
-    def _on_timer(self) -> None:
-        self._after(self._core.on_timer(self.module.now_ns()))
-
-    def _after(self, actions: list[Action]) -> None:
-        """Carries out what the core asks for, tells the state when it is due, sets the alarm."""
-        held, self._held = self._held, []
-        for action in (*held, *actions):
-            match action:
-                case StartBlock():
-                    self._runner.start(action)
-                case CancelBlock(token):
-                    self._runner.cancel(token)
-                case Step():
-                    self._tell(action)
-        now_ns = self.module.now_ns()
-        state = self._now_state()
-        if self._announcer.due(state, now_ns):
-            self._state.write(state)
-        instants = (self._core.deadline_ns(), self._announcer.deadline_ns())
-        due_ns = min(instant for instant in instants if instant is not None)
-        if self._timer is not None:
-            self._timer.cancel()
-        # the event loop counts milliseconds and rounds down: asked for exactly, it would come too early
-        delay_ms = max(0, -(-(due_ns - now_ns) // 1_000_000))
-        self._timer = asyncio.get_running_loop().call_later(delay_ms / 1000, self._on_timer)
+    def _perform(self, action: Action) -> None:
+        match action:
+            case StartBlock():
+                self._runner.start(action)
+            case CancelBlock(token):
+                self._runner.cancel(token)
+            case Step():
+                self._tell(action)
+            case Announce(state):
+                self._state.write(msgspec.structs.replace(state, kind=self._kind))
 
     def _tell(self, step: Step) -> None:
         self._progress.write(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Final, Generic
 
-from swarmware.runtime.core import Action, Alarm, Core, EventLoop, HardwareClock
+from swarmware.runtime.core import AT_ONCE, Action, Alarm, Core, EventLoop, HardwareClock
 from swarmware.runtime.instant import wait_s
 from swarmware.runtime.slow import SlowSteps
 
@@ -131,7 +131,7 @@ class CoreDriver(Generic[Action]):
 
     def _due_ns(self) -> int | None:
         if self._queue:  # deferred, or after an action that failed
-            return self._clock.now_ns()
+            return AT_ONCE
         due_ns = self.core.deadline_ns()
         if due_ns is not None and self._not_before_ns is not None:
             return max(due_ns, self._not_before_ns)

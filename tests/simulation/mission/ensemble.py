@@ -8,11 +8,11 @@ from typing import Any
 
 import msgspec
 
-from swarmd.mission.core.actions import Action, CancelBlock, StartBlock, Step
-from swarmd.mission.core.announce import Announcer
+from swarmd.mission.config import Config
+from swarmd.mission.core.actions import Action, Announce, CancelBlock, StartBlock, Step
 from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.member import START, MissionCore
-from swarmd.mission.core.run import Limits, Run
+from swarmd.mission.core.run import Run
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
@@ -79,10 +79,9 @@ class Node:
             built_in,
             Nothing(),
             chance.random,
-            Limits(),
+            Config(),
             lambda _: lead_ns(S // 4, beacon_hz, 1),
         )
-        self.announcer = Announcer()
         self.offset_ns = round(chance.uniform(-5, 5) * S)
         self.rate = 1 + chance.uniform(-50e-6, 50e-6)
         self.alive = True
@@ -119,7 +118,7 @@ class Ensemble:
     def run(self, until_s: float) -> None:
         """Until nobody plays any more, or this long."""
         for node in self.nodes.values():
-            self._after(node, [])  # announces that it is idle: a node that is there
+            self._after(node, node.core.on_timer(node.now(self.now_ns)))  # announces that it is idle
         self.at(self.now_ns + S, self._signs_of_life)
         while self._events and self._events[0][0] <= until_s * S:
             self.now_ns, _, do = heapq.heappop(self._events)
@@ -132,14 +131,14 @@ class Ensemble:
         node = self.nodes[name]
         role = next(m.role for m in self.members if m.platform == name)
         run = Run(mission, "trial", "00112233", epoch, role, self.members)
-        self._after(node, node.core.order(run, node.now(self.now_ns)))
+        self._after(node, node.core.on_order(run, node.now(self.now_ns)))
 
     def kill(self, name: str) -> None:
         self.nodes[name].alive = False
 
     def abort(self, name: str) -> None:
         node = self.nodes[name]
-        self._after(node, node.core.abort("operator", "land", node.now(self.now_ns)))
+        self._after(node, node.core.on_abort("operator", "land", node.now(self.now_ns)))
 
     def outcomes(self) -> dict[str, str]:
         return {name: node.core.phase.value for name, node in self.nodes.items() if node.alive}
@@ -162,7 +161,7 @@ class Ensemble:
                 if self._apart(node, other):
                     continue
                 if other.alive and self.chance.random() >= self.world.loss**10:
-                    node.core.alive(other.name, node.now(self.now_ns))
+                    node.core.on_alive(other.name, node.now(self.now_ns))
         self.at(self.now_ns + S, self._signs_of_life)
 
     def _after(self, node: Node, actions: list[Action]) -> None:
@@ -178,12 +177,9 @@ class Ensemble:
                     self.passages.append(Passage(node.name, block, outcome, self.now_ns))
                 case Step("", _, "state:running"):
                     self.passages.append(Passage(node.name, START, "ok", self.now_ns))
-        own = node.now(self.now_ns)
-        state = node.core.state()
-        if node.announcer.due(state, own):
-            self._broadcast(node, state)
-        deadlines = [node.announcer.deadline_ns(), node.core.deadline_ns()]
-        wake = min(d for d in deadlines if d is not None)
+                case Announce(state):
+                    self._broadcast(node, state)
+        wake = node.core.deadline_ns()
         true_ns = max(node.true(wake), self.now_ns)
         while node.now(true_ns) < wake:
             true_ns += 1
@@ -219,7 +215,7 @@ class Ensemble:
             )
             for m in state.meetings
         )
-        self._after(node, node.core.heard(sender.name, state, meetings, node.now(self.now_ns)))
+        self._after(node, node.core.on_state(sender.name, state, meetings, node.now(self.now_ns)))
 
     def _begin(self, node: Node, token: int, block: Block) -> None:
         landing = block.type in {"Land", "Hold"}
@@ -238,7 +234,7 @@ class Ensemble:
             return
         block, _ = node.running.pop(token)
         node.landed = outcome == "ok" and block.type in {"Land", "Hold"}
-        self._after(node, node.core.ended(token, outcome, "", node.now(self.now_ns)))
+        self._after(node, node.core.on_ended(token, outcome, "", node.now(self.now_ns)))
 
 
 def swarm(ground: int, air: int) -> tuple[Member, ...]:

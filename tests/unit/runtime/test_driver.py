@@ -185,6 +185,21 @@ def test_deferred_actions_are_carried_out_in_a_turn_of_their_own_before_what_is_
     assert shell.done[3:] == ["act", "next", "after"]
 
 
+def test_deferred_actions_are_carried_out_although_time_passes_at_every_look_at_the_clock() -> None:
+    class Busy(VirtualClock):
+        def now_ns(self) -> int:
+            self._time.now_ns += 1
+            return super().now_ns()
+
+    time = VirtualTime()
+    done: list[str] = []
+    driver = time.drive(Script(), done.append, clock=Busy(time))
+    driver.defer(["one"])
+    for _ in range(3):
+        time.step()
+    assert done == ["one"]
+
+
 def test_settling_may_cause_an_event_too(shell: Shell) -> None:
     def settled() -> None:
         shell.settled()

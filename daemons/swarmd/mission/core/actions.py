@@ -3,6 +3,7 @@
 import msgspec
 
 from swarmware.mission.model import Block
+from swarmware.types.mission import MissionState
 
 
 class StartBlock(msgspec.Struct, frozen=True):
@@ -53,6 +54,12 @@ class Ended(msgspec.Struct, frozen=True):
     reason: str = ""
 
 
+class Announce(msgspec.Struct, frozen=True):
+    """Put the state onto its board: it has changed, or it is time for a sign of life."""
+
+    state: MissionState
+
+
 PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | Step | Ended
-Action = StartBlock | CancelBlock | Step
+Action = StartBlock | CancelBlock | Step | Announce
 """What leaves the mission core: barriers and ends are its own business."""

@@ -25,7 +25,7 @@ class Announcer:
         self._last_ns: int | None = None
 
     def due(self, state: MissionState, now_ns: int) -> bool:
-        """Whether to write this state now; the caller does so when told."""
+        """Whether to write this state now."""
         key = msgspec.structs.replace(state, **_QUIET)
         if key != self._told:
             self._told, self._left = key, REPEATS

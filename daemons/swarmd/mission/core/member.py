@@ -6,39 +6,41 @@ from typing import Final, Literal
 
 import msgspec
 
+from swarmd.mission.config import Config
 from swarmd.mission.core.actions import (
     Action,
+    Announce,
     Ended,
     EnterBarrier,
     LeaveBarrier,
     PlayerAction,
     Step,
 )
+from swarmd.mission.core.announce import Announcer
 from swarmd.mission.core.barrier import Barriers, Gate
 from swarmd.mission.core.phases import Event, Phase, follow
 from swarmd.mission.core.player import Player
-from swarmd.mission.core.run import Limits, Run
+from swarmd.mission.core.run import Run
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
 from swarmware.mission.model import ERROR, TIMEOUT, Block, Mission
+from swarmware.runtime.core import AT_ONCE
 from swarmware.types.mission import HASH_DIGITS, Meeting, Member, MissionState
 
 START: Final = "@start"
 """The barrier before Start: nobody begins unless all have accepted."""
 CHECK_NS: Final = 1_000_000_000
 """Requirements are looked at so often (S2.35)."""
+REQUIREMENT_MISSES: Final = 3
+"""Checks in a row in which a requirement cannot be evaluated before it counts as unmet."""
 
 _PLAYING: Final = frozenset({Phase.RUNNING, Phase.RECOVERING})
 _BUSY: Final = frozenset({Phase.READY, Phase.RUNNING, Phase.ENDING, Phase.RECOVERING})
 
 
 class MissionCore:
-    """Decides everything about this platform's mission; the shell runs blocks, writes and listens.
-
-    After every call the shell carries out the actions, writes `state()` when it is due, and sets its timer
-    to `deadline_ns()`.
-    """
+    """Decides everything about this platform's mission; the shell runs blocks, writes and listens."""
 
     def __init__(
         self,
@@ -46,7 +48,7 @@ class MissionCore:
         built_in: Mapping[str, Mission],
         lookup: Lookup,
         chance: Callable[[], float],
-        limits: Limits,
+        config: Config,
         lead: Callable[[frozenset[str]], int],
     ) -> None:
         """`lead`: nanoseconds that the news of an opened barrier needs to reach these platforms."""
@@ -55,7 +57,8 @@ class MissionCore:
         """What a vehicle of this kind can do by itself: land, hold. A ground station has none."""
         self._lookup = lookup
         self._chance = chance
-        self._limits = limits
+        self._config = config
+        self._announcer = Announcer()
         self._lead = lead
         self._tokens = count(1)
         self._phase = Phase.IDLE
@@ -130,7 +133,7 @@ class MissionCore:
         """Members for whom this one waits at a barrier."""
         return self._barriers.missing(now_ns) if self._barriers else ()
 
-    def order(self, run: Run, now_ns: int) -> list[Action]:
+    def on_order(self, run: Run, now_ns: int) -> list[Action]:
         """Takes a mission: it begins when all members have taken it.
 
         Raises: Conflict when another one runs, or a requirement is not met.
@@ -148,24 +151,24 @@ class MissionCore:
             self._platform,
             run.members,
             run.epoch,
-            round(self._limits.lost_after_s * 1e9),
+            round(self._config.lost_after_s * 1e9),
             lambda: self._lead(others),
             strict=frozenset({START, *run.strict_barriers()}),
         )
-        self._barriers.arrive(0, Gate(START, 1, timeout_s=self._limits.start_timeout_s), now_ns)
+        self._barriers.arrive(0, Gate(START, 1, timeout_s=self._config.start_timeout_s), now_ns)
         self._text = "ready"
         actions: list[Action] = []
         self._move(Event.ORDER, now_ns, actions)
         self._settle(now_ns, actions)
-        return actions
+        return self._done(now_ns, actions)
 
-    def heard(
+    def on_state(
         self, platform: str, state: MissionState, meetings: tuple[Meeting, ...], now_ns: int
     ) -> list[Action]:
         """Another platform's state; its meetings on this platform's clock."""
-        return self.heard_all([(platform, state, meetings)], now_ns)
+        return self.on_states([(platform, state, meetings)], now_ns)
 
-    def heard_all(
+    def on_states(
         self, states: Iterable[tuple[str, MissionState, tuple[Meeting, ...]]], now_ns: int
     ) -> list[Action]:
         """States of several platforms that are known at the same instant."""
@@ -174,28 +177,29 @@ class MissionCore:
             for platform, state, meetings in states:
                 self._barriers.heard(platform, state, meetings, now_ns)
             self._settle(now_ns, actions)
-        return actions
+        return self._done(now_ns, actions)
 
-    def alive(self, platform: str, now_ns: int) -> None:
+    def on_alive(self, platform: str, now_ns: int) -> list[Action]:
         """Another sign of life of a platform."""
         if self._barriers is not None:
             self._barriers.alive(platform, now_ns)
+        return []
 
-    def ended(self, token: int, outcome: str, text: str, now_ns: int) -> list[Action]:
+    def on_ended(self, token: int, outcome: str, text: str, now_ns: int) -> list[Action]:
         """A functional block has ended: ok, error:<kind> or cancelled."""
         actions: list[Action] = []
         self._ratios.pop(token, None)
         if self._player is not None:
             self._apply(self._player.on_outcome(token, outcome, now_ns, text), now_ns, actions)
             self._settle(now_ns, actions)
-        return actions
+        return self._done(now_ns, actions)
 
     def report(self, token: int, ratio: float, text: str) -> None:
         """How far a functional block is."""
         self._ratios[token] = min(max(ratio, 0.0), 1.0)
         self._text = text
 
-    def abort(self, reason: str, then: str, now_ns: int) -> list[Action]:
+    def on_abort(self, reason: str, then: str, now_ns: int) -> list[Action]:
         """Stops the mission; then the built-in mission named, or the one the mission asks for.
 
         Raises: Conflict when there is no such built-in mission here.
@@ -205,7 +209,7 @@ class MissionCore:
         actions: list[Action] = []
         self._stop("aborted", reason, then, now_ns, actions)
         self._settle(now_ns, actions)
-        return actions
+        return self._done(now_ns, actions)
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Time-outs, common times, lost members, requirements."""
@@ -216,16 +220,23 @@ class MissionCore:
             self._check_ns += CHECK_NS * max(1, (now_ns - self._check_ns) // CHECK_NS)
             self._check(now_ns, actions)
         self._settle(now_ns, actions)
-        return actions
+        return self._done(now_ns, actions)
 
-    def deadline_ns(self) -> int | None:
+    def deadline_ns(self) -> int:
         """When `on_timer` must be called."""
         instants = [
             self._player.deadline_ns() if self._player else None,
             self._barriers.deadline_ns() if self._barriers else None,
             self._check_ns if self._phase is Phase.RUNNING else None,
+            self._announcer.deadline_ns() or AT_ONCE,
         ]
-        return min((instant for instant in instants if instant is not None), default=None)
+        return min(instant for instant in instants if instant is not None)
+
+    def _done(self, now_ns: int, actions: list[Action]) -> list[Action]:
+        state = self.state()
+        if self._announcer.due(state, now_ns):
+            actions.append(Announce(state))
+        return actions
 
     def _move(self, event: Event, now_ns: int, actions: list[Action], text: str = "") -> None:
         self._phase = follow(self._phase, event)
@@ -360,7 +371,7 @@ class MissionCore:
             holds = condition.holds(self._lookup)
             misses = 0 if holds else self._misses.get(condition.text, 0) + 1
             self._misses[condition.text] = misses
-            if holds is False or misses >= self._limits.requirement_misses:
+            if holds is False or misses >= REQUIREMENT_MISSES:
                 unmet.append(condition.text)
         self._unmet = tuple(unmet)
         if unmet:

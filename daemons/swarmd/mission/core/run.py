@@ -22,14 +22,3 @@ class Run(msgspec.Struct, frozen=True):
         stations = {member.role for member in self.members if member.kind == "gcs"}
         params = [block.params for block in self.mission.barriers()]
         return frozenset(p.id for p in params if isinstance(p, Barrier) and stations & set(p.roles))
-
-
-class Limits(msgspec.Struct, frozen=True):
-    """Times of the ensemble; all members have the same ones."""
-
-    start_timeout_s: float = 10.0
-    """Until all members stand ready; afterwards nobody starts."""
-    lost_after_s: float = 3.0
-    """Silence after which a member is lost: three heartbeats."""
-    requirement_misses: int = 3
-    """Checks in a row, one a second, in which a requirement cannot be told before it counts as unmet."""
