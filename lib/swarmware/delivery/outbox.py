@@ -76,7 +76,7 @@ class Outbox:
         """The key of a message or request."""
         return frame.sender_app, frame.data_id, frame.sequence
 
-    def submit(self, frame: Frame, now_ns: int, timeout_ns: int) -> list[Action]:
+    def on_submit(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """A new message or request."""
         key = self.key(frame)
         pace = LOCAL if frame.receiver_hw == self._hardware else REMOTE
@@ -117,13 +117,12 @@ class Outbox:
         del self._pending[key]
         return [Complete(key, outcome)]
 
-    def on_reply(self, key: Key, now_ns: int) -> bool:
-        """The reply to a request; False for a duplicate."""
+    def on_reply(self, key: Key, now_ns: int) -> list[Action]:
+        """The reply to a request."""
         pending = self._pending.pop(key, None)
-        if pending is None:
-            return False
-        self._measure(pending, now_ns)
-        return True
+        if pending is not None:
+            self._measure(pending, now_ns)
+        return []
 
     def reached(self, key: Key) -> None:
         """The message was handed to a living application of this platform."""

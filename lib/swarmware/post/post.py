@@ -29,6 +29,7 @@ from swarmware.errors import Denied, WireError, from_kind
 from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Flag, Frame, Kind, decode, encode
 from swarmware.names import ANY
 from swarmware.post.wire import Identity, Wire
+from swarmware.runtime.driver import CoreDriver
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.time import Conversion
@@ -89,8 +90,7 @@ class Post:
         self._messages: dict[Key, asyncio.Future[Outcome]] = {}
         self._requests: dict[Key, asyncio.Future[Reply]] = {}
         self._windows: Counter[tuple[int, int]] = Counter()
-        self._timer: asyncio.TimerHandle | None = None
-        self._timer_ns = 0
+        self._driver = CoreDriver(self._outbox, self._perform, name="post", clock=clock, loop=self._loop)
         self._probed_ns = 0
         self._closed = False
 
@@ -187,8 +187,7 @@ class Post:
 
     def _submit(self, frame: Frame, timeout_s: float) -> None:
         now_ns = self._clock.now_ns()
-        self._carry_out(self._outbox.submit(frame, now_ns, round(timeout_s * 1e9)))
-        self._arm(now_ns)
+        self._driver.feed(self._outbox.on_submit(frame, round(timeout_s * 1e9), now_ns))
 
     def _message_done(self, key: Key, window: tuple[int, int], _: asyncio.Future[Outcome]) -> None:
         self._messages.pop(key, None)
@@ -201,14 +200,13 @@ class Post:
         self._requests.pop(key, None)
         self._outbox.drop(key)
 
-    def _carry_out(self, actions: list[Action]) -> None:
-        for action in actions:
-            if isinstance(action, Complete):
-                self._settle(action.key, action.outcome)
-            else:
-                if action.retransmission:
-                    self._probe()
-                self._route(action.frame, None)
+    def _perform(self, action: Action) -> None:
+        if isinstance(action, Complete):
+            self._settle(action.key, action.outcome)
+            return
+        if action.retransmission:
+            self._probe()
+        self._route(action.frame, None)
 
     def _settle(self, key: Key, outcome: Outcome) -> None:
         message = self._messages.get(key)
@@ -219,21 +217,6 @@ class Post:
         if request is not None and not request.done():
             kind = "NotFound" if outcome.status is Status.REFUSED else "NoAnswer"
             request.set_exception(from_kind(kind, str(outcome)))
-
-    def _arm(self, now_ns: int) -> None:
-        deadline_ns = self._outbox.deadline_ns()
-        if deadline_ns is None or (self._timer is not None and self._timer_ns <= deadline_ns):
-            return
-        if self._timer is not None:
-            self._timer.cancel()
-        self._timer_ns = deadline_ns
-        self._timer = self._loop.call_later(max(0.001, (deadline_ns - now_ns) / 1e9), self._on_timer)
-
-    def _on_timer(self) -> None:
-        self._timer = None
-        now_ns = self._clock.now_ns()
-        self._carry_out(self._outbox.on_timer(now_ns))
-        self._arm(now_ns)
 
     def _probe(self) -> None:
         now_ns = self._clock.now_ns()
@@ -381,21 +364,21 @@ class Post:
         try:
             if frame.kind is Kind.ACK:
                 ack = registry.decode(Ack, frame.payload, frame.codec)
-                self._carry_out(self._outbox.on_ack(key, ack, now_ns))
+                self._driver.feed(self._outbox.on_ack(key, ack, now_ns))
                 return
             answer_ = registry.decode(Reply, frame.payload, frame.codec)
         except WireError:
             self.counts["wire_errors"] += 1
             return
         future = self._requests.get(key)
-        if self._outbox.on_reply(key, now_ns) and future is not None and not future.done():
+        self._driver.feed(self._outbox.on_reply(key, now_ns))
+        if future is not None and not future.done():  # else it is a duplicate
             future.set_result(answer_)
 
     def close(self) -> None:
         """Close the sockets; whoever still waits is told that this end has gone."""
         self._closed = True
-        if self._timer is not None:
-            self._timer.cancel()
+        self._driver.stop()
         gone = Outcome(Status.UNREACHABLE, self.platform, "this application ends")
         for key in [*self._messages, *self._requests]:
             self._settle(key, gone)

@@ -86,7 +86,7 @@ class Sending:
             stamp_ns=self.net.now_ns + self._ahead_ns,
             extension=with_lifetime(timeout_s),
         )
-        self._driver.feed(self.outbox.submit(frame, self.net.now_ns, round(timeout_s * 1e9)))
+        self._driver.feed(self.outbox.on_submit(frame, round(timeout_s * 1e9), self.net.now_ns))
 
     def on_data(self, sender: int, data: bytes) -> None:
         frame = decode(data)

@@ -39,7 +39,7 @@ def test_an_unanswered_message_is_sent_again_ever_slower_and_then_expires(
     receiver: int, timeout_ms: int, again_at_ms: list[int]
 ) -> None:
     outbox = Outbox(HERE)
-    first = outbox.submit(message(receiver_hw=receiver), 0, timeout_ms * MS)
+    first = outbox.on_submit(message(receiver_hw=receiver), timeout_ms * MS, 0)
     assert first == [Transmit(message(receiver_hw=receiver), retransmission=False)]
     seen = run(outbox, 10_000 * MS)
     assert [at for at, action in seen if isinstance(action, Transmit)] == again_at_ms
@@ -53,7 +53,7 @@ def test_an_unanswered_message_is_sent_again_ever_slower_and_then_expires(
 @pytest.mark.parametrize("status", [Status.DELIVERED, Status.REFUSED])
 def test_an_answer_settles_a_message_once(status: Status) -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(), 0, 1000 * MS)
+    outbox.on_submit(message(), 1000 * MS, 0)
     ack = Ack(int(status), "uav1:planner#1", "because", 5)
     key = Outbox.key(message())
     assert outcomes(outbox.on_ack(key, ack, 1 * MS)) == [Outcome(status, "uav1:planner#1", "because", 5)]
@@ -63,7 +63,7 @@ def test_an_answer_settles_a_message_once(status: Status) -> None:
 
 def test_a_receiver_may_appear_within_the_grace_time() -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(), 0, 5000 * MS)
+    outbox.on_submit(message(), 5000 * MS, 0)
     key = Outbox.key(message())
     assert outbox.on_ack(key, Ack(int(Status.ABSENT), "uav1"), 1 * MS) == []
     assert run(outbox, 400 * MS)
@@ -72,7 +72,7 @@ def test_a_receiver_may_appear_within_the_grace_time() -> None:
 
 def test_a_receiver_that_never_appears_refuses_after_the_grace_time() -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(), 0, 5000 * MS)
+    outbox.on_submit(message(), 5000 * MS, 0)
     outbox.on_ack(Outbox.key(message()), Ack(int(Status.ABSENT), "uav1", "no such inbox"), 1 * MS)
     seen = run(outbox, 10_000 * MS)
     assert seen[-1] == (
@@ -83,7 +83,7 @@ def test_a_receiver_that_never_appears_refuses_after_the_grace_time() -> None:
 
 def test_a_missing_way_is_told_with_its_hop_when_the_time_is_over() -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(receiver_hw=THERE), 0, 2000 * MS)
+    outbox.on_submit(message(receiver_hw=THERE), 2000 * MS, 0)
     outbox.on_ack(Outbox.key(message()), Ack(int(Status.UNREACHABLE), "uav4", "no route"), 5 * MS)
     seen = run(outbox, 10_000 * MS)
     assert seen[-1][0] == 2000
@@ -92,7 +92,7 @@ def test_a_missing_way_is_told_with_its_hop_when_the_time_is_over() -> None:
 
 def test_a_way_that_opens_again_delivers() -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(receiver_hw=THERE), 0, 2000 * MS)
+    outbox.on_submit(message(receiver_hw=THERE), 2000 * MS, 0)
     key = Outbox.key(message())
     outbox.on_ack(key, Ack(int(Status.UNREACHABLE), "uav4"), 5 * MS)
     assert run(outbox, 950 * MS)
@@ -103,44 +103,45 @@ def test_the_pace_follows_the_measured_round_trip() -> None:
     outbox = Outbox(HERE)
     for sequence in range(20):
         frame = message(sequence, receiver_hw=THERE)
-        outbox.submit(frame, sequence * 1000 * MS, 5000 * MS)
+        outbox.on_submit(frame, 5000 * MS, sequence * 1000 * MS)
         outbox.on_ack(Outbox.key(frame), Ack(0), (sequence * 1000 + 160) * MS)
     start_ms = 30_000
-    outbox.submit(message(99, receiver_hw=THERE), start_ms * MS, 5000 * MS)
+    outbox.on_submit(message(99, receiver_hw=THERE), 5000 * MS, start_ms * MS)
     at_ms = run(outbox, 40_000 * MS)[0][0] - start_ms
     assert 160 <= at_ms < 200
 
 
 def test_an_answer_to_a_message_that_was_sent_twice_measures_nothing() -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(1, receiver_hw=THERE), 0, 5000 * MS)
+    outbox.on_submit(message(1, receiver_hw=THERE), 5000 * MS, 0)
     run(outbox, 300 * MS)
     outbox.on_ack(Outbox.key(message(1)), Ack(0), 301 * MS)
-    outbox.submit(message(2, receiver_hw=THERE), 1000 * MS, 5000 * MS)
+    outbox.on_submit(message(2, receiver_hw=THERE), 5000 * MS, 1000 * MS)
     assert outbox.deadline_ns() == 1300 * MS
 
 
 def test_a_request_in_work_is_asked_for_at_the_slowest_pace_and_answered_once() -> None:
     outbox = Outbox(HERE)
     question = message(kind=Kind.REQUEST)
-    outbox.submit(question, 0, 5000 * MS)
+    outbox.on_submit(question, 5000 * MS, 0)
     key = Outbox.key(question)
     assert outbox.on_ack(key, Ack(int(Status.DELIVERED)), 10 * MS) == []
     again_ms = [at for at, action in run(outbox, 2000 * MS) if isinstance(action, Transmit)]
     assert again_ms == [50, 450, 850, 1250, 1650]
-    assert outbox.on_reply(key, 2001 * MS)
-    assert not outbox.on_reply(key, 2002 * MS)
+    assert outbox.on_reply(key, 2001 * MS) == []
+    assert len(outbox) == 0
+    assert outbox.on_reply(key, 2002 * MS) == [], "a duplicate"
 
 
 def test_an_unknown_status_of_a_later_version_is_a_refusal() -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(), 0, 1000 * MS)
+    outbox.on_submit(message(), 1000 * MS, 0)
     assert outcomes(outbox.on_ack(Outbox.key(message()), Ack(77), 1))[0].status is Status.REFUSED
 
 
 def test_a_receiver_that_died_with_the_message_is_unreachable_not_refusing() -> None:
     outbox = Outbox(HERE)
-    outbox.submit(message(), 0, 5000 * MS)
+    outbox.on_submit(message(), 5000 * MS, 0)
     key = Outbox.key(message())
     outbox.reached(key)
     assert run(outbox, 200 * MS)
@@ -160,10 +161,10 @@ def test_a_message_kind_that_wants_an_acknowledgement_is_answered_whatever_its_p
 def test_slow_notifications_do_not_slow_the_repetition_of_commands() -> None:
     outbox = Outbox(HERE)
     for sequence, kind, way_ms in ((1, Kind.MESSAGE, 20), (2, Kind.NOTIFY, 200)):
-        outbox.submit(message(sequence, receiver_hw=THERE, kind=kind), 0, 5000 * MS)
+        outbox.on_submit(message(sequence, receiver_hw=THERE, kind=kind), 5000 * MS, 0)
         outbox.on_ack((9, 7, sequence), Ack(int(Status.DELIVERED)), way_ms * MS)
-    outbox.submit(message(3, receiver_hw=THERE), 0, 5000 * MS)
+    outbox.on_submit(message(3, receiver_hw=THERE), 5000 * MS, 0)
     assert outbox.deadline_ns() == 100 * MS
     outbox.drop((9, 7, 3))
-    outbox.submit(message(4, receiver_hw=THERE, kind=Kind.STREAM), 0, 5000 * MS)
+    outbox.on_submit(message(4, receiver_hw=THERE, kind=Kind.STREAM), 5000 * MS, 0)
     assert outbox.deadline_ns() == 600 * MS
