@@ -215,10 +215,10 @@ def test_who_subscribes_again_gets_what_comes_from_then_on() -> None:
     for volt in (0.9, 0.8, 0.7):
         battery(both, volt)
         both.carry()
-    both.trees["gcs"].set_applications([], [], both.now_ns)
+    both.trees["gcs"].on_applications([], [], both.now_ns)
     both.carry()
     assert both.trees["uav1"].held.subscribers() == []
-    both.trees["gcs"].set_applications([], ["/uav1/power/battery"], both.now_ns)
+    both.trees["gcs"].on_applications([], ["/uav1/power/battery"], both.now_ns)
     both.carry()
     for volt in (0.6, 0.5):
         battery(both, volt)
