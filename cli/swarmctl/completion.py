@@ -12,14 +12,14 @@ Completer = Callable[[click.Context, click.Parameter, str], list[Any]]
 
 
 def platforms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Platforms that were seen."""
+    """Platforms in the cache."""
     from swarmctl import completion_cache
 
     return [name for name in completion_cache.load()[1] if name.startswith(incomplete)]
 
 
 def labs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Labs that are there."""
+    """Labs of this user."""
     folder = os.environ.get("SWARMCTL_LABS") or f"/tmp/swarm-{os.getuid()}"
     try:
         return sorted(e.name for e in os.scandir(folder) if e.is_dir() and e.name.startswith(incomplete))

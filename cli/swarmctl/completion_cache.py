@@ -1,4 +1,4 @@
-"""What completion offers: platforms and paths that a command has seen, kept in one small file of the user."""
+"""Cache for shell completion: platforms and paths that a command has listed, in one file of the user."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def file() -> Path:
 
 
 def load() -> tuple[str, list[str], list[CachedResource]]:
-    """Node by which it was seen, platforms, resources; nothing when the file is not there or not ours."""
+    """Node by which they were listed, platforms, resources; nothing without a valid file."""
     try:
         found: Any = json.loads(file().read_bytes())
         rows = [CachedResource(*map(str, row)) for row in found["resources"]]
@@ -60,7 +60,7 @@ def save(
 
 
 def steps(paths: Iterable[str], begun: str) -> list[str]:
-    """What may follow: the next segment of each path, as with files; a branch alone is entered at once."""
+    """Completions: the next segment of each path, as for files; a single branch is entered at once."""
     fitting = [path for path in paths if path.startswith(begun)]
     at = len(begun)
     while True:

@@ -1,4 +1,4 @@
-"""Questions before something that cannot be taken back; a script answers them by options."""
+"""Confirmation before something irreversible; scripts give it as an option."""
 
 import sys
 
@@ -6,9 +6,9 @@ import click
 
 
 def confirm(yes: bool, what: str) -> None:
-    """Goes on when the operator says yes, on the command line or now.
+    """Returns when the operator confirms, by option or at the prompt.
 
-    Raises: UsageError where nobody can be asked, Abort after a no.
+    Raises: UsageError without a terminal, Abort after a refusal.
     """
     if yes:
         return
@@ -18,9 +18,9 @@ def confirm(yes: bool, what: str) -> None:
 
 
 def confirm_by_name(name: str, given: str, what: str) -> None:
-    """Goes on when the name was typed a second time, in `--confirm` or now.
+    """Returns when the name was typed a second time, in `--confirm` or at the prompt.
 
-    Raises: UsageError when it is another one, or nobody can be asked.
+    Raises: UsageError when it differs, or without a terminal.
     """
     if not given:
         if not sys.stdin.isatty():

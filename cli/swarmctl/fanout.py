@@ -1,4 +1,4 @@
-"""One question to every platform of the swarm at once."""
+"""One request to many platforms at once."""
 
 import asyncio
 from typing import TypeVar
@@ -15,7 +15,7 @@ R = TypeVar("R", bound=msgspec.Struct)
 
 
 async def platforms(session: Session) -> list[str]:
-    """The node that was joined, every platform it can reach, and those that are away but known.
+    """The joined node, every platform it can reach, and known ones that are unreachable.
 
     Raises: NoAnswer when its broker does not answer.
     """
@@ -26,7 +26,7 @@ async def platforms(session: Session) -> list[str]:
 async def ask_all(
     session: Session, asked: list[str], path: str, value: msgspec.Struct, reply: type[R]
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:
-    """The answers, and the errors of those that gave none."""
+    """The answers, and the errors of the platforms that gave none."""
 
     async def one(platform: str) -> R | SwarmError:
         try:
@@ -63,6 +63,6 @@ def _sorted_out(asked: list[str], found: list[R | SwarmError]) -> tuple[dict[str
 
 
 def warn_errors(session: Session, errors: dict[str, SwarmError]) -> None:
-    """Says on stderr who did not answer."""
+    """Prints a warning for each platform that did not answer."""
     for error in errors.values():
         session.out.warn(str(error))

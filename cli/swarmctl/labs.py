@@ -1,4 +1,4 @@
-"""What is known about a lab: lab.json in its folder, written by its starter, read by everybody."""
+"""State of a lab: lab.json in its folder, written by the process that started it, read by every command."""
 
 import os
 import re
@@ -33,7 +33,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
     pid: int = 0
     """0: not started yet."""
     pid_start: int = 0
-    """Start time of the process in clock ticks since boot: tells it from a later one of the same pid."""
+    """Start of the process in clock ticks since boot: distinguishes it from a later one of the same pid."""
 
     @property
     def config_dir(self) -> Path:
@@ -57,12 +57,12 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def log_file(self) -> Path:
-        """What the node's processes say."""
+        """Output of the node's processes."""
         return Path(self.folder) / "log.txt"
 
     @property
     def notify_path(self) -> Path:
-        """Socket on which the node says that it is ready (sd_notify)."""
+        """Socket on which the node reports that it is ready (sd_notify)."""
         return Path(self.folder) / "notify"
 
     @property
@@ -71,7 +71,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
         return ProcessIdentity(self.pid, self.pid_start)
 
     def alive(self) -> bool:
-        """Whether its main process lives, or another: a guard that was killed is started again by others."""
+        """Whether any of its processes runs: a main process that was killed is started again."""
         return self.pid > 0 and (self.identity.alive() or bool(marked(self.folder, NODE_MARK)))
 
 
@@ -86,14 +86,14 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     folder: str
     created_utc_ns: int
     starter: ProcessIdentity
-    """Process that started it, or still does."""
+    """Process that started it."""
     multicast_group: str
     udp_port: int
     mongodb_uri: str = ""
     mongodb_database: str = ""
     """Where the logs go; empty: they stay on the nodes."""
     ready_s: float = 0.0
-    """From the first start of a process until the whole swarm knew itself; 0: not yet."""
+    """From the first start of a process until the ground station had every tree; 0: not yet."""
     nodes: tuple[LabNode, ...]
 
     def node(self, platform: str) -> LabNode:
@@ -109,24 +109,24 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def station(self) -> LabNode:
-        """The ground station: the way into the swarm."""
+        """The ground station, which a command joins."""
         return next(node for node in self.nodes if node.kind == "gcs")
 
     @property
     def running(self) -> bool:
-        """Whether any of its nodes lives."""
+        """Whether any of its nodes runs."""
         return any(node.alive() for node in self.nodes)
 
     @property
     def mark(self) -> str:
-        """What every process of this lab carries in its environment."""
+        """Value of MARK in the environment of every process of this lab."""
         return self.folder
 
 
 def check_name(name: str) -> str:
     """The lab's name itself.
 
-    Raises: InvalidInput when it is none.
+    Raises: InvalidInput when it is not one.
     """
     if not _NAME.match(name):
         raise InvalidInput(f"lab name {name!r}: expected [a-z][a-z0-9_-]{{0,23}}")
@@ -134,14 +134,14 @@ def check_name(name: str) -> str:
 
 
 def default_folder() -> Path:
-    """Where this user's labs are unless SWARMCTL_LABS says otherwise."""
+    """Folder of this user's labs without SWARMCTL_LABS."""
     return Path(f"/tmp/swarm-{os.getuid()}")
 
 
 def labs_folder() -> Path:
     """Folder of this user's labs; short, because sockets live below it.
 
-    Raises: Denied when somebody else could have prepared it.
+    Raises: Denied when another user may write to it.
     """
     folder = Path(os.environ.get("SWARMCTL_LABS") or default_folder())
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -151,10 +151,10 @@ def labs_folder() -> Path:
     return folder
 
 
-def save(record: LabState) -> None:
+def save(state: LabState) -> None:
     """Writes lab.json; readers see the old one or the new one."""
-    path = Path(record.folder) / FILE
-    data = msgspec.json.format(msgspec.json.encode(record), indent=1)
+    path = Path(state.folder) / FILE
+    data = msgspec.json.format(msgspec.json.encode(state), indent=1)
     # the address of the database may have a password in it
     replace_file(path, data, mode=0o600, durable=False)
 
@@ -162,7 +162,7 @@ def save(record: LabState) -> None:
 def load(folder: Path) -> LabState:
     """The lab in this folder.
 
-    Raises: NotFound when there is none; ConfigError when its record is damaged.
+    Raises: NotFound when there is none; ConfigError when its state file is damaged.
     """
     try:
         return document.json(document.read(folder / FILE), LabState, f"record of the lab ({folder / FILE})")
@@ -171,7 +171,7 @@ def load(folder: Path) -> LabState:
 
 
 def labs() -> list[LabState]:
-    """All labs of this user, running or left over, oldest first; damaged records are passed over."""
+    """All labs of this user, running or not, oldest first; damaged state files are skipped."""
     found = []
     for path in labs_folder().glob(f"*/{FILE}"):
         try:
@@ -182,7 +182,7 @@ def labs() -> list[LabState]:
 
 
 def running_labs() -> list[LabState]:
-    """All labs of this user of which a process runs, in whatever folder of labs."""
+    """All labs of this user of which a process runs, in any folder of labs."""
     found = []
     for mark in sorted(marks()):
         try:

@@ -16,7 +16,7 @@ EXTERNAL: Final = "swarmctl-"
 
 
 class Lazy(NamedTuple):
-    """Where a command is, and its sentence in the list of commands."""
+    """Where a command is defined, and its line in the list of commands."""
 
     target: str
     """`package.module:attribute`."""
@@ -24,7 +24,7 @@ class Lazy(NamedTuple):
 
 
 class Command(click.Command):
-    """A command that also accepts the options of swarmctl itself after its name."""
+    """A command that accepts the shared options after its name."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -33,7 +33,7 @@ class Command(click.Command):
         self.params += self._shared
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The command's own options first, those of every command below."""
+        """The command's own options first, the shared ones below."""
         own = [p.get_help_record(ctx) for p in self.get_params(ctx) if p not in self._shared]
         shared = [p.get_help_record(ctx) for p in self._shared]
         for title, records in (("Options", own), ("Options of every command", shared)):
@@ -43,7 +43,7 @@ class Command(click.Command):
 
 
 class Group(click.Group):
-    """A group of commands that accept the options of swarmctl itself."""
+    """A group of commands that accept the shared options."""
 
     command_class = Command
 
@@ -59,7 +59,7 @@ class LazyGroup(Group):
         self._table = commands_table
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the table: by use, not by letter."""
+        """Names in the order of the table, not of the alphabet."""
         return [*self._table, *(name for name in super().list_commands(ctx) if name not in self._table)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -68,14 +68,14 @@ class LazyGroup(Group):
             module, _, attribute = self._table[cmd_name].target.partition(":")
             found = getattr(import_module(module), attribute)
             if not isinstance(found, click.Command):
-                raise TypeError(f"{module}:{attribute} is no click command")
+                raise TypeError(f"{module}:{attribute} is not a click command")
             return found
         return super().get_command(ctx, cmd_name) or external(cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the words name; one that does not exist is answered with the nearest."""
+        """The command that the words name; for an unknown one the error names the closest match."""
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
@@ -86,7 +86,7 @@ class LazyGroup(Group):
             raise
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
-        """Names that begin so, from the table alone."""
+        """Names with this prefix, from the table alone."""
         from click.shell_completion import CompletionItem
 
         known = {name: lazy.summary for name, lazy in self._table.items()}

@@ -1,4 +1,4 @@
-"""Built-in missions on command: sent to each vehicle at once, and followed until each was seen to be done."""
+"""Built-in missions on command: sent to all vehicles at once and followed until each has carried it out."""
 
 import asyncio
 from collections.abc import Mapping
@@ -23,10 +23,10 @@ ABORT = "cmd/abort"
 async def manoeuvre(
     session: Session, order: MissionAbort, chosen: Mapping[str, str], wait_s: float
 ) -> list[VehicleResult]:
-    """Has these vehicles play a built-in mission; what was seen of each. Ground stations only stop."""
+    """Has these vehicles play a built-in mission; the result of each. Ground stations only stop."""
     observer = VehicleObserver(session, chosen)
     await observer.open()
-    courses = {
+    progress = {
         name: ManoeuvreProgress(observer.mission_sequence(name), BUILT_IN[order.then]) for name in chosen
     }
     begin_ns = session.module.now_ns()
@@ -48,10 +48,12 @@ async def manoeuvre(
     await asyncio.gather(*(send(name) for name in chosen))
     while len(found) < len(chosen) and after_s() < wait_s:
         for name in [name for name in chosen if name not in found]:
-            sight = observer.snapshot(name)
-            verdict = courses[name].verdict(sight, observer.mission_sequence(name), session.module.now_ns())
+            snapshot = observer.snapshot(name)
+            verdict = progress[name].verdict(
+                snapshot, observer.mission_sequence(name), session.module.now_ns()
+            )
             if verdict is not None:
-                why = sight.mission.text if sight.mission else ""
+                why = snapshot.mission.text if snapshot.mission else ""
                 text = "" if verdict else f"{order.then} ended: {why}"
                 settle(observer.result(name, verdict, True, after_s(), text))
         if len(found) < len(chosen):

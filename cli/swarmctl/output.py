@@ -1,4 +1,4 @@
-"""What a command prints: results on stdout as table or JSON, talk on stderr."""
+"""Output of a command: results on stdout as table or JSON, messages on stderr."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ class Column(msgspec.Struct, frozen=True):
 
     name: str
     right: bool = False
-    """Numbers stand on the right."""
+    """Aligned to the right, for numbers."""
 
 
 class Output:
@@ -38,32 +38,32 @@ class Output:
 
     @property
     def fancy(self) -> bool:
-        """Whether stdout is a terminal that wants colours."""
+        """Whether stdout is a terminal with colours."""
         return self._out.isatty() and self.colors
 
     @property
     def lively(self) -> bool:
-        """Whether stderr is a terminal on which progress may move."""
+        """Whether stderr is a terminal that can show a progress bar."""
         return self._err.isatty() and not self.settings.quiet
 
     @property
     def colors(self) -> bool:
-        """Colours are not forbidden (NO_COLOR, --no-color, a dumb terminal)."""
+        """Whether colours are allowed (NO_COLOR, --no-color, TERM=dumb)."""
         forbidden = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
         return not (forbidden or self.settings.no_color)
 
     def say(self, text: str) -> None:
-        """Talk: what is being done now; silent with --quiet."""
+        """A message about progress; nothing with --quiet."""
         if not self.settings.quiet:
             print(text, file=self._err, flush=True)
 
     def detail(self, text: str) -> None:
-        """Talk that only --verbose wants."""
+        """A message for --verbose."""
         if self.settings.verbose:
             print(text, file=self._err, flush=True)
 
     def warn(self, text: str) -> None:
-        """Something an operator should look at; --quiet does not hide it."""
+        """A warning; --quiet does not hide it."""
         print(f"warning: {text}", file=self._err, flush=True)
 
     def text(self, text: str) -> None:
@@ -71,11 +71,11 @@ class Output:
         print(text, file=self._out)
 
     def now(self, text: str) -> None:
-        """One line of a result that goes on; written out at once, because somebody may be following."""
+        """One line of a continuing result, flushed because a reader may follow it."""
         print(text, file=self._out, flush=True)
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
-        """A result for people."""
+        """A result as a table."""
         cells = [[show(cell) for cell in row] for row in rows]
         if not self.fancy:
             self.text(plain_table(columns, cells, title))
@@ -103,12 +103,12 @@ class Output:
         self.text(data.decode())
 
     def line(self, value: Any) -> None:
-        """One line of JSON Lines; written out at once, because somebody may be following."""
+        """One line of JSON Lines, flushed because a reader may follow it."""
         print(msgspec.json.encode(named(value)).decode(), file=self._out, flush=True)
 
 
 def named(value: Any) -> Any:
-    """A value with every Struct in it as its fields by name, also those that go over the wire as arrays."""
+    """A value with every Struct in it as its fields by name, including those encoded as arrays."""
     if isinstance(value, msgspec.Struct):
         keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
         return {key: named(getattr(value, field)) for key, field in keys}
@@ -120,7 +120,7 @@ def named(value: Any) -> Any:
 
 
 def show(cell: Cell) -> str:
-    """A value as people read it: no value is a dash, a number has no more digits than it deserves."""
+    """A value for people: a dash for no value, numbers with four significant digits."""
     if cell is None or cell == "":
         return "-"
     if isinstance(cell, bool):
@@ -131,7 +131,7 @@ def show(cell: Cell) -> str:
 
 
 def plain_table(columns: Sequence[Column], cells: Sequence[Sequence[str]], title: str = "") -> str:
-    """The table as text: columns two blanks apart, nothing cut."""
+    """The table as text: two blanks between columns, nothing truncated."""
     widths = [max([len(c.name), *(len(row[i]) for row in cells)]) for i, c in enumerate(columns)]
     lines = [title] if title else []
     for row in [[c.name for c in columns], *cells]:

@@ -1,4 +1,4 @@
-"""The way into the swarm: finds a node of this machine and joins it as a module named swarmctl."""
+"""A session with the swarm: finds a node of this machine and joins it as a module named swarmctl."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -27,7 +27,7 @@ NAME: Final = "swarmctl"
 
 
 class Session:
-    """An operator's connection: the node that was joined, the platform that is asked about, the output."""
+    """A command's access to the swarm: the joined node, the platform it asks, the output."""
 
     def __init__(self, module: Module, settings: CliSettings, out: Output) -> None:
         self.module = module
@@ -41,7 +41,7 @@ class Session:
         self._known: tuple[str, ...] = ()
 
     def path(self, path: str) -> str:
-        """A path as it was typed, with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""
+        """A path as typed, with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""
         platform, local = names.split(path)
         return names.join(platform or self.platform, local)
 
@@ -54,9 +54,9 @@ class Session:
         about: str = "",
         timeout_s: float | None = None,
     ) -> R:
-        """Asks the platform that is meant, or the one that the path names.
+        """A request to the platform of the session, or to the one that the path names.
 
-        `about`: resource of another platform that the one asked will turn to.
+        `about`: resource of another platform to which the request will be forwarded.
         Raises: as `Module.request`.
         """
         wait_s = self.settings.timeout_s if timeout_s is None else timeout_s
@@ -69,7 +69,7 @@ class Session:
             raise NoAnswer(f"{about or full}: {platform} does not answer ({error})") from error
 
     async def routes(self) -> Routes:
-        """How the node that was joined reaches the others; asked once.
+        """Routes of the joined node; requested once.
 
         Raises: as `Module.request`.
         """
@@ -79,9 +79,9 @@ class Session:
         return self._routes
 
     async def reach(self, platform: str) -> None:
-        """Says at once what waiting for an answer would not: that there is no such platform, or no way to it.
+        """Fails at once instead of after a timeout when there is no such platform, or no route to it.
 
-        Raises: NotFound for a platform that nobody knows, NoAnswer for one that is away.
+        Raises: NotFound for an unknown platform, NoAnswer for one without a route.
         """
         names.check_platform(platform)
         if platform == self.here:
@@ -96,7 +96,7 @@ class Session:
         raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
 
     async def known(self) -> tuple[str, ...]:
-        """Every platform whose tree was seen here, also those that are away; none without a tree service."""
+        """Every platform whose tree is known here, also unreachable ones; none without a tree service."""
         if not self._known:
             path, nothing = f"/{self.here}/sys/tree/list", TreeList(f"/{self.here}/none", 1)
             try:
@@ -110,7 +110,7 @@ class Session:
 def config_dir(settings: CliSettings) -> Path:
     """Configuration folder of the node to join: `--config`, `--lab`, SWARM_CONFIG, a running lab, /etc/swarm.
 
-    Raises: NotFound saying where was looked.
+    Raises: NotFound naming the places searched.
     """
     from swarmctl import labs
 
@@ -130,7 +130,7 @@ def config_dir(settings: CliSettings) -> Path:
 
 
 def local_config_dir(settings: CliSettings) -> Path:
-    """Configuration folder of the platform that is asked about: its files must be on this machine.
+    """Configuration folder of the platform of the session, whose files must be on this machine.
 
     Raises: NotFound when they are not.
     """

@@ -1,4 +1,4 @@
-"""Values of the tree, read and written for an operator."""
+"""Values of the resource tree, read and written."""
 
 import asyncio
 from typing import Any, Final
@@ -12,8 +12,8 @@ from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeValue
 
 FRESH_S: Final = 1.0
-"""A mirror of this age is believed; an older one may be of something that changes seldom, or that nobody
-subscribes to any more."""
+"""A mirror younger than this is taken as it is; an older one may be of a value that changes seldom, or its
+subscription may have ended."""
 
 
 class ResourceReading(msgspec.Struct, frozen=True):
@@ -38,7 +38,7 @@ class ResourceReading(msgspec.Struct, frozen=True):
 
     @property
     def warning(self) -> str:
-        """What must be said beside the value; empty when nothing must."""
+        """Warning to print with the value; empty: none."""
         if self.quality != "lost":
             return ""
         age = "of unknown age" if self.age_s is None else f"{self.age_s:.0f} s old"
@@ -55,7 +55,7 @@ class Written(msgspec.Struct, frozen=True):
 
 
 async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
-    """The newest value; a mirror that is not young is held against its owner, who may be away.
+    """The newest value; for a mirror older than FRESH_S the owner is asked, if it answers.
 
     Raises: NotFound, NoAnswer.
     """
@@ -95,7 +95,7 @@ async def read(session: Session, path: str, fields: str = "", *, fresh: bool = F
 async def read_all(
     session: Session, paths: list[str], fields: str = "", *, fresh: bool = False
 ) -> tuple[list[ResourceReading], list[SwarmError]]:
-    """The values that there are, and why there are no others."""
+    """The values that were read, and the errors of the others."""
 
     async def one(path: str) -> ResourceReading | SwarmError:
         try:
@@ -113,6 +113,6 @@ async def write(session: Session, path: str, text: str, version: int | None = No
 
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
     """
-    wish = TreeSet(path, typed(text), version)
-    done = await session.ask(f"/{session.here}/sys/tree/set", wish, TreeSetDone, about=path)
+    request = TreeSet(path, typed(text), version)
+    done = await session.ask(f"/{session.here}/sys/tree/set", request, TreeSetDone, about=path)
     return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)

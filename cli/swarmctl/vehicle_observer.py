@@ -1,4 +1,4 @@
-"""What vehicles are seen to do: their states as they come in, until each does what it was told to."""
+"""States of vehicles as they arrive, followed until each vehicle has carried out its command."""
 
 import asyncio
 import math
@@ -21,17 +21,17 @@ REST: Final = frozenset({"idle", "done", "failed", "aborted"})
 STANDING: Final = frozenset({"holding", "arrived", "idle"})
 """States of a navigator that keeps its place."""
 STILL_M_S: Final = 0.5
-"""A vehicle slower than this holds its place: wind and the estimate move it a little."""
+"""A vehicle slower than this holds its position: wind and noise of the estimate move it a little."""
 HOME_M: Final = 3.0
-"""This near to where it was armed a vehicle has returned: GNSS drifts by as much."""
+"""Within this distance of where it was armed a vehicle has returned: GNSS drifts by as much."""
 POLL_S: Final = 0.5
-"""Longest pause between two looks when nothing comes in."""
+"""Longest time between two evaluations when nothing arrives."""
 GRACE_S: Final = 3.0
-"""What a vehicle does after its mission has ended may reach us this much later."""
+"""The state of a vehicle may arrive this much later than the end of its mission."""
 
 
 class VehicleSnapshot(msgspec.Struct, frozen=True):
-    """What is known of one vehicle now."""
+    """Newest states of one vehicle."""
 
     kind: str
     mission: MissionState | None
@@ -42,20 +42,20 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
 
     @property
     def speed_m_s(self) -> float:
-        """Over the ground and upwards; infinite where nothing is known."""
+        """Over the ground and upwards; infinite without a pose."""
         pose = self.pose
         return math.inf if pose is None else math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s)
 
     @property
     def from_home_m(self) -> float | None:
-        """Distance from where it was armed, on the map."""
+        """Horizontal distance from where it was armed."""
         if self.pose is None or self.home is None:
             return None
         return math.hypot(self.pose.x_m - self.home.x_m, self.pose.y_m - self.home.y_m)
 
     @property
     def standing(self) -> bool:
-        """Keeps its place, on the ground or in the air."""
+        """Whether it keeps its position, on the ground or in the air."""
         if self.vehicle is None:
             return False
         if self.kind == "uav" and self.vehicle.landed:
@@ -64,7 +64,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
 
     @property
     def grounded(self) -> bool:
-        """On the ground and still, motors off."""
+        """Whether it is on the ground, stopped and disarmed."""
         vehicle = self.vehicle
         if vehicle is None or vehicle.armed or not vehicle.landed:
             return False
@@ -85,13 +85,13 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
 
 
 class VehicleResult(msgspec.Struct, frozen=True):
-    """What became of one vehicle."""
+    """Result of a command at one vehicle."""
 
     platform: str
     ok: bool
-    """It was seen to do what it was told to."""
+    """Its state shows that the command was carried out."""
     reached: bool
-    """It has the command."""
+    """It received the command."""
     state: str
     """landed 0.0 m disarmed."""
     after_s: float
@@ -105,7 +105,7 @@ class VehicleResult(msgspec.Struct, frozen=True):
 
 
 class _Boards(Generic[T]):
-    """One board of every platform, that of this node among them."""
+    """One board of every platform, including this node."""
 
     def __init__(self, here: str, own: BoardReader[T], others: BoardSet[T]) -> None:
         self._here = here
@@ -128,14 +128,14 @@ class _Boards(Generic[T]):
 
 
 class VehicleObserver:
-    """The boards that say what vehicles do."""
+    """The boards with the states of vehicles."""
 
     def __init__(self, session: Session, kinds: Mapping[str, str]) -> None:
         self._session = session
         self._kinds = kinds
 
     async def open(self) -> None:
-        """Begins to look; what is not mirrored here yet will be."""
+        """Subscribes; what is not mirrored here yet will be."""
         self._missions = await self._board("mission/state", MissionState)
         self._vehicles = await self._board("vehicle/state", VehicleState)
         self._navs = await self._board("nav/status", NavStatus)
@@ -149,7 +149,7 @@ class VehicleObserver:
         )
 
     def snapshot(self, platform: str, vehicle: VehicleState | None = None) -> VehicleSnapshot:
-        """What is known of a vehicle now; `vehicle`: what it has just answered itself."""
+        """Newest states of a vehicle; `vehicle`: newer than its board, from its own answer."""
         mission = self._missions.value(platform)
         return VehicleSnapshot(
             self._kinds.get(platform, "") or (mission.kind if mission else ""),
@@ -161,11 +161,11 @@ class VehicleObserver:
         )
 
     def mission_sequence(self, platform: str) -> int:
-        """Counts what its mission has said."""
+        """Sequence of its board `mission/state`."""
         return self._missions.sequence(platform)
 
     async def changed(self) -> None:
-        """Something new came in, or a moment has passed."""
+        """Returns when a state changed, or after POLL_S."""
         boards = (self._missions, self._vehicles, self._navs)
         await first_of(*(wait for board in boards for wait in board.changed()), timeout_s=POLL_S)
 
@@ -178,68 +178,68 @@ class VehicleObserver:
         text: str = "",
         vehicle: VehicleState | None = None,
     ) -> VehicleResult:
-        """The result for one vehicle, as it is seen now."""
-        sight = self.snapshot(platform, vehicle)
-        away_m = sight.from_home_m
-        words = sight.words() if sight.kind != STATION else ""
+        """The result for one vehicle, with its newest state."""
+        snapshot = self.snapshot(platform, vehicle)
+        away_m = snapshot.from_home_m
+        words = snapshot.words() if snapshot.kind != STATION else ""
         return VehicleResult(
             platform,
             ok,
             reached,
             words if reached or not words else f"last seen {words}",
             round(after_s, 1),
-            sight.mission.state if sight.mission else "",
-            sight.vehicle.armed if sight.vehicle else None,
-            round(sight.pose.z_m, 2) if sight.pose else None,
+            snapshot.mission.state if snapshot.mission else "",
+            snapshot.vehicle.armed if snapshot.vehicle else None,
+            round(snapshot.pose.z_m, 2) if snapshot.pose else None,
             None if away_m is None else round(away_m, 1),
             text,
         )
 
 
 Done = Callable[[VehicleSnapshot], bool]
-"""Whether a vehicle is seen to do what it was told to."""
+"""Whether the state of a vehicle shows that the command was carried out."""
 
 
-def returned(sight: VehicleSnapshot) -> bool:
-    """Down again where it was armed."""
-    away_m = sight.from_home_m
-    return sight.grounded and (away_m is None or away_m <= HOME_M)
+def returned(snapshot: VehicleSnapshot) -> bool:
+    """Landed where it was armed."""
+    away_m = snapshot.from_home_m
+    return snapshot.grounded and (away_m is None or away_m <= HOME_M)
 
 
 BUILT_IN: Final[dict[str, Done]] = {
-    "land": lambda sight: sight.grounded,
-    "hold": lambda sight: sight.standing,
+    "land": lambda snapshot: snapshot.grounded,
+    "hold": lambda snapshot: snapshot.standing,
     "return": returned,
 }
-"""What the built-in missions of vehicles bring about."""
+"""Condition that each built-in mission brings about."""
 
 
 class ManoeuvreProgress:
-    """Follows one vehicle from a command that its mission carries out until it is done, or has failed."""
+    """Follows one vehicle from a command to its mission until it is done or has failed."""
 
-    def __init__(self, told: int, done: Done) -> None:
-        self._told = told
+    def __init__(self, sequence: int, done: Done) -> None:
+        self._sequence = sequence
         self._done = done
         self._ended_ns: int | None = None
 
-    def verdict(self, sight: VehicleSnapshot, told: int, now_ns: int) -> bool | None:
-        """None while it goes on."""
-        mission = sight.mission
-        if mission is None or told == self._told or mission.state not in REST:
+    def verdict(self, snapshot: VehicleSnapshot, sequence: int, now_ns: int) -> bool | None:
+        """Whether it is done; None while it goes on."""
+        mission = snapshot.mission
+        if mission is None or sequence == self._sequence or mission.state not in REST:
             self._ended_ns = None
             return None
-        if sight.kind == STATION:
+        if snapshot.kind == STATION:
             return True
-        if mission.state != "failed" and self._done(sight):
+        if mission.state != "failed" and self._done(snapshot):
             return True
         self._ended_ns = now_ns if self._ended_ns is None else self._ended_ns
         over = now_ns - self._ended_ns > GRACE_S * 1e9
-        # a mission that had failed before says so until it has taken the command
-        return self._done(sight) if over else None
+        # a mission that failed before reports that until it has received the command
+        return self._done(snapshot) if over else None
 
 
 def print_result(session: Session, seen: VehicleResult, *, home: bool = False) -> None:
-    """One line for a vehicle, as soon as its end is known; `home`: with the way to where it was armed."""
+    """Prints one line for a vehicle; `home`: with its distance from where it was armed."""
     if session.settings.json:
         return
     words = [
@@ -253,7 +253,7 @@ def print_result(session: Session, seen: VehicleResult, *, home: bool = False) -
 
 
 def raise_failures(what: str, found: list[VehicleResult]) -> None:
-    """Raises: Partial when some did it, NoAnswer when none was reached or seen to do it, SwarmError."""
+    """Raises: Partial when some vehicles did not do it, NoAnswer or SwarmError when none did."""
     bad = [seen for seen in found if not seen.ok]
     if not bad:
         return
@@ -266,7 +266,7 @@ def raise_failures(what: str, found: list[VehicleResult]) -> None:
 
 
 async def first_of(*waits: Coroutine[Any, Any, object], timeout_s: float) -> None:
-    """Returns when the first of them does, or in time; the others are given up."""
+    """Returns when the first of them does, or after `timeout_s`; the others are cancelled."""
     tasks = [asyncio.ensure_future(wait) for wait in waits]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED, timeout=timeout_s)

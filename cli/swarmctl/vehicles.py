@@ -17,7 +17,7 @@ STATION: Final = "gcs"
 
 
 async def kinds(session: Session) -> dict[str, str]:
-    """Every platform that is known, also those that are away, and its kind; empty: never heard."""
+    """Every known platform, including unreachable ones, and its kind; empty: not received yet."""
     boards = await session.module.readers("/*/mission/state", MissionState)
     found = {}
     for name in await platforms(session):
@@ -32,7 +32,7 @@ async def is_station(session: Session, platform: str) -> bool:
 
 
 async def choose(session: Session, wanted: Iterable[str], *, everything: bool = False) -> dict[str, str]:
-    """The vehicles that are meant, in natural order, with their kinds; `-n` names one as well.
+    """The vehicles that the patterns name, in natural order, with their kinds; `-n` names one as well.
 
     Raises: UsageError when none was named, NotFound when nothing matches, InvalidInput for a ground station.
     """

@@ -109,7 +109,7 @@ class Analysis:
         per_node = [float(np.mean(errors)) for errors in formed.values() if len(errors)]
         worst = [float(np.max(errors)) for errors in formed.values() if len(errors)]
         clock = measure.spread([error for errors in self._clock_errors.values() for error in errors])
-        told = sum(
+        reported = sum(
             gap.count for n in metadata.nodes for _, gap in self._recording.values(n.platform, GAPS, LogGap)
         )
         return ExperimentReport(
@@ -135,7 +135,7 @@ class Analysis:
             collisions=measure.collisions(self._contacts(positions)),
             frames_lost=round(sum(total.lost_datagrams for total in totals.values())),
             log_frames=self._recording.entries,
-            log_gaps=max(told, self._recording.missing),
+            log_gaps=max(reported, self._recording.missing),
             clock_error_us=P95(clock.p95),
             cpu_percent_of_core=_mean_max([node.cpu_percent for node in metadata.nodes]),
             rss_mb=_mean_max([node.rss_mb for node in metadata.nodes]),
@@ -223,7 +223,7 @@ class Analysis:
         return TimeSeries(series.t_s[keep], series.value[keep])
 
     def _neighbours(self) -> tuple[ObservedLink, ...]:
-        """Who heard whom: newest counters of each link, and the round trips that the clocks saw."""
+        """Links between nodes: newest counters of each, and the round trips of the clock synchronisation."""
         found = []
         for platform, known in self._counters.items():
             if not known:
@@ -232,9 +232,9 @@ class Analysis:
             newest = functions[-1][1].functions if functions else ()
             rtts = {function.platform: function.rtt_ns / 1e6 for function in newest if function.rtt_ns}
             for link in known[-1][1].links:
-                heard = link.received_frames
-                if link.transport == "udp" and link.platform != "*" and heard:
-                    quality = heard / (heard + link.lost)
+                received = link.received_frames
+                if link.transport == "udp" and link.platform != "*" and received:
+                    quality = received / (received + link.lost)
                     found.append(ObservedLink(platform, link.platform, quality, rtts.get(link.platform)))
         return tuple(found)
 

@@ -1,4 +1,4 @@
-"""Whether this computer carries so many nodes: found from the first ones, and again when all are up."""
+"""Whether this computer can run so many nodes: measured at the first ones, and when all are up."""
 
 import asyncio
 import os

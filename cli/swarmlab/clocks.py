@@ -1,4 +1,4 @@
-"""How wrong the nodes' clock conversions were: the lab knows the truth."""
+"""Simulated clocks, and the errors of the nodes' clock conversions against them."""
 
 from collections.abc import Iterable, Mapping
 

@@ -15,9 +15,9 @@ Goals = Sequence[tuple[float, Goal]]
 
 
 def formed_spans(goals: Mapping[str, Goals], end_s: float) -> tuple[tuple[float, float], ...]:
-    """Spans in which every vehicle was told to advance in formation: the formation is formed.
+    """Spans in which every vehicle had the goal to advance in formation: the formation is formed.
 
-    Before, they take their slots and meet at a barrier; afterwards, they land.
+    Before, they take their slots and wait at a barrier; afterwards, they land.
     """
     instants = sorted({t_s for known in goals.values() for t_s, _ in known} | {end_s})
     spans: list[tuple[float, float]] = []

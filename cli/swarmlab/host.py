@@ -1,4 +1,4 @@
-"""The computer that carries a lab: what it is, and how busy it was with the lab and with other work."""
+"""The computer of a lab: its hardware, and the processor time of the lab and of other processes."""
 
 import os
 import platform

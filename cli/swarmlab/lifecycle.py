@@ -1,4 +1,4 @@
-"""Brings a lab up, keeps it up, takes it down: also when somebody presses Ctrl-C in the middle."""
+"""Start, operation and end of a lab, also when it is interrupted by Ctrl-C."""
 
 import asyncio
 import signal
@@ -47,7 +47,7 @@ def run_interruptible(main: Coroutine[Any, Any, T]) -> T:
 
 @contextmanager
 def teardown(lab: LabState, out: Output) -> Iterator[None]:
-    """The end of a lab: it takes seconds, and a second Ctrl-C must not leave half of it behind."""
+    """The end of a lab takes seconds: a second Ctrl-C does not interrupt it."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
     try:
@@ -126,13 +126,13 @@ async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:
 
 
 async def _stay(running: RunningLab, out: Output) -> None:
-    """Until interrupted, or until no node is left."""
-    told: set[str] = set()
-    while len(told) < len(running.state.nodes):
-        await running.until_fallen(told)
-        for platform in sorted(running.fallen.keys() - told):
+    """Waits until it is interrupted or every node has ended."""
+    reported: set[str] = set()
+    while len(reported) < len(running.state.nodes):
+        await running.until_fallen(reported)
+        for platform in sorted(running.fallen.keys() - reported):
             out.warn(f"node {platform} ended (code {running.fallen[platform]})")
-            told.add(platform)
+            reported.add(platform)
 
 
 def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:

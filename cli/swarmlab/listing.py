@@ -1,4 +1,4 @@
-"""What labs there are, and what their processes said."""
+"""The labs of this user, and the output of their processes."""
 
 import os
 import time

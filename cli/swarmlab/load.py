@@ -1,4 +1,4 @@
-"""What the nodes cost: processor time and memory of their processes, seen from outside."""
+"""Processor time and memory of the nodes' processes."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""How a mission goes, as seen from outside: known at any moment from the command on, however it ends."""
+"""Course of one mission as the lab sees it: complete at any moment from the command on, however it ends."""
 
 import time
 

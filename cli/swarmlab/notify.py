@@ -1,4 +1,4 @@
-"""What nodes say of themselves, ready or restarted: the receiving end of sd_notify, a socket for each."""
+"""Notifications of nodes, ready or restarted: the receiving end of sd_notify, a socket for each."""
 
 import re
 import socket
@@ -85,7 +85,7 @@ class NotifySocket:
         self.ready = False
 
     def close(self) -> None:
-        """Nobody listens from here on; senders do not mind."""
+        """Closes the socket; sd_notify of a node does not fail without it."""
         self._socket.close()
         with suppress(FileNotFoundError):
             self.path.unlink()

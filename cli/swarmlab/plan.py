@@ -70,7 +70,7 @@ def members(nodes: int, seed: int, usv: int = 0) -> tuple[PlannedNode, ...]:
 def per_daemon(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str]:
     """Platforms whose services get a process each: none, `all`, or those named.
 
-    Raises: InvalidInput when a name is no node of the lab.
+    Raises: InvalidInput when a name is not a node of the lab.
     """
     if spec is None:
         return frozenset()
@@ -78,9 +78,9 @@ def per_daemon(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str]
     if spec in {"", "all"}:
         return frozenset(known)
     named = {name.strip() for name in spec.split(",") if name.strip()}
-    if strangers := sorted(named - known):
+    if unknown := sorted(named - known):
         raise InvalidInput(
-            f"--per-daemon {strangers[0]}: no such node; expected some of {', '.join(sorted(known))}"
+            f"--per-daemon {unknown[0]}: no such node; expected some of {', '.join(sorted(known))}"
         )
     return frozenset(named)
 

@@ -32,7 +32,7 @@ INK: Final = "#1f2933"
 PALE: Final = "#9aa5b1"
 GRID: Final = "#e4e7eb"
 COLOURS: Final = {"ugv": "#d55e00", "uav": "#0072b2", "gcs": "#009e73", "usv": "#56b4e9"}
-"""Okabe and Ito's palette: told apart by every kind of colour vision."""
+"""Okabe and Ito's palette: distinguishable with every kind of colour vision."""
 WORDS: Final = {
     "ugv": "ground vehicle",
     "uav": "air vehicle",

@@ -1,4 +1,4 @@
-"""The folders of a lab: made before the first process starts, removed after the last has ended."""
+"""Folders, configuration and keys of a lab: made before its first process starts, removed after its last."""
 
 import hashlib
 import os
@@ -27,20 +27,20 @@ PORTS: Final = range(20_000, 32_000)
 NETS: Final = ("loopback",)
 CLAIM_TRIES: Final = 99
 ENDING: Final = "ending"
-"""In the lab's folder from the moment on at which its end has begun."""
+"""File in the lab's folder: its end has begun."""
 
 STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
 """A ground station has no body to simulate and nothing to steer."""
 VEHICLE: Final = (*STATION, "sim", "navigator")
 RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
-"""Of the sphere that holds a vehicle: told to the simulation, used by the report."""
+"""Of the sphere around a vehicle: configured in the simulation, used by the report."""
 LIDAR: Final = "ugv1"
 """Carries a lidar: it replays the packets of a real one."""
 TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "usv": "usv", "uav": "multirotor"}
 
 
 class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """What somebody wants a lab to be."""
+    """Specification of a lab."""
 
     experiment: str
     nodes: int
@@ -58,7 +58,7 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
 def make(spec: LabSpec) -> LabState:
     """Makes the lab's folders, configuration and keys.
 
-    Raises: InvalidInput for a spec that cannot be met, Conflict when the name is taken.
+    Raises: InvalidInput for a specification that cannot be met, Conflict when the name is taken.
     """
     if spec.net not in NETS:
         raise InvalidInput(f"--net {spec.net}: unknown; expected one of {', '.join(NETS)}")
@@ -103,12 +103,12 @@ def remove(lab: LabState, *, keep: bool = False) -> None:
 
 
 def is_ending(lab: LabState) -> bool:
-    """Whether somebody ends this lab, or has: nothing of it is started any more."""
+    """Whether the end of this lab has begun: none of its nodes is started again."""
     return (Path(lab.folder) / ENDING).exists() or not Path(lab.folder).exists()
 
 
 def down(lab: LabState, *, keep: bool = False) -> int:
-    """Ends all processes of the lab and removes what it left; how many had to be forced.
+    """Ends all processes of the lab and removes its files; returns how many had to be killed.
 
     Raises: NoAnswer when a process cannot be ended.
     """
@@ -137,7 +137,7 @@ def _claim(spec: LabSpec) -> Path:
 
 
 def _remove_dead_lab(folder: Path) -> None:
-    """Removes a lab of which no process is left; its name becomes free."""
+    """Removes a lab without a running process; its name becomes free."""
     if not (folder / labs.FILE).exists():
         return
     lab = labs.load(folder)

@@ -1,4 +1,4 @@
-"""What a run knows beyond its logs: run.json of a report folder."""
+"""Data of a run that are not in its logs: run.json of a report folder."""
 
 from collections.abc import Iterable
 
@@ -58,7 +58,7 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     nodes: tuple[NodeMetadata, ...]
 
     def remarks(self) -> list[str]:
-        """What went wrong, each as a sentence: the failure, then nodes that were restarted."""
+        """Failures, each as a sentence: the failure, then nodes that were restarted."""
         restarted = [
             f"node {node.platform}: {node.restarts}; {node.log}" for node in self.nodes if node.restarts.count
         ]

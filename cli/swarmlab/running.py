@@ -1,4 +1,4 @@
-"""A lab whose processes this process starts: who is up, who has fallen over."""
+"""A lab whose processes this process starts and watches."""
 
 import asyncio
 import os
@@ -24,7 +24,7 @@ from swarmware.service.lives import Lives
 T = TypeVar("T")
 
 Watcher = Callable[[str, str], None]
-"""Told of each change: platform, and `started` or `ready`."""
+"""Called on each change with the platform and `started` or `ready`."""
 
 TAIL_LINES: Final = 12
 """Lines of a fallen node's log that its error quotes."""
@@ -73,7 +73,7 @@ def environment(lab: LabState, node: LabNode) -> dict[str, str]:
 
 
 class RunningLab:
-    """Starts the nodes, a few at a time, and watches them through the kernel: no polling."""
+    """Starts the nodes, a few at a time, and watches them by pidfd, without polling."""
 
     def __init__(self, lab: LabState, *, heals: bool = True) -> None:
         """`heals`: a node whose parent was killed is started again."""
@@ -100,7 +100,7 @@ class RunningLab:
         """When the first process was started."""
 
     def ready(self, platform: str) -> bool:
-        """Whether the node has said so."""
+        """Whether the node has reported that it is ready."""
         return platform in self._sockets and self._sockets[platform].ready
 
     async def start(self, order: list[str], timeout_s: float) -> None:
@@ -169,8 +169,8 @@ class RunningLab:
     def _launch(self, node: LabNode) -> None:
         loop = asyncio.get_running_loop()
         if node.platform not in self._sockets:
-            heard = self._sockets[node.platform] = NotifySocket(node.notify_path)
-            loop.add_reader(heard.fileno(), self._on_notify, node.platform, heard)
+            notify = self._sockets[node.platform] = NotifySocket(node.notify_path)
+            loop.add_reader(notify.fileno(), self._on_notify, node.platform, notify)
             self._lives[node.platform] = Lives(limit=RESTARTS)
         with node.log_file.open("ab") as log:
             child = subprocess.Popen(
@@ -192,22 +192,22 @@ class RunningLab:
         labs.save(self.state)
 
     def save_ready(self) -> float:
-        """Writes down that the whole swarm is up; seconds since the first start."""
+        """Saves that the whole swarm is ready; returns the seconds since the first start."""
         ready_s = (time.monotonic_ns() - self.began_mono_ns) / 1e9
         self.state = msgspec.structs.replace(self.state, ready_s=ready_s)
         labs.save(self.state)
         return ready_s
 
-    def _on_notify(self, platform: str, heard: NotifySocket) -> None:
-        restarts, ready = heard.restarts, heard.ready
-        heard.drain()
-        if heard.ready and not ready:
+    def _on_notify(self, platform: str, notify: NotifySocket) -> None:
+        restarts, ready = notify.restarts, notify.ready
+        notify.drain()
+        if notify.ready and not ready:
             self._lives[platform].on_ready(time.monotonic_ns())
-        restarted = heard.restarts != restarts
+        restarted = notify.restarts != restarts
         if restarted:
-            self.restarts[platform] = heard.restarts
-            self.on_restart(platform, str(heard.restarts))
-        if heard.restarts.count and heard.ready and (restarted or not ready):
+            self.restarts[platform] = notify.restarts
+            self.on_restart(platform, str(notify.restarts))
+        if notify.restarts.count and notify.ready and (restarted or not ready):
             self.on_restart(platform, "ready again")
         self._changed.set()
 
@@ -226,11 +226,11 @@ class RunningLab:
             # nobody else starts the parent of a node; what it had started may live, and is taken over
             timer = asyncio.get_running_loop().call_later(pause_s, self._launch_again, platform)
             self._again[platform] = (timer, code)
-            heard = self._sockets[platform]
-            heard.drain()  # what it said came before its end
-            heard.supervisor_died(exit_description(code))
-            self.restarts[platform] = heard.restarts
-            self.on_restart(platform, str(heard.restarts))
+            notify = self._sockets[platform]
+            notify.drain()  # sent before its end
+            notify.supervisor_died(exit_description(code))
+            self.restarts[platform] = notify.restarts
+            self.on_restart(platform, str(notify.restarts))
         self._changed.set()
 
     def _launch_again(self, platform: str) -> None:
@@ -242,15 +242,15 @@ class RunningLab:
             self._launch(self.state.node(platform))
 
     def stop_watching(self) -> None:
-        """Stops watching; the nodes live on. What has ended or was said until now is known."""
+        """Stops watching, after exits and notifications until now; the nodes run on."""
         loop = asyncio.get_running_loop()
         self._watching = False
         for platform, (timer, code) in self._again.items():
             timer.cancel()
             self.fallen[platform] = code
         self._again.clear()
-        for platform, heard in self._sockets.items():
-            self._on_notify(platform, heard)
+        for platform, notify in self._sockets.items():
+            self._on_notify(platform, notify)
         for platform in list(self._pidfds):
             if self._children[platform].poll() is not None:
                 self._on_exit(platform)
@@ -258,19 +258,19 @@ class RunningLab:
             loop.remove_reader(fd)
             os.close(fd)
         self._pidfds.clear()
-        for heard in self._sockets.values():
-            loop.remove_reader(heard.fileno())
-            heard.close()
+        for notify in self._sockets.values():
+            loop.remove_reader(notify.fileno())
+            notify.close()
         self._sockets.clear()
 
     def detach(self) -> None:
-        """The nodes are nobody's children from here on: this process ends before them."""
+        """This process ends before the nodes: it does not wait for them."""
         for child in self._children.values():
             # without this the interpreter complains that they still run
             child.returncode = child.returncode if child.returncode is not None else 0
 
     def wait_children(self) -> None:
-        """Takes the exit codes of all children; call it when they were ended."""
+        """Waits for the exit codes of all children, which were ended."""
         for child in self._children.values():
             child.wait()
 

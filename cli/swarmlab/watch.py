@@ -1,4 +1,4 @@
-"""Watches a swarm from its ground station: who is known, how the mission goes; woken by events."""
+"""Observes a swarm from its ground station: known platforms and progress of the mission, by events."""
 
 import asyncio
 from collections.abc import Callable, Collection, Mapping
@@ -23,9 +23,9 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
     "vehicle/state": VehicleState,
     "health/state": HealthState,
 }
-"""Boards of each vehicle, besides the mission's, that an operator has before his eyes."""
+"""Boards of each vehicle, besides that of the mission, that an operator's console shows."""
 LOST: Final = "lost"
-"""No state of a platform's own: it was restarted and does not know the mission any more."""
+"""State of a member that was restarted and does not know the mission."""
 NOT_STARTED: Final = "idle"
 """It was withdrawn before it began."""
 ENDED: Final = frozenset({GOOD, "failed", "aborted", LOST, NOT_STARTED})
@@ -61,7 +61,7 @@ class MissionOutcome(msgspec.Struct, frozen=True):
 
 
 class MissionMembers:
-    """Who takes part in one mission, and how it goes there."""
+    """Members of one mission and their newest states."""
 
     def __init__(self, names: Collection[str], epoch: int) -> None:
         self._names = tuple(names)
@@ -92,7 +92,7 @@ class MissionMembers:
 
 
 class SwarmWatch:
-    """What an operator's console shows of all platforms, as the ground station has it (S0.77)."""
+    """States of all platforms that an operator's console shows (S0.77)."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -188,7 +188,7 @@ class SwarmWatch:
         finally:
             for task in waits:
                 task.cancel()
-            # a wait that ran out is no error here: the caller looks at the clock
+            # a wait that ran out is not an error here: the caller looks at the clock
             await asyncio.gather(*waits, return_exceptions=True)
 
 

@@ -62,7 +62,7 @@ class Full(OSError):
     """The disk has not taken anything for so long that no more entries are kept in memory."""
 
 
-class Output:
+class AppendBuffer:
     """The end of the file: what is written waits in memory until the disk has taken all of it.
 
     A disk that takes a part only, or nothing, leaves no half record: the same bytes are written to the same
@@ -122,7 +122,7 @@ class SegmentWriter:
         self, path: Path, counters: Mapping[str, int], stamps: Mapping[str, int] | None = None
     ) -> None:
         self.path = path
-        self._out = Output(path)
+        self._out = AppendBuffer(path)
         out: Any = self._out  # of a file it needs no more than this
         self._writer: Any = Writer(out, use_chunking=False)
         self._writer.start(profile="", library=f"swarmware {__version__}")

@@ -1,4 +1,4 @@
-"""What a running node has found itself: its faults, and whom it turned away."""
+"""Findings of a running node: its faults, and the requests that it denied."""
 
 import asyncio
 from pathlib import Path
@@ -17,7 +17,7 @@ ANSWER_S: Final = 2.0
 
 
 class DeniedRequests(msgspec.Struct, frozen=True):
-    """Requests of one member to one address that its role does not allow."""
+    """Requests of one member to one address that its role does not permit."""
 
     platform: str
     role: str
@@ -34,7 +34,7 @@ class NodeFindings(msgspec.Struct, frozen=True):
     faults: tuple[Fault, ...] = ()
     """Confirmed and not over."""
     refusals: tuple[DeniedRequests, ...] = ()
-    """Those that its shared memory still holds; most first."""
+    """Those that its shared memory still holds; highest count first."""
     silent: str = ""
     """Why the monitor gave no answer."""
 

@@ -1,4 +1,4 @@
-"""The members of a running mission, as they are heard by the node that was joined."""
+"""The members of a running mission, from the boards that the joined node receives."""
 
 from typing import Final
 
@@ -13,27 +13,27 @@ from swarmware.types.mission import MissionState, MissionStatus
 from swarmware.types.rpc import Empty
 
 NOT_STARTED: Final = "idle"
-"""In a run that was ordered: it was taken back before it began."""
+"""State of a member whose order was withdrawn before the mission began."""
 ENDED: Final = frozenset({"done", "failed", "aborted", NOT_STARTED})
 BAD: Final = ENDED - {"done"}
 SILENT_S: Final = 5.0
-"""A member says its state once a second at least; after five of them it is not waited for."""
+"""A member sends its state once a second; after five missing ones it is not waited for."""
 
 
 class ActiveMission(msgspec.Struct, frozen=True):
-    """A run of a mission and who takes part."""
+    """A run of a mission and its members."""
 
     mission: str
     epoch: int
     members: tuple[str, ...]
     kinds: dict[str, str]
-    """Of the members, as far as they are known."""
+    """Of the members, as far as known."""
     plays: bool
-    """It has not ended for all of them."""
+    """It has not ended at every member."""
 
 
 async def find_active(session: Session) -> ActiveMission:
-    """The run that is played now, else the newest that was: of the platform that `-n` names, else of any.
+    """The run that is active, else the newest one: of the platform that `-n` names, else of any.
 
     The one that is asked need not be a member itself.
     Raises: NotFound when there is none.
@@ -55,7 +55,7 @@ async def find_active(session: Session) -> ActiveMission:
 
 
 async def _states(session: Session) -> dict[str, MissionState]:
-    """The last word of every platform, also of those that are away."""
+    """Newest state of every platform, including unreachable ones."""
     others = await session.module.readers("/*/mission/state", MissionState)
     own = await session.module.reader("mission/state", MissionState)
     found = {name: reader.value for name, reader in others.items()} | {session.here: own.value}
@@ -74,14 +74,14 @@ def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[Mission
 
 
 async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None:
-    """A line for each change of a member in this run, until it has ended for all.
+    """Prints a line for each change of a member in this run, until it has ended at all.
 
     Raises: SwarmError when it ended badly for one, Partial when one fell silent.
     """
     others = await session.module.readers("/*/mission/state", MissionState)
     own = await session.module.reader("mission/state", MissionState)
     shown: dict[str, MissionState] = {}
-    heard: dict[str, tuple[int | None, int]] = {}
+    last_change: dict[str, tuple[int | None, int]] = {}
     silent: set[str] = set()
     while True:
         now_ns = session.module.now_ns()
@@ -89,17 +89,17 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
             reader = own if platform == session.here else others.get(platform)
             state = None if reader is None else reader.value
             stamp_ns = None if reader is None else reader.stamp_ns
-            if platform not in heard or heard[platform][0] != stamp_ns:
-                heard[platform] = (stamp_ns, now_ns)
+            if platform not in last_change or last_change[platform][0] != stamp_ns:
+                last_change[platform] = (stamp_ns, now_ns)
                 silent.discard(platform)
-            # a board still shows the run before until its member has taken the order
+            # a board shows the previous run until its member has received the order
             if state is None or state.epoch != epoch:
                 pass
             elif platform not in shown or display_key(state) != display_key(shown[platform]):
                 shown[platform] = state
                 _print_state(session, platform, state)
             ended = platform in shown and shown[platform].state in ENDED
-            if not ended and now_ns - heard[platform][1] > SILENT_S * 1e9 and platform not in silent:
+            if not ended and now_ns - last_change[platform][1] > SILENT_S * 1e9 and platform not in silent:
                 silent.add(platform)
                 session.out.warn(f"{platform}: not heard for {SILENT_S:g} s")
         ended_by = {platform for platform, state in shown.items() if state.state in ENDED}
@@ -116,7 +116,7 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
 
 
 def display_key(state: MissionState) -> object:
-    """What makes a line of its own."""
+    """Fields whose change is printed."""
     return state.state, state.mission, state.active, state.text
 
 

@@ -1,4 +1,4 @@
-"""Missions as an operator names them: a shipped one by its name, a folder, a file."""
+"""Missions as an operator names them: by the name of a shipped one, a folder or a file."""
 
 import json
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from swarmware.types.mission import MissionTask, ParamValue
 
 
 class MissionVerdict(msgspec.Struct, frozen=True):
-    """What the check says of one mission."""
+    """Result of the check of one mission."""
 
     source: str
     sound: bool
@@ -24,7 +24,7 @@ class MissionVerdict(msgspec.Struct, frozen=True):
 
 
 def locate(name: str) -> Path:
-    """The file or folder that is meant: of this path, else shipped under this name.
+    """The file or folder at this path, else the shipped mission of this name.
 
     Raises: NotFound naming the shipped ones.
     """
@@ -53,7 +53,7 @@ def check_all(missions: Iterable[str]) -> list[MissionVerdict]:
 def task(mission: str, members: Iterable[str], params: Iterable[str]) -> MissionTask:
     """The instruction for a ground station, with the mission's files by content: those that `check` looks at.
 
-    Raises: NotFound, ConfigError, InvalidInput for a parameter that is no NAME=VALUE.
+    Raises: NotFound, ConfigError, InvalidInput for a parameter that is not NAME=VALUE.
     """
     where = locate(mission)
     files = tuple(read_files(where))

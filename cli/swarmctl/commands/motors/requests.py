@@ -1,4 +1,4 @@
-"""Requests to the motors of vehicles, answered by the vehicles themselves."""
+"""Requests to the motors of vehicles, answered by the vehicles."""
 
 import asyncio
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ Request = ArmRequest | KillRequest
 
 
 class MotorRequests:
-    """One request to some vehicles, followed until each says that its motors are as they should be."""
+    """One request to some vehicles, followed until each reports its motors as requested."""
 
     def __init__(
         self, session: Session, path: str, value: Request, chosen: Mapping[str, str], wait_s: float

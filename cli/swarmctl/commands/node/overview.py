@@ -1,4 +1,4 @@
-"""All nodes side by side: what each of them says of itself, and what was heard of it last."""
+"""All nodes in one table: what each reports of itself, and its newest states received here."""
 
 import asyncio
 

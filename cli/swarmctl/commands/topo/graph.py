@@ -1,4 +1,4 @@
-"""The graph of a swarm: edges from what each node says of its neighbours."""
+"""The graph of a swarm: edges from the neighbour tables of all nodes."""
 
 import math
 from collections.abc import Mapping
@@ -22,21 +22,21 @@ class TopologyEdge(msgspec.Struct, frozen=True):
     loss_ba_ratio: float
     rtt_ms: float | None
     both: bool
-    """Each hears the other."""
+    """Each receives the other."""
 
 
 def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
     """Each pair once, in order of names."""
-    heard = {
+    received = {
         (platform, one.platform): one
         for platform, answer in answers.items()
         for one in answer.neighbours
         if one.platform and one.state in {"up", "heard", "half_open"}
     }
     out = []
-    pairs = {tuple(sorted(pair, key=names.natural)) for pair in heard}
+    pairs = {tuple(sorted(pair, key=names.natural)) for pair in received}
     for a, b in sorted(pairs, key=lambda pair: (names.natural(pair[0]), names.natural(pair[1]))):
-        at_a, at_b = heard.get((a, b)), heard.get((b, a))
+        at_a, at_b = received.get((a, b)), received.get((b, a))
         one = at_a or at_b
         assert one is not None
         out.append(
