@@ -13,9 +13,8 @@ from swarmctl.labs import LabNode, LabState
 from swarmctl.output import Output
 from swarmctl.progress import Progress
 from swarmctl.session import Session, connect
-from swarmlab import database, host, lifecycle, provisioning
+from swarmlab import database, extras, host, lifecycle, provisioning
 from swarmlab.clocks import ClockTruth
-from swarmlab.extras import require_report
 from swarmlab.host import HostInfo
 from swarmlab.mission_run import MissionRun
 from swarmlab.notify import Restarts
@@ -54,7 +53,7 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
     From the command on there is a report, whatever happens then.
     Raises: SwarmError when the swarm does not come up, ConfigError without the extra `lab`.
     """
-    require_report("lab run")
+    extras.require("lab run", extras.REPORT)
     database.examine(spec.mongodb_uri, out)
     prepare(out_dir)
     here = host.describe()
@@ -84,7 +83,7 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     Raises: NotFound when the folder has no run.json, ConfigError when it is of another version or
         the extra `lab` is not installed.
     """
-    require_report("lab report")
+    extras.require("lab report", extras.REPORT)
     from swarmlab import analysis, page, plots
     from swarmlab import report as figures
 

@@ -1,16 +1,18 @@
-"""What a report needs and an installation without the extra `lab` has not."""
+"""What a lab needs and an installation without the extra `lab` has not."""
 
 from importlib import import_module
 from typing import Final
 
 from swarmware.errors import missing_extra
 
-REPORT_MODULES: Final = ("numpy", "matplotlib")
+PLANNER: Final = ("numpy",)
+"""Every lab has a ground vehicle, whose path planner needs it (extra `nav` of a single node)."""
+REPORT: Final = (*PLANNER, "matplotlib")
 
 
-def require_report(what: str) -> None:
-    """Raises: ConfigError naming the extra, when `what` (a command) could not compute and draw a report."""
-    for module in REPORT_MODULES:
+def require(what: str, modules: tuple[str, ...]) -> None:
+    """Raises: ConfigError naming the extra, when a module that `what` (a command) needs is not installed."""
+    for module in modules:
         try:
             import_module(module)
         except ImportError as error:

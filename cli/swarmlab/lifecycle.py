@@ -13,7 +13,7 @@ from swarmctl.output import Output
 from swarmctl.progress import Progress
 from swarmctl.session import connect
 from swarmctl.settings import CliSettings
-from swarmlab import database, listing, plan, provisioning
+from swarmlab import database, extras, listing, plan, provisioning
 from swarmlab.capacity import Capacity
 from swarmlab.provisioning import LabSpec
 from swarmlab.running import RunningLab
@@ -94,8 +94,12 @@ async def bring_up(running: RunningLab, out: Output) -> float:
 
 
 def main(spec: LabSpec, out: Output, *, detach: bool) -> None:
-    """`lab up`."""
+    """`lab up`.
+
+    Raises: ConfigError without numpy; SwarmError when the swarm does not come up.
+    """
     database.examine(spec.mongodb_uri, out)
+    extras.require("lab up", extras.PLANNER)
     running = RunningLab(provisioning.make(spec))
     left_running = False
     try:

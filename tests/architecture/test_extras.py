@@ -106,6 +106,7 @@ def test_the_logger_keeps_the_local_log_and_says_what_the_database_needs(tmp_pat
     [
         (["log", "query", "--mongodb", "mongodb://127.0.0.1"], "mongo"),
         (["lab", "up", "formation", "--nodes", "3", "--mongodb", "mongodb://127.0.0.1"], "mongo"),
+        (["lab", "up", "formation", "--nodes", "3"], "lab"),
         (["lab", "run", "formation", "--nodes", "3", "--out", "report"], "lab"),
         (["lab", "report", "."], "lab"),
     ],
