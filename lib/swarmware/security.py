@@ -71,6 +71,10 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The members that are not revoked."""
         return tuple(member for member in self.members if member.serial not in self.revoked)
 
+    def roles(self) -> dict[str, Role]:
+        """Role of each valid member."""
+        return {member.platform: Role.named(member.role) for member in self.valid()}
+
     def find(self, platform: str) -> Member | None:
         """The platform's valid entry."""
         return next((member for member in self.valid() if member.platform == platform), None)

@@ -101,7 +101,7 @@ def test_an_extension_of_any_bytes_is_refused_or_says_who_really_sent_it(extensi
 def gate() -> Gate:
     names = {"gcs": "operator", "uav2": "node", "uav3": "node"}
     members = tuple(Member(name, b"", b"", role, serial) for serial, (name, role) in enumerate(names.items()))
-    return Gate(Roster(1, members, revoked=(2,)), Access())
+    return Gate(Roster(1, members, revoked=(2,)).roles(), Access())
 
 
 def question(kind: Kind = Kind.REQUEST, extension: bytes = b"") -> Frame:

@@ -26,7 +26,7 @@ from swarmware.delivery.duplicates import HOLD_NS
 from swarmware.delivery.outbox import GRACE_NS, LOCAL, REMOTE
 from swarmware.errors import KINDS, WireError
 from swarmware.master.record import Holder, RecordFile
-from swarmware.mission.folder import content_hash
+from swarmware.mission.content import content_hash
 from swarmware.module import Meta, Module
 from swarmware.module.rpc import IN_WORK_LIMIT
 from swarmware.names import data_id

@@ -45,7 +45,7 @@ class Frames:
         """Raises: ConfigError when the port cannot be bound."""
         self._keys = keys
         self._table = table
-        self._gate = Gate(keys.roster, Access())
+        self._gate = Gate(None if keys.roster is None else keys.roster.roles(), Access())
         self._sessions = sessions
         self._on_denial = on_denial
         self._clock = clock

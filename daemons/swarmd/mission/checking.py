@@ -14,8 +14,9 @@ from swarmware.mission.binding import Binding
 from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.catalogue import Catalogue
 from swarmware.mission.check import check_folder, check_text
+from swarmware.mission.content import content_hash
 from swarmware.mission.finding import TOO_LARGE, Finding, sound, too_large
-from swarmware.mission.folder import Folder, content_hash
+from swarmware.mission.folder import Folder
 from swarmware.mission.loader import read
 from swarmware.mission.model import Mission
 

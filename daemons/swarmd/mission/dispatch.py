@@ -14,7 +14,8 @@ from swarmware.clock import utc_ns
 from swarmware.errors import NotFound, SwarmError
 from swarmware.mission.assign import Cast, Part, Platform, assign
 from swarmware.mission.catalogue import VEHICLES
-from swarmware.mission.folder import Folder, content_hash, files_hash, from_files
+from swarmware.mission.content import content_hash
+from swarmware.mission.folder import Folder, files_hash, from_files
 from swarmware.module import BoardWriter, Module
 from swarmware.names import join, natural
 from swarmware.types.mission import (

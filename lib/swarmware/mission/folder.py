@@ -2,7 +2,6 @@
 
 import contextlib
 from collections.abc import Iterable
-from hashlib import blake2b
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -13,6 +12,7 @@ from swarmware.config import parse as parse_toml
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import VEHICLES, Catalogue, Name, built_in
+from swarmware.mission.content import content_hash
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.types.mission import MissionFile, ParamValue
@@ -118,16 +118,6 @@ def name_roles(params: dict[str, ParamValue], first: dict[str, str]) -> dict[str
         else value
         for name, value in params.items()
     }
-
-
-def content_hash(*parts: str) -> str:
-    """BLAKE2b-128 of the texts, each with its length, hex."""
-    state = blake2b(digest_size=16)
-    for part in parts:
-        data = part.encode()
-        state.update(len(data).to_bytes(8, "little"))
-        state.update(data)
-    return state.hexdigest()
 
 
 def files_hash(files: Iterable[MissionFile]) -> str:

@@ -15,7 +15,7 @@ from swarmd.mission.core.admission import Admission
 from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError, WireError
 from swarmware.mission.catalogue import built_in
-from swarmware.mission.folder import content_hash
+from swarmware.mission.content import content_hash
 from swarmware.types import registry
 from swarmware.types.mission import Arrival, Meeting, Member, MissionOrder, MissionState
 

@@ -1,11 +1,11 @@
 """What may come in from other platforms: the sender's role, the path, and who was turned away."""
 
+from collections.abc import Mapping
 from typing import Final
 
 from swarmware.access import Access, Role, Sender, Verb
 from swarmware.delivery import answerable, with_sender
 from swarmware.frame import Frame
-from swarmware.security import Roster
 from swarmware.types.net import Denial
 
 REPORT_NS: Final = 1_000_000_000
@@ -16,11 +16,11 @@ REFUSALS_MAX: Final = 256
 class Gate:
     """Asks for the rights of everything that an application of this platform is to take or answer."""
 
-    def __init__(self, roster: Roster | None, access: Access) -> None:
-        """Without a roster nobody has a role and everything passes: only this computer is served."""
+    def __init__(self, roles: Mapping[str, Role] | None, access: Access) -> None:
+        """`roles`: of the members; None, without a roster: all passes, only this computer is served."""
         self._access = access
-        self._open = roster is None
-        self._roles = {} if roster is None else {m.platform: Role.named(m.role) for m in roster.valid()}
+        self._open = roles is None
+        self._roles = roles or {}
         self._reported: dict[tuple[str, str], tuple[int, int]] = {}
 
     def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:

@@ -3,7 +3,7 @@
 from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding
-from swarmware.mission.folder import content_hash
+from swarmware.mission.content import content_hash
 from swarmware.mission.model import Mission
 from swarmware.types.mission import MissionOrder
 
