@@ -19,7 +19,7 @@ from swarmlab import provisioning
 from swarmlab.notify import NotifySocket, Restarts
 from swarmware.config import CONFIG_VARIABLE
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.service.lives import Lives
+from swarmware.service.restart_policy import RestartPolicy
 
 T = TypeVar("T")
 
@@ -88,7 +88,7 @@ class RunningLab:
         self._pidfds: dict[str, int] = {}
         self._sockets: dict[str, NotifySocket] = {}
         self._changed = asyncio.Event()
-        self._lives: dict[str, Lives] = {}
+        self._restart_policies: dict[str, RestartPolicy] = {}
         self._again: dict[str, tuple[asyncio.TimerHandle, int]] = {}
         """Nodes that are about to be started again, with the exit codes that they had."""
         self._watching = True
@@ -171,7 +171,7 @@ class RunningLab:
         if node.platform not in self._sockets:
             notify = self._sockets[node.platform] = NotifySocket(node.notify_path)
             loop.add_reader(notify.fileno(), self._on_notify, node.platform, notify)
-            self._lives[node.platform] = Lives(limit=RESTARTS)
+            self._restart_policies[node.platform] = RestartPolicy(limit=RESTARTS)
         with node.log_file.open("ab") as log:
             child = subprocess.Popen(
                 command(node),
@@ -202,7 +202,7 @@ class RunningLab:
         restarts, ready = notify.restarts, notify.ready
         notify.drain()
         if notify.ready and not ready:
-            self._lives[platform].on_ready(time.monotonic_ns())
+            self._restart_policies[platform].on_ready(time.monotonic_ns())
         restarted = notify.restarts != restarts
         if restarted:
             self.restarts[platform] = notify.restarts
@@ -219,7 +219,9 @@ class RunningLab:
         pause_s = None
         killed = code < 0 and -code not in ASKED
         if killed and self._heals and self._watching and not provisioning.is_ending(self.state):
-            pause_s = self._lives[platform].on_end(time.monotonic_ns(), killed=-code == signal.SIGKILL)
+            pause_s = self._restart_policies[platform].on_end(
+                time.monotonic_ns(), killed=-code == signal.SIGKILL
+            )
         if pause_s is None:
             self.fallen[platform] = code
         else:

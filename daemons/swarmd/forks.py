@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 
 from swarmware.service.fork import FOLDER, SOCKET
-from swarmware.service.lives import Lives
+from swarmware.service.restart_policy import RestartPolicy
 from swarmware.service.starting import environment, start
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
@@ -24,7 +24,7 @@ class Forks:
     def __init__(self, services: list[str], config_dir: str, run_dir: str) -> None:
         self._words = ["forkserver", *services, "--config", config_dir]
         self._run_dir = run_dir
-        self._lives = Lives()
+        self._lives = RestartPolicy()
         self._lifeline = -1
         self.pid = 0
         self.pidfd = -1
@@ -36,7 +36,7 @@ class Forks:
         self.due_ns = None
         theirs, self._lifeline = os.pipe()  # its input: closed with this process, whatever ends that
         try:
-            self.pid = start(self._words, environment(self._run_dir, speaks=True), stdin=theirs)
+            self.pid = start(self._words, environment(self._run_dir, notifies=True), stdin=theirs)
         finally:
             os.close(theirs)
         self.pidfd = os.pidfd_open(self.pid)

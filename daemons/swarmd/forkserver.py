@@ -20,7 +20,7 @@ import msgspec
 
 from swarmware.errors import SwarmError
 from swarmware.service.find import find, installed
-from swarmware.service.fork import FOLDER, MESSAGE_BYTES, SOCKET, ended
+from swarmware.service.fork import FOLDER, MESSAGE_BYTES, SOCKET, exit_text
 from swarmware.service.notify import Notifier
 from swarmware.service.starting import environment
 
@@ -135,7 +135,7 @@ class ForkServer:
         null = os.open(os.devnull, os.O_RDONLY)
         os.dup2(null, 0)
         os.close(null)
-        variables = environment(self._run_dir, speaks=speaks)
+        variables = environment(self._run_dir, notifies=speaks)
         os.environ.clear()
         os.environ.update(variables)
         _show_as([sys.executable, "-m", "swarmd", "run", *names, "--config", config_dir])
@@ -161,7 +161,7 @@ class ForkServer:
                 return
             if (status := self._status.pop(result.si_pid, None)) is not None:
                 with status, suppress(OSError):  # whoever asked may have died, too
-                    status.send(ended(result).encode())
+                    status.send(exit_text(result).encode())
 
 
 def _closed(asking: socket.socket) -> bool:

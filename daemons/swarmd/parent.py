@@ -19,9 +19,9 @@ from contextlib import suppress
 from swarmd.forks import Forks
 from swarmd.words import RECEIVE_BYTES, Words
 from swarmware.errors import SwarmError
-from swarmware.service.fork import ENDED_S, Started
-from swarmware.service.lives import Lives
+from swarmware.service.fork import ENDED_S, StartedProcess
 from swarmware.service.notify import Notifier
+from swarmware.service.restart_policy import RestartPolicy
 from swarmware.service.starting import (
     BEAT_S,
     GUARD,
@@ -66,14 +66,14 @@ def main(words: list[str]) -> int:
     _, platform, config_dir, run_dir, shared, *services = words
     name = GUARD if shared else WHOLE_NODE
 
-    def one() -> Started:
+    def one() -> StartedProcess:
         if pid := starting_pid(WHOLE_NODE, run_dir):
-            return Started(pid)  # the parent before this one was killed, its child lives
-        started = launch(services, config_dir, run_dir, speaks=True)
+            return StartedProcess(pid)  # the parent before this one was killed, its child lives
+        started = launch(services, config_dir, run_dir, notifies=True)
         write_start_record(WHOLE_NODE, started.pid, run_dir)
         return started
 
-    def guard() -> Started | None:
+    def guard() -> StartedProcess | None:
         return spawn_missing(GUARD, config_dir, run_dir)
 
     try:
@@ -84,8 +84,8 @@ def main(words: list[str]) -> int:
     try:
         if shared:
             forks = Forks(services, config_dir, run_dir)
-            return Parent(guard, platform, listening, Lives(), forks).run()
-        return Parent(one, platform, listening, Lives()).run()
+            return Parent(guard, platform, listening, RestartPolicy(), forks).run()
+        return Parent(one, platform, listening, RestartPolicy()).run()
     finally:
         clear_start_record(name, run_dir)
         listening.close()
@@ -100,10 +100,10 @@ class Parent:
 
     def __init__(
         self,
-        start: Callable[[], Started | None],
+        start: Callable[[], StartedProcess | None],
         platform: str,
         words: Words,
-        lives: Lives,
+        lives: RestartPolicy,
         forks: Forks | None = None,
     ) -> None:
         self._start = start
@@ -114,7 +114,7 @@ class Parent:
         self._above = Notifier()
         self._pid = 0
         self._pidfd = -1
-        self._child: Started | None = None
+        self._child: StartedProcess | None = None
         """The newest that we started ourselves: only its exit code is known to us."""
         self._started_ns = 0
         self._beat_ns = 0
@@ -254,7 +254,7 @@ class Parent:
         pid, was_ready, leaving = self._pid, self._ready, self._leaving
         how = "gone"
         if self._child is not None and self._child.pid == pid:
-            how = self._child.how(ENDED_S)
+            how = self._child.exit_status(ENDED_S)
         self._forget()
         peaceful = how == "exit 0" or (how == "gone" and leaving)
         kind, _, number = how.partition(" ")

@@ -19,7 +19,7 @@ def thawed() -> Iterator[None]:
 
 @pytest.mark.usefixtures("thawed")
 def test_what_is_made_while_services_are_imported_is_spared_also_when_an_import_fails() -> None:
-    with pytest.raises(ImportError), garbage.spared():
+    with pytest.raises(ImportError), garbage.frozen():
         assert not gc.isenabled()
         raise ImportError
     assert gc.isenabled()
@@ -39,7 +39,7 @@ async def test_a_settled_process_spares_all_but_its_garbage(monkeypatch: pytest.
             collected.set()
 
     Circle()
-    garbage.settle(asyncio.get_running_loop())
+    garbage.freeze_later(asyncio.get_running_loop())
     async with asyncio.timeout(5):
         await collected.wait()
     await asyncio.sleep(0)

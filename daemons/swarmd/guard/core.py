@@ -1,4 +1,4 @@
-"""What the guard decides: which service is started, killed, tried again, given up, stopped, and when."""
+"""Supervision of services: when each is started, killed, restarted, given up or stopped."""
 
 from enum import StrEnum
 from typing import Final
@@ -8,12 +8,12 @@ import msgspec
 from swarmd.guard.config import Config
 from swarmware.types.health import GuardStatus, WatchedService
 
-LOOK_NS: Final = 1_000_000_000
-"""Beats are read as often as they come, at the instants of all periodic work of a process."""
+HEARTBEAT_NS: Final = 1_000_000_000
+"""Period of reading heartbeats: that of writing them, at the instants of all periodic work of a process."""
 
 
-class State(StrEnum):
-    """How a service stands."""
+class ServiceState(StrEnum):
+    """State of a supervised service."""
 
     WAITING = "waiting"
     STARTING = "starting"
@@ -24,8 +24,8 @@ class State(StrEnum):
     STOPPED = "stopped"
 
 
-class Event(StrEnum):
-    """What can happen to it."""
+class ServiceEvent(StrEnum):
+    """Event of a supervised service."""
 
     SPAWN = "spawn"
     ADOPT = "adopt"
@@ -35,23 +35,23 @@ class Event(StrEnum):
     STOP = "stop"
 
 
-TRANSITIONS: Final[dict[tuple[State, Event], State]] = {
-    (State.WAITING, Event.SPAWN): State.STARTING,
-    (State.WAITING, Event.ADOPT): State.RUNNING,
-    (State.WAITING, Event.STOP): State.STOPPED,
-    (State.STARTING, Event.JOINED): State.RUNNING,
-    (State.STARTING, Event.EXIT): State.BACK_OFF,
-    (State.STARTING, Event.STOP): State.STOPPING,
-    (State.RUNNING, Event.EXIT): State.BACK_OFF,
-    (State.RUNNING, Event.STOP): State.STOPPING,
-    (State.BACK_OFF, Event.SPAWN): State.STARTING,
-    (State.BACK_OFF, Event.ADOPT): State.RUNNING,
-    (State.BACK_OFF, Event.GIVE_UP): State.FAILED,
-    (State.BACK_OFF, Event.STOP): State.STOPPED,
-    (State.FAILED, Event.SPAWN): State.STARTING,
-    (State.FAILED, Event.ADOPT): State.RUNNING,
-    (State.FAILED, Event.STOP): State.STOPPED,
-    (State.STOPPING, Event.EXIT): State.STOPPED,
+TRANSITIONS: Final[dict[tuple[ServiceState, ServiceEvent], ServiceState]] = {
+    (ServiceState.WAITING, ServiceEvent.SPAWN): ServiceState.STARTING,
+    (ServiceState.WAITING, ServiceEvent.ADOPT): ServiceState.RUNNING,
+    (ServiceState.WAITING, ServiceEvent.STOP): ServiceState.STOPPED,
+    (ServiceState.STARTING, ServiceEvent.JOINED): ServiceState.RUNNING,
+    (ServiceState.STARTING, ServiceEvent.EXIT): ServiceState.BACK_OFF,
+    (ServiceState.STARTING, ServiceEvent.STOP): ServiceState.STOPPING,
+    (ServiceState.RUNNING, ServiceEvent.EXIT): ServiceState.BACK_OFF,
+    (ServiceState.RUNNING, ServiceEvent.STOP): ServiceState.STOPPING,
+    (ServiceState.BACK_OFF, ServiceEvent.SPAWN): ServiceState.STARTING,
+    (ServiceState.BACK_OFF, ServiceEvent.ADOPT): ServiceState.RUNNING,
+    (ServiceState.BACK_OFF, ServiceEvent.GIVE_UP): ServiceState.FAILED,
+    (ServiceState.BACK_OFF, ServiceEvent.STOP): ServiceState.STOPPED,
+    (ServiceState.FAILED, ServiceEvent.SPAWN): ServiceState.STARTING,
+    (ServiceState.FAILED, ServiceEvent.ADOPT): ServiceState.RUNNING,
+    (ServiceState.FAILED, ServiceEvent.STOP): ServiceState.STOPPED,
+    (ServiceState.STOPPING, ServiceEvent.EXIT): ServiceState.STOPPED,
 }
 
 
@@ -62,85 +62,86 @@ class Spawn(msgspec.Struct, frozen=True):
 
 
 class Kill(msgspec.Struct, frozen=True):
-    """End the process of a service at once: it hangs, or did not end when asked."""
+    """Kill the process of a service that hangs, or that did not end when requested to."""
 
     service: str
     pid: int
     reason: str
 
 
-class Ask(msgspec.Struct, frozen=True):
-    """Ask the process of a service to end."""
+class Terminate(msgspec.Struct, frozen=True):
+    """Request the process of a service to end."""
 
     service: str
     pid: int
 
 
-class Tell(msgspec.Struct, frozen=True):
-    """Something happened to a service that an operator should know."""
+class ReportRestart(msgspec.Struct, frozen=True):
+    """Publish a restart of a service, or that it was given up."""
 
     service: WatchedService
 
 
-class Follow(msgspec.Struct, frozen=True):
-    """Report the end of this process of a service."""
+class WatchProcess(msgspec.Struct, frozen=True):
+    """Report the end of this process of a service to `on_exit`."""
 
     service: str
     pid: int
 
 
-class Joined(msgspec.Struct, frozen=True):
-    """The service is on the node: the note of its start is not needed any more."""
+class ClearStartRecord(msgspec.Struct, frozen=True):
+    """Remove the start record of a service that has joined the node."""
 
     service: str
 
 
-class Look(msgspec.Struct, frozen=True):
-    """See who is on the node and who beats, then call `on_looked`: nobody is judged by what was not read."""
+class ReadHeartbeats(msgspec.Struct, frozen=True):
+    """Read application files and heartbeats, call their events, then `on_heartbeats_read`."""
 
 
-Action = Spawn | Kill | Ask | Tell | Follow | Joined | Look
+Action = Spawn | Kill | Terminate | ReportRestart | WatchProcess | ClearStartRecord | ReadHeartbeats
 
 
-class Watched(msgspec.Struct):
+class SupervisedService(msgspec.Struct):
     """One service under the guard."""
 
     name: str
-    state: State = State.WAITING
+    state: ServiceState = ServiceState.WAITING
     pid: int = 0
     restarts: int = 0
-    in_a_row: int = 0
+    consecutive_restarts: int = 0
     since_ns: int = 0
     adopted: bool = False
     reason: str = ""
     beat: int = -1
     deadline_ns: int | None = None
-    """Until then: starting, it joins; running, it beats; backing off, it waits; stopping, it ends."""
-    missed: bool = False
-    """It ran under the guard before this one."""
-    blame: str = ""
-    """Why we killed it: the reason that its exit will have."""
+    """Starting: when it must have joined. Running: when the next heartbeat is due. Back-off: when it is
+    started. Stopping: when it is killed."""
+    ran_before: bool = False
+    """It ran under the previous guard."""
+    kill_reason: str = ""
+    """Why the guard ended it: the reason that is reported with its exit."""
 
-    def to(self, event: Event, now_ns: int) -> None:
-        """The next state of the table."""
+    def transition(self, event: ServiceEvent, now_ns: int) -> None:
+        """Change the state as the table of transitions says."""
         self.state = TRANSITIONS[self.state, event]
         self.since_ns = now_ns
         self.deadline_ns = None
 
-    def public(self) -> WatchedService:
-        """What others see."""
+    def status(self) -> WatchedService:
+        """State for the status board and the events."""
         return WatchedService(
             self.name, self.state.value, self.pid, self.restarts, self.since_ns, self.adopted, self.reason
         )
 
 
-def died(how: str) -> str:
-    """Reason of a restart; of another's child nobody but its parent learns how it ended."""
+def exit_reason(how: str) -> str:
+    """Reason of a restart; only the parent of a process learns its exit status."""
     return "died" if how == "gone" else f"died: {how}"
 
 
 class GuardCore:
-    """Services in the order of their start; stopped in the reverse order."""
+    """Supervises services: starts them in order, stops them in the reverse order."""
 
     def __init__(
         self,
@@ -148,7 +149,7 @@ class GuardCore:
         supervisor: str,
         config: Config,
     ) -> None:
-        self._services = {name: Watched(name) for name in services}
+        self._services = {name: SupervisedService(name) for name in services}
         self._supervisor = supervisor
         self._hung_ns = round(config.hung_s * 1e9)
         self._start_ns = round(config.start_s * 1e9)
@@ -157,152 +158,152 @@ class GuardCore:
         self._limit = config.restart_limit
         self._stop_ns = round(config.stop_s * 1e9)
         self._stopping: list[str] | None = None
-        self._look_ns: int | None = None
-        """When beats are read next."""
+        self._next_read_ns: int | None = None
+        """Next reading of heartbeats."""
 
     def __contains__(self, name: str) -> bool:
         return name in self._services
 
     def pid(self, name: str) -> int:
-        """Its process; 0 when there is none."""
+        """pid of the process of a service; 0: there is none."""
         return self._services[name].pid
 
     @property
     def stopped(self) -> bool:
-        """Whether nothing runs any more, after `stop`."""
+        """Whether every service has stopped after `on_stop`."""
         return self._stopping is not None and all(
-            watched.state is State.STOPPED for watched in self._services.values()
+            watched.state is ServiceState.STOPPED for watched in self._services.values()
         )
 
     def status(self) -> GuardStatus:
-        """The state of all services."""
-        services = tuple(watched.public() for watched in self._services.values())
+        """Status of all services."""
+        services = tuple(watched.status() for watched in self._services.values())
         return GuardStatus(self._supervisor, services, sum(watched.restarts for watched in services))
 
-    def remember(self, before: GuardStatus) -> None:
-        """Goes on with the counters of a guard that was killed."""
+    def restore(self, before: GuardStatus) -> None:
+        """Restore the counters of a guard that was killed from its status."""
         for old in before.services:
             if (watched := self._services.get(old.name)) is not None:
                 watched.restarts = old.restarts
                 watched.reason = old.reason
-                watched.missed = old.state == State.RUNNING
+                watched.ran_before = old.state == ServiceState.RUNNING
 
-    # -- what happens
+    # -- events
 
-    def on_start(self, running: dict[str, int], born: dict[str, int], now_ns: int) -> list[Action]:
-        """Adopts what runs already (pid by name), waits for what was just started, starts the rest."""
-        self._look_ns = now_ns
+    def on_start(self, running: dict[str, int], starting: dict[str, int], now_ns: int) -> list[Action]:
+        """Adopt services that run (pid by name), wait for those that are starting, start the others."""
+        self._next_read_ns = now_ns
         actions: list[Action] = []
         for watched in self._services.values():
             if watched.name in running:
                 actions += self._adopt(watched, running[watched.name], now_ns)
                 continue
             spawn = self._spawn(watched, now_ns)
-            if watched.name in born:
-                watched.pid = born[watched.name]
+            if watched.name in starting:
+                watched.pid = starting[watched.name]
                 watched.adopted = True
-                actions.append(Follow(watched.name, watched.pid))
+                actions.append(WatchProcess(watched.name, watched.pid))
                 continue
-            if watched.missed:
+            if watched.ran_before:
                 watched.restarts += 1
                 watched.reason = "died while no guard ran"
-                actions.append(Tell(watched.public()))
+                actions.append(ReportRestart(watched.status()))
             actions.append(spawn)
         return actions
 
     def on_spawned(self, name: str, pid: int, now_ns: int) -> list[Action]:
-        """The process was started; 0: by somebody else, who does not say which it is."""
+        """The process was started; pid 0: by another supervisor that does not report its pid."""
         self._services[name].pid = pid
-        return [Follow(name, pid)] if pid else []
+        return [WatchProcess(name, pid)] if pid else []
 
     def on_joined(self, name: str, pid: int, now_ns: int) -> list[Action]:
-        """The service has an application file, by whomever it was started."""
+        """The service has an application file, whichever supervisor started it."""
         watched = self._services[name]
-        if watched.state is State.STARTING and watched.pid in {pid, 0}:
-            watched.to(Event.JOINED, now_ns)
+        if watched.state is ServiceState.STARTING and watched.pid in {pid, 0}:
+            watched.transition(ServiceEvent.JOINED, now_ns)
             followed, watched.pid = watched.pid, pid
-            self._expect_beat(watched, now_ns)
-            return [Joined(name)] if followed else [Joined(name), Follow(name, pid)]
-        if (watched.state, Event.ADOPT) in TRANSITIONS and watched.state is not State.WAITING:
+            self._expect_heartbeat(watched, now_ns)
+            return [ClearStartRecord(name)] if followed else [ClearStartRecord(name), WatchProcess(name, pid)]
+        if (watched.state, ServiceEvent.ADOPT) in TRANSITIONS and watched.state is not ServiceState.WAITING:
             return self._adopt(watched, pid, now_ns)
         return []
 
-    def on_beat(self, name: str, beat: int, now_ns: int) -> list[Action]:
-        """The count on its status board; only a change is a sign of life."""
+    def on_heartbeat(self, name: str, beat: int, now_ns: int) -> list[Action]:
+        """The heartbeat count of its status board; only a change is a heartbeat."""
         watched = self._services[name]
-        if watched.state is State.RUNNING and beat != watched.beat and not watched.blame:
+        if watched.state is ServiceState.RUNNING and beat != watched.beat and not watched.kill_reason:
             watched.beat = beat
-            self._expect_beat(watched, now_ns)
+            self._expect_heartbeat(watched, now_ns)
         return []
 
     def on_restarted(self, name: str, restarts: int, now_ns: int) -> list[Action]:
-        """Somebody else, the runner of its process, has restarted the service so often."""
+        """The runner of its process has restarted the service so often."""
         watched = self._services[name]
-        if watched.state is not State.RUNNING or restarts <= watched.restarts:
+        if watched.state is not ServiceState.RUNNING or restarts <= watched.restarts:
             return []
         watched.restarts = restarts
-        watched.reason, watched.blame = watched.blame or "failed", ""
+        watched.reason, watched.kill_reason = watched.kill_reason or "failed", ""
         watched.since_ns = now_ns
-        self._expect_beat(watched, now_ns)
-        return [Tell(watched.public())]
+        self._expect_heartbeat(watched, now_ns)
+        return [ReportRestart(watched.status())]
 
     def on_exit(self, name: str, pid: int, how: str, now_ns: int) -> list[Action]:
-        """A process ended; `how` is `signal 9`, `exit 1` or `gone`."""
+        """A process ended; `how`: `signal 9`, `exit 1`, or `gone` when the exit status is unknown."""
         watched = self._services[name]
-        if watched.pid != pid or (watched.state, Event.EXIT) not in TRANSITIONS:
+        if watched.pid != pid or (watched.state, ServiceEvent.EXIT) not in TRANSITIONS:
             return []
-        settled = watched.state is State.RUNNING and now_ns - watched.since_ns >= self._settled_ns
-        watched.to(Event.EXIT, now_ns)
+        settled = watched.state is ServiceState.RUNNING and now_ns - watched.since_ns >= self._settled_ns
+        watched.transition(ServiceEvent.EXIT, now_ns)
         watched.pid = 0
         if self._stopping is not None:
-            if (watched.state, Event.STOP) in TRANSITIONS:
-                watched.to(Event.STOP, now_ns)  # it died before it was asked
+            if (watched.state, ServiceEvent.STOP) in TRANSITIONS:
+                watched.transition(ServiceEvent.STOP, now_ns)  # it ended before it was requested to
             return self._stop_next(now_ns)
-        watched.reason, watched.blame = watched.blame or died(how), ""
-        watched.in_a_row = 1 if settled else watched.in_a_row + 1
-        if self._limit and watched.in_a_row > self._limit:
-            watched.to(Event.GIVE_UP, now_ns)
+        watched.reason, watched.kill_reason = watched.kill_reason or exit_reason(how), ""
+        watched.consecutive_restarts = 1 if settled else watched.consecutive_restarts + 1
+        if self._limit and watched.consecutive_restarts > self._limit:
+            watched.transition(ServiceEvent.GIVE_UP, now_ns)
             watched.reason += f"; given up after {self._limit} restarts in a row"
-            return [Tell(watched.public())]
-        pause_ns = self._back_off_ns[min(watched.in_a_row, len(self._back_off_ns)) - 1]
+            return [ReportRestart(watched.status())]
+        pause_ns = self._back_off_ns[min(watched.consecutive_restarts, len(self._back_off_ns)) - 1]
         watched.deadline_ns = now_ns + pause_ns
         watched.restarts += 1
-        actions: list[Action] = [Tell(watched.public())]
+        actions: list[Action] = [ReportRestart(watched.status())]
         return actions + self._due(watched, now_ns)
 
-    def on_order(self, name: str, now_ns: int) -> list[Action]:
-        """An operator wants the service restarted, also one that was given up."""
+    def on_restart_order(self, name: str, now_ns: int) -> list[Action]:
+        """An operator requests a restart of the service, also of one that was given up."""
         watched = self._services[name]
         if self._stopping is not None:
             return []
-        watched.in_a_row = 0
-        if watched.state in {State.RUNNING, State.STARTING}:
-            watched.blame = "restarted on request"
+        watched.consecutive_restarts = 0
+        if watched.state in {ServiceState.RUNNING, ServiceState.STARTING}:
+            watched.kill_reason = "restarted on request"
             watched.deadline_ns = now_ns + self._stop_ns
             watched.beat = -1
-            return [Ask(name, watched.pid)]
-        if watched.state in {State.FAILED, State.BACK_OFF}:
+            return [Terminate(name, watched.pid)]
+        if watched.state in {ServiceState.FAILED, ServiceState.BACK_OFF}:
             watched.reason = "restarted on request"
             watched.restarts += 1
             return [self._spawn(watched, now_ns)]
         return []
 
     def on_stop(self, now_ns: int) -> list[Action]:
-        """Ends everything, the last started first, each after the one before has ended."""
+        """Stop all services one after the other, in the reverse order of their start."""
         if self._stopping is not None:
             return []
         self._stopping = list(reversed(self._services))
         for watched in self._services.values():
-            if watched.state in {State.WAITING, State.BACK_OFF, State.FAILED}:
-                watched.to(Event.STOP, now_ns)
+            if watched.state in {ServiceState.WAITING, ServiceState.BACK_OFF, ServiceState.FAILED}:
+                watched.transition(ServiceEvent.STOP, now_ns)
         return self._stop_next(now_ns)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has something to do."""
-        if self.stopped or self._look_ns is None:
+        """Next call of `on_timer`."""
+        if self.stopped or self._next_read_ns is None:
             return None
         deadline_ns = self._service_deadline_ns()
-        return self._look_ns if deadline_ns is None else min(self._look_ns, deadline_ns)
+        return self._next_read_ns if deadline_ns is None else min(self._next_read_ns, deadline_ns)
 
     def _service_deadline_ns(self) -> int | None:
         return min(
@@ -311,77 +312,77 @@ class GuardCore:
         )
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Once a second, and whenever something is due."""
-        if self._look_ns is not None and self._look_ns <= now_ns:
-            self._look_ns = (now_ns // LOOK_NS + 1) * LOOK_NS
-        return [Look()]
+        """Heartbeats are to be read: once a second, and at each deadline of a service."""
+        if self._next_read_ns is not None and self._next_read_ns <= now_ns:
+            self._next_read_ns = (now_ns // HEARTBEAT_NS + 1) * HEARTBEAT_NS
+        return [ReadHeartbeats()]
 
-    def on_looked(self, now_ns: int) -> list[Action]:
-        """What is due: pauses that are over, services that hang or do not end.
+    def on_heartbeats_read(self, now_ns: int) -> list[Action]:
+        """Handle expired deadlines: start after a back-off, kill what hangs or does not end.
 
-        When the guard itself was kept from running, nobody else is blamed for having been silent.
+        When the guard itself was delayed, deadlines are extended: silence in that time is not a failure.
         """
         deadline_ns = self._service_deadline_ns()
         late_ns = now_ns - deadline_ns if deadline_ns is not None else 0
         if late_ns > self._hung_ns // 2:
             for watched in self._services.values():
-                if watched.deadline_ns is not None and watched.state is not State.BACK_OFF:
+                if watched.deadline_ns is not None and watched.state is not ServiceState.BACK_OFF:
                     watched.deadline_ns += late_ns + self._hung_ns // 2
         actions: list[Action] = []
         for watched in self._services.values():
             actions += self._due(watched, now_ns)
         return actions
 
-    # -- what follows
+    # -- actions
 
-    def _due(self, watched: Watched, now_ns: int) -> list[Action]:
+    def _due(self, watched: SupervisedService, now_ns: int) -> list[Action]:
         if watched.deadline_ns is None or watched.deadline_ns > now_ns:
             return []
         silent_s = (now_ns - watched.deadline_ns + self._hung_ns) / 1e9
         match watched.state:
-            case State.BACK_OFF:
+            case ServiceState.BACK_OFF:
                 return [self._spawn(watched, now_ns)]
-            case State.STARTING:
+            case ServiceState.STARTING:
                 reason = f"hung: not on the node {self._start_ns / 1e9:g} s after its start"
-            case State.RUNNING:
+            case ServiceState.RUNNING:
                 reason = f"hung: no beat for {silent_s:.1f} s"
             case _:
                 reason = "did not end when asked"
         return self._kill(watched, reason, now_ns)
 
-    def _kill(self, watched: Watched, reason: str, now_ns: int) -> list[Action]:
-        watched.blame = watched.blame or reason
+    def _kill(self, watched: SupervisedService, reason: str, now_ns: int) -> list[Action]:
+        watched.kill_reason = watched.kill_reason or reason
         watched.deadline_ns = now_ns + self._start_ns
-        return [Kill(watched.name, watched.pid, watched.blame)]
+        return [Kill(watched.name, watched.pid, watched.kill_reason)]
 
-    def _spawn(self, watched: Watched, now_ns: int) -> Spawn:
-        watched.to(Event.SPAWN, now_ns)
+    def _spawn(self, watched: SupervisedService, now_ns: int) -> Spawn:
+        watched.transition(ServiceEvent.SPAWN, now_ns)
         watched.adopted = False
         watched.pid = 0
         watched.beat = -1
         watched.deadline_ns = now_ns + self._start_ns
         return Spawn(watched.name)
 
-    def _adopt(self, watched: Watched, pid: int, now_ns: int) -> list[Action]:
-        watched.to(Event.ADOPT, now_ns)
+    def _adopt(self, watched: SupervisedService, pid: int, now_ns: int) -> list[Action]:
+        watched.transition(ServiceEvent.ADOPT, now_ns)
         watched.adopted = True
         watched.pid = pid
-        self._expect_beat(watched, now_ns)
-        return [Joined(watched.name), Follow(watched.name, pid)]
+        self._expect_heartbeat(watched, now_ns)
+        return [ClearStartRecord(watched.name), WatchProcess(watched.name, pid)]
 
-    def _expect_beat(self, watched: Watched, now_ns: int) -> None:
+    def _expect_heartbeat(self, watched: SupervisedService, now_ns: int) -> None:
         watched.deadline_ns = now_ns + self._hung_ns
 
     def _stop_next(self, now_ns: int) -> list[Action]:
         actions: list[Action] = []
         while self._stopping:
             watched = self._services[self._stopping[0]]
-            if watched.state is State.STOPPING:
+            if watched.state is ServiceState.STOPPING:
                 break
-            if watched.state is not State.STOPPED:
-                watched.to(Event.STOP, now_ns)
+            if watched.state is not ServiceState.STOPPED:
+                watched.transition(ServiceEvent.STOP, now_ns)
                 watched.deadline_ns = now_ns + self._stop_ns
-                actions.append(Ask(watched.name, watched.pid))
+                actions.append(Terminate(watched.name, watched.pid))
                 break
             self._stopping.pop(0)
         return actions

@@ -1,11 +1,22 @@
-"""The guard's shell: looks at application files, beats and deaths, and has decisions carried out."""
+"""The guard's shell: reads application files, heartbeats and process exits, and executes actions."""
 
 import asyncio
 from typing import ClassVar
 
 from swarmd.guard import config as settings
-from swarmd.guard.core import Action, Ask, Follow, GuardCore, Joined, Kill, Look, Spawn, State, Tell
-from swarmd.guard.supervisor import Processes, Runner, Supervisor, Systemd
+from swarmd.guard.core import (
+    Action,
+    ClearStartRecord,
+    GuardCore,
+    Kill,
+    ReadHeartbeats,
+    ReportRestart,
+    ServiceState,
+    Spawn,
+    Terminate,
+    WatchProcess,
+)
+from swarmd.guard.supervisor import InProcessSupervisor, ProcessSupervisor, Supervisor, SystemdSupervisor
 from swarmware.appfile import AppTable
 from swarmware.errors import NotFound
 from swarmware.module import BoardReader, BoardWriter, Meta, Module
@@ -18,46 +29,46 @@ from swarmware.types.system import AppStatus
 
 
 class Guard(Service):
-    """Keeps the services of node.toml alive."""
+    """Keeps the services of node.toml running."""
 
     name = "guard"
     Config = settings.Config
     config: settings.Config
     stop_s: ClassVar[float] = 25.0
-    """Services end one after the other."""
+    """Services stop one after the other."""
 
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         node = module.node.config
         names = tuple(name for name in node.services if name != self.name)
         self._node = module.node
-        # its own: a table tells of a change only once
+        # a table of its own: `refresh` reports a change only to its first caller
         self._table = AppTable(module.node.run_dir)
         self._supervisor = self._choose()
         self._core = GuardCore(names, self._supervisor.kind, config)
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._names = names
-        self._beats: dict[str, BoardReader[AppStatus]] = {}
+        self._status_boards: dict[str, BoardReader[AppStatus]] = {}
         self._board: BoardWriter[GuardStatus] | None = None
         self._events: BoardWriter[WatchedService] | None = None
         self._stopped = asyncio.Event()
-        self._shown: GuardStatus | None = None
+        self._published: GuardStatus | None = None
 
     def _choose(self) -> Supervisor:
         node = self._node
         if node.config.processes == "one" and node.host is not None:
-            return Runner(node.host.restart)
+            return InProcessSupervisor(node.host.restart)
         if self.config.supervisor == "systemd":
-            return Systemd(node.config_dir, node.run_dir, self._on_exit)
-        return Processes(node.config_dir, node.run_dir, self._on_exit)
+            return SystemdSupervisor(node.config_dir, node.run_dir, self._on_exit)
+        return ProcessSupervisor(node.config_dir, node.run_dir, self._on_exit)
 
     async def run(self) -> None:
-        """Starts, watches and restarts until cancelled; a second guard fails on the first one's boards."""
+        """Supervise until cancelled; a second guard fails because the first one owns the boards."""
         module = self.module
         self._table.refresh(probe=True)
         before = await module.reader("guard/status", GuardStatus)
         if before.value is not None:
-            self._core.remember(before.value)
+            self._core.restore(before.value)
         self._board = await module.writer(
             "guard/status", GuardStatus, link="notify", description="Services under the guard"
         )
@@ -65,7 +76,7 @@ class Guard(Service):
             "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
         )
         for name in self._names:
-            self._beats[name] = await module.reader(f"app/{segment(name)}/status", AppStatus)
+            self._status_boards[name] = await module.reader(f"app/{segment(name)}/status", AppStatus)
         await module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
         await module.serve(
             "sys/guard/restart",
@@ -76,7 +87,8 @@ class Guard(Service):
         )
         self._node.listen(self._node.shm_dir / APPS_TABLE)
         self._node.watch(self)
-        self._show()  # before anything is started: whoever finds this board knows that there was a guard
+        # before a service is started: the next guard reads this board to restore its counters
+        self._publish_status()
         try:
             self._begin()
             await self._driver.run()
@@ -86,89 +98,89 @@ class Guard(Service):
             self._supervisor.close()
 
     async def stop(self) -> None:
-        """Ends the services it has started or adopted, the last started first."""
-        if not self._supervisor.stops or self._board is None:
+        """Stop the services that were started or adopted, the last started first."""
+        if not self._supervisor.stops_services or self._board is None:
             return
         self._driver.feed(self._core.on_stop(self.module.now_ns()))
         await self._stopped.wait()
 
     def poll(self) -> None:
-        """The doorbell has rung: perhaps a service has joined."""
+        """Read heartbeats when an application file has changed."""
         if self._table.refresh():
-            self._look()
+            self._read_heartbeats()
 
-    # -- what happens
+    # -- events
 
     def _begin(self) -> None:
         running = {entry.name: entry.pid for entry in self._table if entry.name in self._core}
-        born = {
+        starting = {
             name: pid
             for name in self._names
-            if name not in running and (pid := self._supervisor.running(name))
+            if name not in running and (pid := self._supervisor.starting_pid(name))
         }
-        self._driver.feed(self._core.on_start(running, born, self.module.now_ns()))
+        self._driver.feed(self._core.on_start(running, starting, self.module.now_ns()))
         if running:
             self.module.log.info("found running: %s", ", ".join(running))
 
-    def _look(self) -> None:
-        """Who has joined, who beats."""
+    def _read_heartbeats(self) -> None:
+        """Read who has joined, and the heartbeats."""
         self._table.refresh()
         now_ns = self.module.now_ns()
         actions: list[Action] = []
         for entry in self._table:
             if entry.name in self._core:
                 actions += self._core.on_joined(entry.name, entry.pid, now_ns)
-        for name, reader in self._beats.items():
+        for name, reader in self._status_boards.items():
             if (status := reader.value) is not None:
-                actions += self._core.on_beat(name, status.beat, now_ns)
-                if self._supervisor.kind == Runner.kind:
+                actions += self._core.on_heartbeat(name, status.beat, now_ns)
+                if self._supervisor.kind == InProcessSupervisor.kind:
                     actions += self._core.on_restarted(name, status.restarts, now_ns)
-        self._driver.feed(actions + self._core.on_looked(now_ns))
+        self._driver.feed(actions + self._core.on_heartbeats_read(now_ns))
 
     def _on_exit(self, name: str, pid: int, how: str) -> None:
-        self._table.refresh(probe=True)  # or the dead one would be found and adopted
+        self._table.refresh(probe=True)  # else the ended process would be found and adopted
         self._driver.feed(self._core.on_exit(name, pid, how, self.module.now_ns()))
-        self._look()  # that refresh may have brought others, too
+        self._read_heartbeats()  # the refresh may have found other changes
 
-    # -- what follows
+    # -- actions
 
     def _perform(self, action: Action) -> None:
         match action:
-            case Look():
-                self._look()
+            case ReadHeartbeats():
+                self._read_heartbeats()
             case Spawn(name):
                 pid = self._supervisor.spawn(name)
                 self._driver.feed(self._core.on_spawned(name, pid, self.module.now_ns()))
-            case Joined(name):
+            case ClearStartRecord(name):
                 self._supervisor.joined(name)
-            case Follow(name, pid):
+            case WatchProcess(name, pid):
                 if not self._supervisor.watch(name, pid):
                     self._on_exit(name, pid, "gone")
-            case Ask(name, pid):
-                self._supervisor.ask(name, pid)
+            case Terminate(name, pid):
+                self._supervisor.terminate(name, pid)
             case Kill(name, pid, reason):
                 self.module.log.warning("%s: killed, pid %d: %s", name, pid, reason)
                 self._supervisor.kill(name, pid)
-            case Tell(service):
-                self._tell(service)
+            case ReportRestart(service):
+                self._report_restart(service)
 
     def _settled(self) -> None:
-        self._show()
+        self._publish_status()
         if self._core.stopped:
             self._stopped.set()
 
-    def _tell(self, service: WatchedService) -> None:
+    def _report_restart(self, service: WatchedService) -> None:
         if self._events is not None:
             self._events.write(service)
-        if service.state == State.FAILED:
+        if service.state == ServiceState.FAILED:
             self.module.log.error("%s: %s", service.name, service.reason)
         else:
             self.module.log.warning("%s: %s; restart %d", service.name, service.reason, service.restarts)
 
-    def _show(self) -> None:
+    def _publish_status(self) -> None:
         status = self._core.status()
-        if self._board is not None and status != self._shown:
-            self._shown = status
+        if self._board is not None and status != self._published:
+            self._published = status
             self._board.write(status)
 
     # -- requests
@@ -182,5 +194,5 @@ class Guard(Service):
                 f"service {order.service!r}: not under this guard; expected one of {', '.join(self._names)}"
             )
         self.module.log.info("%s: restarted on request", order.service)
-        self._driver.feed(self._core.on_order(order.service, self.module.now_ns()))
+        self._driver.feed(self._core.on_restart_order(order.service, self.module.now_ns()))
         return self._core.status()

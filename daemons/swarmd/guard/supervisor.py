@@ -1,4 +1,4 @@
-"""Who carries out what the guard decides: the guard itself, systemd, or the runner of this process."""
+"""Supervisors, which execute the actions of the guard: by processes, by systemd, or inside this process."""
 
 import asyncio
 import logging
@@ -9,25 +9,25 @@ from pathlib import Path
 from typing import Protocol
 
 from swarmware.errors import NotFound
-from swarmware.service.child import Child
-from swarmware.service.fork import Started
+from swarmware.service.fork import StartedProcess
 from swarmware.service.starting import clear_start_record, spawn, starting_pid
+from swarmware.service.supervised_process import SupervisedProcess
 
 log = logging.getLogger("swarm.guard")
 
 OnExit = Callable[[str, int, str], None]
-"""Name, pid and how it ended."""
+"""Name of the service, pid, and exit status as text."""
 
 
 class Supervisor(Protocol):
     """Starts, watches and ends services; never waits."""
 
     kind: str
-    """What the status board says."""
-    stops: bool
-    """Whether the end of the guard is the end of the services."""
+    """Name of this kind of supervisor in the status board."""
+    stops_services: bool
+    """Whether the guard stops the services when it stops itself."""
 
-    def running(self, name: str) -> int:
+    def starting_pid(self, name: str) -> int:
         """pid of a process of this service that has not joined the node yet; 0: none is known."""
         ...
 
@@ -36,58 +36,58 @@ class Supervisor(Protocol):
         ...
 
     def watch(self, name: str, pid: int) -> bool:
-        """Tell of the end of this process; False when it has ended already."""
+        """Call `on_exit` when this process ends; False when it has ended already."""
         ...
 
     def joined(self, name: str) -> None:
-        """The service has joined the node."""
+        """Remove the start record: the service has joined the node."""
         ...
 
-    def ask(self, name: str, pid: int) -> None:
-        """Ask the service to end."""
+    def terminate(self, name: str, pid: int) -> None:
+        """Request the service to end."""
         ...
 
     def kill(self, name: str, pid: int) -> None:
-        """End it at once."""
+        """Kill the service."""
         ...
 
     def close(self) -> None:
-        """Watch no more."""
+        """Stop watching processes."""
         ...
 
 
-class Processes:
-    """Services are processes that the guard starts itself."""
+class ProcessSupervisor:
+    """Starts services as processes of its own."""
 
     kind = "self"
-    stops = True
+    stops_services = True
 
     def __init__(self, config_dir: Path, run_dir: Path, on_exit: OnExit) -> None:
         self._config_dir = config_dir
         self._run_dir = run_dir
         self._on_exit = on_exit
-        self._children: dict[str, Child] = {}
-        self._started: dict[str, Started] = {}
-        """Until they are watched."""
+        self._children: dict[str, SupervisedProcess] = {}
+        self._started: dict[str, StartedProcess] = {}
+        """Processes that are not watched yet."""
 
-    def running(self, name: str) -> int:
-        """pid of a process that a former guard started a moment ago."""
+    def starting_pid(self, name: str) -> int:
+        """pid of a process that an earlier guard started and that has not joined the node."""
         return starting_pid(name, self._run_dir)
 
     def spawn(self, name: str) -> int:
-        """A new process in a session of its own."""
+        """Start a new process in a session of its own."""
         started = self._started[name] = spawn(name, self._config_dir, self._run_dir)
         return started.pid
 
     def watch(self, name: str, pid: int) -> bool:
-        """By pidfd: its end is known within milliseconds."""
+        """Watch the process by pidfd, which reports its end within milliseconds."""
         if (known := self._children.pop(name, None)) is not None:
             known.close()
         started = self._started.pop(name, None)
         if started is None or started.pid != pid:
-            started = Started(pid)
+            started = StartedProcess(pid)
         with suppress(NotFound):
-            self._children[name] = Child(started, lambda how: self._ended(name, pid, how))
+            self._children[name] = SupervisedProcess(started, lambda how: self._ended(name, pid, how))
             return True
         return False
 
@@ -97,15 +97,15 @@ class Processes:
         self._on_exit(name, pid, how)
 
     def joined(self, name: str) -> None:
-        """Its application file says it from now on."""
+        """Remove the start record: the application file now identifies the process."""
         clear_start_record(name, self._run_dir)
 
-    def ask(self, name: str, pid: int) -> None:
-        """SIGTERM."""
+    def terminate(self, name: str, pid: int) -> None:
+        """Send SIGTERM."""
         self._signal(name, pid, signal.SIGTERM)
 
     def kill(self, name: str, pid: int) -> None:
-        """SIGKILL, which also ends a stopped process."""
+        """Send SIGKILL, which also ends a stopped process."""
         self._signal(name, pid, signal.SIGKILL)
 
     def _signal(self, name: str, pid: int, number: signal.Signals) -> None:
@@ -114,17 +114,17 @@ class Processes:
             child.signal(number)
 
     def close(self) -> None:
-        """The processes go on."""
+        """Close the pidfds; the processes continue."""
         for child in self._children.values():
             child.close()
         self._children.clear()
 
 
-class Systemd(Processes):
-    """Services are units of systemd: it is asked; what it does by itself is only watched."""
+class SystemdSupervisor(ProcessSupervisor):
+    """Requests starts and restarts from systemd, which runs each service as a unit."""
 
     kind = "systemd"
-    stops = False
+    stops_services = False
 
     def __init__(
         self, config_dir: Path, run_dir: Path, on_exit: OnExit, systemctl: str = "systemctl"
@@ -133,24 +133,24 @@ class Systemd(Processes):
         self._systemctl = systemctl
         self._calls: set[asyncio.Task[None]] = set()
 
-    def running(self, name: str) -> int:
-        """systemd knows by itself what it has started."""
+    def starting_pid(self, name: str) -> int:
+        """Return 0: systemd tracks the processes that it starts."""
         return 0
 
     def spawn(self, name: str) -> int:
-        """systemd does it; one that does not come back in time is restarted by `kill`."""
+        """Return 0: systemd starts the process; `kill` restarts one that does not join in time."""
         return 0
 
-    def ask(self, name: str, pid: int) -> None:
-        """A restart: it is asked to end, and started again."""
+    def terminate(self, name: str, pid: int) -> None:
+        """Request a restart of the unit."""
         self._call("restart", f"swarmd@{name}.service")
 
     def kill(self, name: str, pid: int) -> None:
-        """systemd sees the failure and starts it again; what has no process is restarted on request."""
+        """Kill the process, which systemd then restarts; without a process request a restart."""
         if pid:
             super().kill(name, pid)
         else:
-            self.ask(name, pid)
+            self.terminate(name, pid)
 
     def _call(self, *words: str) -> None:
         task = asyncio.get_running_loop().create_task(self._run(*words), name=f"systemctl {words[0]}")
@@ -176,46 +176,46 @@ class Systemd(Processes):
             log.error("systemctl %s: %s", " ".join(words), errors.decode(errors="replace").strip())
 
     def close(self) -> None:
-        """Calls in work are cut."""
+        """Cancel the pending calls of systemctl."""
         for task in self._calls:
             task.cancel()
         super().close()
 
 
-class Runner:
-    """Services share this process: its runner starts one again that has failed, and on request."""
+class InProcessSupervisor:
+    """Restarts services that run as tasks in the process of the guard."""
 
     kind = "runner"
-    stops = False
+    stops_services = False
 
     def __init__(self, restart: Callable[[str], None]) -> None:
         self._restart = restart
 
-    def running(self, name: str) -> int:
-        """The runner has started them all."""
+    def starting_pid(self, name: str) -> int:
+        """Return 0: the runner of the process has started every service."""
         return 0
 
     def spawn(self, name: str) -> int:
-        """The runner does it."""
+        """Return 0: the runner of the process starts the service."""
         return 0
 
     def watch(self, name: str, pid: int) -> bool:
-        """They live as long as we do."""
+        """Return True: the services end with this process."""
         return True
 
     def joined(self, name: str) -> None:
-        """Nothing to be done."""
+        """Do nothing."""
 
-    def ask(self, name: str, pid: int) -> None:
-        """Cancelled and started again."""
+    def terminate(self, name: str, pid: int) -> None:
+        """Cancel the task of the service, which is then started again."""
         try:
             self._restart(name)
         except NotFound as error:
             log.warning("%s", error)
 
     def kill(self, name: str, pid: int) -> None:
-        """Nothing stronger can be done to a task than to cancel it."""
-        self.ask(name, pid)
+        """Cancel the task of the service: a task cannot be killed."""
+        self.terminate(name, pid)
 
     def close(self) -> None:
-        """Nothing to be done."""
+        """Do nothing."""

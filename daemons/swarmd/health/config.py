@@ -21,19 +21,19 @@ class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     warn: float | None = None
     error: float | None = None
     hysteresis: float = 0.0
-    """How much better than the limit it must be to be well again."""
+    """Difference to the limit at which the check passes again."""
     confirm: tuple[Annotated[int, msgspec.Meta(ge=1)], Annotated[int, msgspec.Meta(ge=1)]] = (3, 5)
-    """n of the last m looks must agree; there is one a second."""
+    """n of the last m samples must agree; one is taken every second."""
 
     def __post_init__(self) -> None:
-        """Checks what the types cannot say."""
+        """Check constraints between fields."""
         if self.warn is None and self.error is None:
             raise ValueError(f"limit {self.check}: neither warn nor error; expected one of them")
         if self.confirm[0] > self.confirm[1]:
             raise ValueError(f"limit {self.check}: confirm {list(self.confirm)}; expected [n, m] with n ≤ m")
 
     def criterion(self) -> Callable[[float], str]:
-        """A new one, with a memory of its own."""
+        """Make a criterion with its own hysteresis state."""
         kind = Below if self.low else Above
         return kind(warn=self.warn, error=self.error, hysteresis=self.hysteresis)
 
@@ -69,23 +69,23 @@ LIMITS = (
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is looked at, how often, and what is done about the guard."""
+    """What is monitored, how often, and whether a hung guard is killed."""
 
     look_hz: Annotated[float, msgspec.Meta(ge=0.5, le=20)] = 2.0
-    """How often the ages of resources are looked at."""
+    """Rate of sampling the ages of resources."""
     grace_s: Annotated[float, msgspec.Meta(ge=0, le=600)] = 10.0
-    """A resource is not judged for so long after it has appeared."""
+    """Grace time: a resource is not monitored for so long after it has appeared."""
     clear_s: Annotated[float, msgspec.Meta(ge=0, le=3600)] = 10.0
-    """A healed fault that stays away for so long is over."""
+    """Clear time: a fault whose check has passed for so long is cleared."""
     hung_s: Annotated[float, msgspec.Meta(ge=1.5, le=600)] = 4.0
-    """An application without a beat for so long is hung; a beat comes every second."""
+    """An application without a heartbeat for so long is hung; one is written every second."""
     platforms: tuple[str, ...] | None = None
     """Patterns of platforms whose loss is a fault; not given: all at a ground station, none elsewhere."""
     restart_guard: bool = True
-    """Whether a guard that hangs is killed, so that it is started again; never where systemd does it."""
+    """Whether a hung guard is killed, so that it is restarted; never where systemd does it."""
     sensors: tuple[str, ...] = ("sensor/*", "nav/pose")
     """Patterns of the resources whose validity is in the state of the platform."""
     ignore: tuple[str, ...] = ("app/**", "health/**")
-    """Patterns of resources whose age is not judged."""
+    """Patterns of resources whose age is not monitored."""
     limits: tuple[LimitConfig, ...] = LIMITS
     """Limits of values."""

@@ -1,4 +1,4 @@
-"""What the monitor must know again after it was killed: registrations and open faults (S1.25)."""
+"""Journal of the monitor: registrations and open faults, restored after a kill (S1.25)."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from swarmware.types.health import CheckRegistration, Fault
 
 
 class Journal(msgspec.Struct, frozen=True):
-    """Of one start of the node; another start begins anew."""
+    """Journal of one start of the node; the next start begins with an empty one."""
 
     boot_id: int
     registrations: tuple[CheckRegistration, ...] = ()

@@ -1,4 +1,4 @@
-"""The monitor's shell: looks at shared memory, hears of deaths, publishes state and faults."""
+"""The monitor's shell: reads shared memory, watches processes, publishes state and faults."""
 
 import asyncio
 import os
@@ -11,13 +11,13 @@ from swarmd.health.core.apps import DIED
 from swarmd.health.core.monitor import (
     GUARD,
     Action,
-    Cleared,
     FaultChanged,
+    FaultsCleared,
     GuardHung,
-    Look,
     MonitorCore,
-    Present,
+    ReadInputs,
     RegistrationChanged,
+    RunningApp,
 )
 from swarmd.health.journal import JournalFile
 from swarmware import template
@@ -48,13 +48,13 @@ from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
 
 ROUTES_S = 5.0
-"""A table of routes older than this says nothing; there is one every second."""
+"""Maximum age of the table of routes, which is written every second."""
 ENDING = frozenset({"stopping", "stopped"})
-"""States of a service in the guard's board when the node ends."""
+"""States of a service in the guard's board when the node stops."""
 
 
 class Health(Service):
-    """Finds out how the platform is, and says so; it acts on nobody but the guard (S1.28)."""
+    """Monitors the platform and publishes its state; acts on no process but the guard (S1.28)."""
 
     name = "health"
     Config = settings.Config
@@ -65,31 +65,31 @@ class Health(Service):
         node = module.node
         self._core = MonitorCore(config)
         self._driver = self.drive(self._core, self._perform, settled=self._publish)
-        self._look_comes: asyncio.Queue[Look] = asyncio.Queue(1)
-        self._changed: list[Fault] = []
-        """Not written and announced yet."""
+        self._read_request: asyncio.Queue[ReadInputs] = asyncio.Queue(1)
+        self._unannounced: list[Fault] = []
+        """Changes that are not in the journal and not announced."""
         self._unsaved = False
-        self._table = AppTable(node.run_dir)  # its own: a table tells of a change only once
+        self._table = AppTable(node.run_dir)  # own table: `refresh` reports a change only once
         self._entries: dict[str, AppEntry] = {}
         self._types: dict[str, str] = {}
         self._boards: dict[str, BoardReader[Any]] = {}
-        self._reports_at: dict[str, int] = {}
-        self._deaths = ProcessWatcher(self._on_death)
+        self._report_positions: dict[str, int] = {}
+        self._process_watcher = ProcessWatcher(self._on_death)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
         self._guard_board: BoardReader[GuardStatus] | None = None
         patterns = config.platforms
         if patterns is None:
             patterns = ("*",) if node.config.kind == "gcs" else ()
-        self._missed = [Pattern(text) for text in patterns]
+        self._required_platforms = [Pattern(text) for text in patterns]
         self._routes: BoardReader[Routes] | None = None
-        self._shown: HealthState | None = None
+        self._published: HealthState | None = None
         self._board: BoardWriter[HealthState] | None = None
         self._events: BoardWriter[Fault] | None = None
 
     async def run(self) -> None:
-        """Watches until cancelled."""
+        """Monitor until cancelled."""
         module, node = self.module, self.module.node
-        self._expect()
+        self._load_template()
         journal = self._journal.load()
         now_ns = module.now_ns()
         self._driver.feed(self._core.on_start(journal.registrations, journal.faults, now_ns))
@@ -115,7 +115,7 @@ class Health(Service):
             reply=FaultList,
             description="Ends faults that an operator has seen",
         )
-        if self._missed:
+        if self._required_platforms:
             self._routes = await module.reader("net/routes", Routes)
         inbox = await module.inbox(ADDRESS, CheckRegistration, description="Registers a check of a module")
         node.listen(node.shm_dir / APPS_TABLE)
@@ -125,31 +125,31 @@ class Health(Service):
             self._guard_board = await module.reader("guard/status", GuardStatus)
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="health: driver")
-                group.create_task(self._look(), name="health: look")
+                group.create_task(self._read_inputs(), name="health: look")
                 group.create_task(self._take_registrations(inbox), name="health: registrations")
         finally:
             node.unwatch(self)
             node.unlisten(node.shm_dir / APPS_TABLE)
-            self._deaths.close()
+            self._process_watcher.close()
 
-    def _expect(self) -> None:
+    def _load_template(self) -> None:
         node = self.module.node.config
         try:
             found = template.load(node.template, node.share_path / "templates")
         except SwarmError as error:
-            self.module.log.warning("template: %s; sensors are judged when they appear", error)
+            self.module.log.warning("template: %s; sensors are monitored when they appear", error)
             return
-        self._core.expect(found.resources)
+        self._core.set_template(found.resources)
 
     def _node_stops(self) -> bool:
-        """Services end one after the other: what depends on one that has ended is not to blame."""
+        """Whether services are being stopped: what depends on a stopped one is not faulty."""
         status = None if self._guard_board is None else self._guard_board.value
         return status is not None and any(one.state in ENDING for one in status.services)
 
     # -- applications
 
     def poll(self) -> None:
-        """The doorbell has rung: has an application come, gone, or changed?"""
+        """Read the application files if one has changed."""
         if self._table.refresh():
             self._on_applications()
 
@@ -159,54 +159,54 @@ class Health(Service):
         present = {entry.id: entry for entry in self._table}
         for app_id, entry in list(self._entries.items()):
             if app_id not in present:
-                actions += self._gone(entry, now_ns)
+                actions += self._on_end(entry, now_ns)
         for app_id, entry in present.items():
             known = self._entries.get(app_id)
             if known is not None and known.pid != entry.pid:
-                actions += self._gone(known, now_ns)  # it is back before we heard of its end
+                actions += self._on_end(known, now_ns)  # it restarted before its end was detected
             self._entries[app_id] = entry
             self._types |= {one.path: one.type for one in entry.provides}
-            found = Present(app_id, entry.name, entry.pid, entry.started_ns, entry.provides)
-            actions += self._core.on_present(found, now_ns)
-        self._deaths.watch({entry.pid for entry in present.values()})
+            found = RunningApp(app_id, entry.name, entry.pid, entry.started_ns, entry.provides)
+            actions += self._core.on_running(found, now_ns)
+        self._process_watcher.watch({entry.pid for entry in present.values()})
         self._driver.feed(actions)
 
     def _on_death(self, pid: int) -> None:
-        """A process ended. Applications that had not said goodbye are those we still have."""
+        """A process ended: its applications that did not leave the node have died."""
         now_ns = self.module.now_ns()
         entries = [entry for entry in self._entries.values() if entry.pid == pid]
-        self._driver.feed([action for entry in entries for action in self._gone(entry, now_ns)])
+        self._driver.feed([action for entry in entries for action in self._on_end(entry, now_ns)])
 
-    def _gone(self, entry: AppEntry, now_ns: int) -> list[Action]:
-        """An application is no more: it took its file away while it lived, or said so, or else it died."""
+    def _on_end(self, entry: AppEntry, now_ns: int) -> list[Action]:
+        """An application ended: it left if it removed its file or announced its stop, else it died."""
         del self._entries[entry.id]
         status = self._status(entry.name)
-        said_so = status is not None and status.pid == entry.pid and status.state == "stopping"
-        if said_so or not died(self.module.node.run_dir, entry):
+        announced = status is not None and status.pid == entry.pid and status.state == "stopping"
+        if announced or not died(self.module.node.run_dir, entry):
             return self._core.on_left(entry.id, now_ns)
         return self._core.on_died(entry.id, now_ns)
 
-    # -- looks
+    # -- inputs
 
-    async def _look(self) -> None:
+    async def _read_inputs(self) -> None:
         while True:
-            look = await self._look_comes.get()
+            look = await self._read_request.get()
             if self._table.refresh():
                 self._on_applications()
             await self._open_boards()
             now_ns = self.module.now_ns()
-            actions = self._look_at_applications(now_ns)
+            actions = self._read_applications(now_ns)
             for age in self._core.ages() if not self._node_stops() else ():
                 if (board := self._boards.get(age.path)) is not None:
-                    actions += self._core.on_look(age, board.position, now_ns)
+                    actions += self._core.on_age_sample(age, board.position, now_ns)
             if look.values:
-                actions += self._look_at_values(now_ns)
-            actions += self._look_at_reports(now_ns)
-            actions += self._look_at_routes(now_ns)
-            self._driver.feed(actions + self._core.on_looked(now_ns))
+                actions += self._read_values(now_ns)
+            actions += self._read_reports(now_ns)
+            actions += self._read_routes(now_ns)
+            self._driver.feed(actions + self._core.on_inputs_read(now_ns))
 
     async def _open_boards(self) -> None:
-        """One reader for each resource that is looked at, whatever it is looked at for."""
+        """Open one reader for each resource that is monitored."""
         wanted = {age.path for age in self._core.ages()} | {rule.path for rule in self._core.limits()}
         for entry in self._entries.values():
             wanted.add(_status_path(entry.name))
@@ -215,7 +215,7 @@ class Health(Service):
             try:
                 cls = registry.find(self._types.get(path, AppStatus.__name__))
             except NotFound:
-                cls = Empty  # a type that only its owner knows: its age can still be judged
+                cls = Empty  # a type that only its owner knows: its age can be monitored
             self._boards[path] = await self.module.reader(path, cls)
         for path in self._boards.keys() - wanted:
             self._boards.pop(path).close()
@@ -225,7 +225,7 @@ class Health(Service):
         value = None if board is None else board.value
         return value if isinstance(value, AppStatus) else None
 
-    def _look_at_applications(self, now_ns: int) -> list[Action]:
+    def _read_applications(self, now_ns: int) -> list[Action]:
         return [
             action
             for app in self._core.apps
@@ -234,16 +234,16 @@ class Health(Service):
         ]
 
     def _end_guard(self, pid: int) -> None:
-        """It does not beat: only SIGKILL ends a process that is stopped; then any daemon starts it again."""
+        """Kill a guard without a heartbeat: only SIGKILL ends a stopped process; any daemon restarts it."""
         node = self.module.node
         entry = next((one for one in self._entries.values() if one.name == GUARD), None)
         alone = entry is not None and entry.config.get("supervisor", "self") == "self"
         if self.config.restart_guard and alone and node.config.processes == "per-daemon":
-            self.module.log.warning("guard: no beat, pid %d is killed", pid)
+            self.module.log.warning("guard: no heartbeat, pid %d is killed", pid)
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
 
-    def _look_at_values(self, now_ns: int) -> list[Action]:
+    def _read_values(self, now_ns: int) -> list[Action]:
         actions: list[Action] = []
         for rule in self._core.limits():
             board = self._boards.get(rule.path)
@@ -253,29 +253,29 @@ class Health(Service):
                 actions += self._core.on_value(rule, float(field), now_ns)
         return actions
 
-    def _look_at_reports(self, now_ns: int) -> list[Action]:
+    def _read_reports(self, now_ns: int) -> list[Action]:
         actions: list[Action] = []
         for path, board in self._boards.items():
             if self._types.get(path) != CheckReports.__name__:
                 continue
             position = board.position
-            if position != self._reports_at.get(path):
-                self._reports_at[path] = position
+            if position != self._report_positions.get(path):
+                self._report_positions[path] = position
                 if (reports := board.value) is not None:
                     actions += self._core.on_reports(reports, now_ns)
         return actions
 
-    def _look_at_routes(self, now_ns: int) -> list[Action]:
+    def _read_routes(self, now_ns: int) -> list[Action]:
         if self._routes is None or (routes := self._routes.value) is None or self._node_stops():
             return []
         age_s = self._routes.age_s
         if age_s is None or age_s > ROUTES_S:
-            return []  # the broker is away: that is its own fault, and nobody else's
+            return []  # the broker is not running, which is a fault of its own
         reached = {route.platform for route in routes.routes}
-        wanted = {one for one in reached if any(pattern.matches(one) for pattern in self._missed)}
+        wanted = {one for one in reached if any(pattern.matches(one) for pattern in self._required_platforms)}
         return self._core.on_platforms(wanted - {self.module.platform}, now_ns)
 
-    # -- what others know
+    # -- publication
 
     async def _take_registrations(self, inbox: Inbox[CheckRegistration]) -> None:
         async for registration in inbox:
@@ -283,11 +283,11 @@ class Health(Service):
 
     def _perform(self, action: Action) -> None:
         match action:
-            case Look():
-                if self._look_comes.empty():
-                    self._look_comes.put_nowait(action)
+            case ReadInputs():
+                if self._read_request.empty():
+                    self._read_request.put_nowait(action)
             case FaultChanged(fault):
-                self._changed.append(fault)
+                self._unannounced.append(fault)
                 self._unsaved = True
             case RegistrationChanged(registration):
                 self._unsaved = True
@@ -297,27 +297,27 @@ class Health(Service):
                     registration.app,
                     "withdrawn" if registration.withdrawn else f"{registration.frequency_hz:g} Hz",
                 )
-            case Cleared():
+            case FaultsCleared():
                 self._unsaved = True
             case GuardHung(pid):
                 self._end_guard(pid)
 
     def _publish(self) -> None:
-        """Changed faults as events, the state when it is another."""
+        """Write changed faults as events, and the state if it changed."""
         if self._board is None or self._events is None:
             return
         now_ns = self.module.now_ns()
         if self._unsaved:
             self._unsaved = False
-            self._save()  # first: what others were told must be known again after a kill
-        changed, self._changed = self._changed, []
+            self._save()  # first: announced faults must be restored after a kill
+        changed, self._unannounced = self._unannounced, []
         for fault in changed:
             self._events.write(fault, now_ns)
             level = self.module.log.warning if fault.phase is Phase.CONFIRMED else self.module.log.info
             level("%s: %s %s (%s)", fault.check, fault.state, fault.phase, fault.freeze)
         state = self._core.state()
-        if state != self._shown:
-            self._shown = state
+        if state != self._published:
+            self._published = state
             self._board.write(state, now_ns)
 
     def _save(self) -> None:
@@ -334,7 +334,9 @@ class Health(Service):
     def _on_clear(self, order: FaultClear, meta: Meta) -> FaultList:
         now_ns = self.module.now_ns()
         actions = self._core.on_clear(order.pattern, now_ns)
-        cleared = [fault for action in actions if isinstance(action, Cleared) for fault in action.faults]
+        cleared = [
+            fault for action in actions if isinstance(action, FaultsCleared) for fault in action.faults
+        ]
         self.module.log.info("faults cleared on request (%s): %d", order.pattern, len(cleared))
         self._driver.feed(actions)
         return FaultList(self.module.platform, now_ns, tuple(cleared))

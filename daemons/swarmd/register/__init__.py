@@ -1,1 +1,1 @@
-"""Application register: the preferred master of this computer, and what the masters of others tell."""
+"""Application register: the preferred master of this computer, and the tables of other masters."""

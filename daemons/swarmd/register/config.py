@@ -6,9 +6,9 @@ import msgspec
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Whose registers are kept, and for how long."""
+    """Which platforms' registers are kept, and for how long."""
 
     partners: str = "*"
     """Platforms whose applications are known here, as a pattern; empty: none but our own."""
     forget_s: Annotated[float, msgspec.Meta(ge=1, le=86_400)] = 600.0
-    """A platform not heard of for so long is forgotten."""
+    """A platform without a message or a route for so long is removed."""

@@ -10,77 +10,79 @@ from swarmware.names import natural
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.register import ApplicationTable, KnownUnit
 
-LOOK_S: Final = 10.0
-"""How often old platforms are looked for; they are forgotten after minutes."""
+READ_S: Final = 10.0
+"""Period of reading routes; platforms are removed after minutes."""
 
 Unit = tuple[str, str]
 """Platform and unit."""
 
 
-class Look(msgspec.Struct, frozen=True):
-    """See who can be reached, then call `on_looked`."""
+class ReadRoutes(msgspec.Struct, frozen=True):
+    """Read which platforms are reachable, then call `on_routes_read`."""
 
 
 class Forgotten(msgspec.Struct, frozen=True):
-    """Nothing was heard of this platform for so long that its table is of no use."""
+    """The table of a platform was removed: it was not reachable for too long."""
 
     platform: str
 
 
-Action = Look | Forgotten
+Action = ReadRoutes | Forgotten
 
 
-class _Held(msgspec.Struct):
+class _RemoteTable(msgspec.Struct):
     table: ApplicationTable
-    heard_ns: int
+    updated_ns: int
 
 
 class RegisterCore:
-    """One table a unit: each has a single writer, so the newest wins and a partition needs no vote."""
+    """Keeps one table for each unit: each has a single writer, so the newest one is valid without a vote."""
 
     def __init__(self, platform: str, unit: str, config: Config) -> None:
-        self._me = (platform, unit)
+        self._own_unit = (platform, unit)
         self._forget_ns = round(config.forget_s * 1e9)
-        self._pause_ns = round(min(LOOK_S, config.forget_s / 4) * 1e9)
-        self._look_ns = AT_ONCE
-        self._held: dict[Unit, _Held] = {}
+        self._pause_ns = round(min(READ_S, config.forget_s / 4) * 1e9)
+        self._next_read_ns = AT_ONCE
+        self._remote_tables: dict[Unit, _RemoteTable] = {}
 
     def on_table(self, table: ApplicationTable, now_ns: int) -> list[Action]:
-        """A table that came from elsewhere; one of our own, or older than what is known, is not taken."""
+        """Store a table of another unit; an older one, or one of this unit, is ignored."""
         unit = (table.platform, table.unit)
-        held = self._held.get(unit)
-        if unit != self._me and (held is None or rank(table) >= rank(held.table)):
-            self._held[unit] = _Held(table, now_ns)
+        held = self._remote_tables.get(unit)
+        if unit != self._own_unit and (held is None or rank(table) >= rank(held.table)):
+            self._remote_tables[unit] = _RemoteTable(table, now_ns)
         return []
 
-    def on_looked(self, reached: Mapping[str, ApplicationTable | None], now_ns: int) -> list[Action]:
-        """Platforms with a route, with their newest tables: they live, whether the tables change or not."""
-        for (platform, _), held in self._held.items():
+    def on_routes_read(self, reached: Mapping[str, ApplicationTable | None], now_ns: int) -> list[Action]:
+        """Platforms with a route and their newest tables: alive although their tables do not change."""
+        for (platform, _), held in self._remote_tables.items():
             if platform in reached:
-                held.heard_ns = now_ns
-        known = {platform for platform, _ in self._held}
+                held.updated_ns = now_ns
+        known = {platform for platform, _ in self._remote_tables}
         for platform, table in reached.items():
             if table is not None and platform not in known:
-                self.on_table(table, now_ns)  # it was forgotten, and is back as it was
-        gone = [unit for unit, held in self._held.items() if now_ns - held.heard_ns >= self._forget_ns]
+                self.on_table(table, now_ns)  # it was removed, and is back unchanged
+        gone = [
+            unit for unit, held in self._remote_tables.items() if now_ns - held.updated_ns >= self._forget_ns
+        ]
         for unit in gone:
-            del self._held[unit]
+            del self._remote_tables[unit]
         return [Forgotten(platform) for platform in sorted({platform for platform, _ in gone})]
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """It is time to look."""
-        self._look_ns = (now_ns // self._pause_ns + 1) * self._pause_ns
-        return [Look()]
+        """Routes are to be read."""
+        self._next_read_ns = (now_ns // self._pause_ns + 1) * self._pause_ns
+        return [ReadRoutes()]
 
     def deadline_ns(self) -> int | None:
-        """When to look next."""
-        return self._look_ns
+        """Next reading of routes."""
+        return self._next_read_ns
 
     def units(self, own: ApplicationTable, hops: dict[str, int], now_ns: int) -> tuple[KnownUnit, ...]:
-        """All registers known here, our own first; a platform without a known route counts as one hop."""
+        """All known registers, the own one first; a platform without a route counts as one hop."""
         known = [KnownUnit(own, 0, 0.0)]
-        for (platform, _), held in sorted(self._held.items(), key=lambda item: natural(item[0][0])):
-            age_s = max(0.0, (now_ns - held.heard_ns) / 1e9)
+        for (platform, _), held in sorted(self._remote_tables.items(), key=lambda item: natural(item[0][0])):
+            age_s = max(0.0, (now_ns - held.updated_ns) / 1e9)
             known.append(KnownUnit(held.table, hops.get(platform, 1), age_s))
         return tuple(known)
 

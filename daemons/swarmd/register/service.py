@@ -1,9 +1,9 @@
-"""The register's shell: holds the master role, answers who runs where."""
+"""The register's shell: holds the master role, and answers which application runs where."""
 
 import asyncio
 
 from swarmd.register import config as settings
-from swarmd.register.core import Action, Forgotten, Look, RegisterCore
+from swarmd.register.core import Action, Forgotten, ReadRoutes, RegisterCore
 from swarmware import __version__
 from swarmware.clock import utc_ns
 from swarmware.master.master import RESOURCE
@@ -17,7 +17,7 @@ from swarmware.types.system import NodeInfo
 
 
 class Register(Service):
-    """The master by preference; publishing is done by whoever holds the role."""
+    """Volunteers as master of the node; the current master publishes the table."""
 
     name = "register"
     Config = settings.Config
@@ -32,7 +32,7 @@ class Register(Service):
         self._driver = self.drive(self._core, self._perform)
 
     async def run(self) -> None:
-        """Keeps the role and what others tell until cancelled."""
+        """Hold the role and keep the tables of others until cancelled."""
         module = self.module
         module.provide(RESOURCE)
         await module.serve(
@@ -60,13 +60,13 @@ class Register(Service):
 
     def _perform(self, action: Action) -> None:
         match action:
-            case Look():
-                self._driver.feed(self._core.on_looked(self._reached(), self.module.now_ns()))
+            case ReadRoutes():
+                self._driver.feed(self._core.on_routes_read(self._reached(), self.module.now_ns()))
             case Forgotten(platform):
-                self.module.log.info("%s: not heard of for %.0f s, forgotten", platform, self.config.forget_s)
+                self.module.log.info("%s: not reachable for %.0f s, removed", platform, self.config.forget_s)
 
     def _reached(self) -> dict[str, ApplicationTable | None]:
-        """Platforms with a route, and the tables they have published."""
+        """Platforms with a route, and the tables that they publish."""
         routes = self._routes.value if self._routes is not None else None
         found = routes.routes if routes is not None else ()
         return {route.platform: _of(self._tables, route.platform) for route in found}
@@ -95,6 +95,6 @@ class Register(Service):
 
 
 def _of(tables: BoardSet[ApplicationTable] | None, platform: str) -> ApplicationTable | None:
-    """The table of a platform, which speaks for itself only."""
+    """The table of a platform; None when it names another platform."""
     table = tables[platform].value if tables is not None and platform in tables else None
     return table if table is not None and table.platform == platform else None

@@ -1,4 +1,4 @@
-"""Criteria that many checks need: limits with hysteresis. Any function from data to a state is one too."""
+"""Criteria for common checks: limits with hysteresis. Any function from data to a state is a criterion."""
 
 import math
 
@@ -6,7 +6,7 @@ from swarmware.types.health import OK_STATE
 
 
 class Below:
-    """`warn` below one limit, `error` below a lower one; back only when it is `hysteresis` better.
+    """`warn` below one limit, `error` below a lower one; cleared `hysteresis` beyond the limit.
 
     The names of the states are the levels, so that `levels` need not be given.
     """
@@ -22,7 +22,7 @@ class Below:
         self._state = OK_STATE
 
     def __call__(self, value: float) -> str:
-        """The state for a value; NaN is an error, for nobody measured it."""
+        """The state for a value; NaN is an error: the value was not measured."""
         error_at = self._limit(self._error, self._state == "error")
         warn_at = self._limit(self._warn, self._state in {"warn", "error"})
         if math.isnan(value) or (error_at is not None and value < error_at):
@@ -38,7 +38,7 @@ class Below:
 
 
 class Above:
-    """`warn` above one limit, `error` above a higher one; back only when it is `hysteresis` better."""
+    """`warn` above one limit, `error` above a higher one; cleared `hysteresis` beyond the limit."""
 
     def __init__(
         self, *, warn: float | None = None, error: float | None = None, hysteresis: float = 0.0

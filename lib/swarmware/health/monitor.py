@@ -10,8 +10,8 @@ import msgspec
 
 from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, SwarmError
-from swarmware.health.condition import Condition
-from swarmware.health.judge import Judge
+from swarmware.health.debouncer import Debouncer
+from swarmware.health.reported_condition import ReportedCondition
 from swarmware.module import BoardWriter, Module
 from swarmware.names import segment
 from swarmware.types.health import (
@@ -28,10 +28,10 @@ D = TypeVar("D")
 
 ADDRESS: Final = "sys/health/register"
 REPORT_S: Final = 1.0
-"""Reports are repeated so often: a silence of three is a fault."""
+"""Period of repeated reports: three missing ones are a fault."""
 RETRY_S: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
-"""Pauses while no monitor takes the registration; there is no order of start."""
-FREEZE_CHARACTERS: Final = 200
+"""Pauses while no monitor accepts the registration; services start in any order."""
+FREEZE_FRAME_CHARACTERS: Final = 200
 FAILED_STATE: Final = "no data"
 """The data callback raised a SwarmError."""
 
@@ -55,32 +55,32 @@ class Check(Generic[D]):
         self._data = data
         self._criterion = criterion
         self._actions = actions
-        self._judge = Judge(
+        self._debouncer = Debouncer(
             confirm_n=registration.confirm_n,
             confirm_m=registration.confirm_m,
             grace_until_ns=started_ns + round(registration.grace_s * 1e9),
         )
-        self._freeze = ""
+        self._freeze_frame = ""
         self._stamp_ns = started_ns
 
     @property
     def state(self) -> str:
-        """The believed state."""
-        return self._judge.state
+        """The confirmed state."""
+        return self._debouncer.confirmed
 
-    async def look(self, now_ns: int) -> bool:
-        """Runs the triple once; True when another state is believed, whose action was run."""
+    async def sample(self, now_ns: int) -> bool:
+        """Take a sample; True if another state is confirmed and its action was run."""
         data: D | None = None
         try:
             result = self._data()
             data = await result if inspect.isawaitable(result) else result
             state = self._criterion(data)
-            self._freeze = str(data)[:FREEZE_CHARACTERS]
+            self._freeze_frame = str(data)[:FREEZE_FRAME_CHARACTERS]
         except SwarmError as error:
             state = FAILED_STATE
-            self._freeze = str(error)[:FREEZE_CHARACTERS]
+            self._freeze_frame = str(error)[:FREEZE_FRAME_CHARACTERS]
         self._stamp_ns = now_ns
-        if not self._judge.on_result(state, now_ns):
+        if not self._debouncer.on_sample(state, now_ns):
             return False
         action = self._actions.get(state)
         if action is not None and data is not None:
@@ -90,21 +90,21 @@ class Check(Generic[D]):
         return True
 
     def report(self) -> CheckReport:
-        """What the monitor is told."""
-        judge = self._judge
-        seen = judge.seen if judge.seen != judge.state else ""
-        return CheckReport(self.registration.check, judge.state, self._stamp_ns, seen, self._freeze)
+        """Report for the monitor."""
+        confirmed, raw = self._debouncer.confirmed, self._debouncer.raw
+        seen = raw if raw != confirmed else ""
+        return CheckReport(self.registration.check, confirmed, self._stamp_ns, seen, self._freeze_frame)
 
 
 class HealthMonitor:
-    """`HealthMonitor(module)`: registers checks, runs them in this module, keeps the daemon told.
+    """`HealthMonitor(module)`: registers checks, runs them in this module, reports them to the daemon.
 
-    Nothing acts on other modules: an action runs where it was registered (S1.28).
+    An action runs in the module that registered it, never in another one (S1.28).
     """
 
     def __init__(self, module: Module) -> None:
         self._module = module
-        self._checks: dict[str, Check[Any] | Condition] = {}
+        self._checks: dict[str, Check[Any] | ReportedCondition] = {}
         self._tasks: dict[str, list[asyncio.Task[Any]]] = {}
         self._board: BoardWriter[CheckReports] | None = None
         self._opening = False
@@ -123,12 +123,12 @@ class HealthMonitor:
         grace_s: float = 0.0,
         description: str = "",
     ) -> Check[D]:
-        """Starts a check; `data` and actions may be coroutine functions, an action gets the data.
+        """Start a check; `data` and actions may be coroutine functions, an action receives the data.
 
-        `levels`: how bad each state is; else `warn` is a warning and every other state but `ok` an error.
+        `levels`: level of each state; without it `warn` is a warning and every other state but `ok` an error.
         `confirm`: n of the last m results must agree. An error in a callback ends the module; but a
         SwarmError of `data` is the state "no data".
-        Raises: InvalidInput when the name is taken, or a number makes no sense.
+        Raises: InvalidInput when the name is in use, or a number is out of range.
         """
         module = self._module
         if name in self._checks:
@@ -173,11 +173,11 @@ class HealthMonitor:
         clear_s: float = 5.0,
         description: str = "",
     ) -> None:
-        """States a condition that the module knows without asking: a state other than `ok` is a fault.
+        """Report a condition that the module knows without sampling: a state other than `ok` is a fault.
 
-        To be called as often as one likes; the first call of a name registers it with `clear_s` and
-        `description`, what changes later is `state`, `level` and `detail`. `level`: as in `register`.
-        Raises: InvalidInput when the name is a check's that `register` runs.
+        The first call of a name registers it with `clear_s` and `description`; later calls change `state`,
+        `level` and `detail`. `level`: as in `register`.
+        Raises: InvalidInput when `register` runs a check of this name.
         """
         module = self._module
         condition = self._checks.get(name)
@@ -189,33 +189,35 @@ class HealthMonitor:
                 clear_s=clear_s,
                 description=description,
             )
-            condition = Condition(registration, module.now_ns())
+            condition = ReportedCondition(registration, module.now_ns())
             self._add(name, condition)
-        if not isinstance(condition, Condition):
+        if not isinstance(condition, ReportedCondition):
             raise InvalidInput(f"check {name!r}: {module.id} runs it itself; expected another name")
-        detail = detail[:FREEZE_CHARACTERS]
+        detail = detail[:FREEZE_FRAME_CHARACTERS]
         if condition.set(state, default_level(state) if level is None else level, detail, module.now_ns()):
             module.log.info("condition %s: %s %s", condition.registration.check, state, detail)
-            self._report()
+            self._write_reports()
 
     async def withdraw(self, name: str) -> None:
-        """Ends a check; its fault, if there is one, is over."""
+        """End a check and clear its fault."""
         check = self._checks.pop(name)
         for task in self._tasks.pop(name):
             task.cancel()
-        self._report()
+        self._write_reports()
         gone = msgspec.structs.replace(check.registration, withdrawn=True)
         await self._module.send(ADDRESS, gone)
 
-    def _add(self, name: str, check: Check[Any] | Condition) -> None:
+    def _add(self, name: str, check: Check[Any] | ReportedCondition) -> None:
         self._checks[name] = check
-        self._tasks[name] = [self._module.start(self._tell(check.registration), f"tell of check {name}")]
+        self._tasks[name] = [
+            self._module.start(self._keep_registered(check.registration), f"register check {name}")
+        ]
         if not self._opening:
             self._opening = True
-            self._module.start(self._repeat(), "report checks")
+            self._module.start(self._repeat_reports(), "report checks")
 
-    async def _repeat(self) -> None:
-        """Opens the board, then reports again and again: silence is a fault."""
+    async def _repeat_reports(self) -> None:
+        """Open the board and write a report every period: silence is a fault."""
         module = self._module
         suffix = "" if module.instance == 1 else f"_{module.instance}"
         self._board = await module.writer(
@@ -225,33 +227,33 @@ class HealthMonitor:
             link="request",
             description=f"Checks that {module.name} runs itself",
         )
-        self._report()
+        self._write_reports()
         async for _ in module.every(REPORT_S):
-            self._report()
+            self._write_reports()
 
     async def _run(self, check: Check[D]) -> None:
         async for _ in self._module.every(1 / check.registration.frequency_hz):
-            if await check.look(self._module.now_ns()):
+            if await check.sample(self._module.now_ns()):
                 self._module.log.info("check %s: %s", check.registration.check, check.state)
-                self._report()
+                self._write_reports()
 
-    def _report(self) -> None:
+    def _write_reports(self) -> None:
         if self._board is not None:
             reports = tuple(check.report() for check in self._checks.values())
             self._board.write(CheckReports(self._module.id, reports))
 
-    async def _tell(self, registration: CheckRegistration) -> None:
-        """Registers with the monitor, and again with each new start of it that may have lost its journal."""
-        told_ns = -1
+    async def _keep_registered(self, registration: CheckRegistration) -> None:
+        """Register with the monitor, and again after each start of it, which may have lost its journal."""
+        registered_ns = -1
         attempt = 0
         while True:
             monitor = self._module.node.table.named("health")
-            if monitor is not None and monitor.started_ns != told_ns:
+            if monitor is not None and monitor.started_ns != registered_ns:
                 outcome = await self._module.send(ADDRESS, registration)
                 if outcome.status is Status.DELIVERED:
-                    told_ns = monitor.started_ns
+                    registered_ns = monitor.started_ns
                     attempt = 0
-            pause_s = REPORT_S if told_ns >= 0 else RETRY_S[min(attempt, len(RETRY_S) - 1)]
+            pause_s = REPORT_S if registered_ns >= 0 else RETRY_S[min(attempt, len(RETRY_S) - 1)]
             attempt += 1
             await asyncio.sleep(pause_s)
             self._module.node.table.refresh()

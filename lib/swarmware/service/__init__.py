@@ -1,7 +1,7 @@
 """Services: one class with `run()`, alone in a process or with others (S1.3, S1.12), and what runs them.
 
-Here live the base class, its runner, the words with systemd and what keeps processes running; no daemon.
-`Service` is loaded when it is asked for: the parent of a node's processes stays small.
+Contains the base class, its runner, sd_notify and the supervision of processes; no daemon.
+`Service` is imported on access: the parent of a node's processes stays small.
 """
 
 from __future__ import annotations

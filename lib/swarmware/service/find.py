@@ -1,4 +1,4 @@
-"""The services that are installed, ours and other people's, by entry point."""
+"""Installed services, by entry point."""
 
 from difflib import get_close_matches
 from functools import cache
@@ -12,14 +12,14 @@ GROUP = "swarmware.services"
 
 @cache
 def installed() -> dict[str, EntryPoint]:
-    """Entry points by name."""
+    """Entry points of services, by name."""
     return {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda point: point.name)}
 
 
 def find(name: str) -> type[Service]:
     """The class of a service.
 
-    Raises: NotFound for a name nobody installed, ConfigError for an entry point that is no service.
+    Raises: NotFound for a name that is not installed, ConfigError for an entry point that is not a service.
     """
     points = installed()
     if name not in points:
@@ -28,7 +28,7 @@ def find(name: str) -> type[Service]:
         raise NotFound(f"service {name!r}: not installed; {hint}")
     found = points[name].load()
     if not (isinstance(found, type) and issubclass(found, Service)):
-        raise ConfigError(f"service {name!r}: {points[name].value} is no Service")
+        raise ConfigError(f"service {name!r}: {points[name].value} is not a Service")
     if found.name != name:
         raise ConfigError(
             f"service {name!r}: {points[name].value} is named {found.name!r}; expected one name"

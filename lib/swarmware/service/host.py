@@ -1,4 +1,4 @@
-"""The services of one process: each kept running, none disturbed by the end of another."""
+"""The services of one process: each is restarted when it fails, without effect on the others."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
 """Pause before the n-th start in a row; the last one from then on."""
 SETTLED_S: Final = 10.0
-"""A service that ran so long starts again without a pause."""
+"""A service that ran for so long is restarted without a pause."""
 
 log = logging.getLogger("swarm.host")
 
 
-class Prepared(msgspec.Struct, frozen=True):
-    """A service that is ready to be started: its class was found and its configuration is valid."""
+class PreparedService(msgspec.Struct, frozen=True):
+    """A service that can be started: its class was found and its configuration is valid."""
 
     cls: type[Service]
     config: msgspec.Struct
@@ -38,18 +38,18 @@ class Prepared(msgspec.Struct, frozen=True):
         return self.cls.name
 
 
-class Ended(SwarmError):
-    """A service came to an end although nobody asked it to."""
+class ServiceEnded(SwarmError):
+    """`run` of a service returned without a request to stop."""
 
 
-class Host:
+class ServiceHost:
     """Runs services in this process.
 
-    With several of them, one that fails is started again here; one that is alone ends the process,
-    because whoever supervises the process then does it better.
+    One of several services that fails is restarted here; a single one ends the process, which its
+    supervisor restarts.
     """
 
-    def __init__(self, node: Node, prepared: list[Prepared]) -> None:
+    def __init__(self, node: Node, prepared: list[PreparedService]) -> None:
         self.node = node
         self._prepared = {item.name: item for item in prepared}
         self._running: dict[str, Service] = {}
@@ -65,25 +65,25 @@ class Host:
 
     @property
     def stop_s(self) -> float:
-        """Time that the slowest of them may take to stop."""
+        """Largest stop time of the services."""
         return max((item.cls.stop_s for item in self._prepared.values()), default=0.0)
 
     async def started(self) -> None:
-        """Returns when every service has run up to its first wait."""
+        """Return when every service has run up to its first wait."""
         for event in self._started.values():
             await event.wait()
 
     async def run(self) -> None:
-        """Runs until cancelled. Raises: Ended or what the only service raised."""
+        """Run until cancelled. Raises: ServiceEnded, or what a single service raised."""
         async with asyncio.TaskGroup() as group:
             for item in self._prepared.values():
                 group.create_task(self._keep(item), name=f"keep:{item.name}")
             group.create_task(beat(self.node.clock, lambda: tuple(self._reporters.values())), name="beat")
 
     def restart(self, name: str) -> None:
-        """Cancels a service that hangs or is to be started again; it starts again at once.
+        """Cancel a service and start it again at once.
 
-        Raises: NotFound when no such service runs in this process.
+        Raises: NotFound if no such service runs in this process.
         """
         task = self._tasks.get(name)
         if task is None:
@@ -92,7 +92,7 @@ class Host:
         task.cancel()
 
     async def stop(self) -> None:
-        """Asks every service to finish, last started first."""
+        """Stop every service, the last started first."""
         for name in reversed(self.names):
             service = self._running.get(name)
             if service is None:
@@ -100,7 +100,7 @@ class Host:
             service.module.keep_boards(False)
             if reporter := self._reporters.get(name):
                 reporter.state = "stopping"
-                reporter.report()  # its end is a goodbye, not a death
+                reporter.report()  # it leaves the node, it does not die
             try:
                 await asyncio.wait_for(service.stop(), service.stop_s)
             except TimeoutError:
@@ -108,11 +108,11 @@ class Host:
             except Exception:
                 log.exception("%s: failed while stopping", name)
 
-    async def _keep(self, item: Prepared) -> None:
+    async def _keep(self, item: PreparedService) -> None:
         alone = len(self._prepared) == 1
         failures = 0
         restarts = 0
-        said: str | None = None
+        logged: str | None = None
         while True:
             began_s = time.monotonic()
             try:
@@ -120,22 +120,22 @@ class Host:
             except Exception as error:
                 if alone:
                     raise
-                self._started[item.name].set()  # it has had its chance; the others do not wait for it
+                self._started[item.name].set()  # the others do not wait for it any longer
                 text = reason(error)
                 if text is None:
                     log.error("%s: failed: %s", item.name, error, exc_info=error)
-                elif text != said:  # once: it will be the same at each start until somebody mends it
+                elif text != logged:  # once: the same error returns at each start
                     log.error("%s: failed: %s", item.name, text)
-                said = text
+                logged = text
             settled = time.monotonic() - began_s >= SETTLED_S
             failures = 1 if settled else failures + 1
             restarts += 1
             pause_s = BACKOFF_S[min(failures - 1, len(BACKOFF_S) - 1)]
-            level = logging.WARNING if failures <= len(BACKOFF_S) or said is None else logging.DEBUG
+            level = logging.WARNING if failures <= len(BACKOFF_S) or logged is None else logging.DEBUG
             log.log(level, "%s: starts again in %s s (restart %d)", item.name, pause_s, restarts)
             await asyncio.sleep(pause_s)
 
-    async def _run_once(self, item: Prepared, restarts: int) -> None:
+    async def _run_once(self, item: PreparedService, restarts: int) -> None:
         async with Module(item.name, node=self.node, config=item.config) as module:
             service = item.cls(module, item.config)
             reporter = self._reporters[item.name] = await Reporter.open(module, restarts)
@@ -146,14 +146,14 @@ class Host:
             try:
                 await asyncio.sleep(0)
                 if task.done():
-                    await task  # it cannot even begin: nobody is told that it runs
+                    await task  # it failed at once: do not report it as running
                 reporter.state = "running"
-                reporter.report()  # whoever waits for it does not wait for the next beat
+                reporter.report()  # before the next heartbeat
                 self._started[item.name].set()
                 await asyncio.wait([task])
                 if not (task.cancelled() and item.name in self._again):
                     await task
-                    raise Ended(
+                    raise ServiceEnded(
                         f"service {item.name}: run() returned; expected it to run until it is cancelled"
                     )
             finally:
@@ -164,7 +164,7 @@ class Host:
 
 
 async def _ended(task: asyncio.Task[None]) -> None:
-    """Cancels the task and waits for its end; what it says then was logged or is of no interest."""
+    """Cancel the task and wait for its end; its error was logged."""
     if not task.done():
         task.cancel()
     await asyncio.wait([task])

@@ -1,4 +1,4 @@
-"""Words to whoever supervises this process (sd_notify): ready, alive, what it does, stopping."""
+"""Notifications to the service manager of this process (sd_notify): ready, watchdog, status, stopping."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _USEC: Final = 1_000_000
 
 
 class Notifier:
-    """Sends to the socket in NOTIFY_SOCKET; without one, every word is dropped."""
+    """Sends to the socket in NOTIFY_SOCKET; without one every notification is dropped."""
 
     def __init__(self, address: str | None = None, watchdog_usec: str | None = None) -> None:
         address = os.environ.get("NOTIFY_SOCKET", "") if address is None else address
@@ -26,36 +26,36 @@ class Notifier:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
             self._socket.setblocking(False)
         self.watchdog_s: float | None = int(watchdog_usec) / _USEC / 2 if watchdog_usec.isdigit() else None
-        """How often `alive` is to be called: half of what the supervisor tolerates."""
+        """Period of `alive`: half of the watchdog time of the service manager."""
 
     def ready(self, status: str) -> None:
-        """The service does its job now."""
+        """Notify that the service is ready."""
         self._send(f"READY=1\nSTATUS={status}\nMAINPID={os.getpid()}")
 
     def alive(self) -> None:
-        """The event loop turns."""
+        """Reset the watchdog: the event loop runs."""
         self._send("WATCHDOG=1")
 
     def status(self, text: str) -> None:
-        """A line for `systemctl status`."""
+        """Set the line in `systemctl status`."""
         self._send(f"STATUS={text}")
 
     def restarted(self, count: int, reason: str) -> None:
-        """The process that does the job ended and is started again."""
+        """Notify a restart of the supervised process."""
         self._send(f"STATUS=restart {count}: {reason}\nX_RESTARTS={count}\nX_REASON={reason}")
 
     def stopping(self) -> None:
-        """It ends on purpose."""
+        """Notify that the process stops on request."""
         self._send("STOPPING=1\nSTATUS=stopping")
 
     def close(self) -> None:
-        """No more words."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def _send(self, text: str) -> None:
         if self._socket is not None:
-            # a supervisor that is gone or busy must not stop the service
+            # a service manager that is gone or busy must not stop the service
             with suppress(OSError):
                 self._socket.sendto(text.encode(), self._address)

@@ -1,4 +1,4 @@
-"""What can be foreseen, in one line: what is wrong, where, and what was expected."""
+"""Expected errors in one line: what failed, where, and what was expected."""
 
 import errno
 import os
@@ -20,7 +20,7 @@ EXPECTED: Final = {
 
 
 def reason(error: BaseException) -> str | None:
-    """The line for an error that the world causes; None for one of our own, which needs its traceback."""
+    """The line for an error of the environment; None for a defect, which needs its traceback."""
     while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
         error = error.exceptions[0]
     if isinstance(error, BaseExceptionGroup):

@@ -1,4 +1,4 @@
-"""A process of services from start to end: configuration, node, signals, watchdog, exit code."""
+"""Main function of a process of services: configuration, node, signals, watchdog, exit code."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from swarmware.node import Node
 from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
 from swarmware.service.find import find
-from swarmware.service.guardwatch import GuardWatch
-from swarmware.service.host import Host, Prepared
+from swarmware.service.guard_watchdog import GuardWatchdog
+from swarmware.service.host import PreparedService, ServiceHost
 from swarmware.service.notify import Notifier
 from swarmware.service.reason import reason
 from swarmware.service.starting import GUARD
@@ -29,18 +29,18 @@ DRAIN_S: Final = 4.0
 
 FILES: Final = 64
 FILES_OF_SERVICE: Final = 24
-"""Descriptors of a process and of each of its services: 308 were counted with eleven, 36 to 66 with one."""
+"""Descriptors of a process and of each of its services; 308 measured with eleven, 36 to 66 with one."""
 
 log = logging.getLogger("swarm.runner")
 
 
 def run_services(config_dir: Path, names: list[str]) -> int:
-    """Runs services of the node in this process until SIGTERM or SIGINT; the exit code.
+    """Run services of the node in this process until SIGTERM or SIGINT; the exit code.
 
     Raises: SwarmError when the configuration does not fit or the node cannot be joined.
     """
     node_config = config.load_node(config_dir)
-    with garbage.spared():
+    with garbage.frozen():
         prepared = [_prepare(config_dir, name) for name in names]
     _log_to_stderr(node_config.log_level, node_config.platform)
     _open_many_files(len(names))
@@ -69,7 +69,7 @@ def _open_many_files(services: int) -> None:
 
 
 def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """An error in a callback: one line if the world is to blame."""
+    """Log an error in a callback; an expected one in one line."""
     error = context.get("exception")
     if isinstance(error, BaseException) and (text := reason(error)) is not None:
         log.error("%s", text)
@@ -77,12 +77,12 @@ def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> 
         loop.default_exception_handler(context)
 
 
-def _prepare(config_dir: Path, name: str) -> Prepared:
+def _prepare(config_dir: Path, name: str) -> PreparedService:
     cls = find(name)
-    return Prepared(cls, config.load_service(config_dir, name, cls.Config))
+    return PreparedService(cls, config.load_service(config_dir, name, cls.Config))
 
 
-async def _run(config_dir: Path, prepared: list[Prepared]) -> int:
+async def _run(config_dir: Path, prepared: list[PreparedService]) -> int:
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_on_loop_error)
     warn_if_slow(loop)
@@ -93,7 +93,7 @@ async def _run(config_dir: Path, prepared: list[Prepared]) -> int:
     try:
         node = await Node.attach(config_dir)
         try:
-            host = Host(node, prepared)
+            host = ServiceHost(node, prepared)
             node.host = host
             return await _serve(host, notifier, asked)
         finally:
@@ -102,17 +102,17 @@ async def _run(config_dir: Path, prepared: list[Prepared]) -> int:
         notifier.close()
 
 
-async def _serve(host: Host, notifier: Notifier, asked: asyncio.Event) -> int:
+async def _serve(host: ServiceHost, notifier: Notifier, asked: asyncio.Event) -> int:
     running = asyncio.create_task(host.run(), name="services")
     ending = asyncio.create_task(asked.wait(), name="signals")
-    speaking = asyncio.create_task(_speak(host, notifier), name="supervisor")
-    others = [speaking, ending]
+    notifying = asyncio.create_task(_notify_ready(host, notifier), name="supervisor")
+    others = [notifying, ending]
     if host.node.config.processes == "per-daemon" and GUARD not in host.names:
-        others.append(asyncio.create_task(GuardWatch(host.node).run(), name="guard watch"))
+        others.append(asyncio.create_task(GuardWatchdog(host.node).run(), name="guard watch"))
     try:
         await asyncio.wait([running, ending], return_when=asyncio.FIRST_COMPLETED)
         if running.done():
-            return _say_why(running)
+            return _log_failure(running)
         notifier.stopping()
         log.info("stopping: %s", ", ".join(host.names))
         drain_s = max(DRAIN_S, host.stop_s)  # the guard waits for the services it has started
@@ -127,17 +127,17 @@ async def _serve(host: Host, notifier: Notifier, asked: asyncio.Event) -> int:
         await asyncio.wait([*others, running], timeout=DRAIN_S)
 
 
-async def _speak(host: Host, notifier: Notifier) -> None:
+async def _notify_ready(host: ServiceHost, notifier: Notifier) -> None:
     await host.started()
     notifier.ready(f"{host.node.platform}: {', '.join(host.names)}")
     log.info("ready: %s", ", ".join(host.names))
-    garbage.settle(asyncio.get_running_loop())
+    garbage.freeze_later(asyncio.get_running_loop())
     while notifier.watchdog_s is not None:
         notifier.alive()
         await asyncio.sleep(notifier.watchdog_s)
 
 
-def _say_why(running: asyncio.Task[None]) -> int:
+def _log_failure(running: asyncio.Task[None]) -> int:
     error = running.exception() if not running.cancelled() else None
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
@@ -150,7 +150,7 @@ def _say_why(running: asyncio.Task[None]) -> int:
 
 
 class _Lines(logging.Formatter):
-    """One line per record; with the level as sd-daemon(3) has it when journald reads."""
+    """One line per record; with the priority of sd-daemon(3) if journald reads it."""
 
     _PRIORITY: Final = {"DEBUG": 7, "INFO": 6, "WARNING": 4, "ERROR": 3, "CRITICAL": 2}
 

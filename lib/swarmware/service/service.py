@@ -1,4 +1,4 @@
-"""A service: a daemon of ours, or a functional module of a user."""
+"""A service: a daemon of this package, or a module of a user."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from swarmware.runtime.driver import Boundary, CoreDriver
 
 
 class NoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Configuration of a service that has none."""
+    """Configuration of a service without settings."""
 
 
 class Service(ABC):
-    """One class with `run()`; made known by the entry-point group `swarmware.services`.
+    """One class with `run()`, registered in the entry-point group `swarmware.services`.
 
-    `run` may raise: the service is then started again, its neighbours in the process are not touched.
+    `run` may raise: the service is then restarted, without effect on others in the process.
     """
 
     name: ClassVar[str]
@@ -36,7 +36,7 @@ class Service(ABC):
         self.module = module
         self.config = config
         self.health = HealthMonitor(module)
-        """Where the service registers checks and states conditions: `self.health.report(…)`."""
+        """Registers checks and reports conditions: `self.health.report(…)`."""
 
     def drive(
         self,
@@ -59,7 +59,7 @@ class Service(ABC):
 
     @abstractmethod
     async def run(self) -> None:
-        """Does the job until it is cancelled; returning is a failure."""
+        """Run until cancelled; returning is a failure."""
 
     async def stop(self) -> None:  # noqa: B027  # most services have nothing to finish
-        """Called before `run` is cancelled, to finish what must not be cut: drain, save, say goodbye."""
+        """Called before `run` is cancelled, to drain, save, and leave connections."""

@@ -1,4 +1,4 @@
-"""Starts processes of services; a record of each stays until it has joined the node.
+"""Starts processes of services; the start record of each exists until it has joined the node.
 
 Forked by the fork server of the node, which holds nothing that a fork would keep, or started from scratch.
 In a session of its own, so that a signal to the terminal or the end of the supervisor does not reach it.
@@ -12,7 +12,7 @@ import sys
 from contextlib import suppress
 
 from swarmware.service.fork import FOLDER as PARENT_FOLDER
-from swarmware.service.fork import Started, ask, own_folder
+from swarmware.service.fork import StartedProcess, own_folder, request_fork
 from swarmware.shm.lock import held_by_other, lock_within
 from swarmware.shm.ticks import start_ticks
 
@@ -24,34 +24,34 @@ if TYPE_CHECKING:
 STARTING_DIR: Final = "starting"
 """In the run directory."""
 PARENT_SOCKET: Final = "words"
-"""Where the parent of the node's processes listens, in its folder; after a kill the next parent, too."""
+"""Socket of the parent of the node's processes, in its folder; the same one after a restart of it."""
 BEAT_S: Final = 4.0
-"""A process that speaks to the parent gives a sign of life twice in this time."""
+"""A process that notifies the parent resets its watchdog twice in this time."""
 GUARD: Final = "guard"
 WHOLE_NODE: Final = ".node"
-"""Record of the one process that runs all services; no service has such a name."""
+"""Name of the start record of one process for all services; no service has such a name."""
 LOCK_WAIT_S: Final = 2.0
-"""A start takes some milliseconds; others wait for it to see whether they are still needed."""
+"""A start takes some milliseconds; others wait for it before they start the same service."""
 _OURS: Final = frozenset({"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", "MAINPID"})
-"""Words between this process and its own supervisor."""
+"""Variables between this process and its own service manager."""
 
 
 def launch(
-    names: list[str], config_dir: PathLike[str] | str, run_dir: PathLike[str] | str, *, speaks: bool
-) -> Started:
-    """Starts a process of these services in a session of its own. Output goes where that of the node goes.
+    names: list[str], config_dir: PathLike[str] | str, run_dir: PathLike[str] | str, *, notifies: bool
+) -> StartedProcess:
+    """Start a process of these services in a session of its own; it inherits the output of the node.
 
-    `speaks`: it tells the parent of the node's processes that it is ready and alive, if there is one.
+    `notifies`: it notifies the parent of the node's processes, if there is one, that it is ready and alive.
     """
-    if (forked := ask(names, config_dir, run_dir, speaks=speaks)) is not None:
+    if (forked := request_fork(names, config_dir, run_dir, notifies=notifies)) is not None:
         return forked
-    return Started(
-        start(["run", *names, "--config", os.fspath(config_dir)], environment(run_dir, speaks=speaks))
+    return StartedProcess(
+        start(["run", *names, "--config", os.fspath(config_dir)], environment(run_dir, notifies=notifies))
     )
 
 
 def start(words: list[str], variables: dict[str, str], stdin: int | None = None) -> int:
-    """Starts `swarmd WORDS` with an empty interpreter; its pid."""
+    """Start `swarmd WORDS` with an empty interpreter; its pid."""
     null = (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0)
     # SIGINT and SIGTERM may be ignored or blocked here; a new process must not inherit that
     return os.posix_spawn(
@@ -65,19 +65,19 @@ def start(words: list[str], variables: dict[str, str], stdin: int | None = None)
     )
 
 
-def environment(run_dir: PathLike[str] | str, *, speaks: bool) -> dict[str, str]:
-    """Variables of a new process: ours, without the words between us and our own supervisor."""
+def environment(run_dir: PathLike[str] | str, *, notifies: bool) -> dict[str, str]:
+    """Environment of a new process: that of this one without the variables of its service manager."""
     variables = {key: value for key, value in os.environ.items() if key not in _OURS}
     parent = os.path.join(run_dir, PARENT_FOLDER, PARENT_SOCKET)
-    if speaks and os.path.exists(parent):
+    if notifies and os.path.exists(parent):
         variables["NOTIFY_SOCKET"] = parent
         variables["WATCHDOG_USEC"] = str(round(BEAT_S * 1e6))
     return variables
 
 
-def spawn(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> Started:
+def spawn(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> StartedProcess:
     """Start the process of one service, and write its start record."""
-    started = launch([name], config_dir, run_dir, speaks=name == GUARD)
+    started = launch([name], config_dir, run_dir, notifies=name == GUARD)
     write_start_record(name, started.pid, run_dir)
     return started
 
@@ -107,8 +107,10 @@ def clear_start_record(name: str, run_dir: PathLike[str] | str) -> None:
         os.unlink(os.path.join(run_dir, STARTING_DIR, name))
 
 
-def spawn_missing(name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str) -> Started | None:
-    """Starts the service unless it runs or is being started, whoever else tries the same.
+def spawn_missing(
+    name: str, config_dir: PathLike[str] | str, run_dir: PathLike[str] | str
+) -> StartedProcess | None:
+    """Start the service unless it runs or is being started by any process.
 
     Raises: OSError.
     """

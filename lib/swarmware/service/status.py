@@ -1,4 +1,4 @@
-"""The report of each service, once a second: its beat, its process's load, the lateness of its event loop."""
+"""Status board of each service, once a second: heartbeat, load of the process, lateness of the event loop."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 PERIOD_S: Final = 1.0
 SLOW_S: Final = 0.05
-"""An event loop later than this makes every service of the process late: an operator should know."""
+"""Lateness of the event loop that is logged as a warning: it delays every service of the process."""
 SLOW_EVERY_S: Final = 30.0
-"""Not more often than this is it said."""
+"""Minimum time between two such warnings."""
 
 _PAGE_BYTES: Final = os.sysconf("SC_PAGE_SIZE")
 _MB: Final = 1_000_000
@@ -31,7 +31,7 @@ log = logging.getLogger("swarm.status")
 
 
 class Load(NamedTuple):
-    """What this process has used up to an instant."""
+    """Resources that this process has used up to an instant."""
 
     at_s: float
     cpu_s: float
@@ -39,7 +39,7 @@ class Load(NamedTuple):
 
     @classmethod
     def measured(cls) -> Load:
-        """Now."""
+        """The present use."""
         with open("/proc/self/statm", "rb") as file:  # noqa: PTH123  # read every second: no Path object
             resident_bytes = int(file.read().split()[1]) * _PAGE_BYTES
         return cls(time.monotonic(), time.process_time(), resident_bytes)
@@ -58,7 +58,7 @@ class Reporter:
 
     @classmethod
     async def open(cls, module: Module, restarts: int) -> Reporter:
-        """Makes the board and writes the first report."""
+        """Open the board and write the first report."""
         writer = await module.writer(
             f"app/{segment(module.name)}/status",
             AppStatus,
@@ -70,13 +70,13 @@ class Reporter:
         return made
 
     def beat(self, late_s: float, load: Load) -> float:
-        """Writes the report of a second whose end came so late; the worst lateness of this service in it."""
+        """Write the report of one second that ended `late_s` late; the largest lateness in it."""
         late_s = max(late_s, self._module.lateness.take_s())
         self.report(late_s, load)
         return late_s
 
     def report(self, late_s: float = 0.0, load: Load | None = None) -> None:
-        """Writes one report; `load`: measured a moment ago."""
+        """Write one report; `load`: measured just before."""
         now = Load.measured() if load is None else load
         span_s = max(now.at_s - self._before.at_s, 1e-3)
         self._beat += 1
@@ -95,10 +95,10 @@ class Reporter:
 
 
 async def beat(clock: Clock, reporters: Callable[[], Iterable[Reporter]]) -> None:
-    """The beat of all services of a process, every second: they share the event loop whose life it shows."""
+    """Write the heartbeats of all services of a process every second: they share its event loop."""
     lateness = Lateness()
     warned_s = -SLOW_EVERY_S
-    said = ""
+    logged = ""
     async for _ in Ticker(clock, PERIOD_S, lateness):
         load, late_s = Load.measured(), lateness.take_s()
         worst_s = late_s
@@ -106,9 +106,9 @@ async def beat(clock: Clock, reporters: Callable[[], Iterable[Reporter]]) -> Non
             try:
                 worst_s = max(worst_s, reporter.beat(late_s, load))
             except (SwarmError, OSError) as error:
-                if str(error) != said:  # once: whoever watches the beat sees that it is missing
-                    said = str(error)
-                    log.error("a beat cannot be written: %s", said)
+                if str(error) != logged:  # once: the guard detects missing heartbeats
+                    logged = str(error)
+                    log.error("heartbeat cannot be written: %s", logged)
         if worst_s > SLOW_S and load.at_s - warned_s > SLOW_EVERY_S:
             warned_s = load.at_s
             log.warning("the event loop was late by %.0f ms", worst_s * 1000)

@@ -3,9 +3,9 @@
 import asyncio
 from pathlib import Path
 
-from swarmd.guard.supervisor import Systemd
-from swarmware.service.child import Child
+from swarmd.guard.supervisor import SystemdSupervisor
 from swarmware.service.starting import spawn, starting_pid
+from swarmware.service.supervised_process import SupervisedProcess
 from swarmware.testing import make_node, no_leaks
 
 
@@ -30,17 +30,17 @@ def systemctl(folder: Path) -> tuple[str, Path]:
 
 async def test_a_restart_is_asked_of_systemd_and_needs_no_password(tmp_path: Path) -> None:
     command, log = systemctl(tmp_path)
-    supervisor = Systemd(tmp_path, tmp_path, lambda *_: None, command)
-    supervisor.ask("broker", 0)
+    supervisor = SystemdSupervisor(tmp_path, tmp_path, lambda *_: None, command)
+    supervisor.terminate("broker", 0)
     assert await said(log) == "--no-block --no-ask-password restart swarmd@broker.service\n"
     supervisor.close()
 
 
 async def test_what_has_no_process_is_restarted_and_nothing_is_started_by_the_guard(tmp_path: Path) -> None:
     command, log = systemctl(tmp_path)
-    supervisor = Systemd(tmp_path, tmp_path, lambda *_: None, command)
+    supervisor = SystemdSupervisor(tmp_path, tmp_path, lambda *_: None, command)
     assert supervisor.spawn("tree") == 0
-    assert not supervisor.stops
+    assert not supervisor.stops_services
     supervisor.kill("tree", 0)
     assert (await said(log)).endswith("restart swarmd@tree.service\n")
     supervisor.close()
@@ -54,7 +54,7 @@ async def test_a_child_is_found_again_by_its_note_until_it_has_joined_or_ended(t
         started = spawn("nosuch", config, run_dir)
         assert starting_pid("nosuch", run_dir) == started.pid
         ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        child = Child(started, ended.set_result)
+        child = SupervisedProcess(started, ended.set_result)
         assert await asyncio.wait_for(ended, 20.0) == "exit 6"
         child.close()
         assert starting_pid("nosuch", run_dir) == 0

@@ -16,7 +16,7 @@ import pytest
 
 from swarmware.appfile import scan
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.service.fork import FOLDER, SOCKET, ask
+from swarmware.service.fork import FOLDER, SOCKET, request_fork
 from swarmware.shm.ticks import start_ticks
 from swarmware.testing import Process, make_node, no_leaks, spawn
 
@@ -169,9 +169,9 @@ def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_par
             impatient.send(f"\0{config}\0timesync".encode())
         os.kill(server.pid, signal.SIGCONT)
         # asked later, answered later: what comes before was looked at
-        started = ask(["nosuch"], config, run_dir, speaks=False)
+        started = request_fork(["nosuch"], config, run_dir, notifies=False)
         assert started is not None
-        assert started.how(PATIENCE_S) == "exit 6"
+        assert started.exit_status(PATIENCE_S) == "exit 6"
         started.close()
         assert not Path(f"/proc/{server.pid}/task/{server.pid}/children").read_text().split()
         server.stdin.close()

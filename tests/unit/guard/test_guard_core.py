@@ -10,16 +10,16 @@ from swarmd.guard.config import Config
 from swarmd.guard.core import (
     TRANSITIONS,
     Action,
-    Ask,
-    Event,
-    Follow,
+    ClearStartRecord,
     GuardCore,
-    Joined,
     Kill,
-    Look,
+    ReadHeartbeats,
+    ReportRestart,
+    ServiceEvent,
+    ServiceState,
     Spawn,
-    State,
-    Tell,
+    Terminate,
+    WatchProcess,
 )
 from swarmware.testing import VirtualTime
 from swarmware.types.health import GuardStatus, WatchedService
@@ -52,7 +52,7 @@ def service(core: GuardCore, name: str) -> WatchedService:
 
 
 def without_tell(actions: list[Action]) -> list[Action]:
-    return [action for action in actions if not isinstance(action, Tell)]
+    return [action for action in actions if not isinstance(action, ReportRestart)]
 
 
 def spawned(actions: list[Action]) -> list[str]:
@@ -62,8 +62,8 @@ def spawned(actions: list[Action]) -> list[str]:
 def until_something(core: GuardCore) -> tuple[int, list[Action]]:
     """Looks at each deadline until there is something to do; when that is, and what."""
     while (deadline_ns := core.deadline_ns()) is not None:
-        assert core.on_timer(deadline_ns) == [Look()]
-        if actions := without_tell(core.on_looked(deadline_ns)):
+        assert core.on_timer(deadline_ns) == [ReadHeartbeats()]
+        if actions := without_tell(core.on_heartbeats_read(deadline_ns)):
             return deadline_ns, actions
     raise AssertionError("nothing will ever be done")
 
@@ -75,16 +75,16 @@ def test_everything_that_does_not_run_is_started_in_order() -> None:
 def test_what_runs_already_is_adopted() -> None:
     core = guard()
     actions = core.on_start({"health": 7}, {}, 0)
-    assert actions == [Spawn("tree"), Joined("health"), Follow("health", 7)]
+    assert actions == [Spawn("tree"), ClearStartRecord("health"), WatchProcess("health", 7)]
     assert (service(core, "health").state, service(core, "health").pid) == ("running", 7)
     assert service(core, "health").adopted
 
 
 def test_a_process_that_was_just_started_by_a_former_guard_is_waited_for() -> None:
     core = guard()
-    assert core.on_start({}, {"health": 7}, 0) == [Spawn("tree"), Follow("health", 7)]
+    assert core.on_start({}, {"health": 7}, 0) == [Spawn("tree"), WatchProcess("health", 7)]
     assert service(core, "health").state == "starting"
-    assert core.on_joined("health", 7, SECOND) == [Joined("health")], "its end is awaited already"
+    assert core.on_joined("health", 7, SECOND) == [ClearStartRecord("health")], "its end is awaited already"
     assert service(core, "health").state == "running"
 
 
@@ -93,7 +93,7 @@ def test_a_dead_service_is_started_again_at_once() -> None:
     running(core)
     actions = core.on_exit("tree", 10, "signal 9", SECOND)
     assert without_tell(actions) == [Spawn("tree")]
-    assert isinstance(actions[0], Tell)
+    assert isinstance(actions[0], ReportRestart)
     assert actions[0].service.reason == "died: signal 9"
     assert service(core, "tree").restarts == 1
 
@@ -108,7 +108,7 @@ def test_one_that_dies_again_and_again_waits_longer_and_longer_and_is_given_up()
         if not actions:
             if service(core, "tree").state == "failed":
                 break
-            core.on_beat("health", attempt, now_ns)
+            core.on_heartbeat("health", attempt, now_ns)
             began_ns = now_ns
             now_ns, actions = until_something(core)
             pauses.append((now_ns - began_ns) / SECOND)
@@ -135,19 +135,19 @@ def test_an_operator_can_revive_one_that_was_given_up() -> None:
     core.on_spawned("tree", 11, 0)
     core.on_exit("tree", 11, "exit 1", SECOND)
     assert service(core, "tree").state == "failed"
-    assert core.on_order("tree", 2 * SECOND) == [Spawn("tree")]
+    assert core.on_restart_order("tree", 2 * SECOND) == [Spawn("tree")]
 
 
 def test_a_beat_that_stands_still_is_a_hang_and_is_killed() -> None:
     core = guard("tree")
     running(core)
     for second in range(1, 4):
-        core.on_beat("tree", second, second * SECOND)
+        core.on_heartbeat("tree", second, second * SECOND)
     for second in range(4, 8):
-        core.on_beat("tree", 3, second * SECOND)
-        assert core.on_looked(second * SECOND) == []
-    core.on_beat("tree", 3, 8 * SECOND)
-    assert core.on_looked(8 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.0 s")]
+        core.on_heartbeat("tree", 3, second * SECOND)
+        assert core.on_heartbeats_read(second * SECOND) == []
+    core.on_heartbeat("tree", 3, 8 * SECOND)
+    assert core.on_heartbeats_read(8 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.0 s")]
     core.on_exit("tree", 10, "signal 9", 8 * SECOND)
     assert service(core, "tree").reason == "hung: no beat for 5.0 s"
 
@@ -156,23 +156,25 @@ def test_one_that_never_joins_the_node_is_killed() -> None:
     core = guard("tree")
     core.on_start({}, {}, 0)
     core.on_spawned("tree", 10, 0)
-    assert core.on_looked(20 * SECOND) == [Kill("tree", 10, "hung: not on the node 20 s after its start")]
+    assert core.on_heartbeats_read(20 * SECOND) == [
+        Kill("tree", 10, "hung: not on the node 20 s after its start")
+    ]
 
 
 def test_nobody_is_blamed_for_a_time_in_which_the_guard_itself_did_not_run() -> None:
     core = guard("tree")
     running(core)
-    assert core.on_looked(30 * SECOND) == []
-    assert core.on_looked(32 * SECOND) == []
-    assert core.on_looked(33 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.5 s")]
+    assert core.on_heartbeats_read(30 * SECOND) == []
+    assert core.on_heartbeats_read(32 * SECOND) == []
+    assert core.on_heartbeats_read(33 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.5 s")]
 
 
 def test_a_restart_on_request_asks_first_and_kills_later() -> None:
     core = guard("tree")
     running(core)
-    assert core.on_order("tree", SECOND) == [Ask("tree", 10)]
-    core.on_beat("tree", 99, 2 * SECOND)
-    assert core.on_looked(4 * SECOND) == [Kill("tree", 10, "restarted on request")]
+    assert core.on_restart_order("tree", SECOND) == [Terminate("tree", 10)]
+    core.on_heartbeat("tree", 99, 2 * SECOND)
+    assert core.on_heartbeats_read(4 * SECOND) == [Kill("tree", 10, "restarted on request")]
     assert without_tell(core.on_exit("tree", 10, "signal 9", 4 * SECOND)) == [Spawn("tree")]
     assert service(core, "tree").reason == "restarted on request"
 
@@ -187,9 +189,9 @@ def test_the_end_of_another_process_of_the_same_name_means_nothing() -> None:
 def test_one_that_dies_while_others_are_stopped_is_not_started_again() -> None:
     core = guard("broker", "tree", "sim")
     running(core)
-    assert core.on_stop(0) == [Ask("sim", 30)]
+    assert core.on_stop(0) == [Terminate("sim", 30)]
     assert core.on_exit("tree", 20, "signal 9", 1) == []
-    assert core.on_exit("sim", 30, "exit 0", 2) == [Ask("broker", 10)]
+    assert core.on_exit("sim", 30, "exit 0", 2) == [Terminate("broker", 10)]
     assert not core.stopped
     core.on_exit("broker", 10, "exit 0", 3)
     assert core.stopped
@@ -203,8 +205,8 @@ def test_one_that_waits_for_its_next_start_is_not_started_by_a_stop() -> None:
     assert without_tell(core.on_exit("tree", 11, "exit 1", SECOND)) == []
     core.on_stop(SECOND)
     assert core.stopped
-    assert core.on_looked(9 * SECOND) == []
-    assert core.on_order("tree", 9 * SECOND) == []
+    assert core.on_heartbeats_read(9 * SECOND) == []
+    assert core.on_restart_order("tree", 9 * SECOND) == []
 
 
 def test_stopping_is_complete_and_nothing_is_started_again() -> None:
@@ -215,7 +217,7 @@ def test_stopping_is_complete_and_nothing_is_started_again() -> None:
     while actions:
         assert len(actions) == 1
         action = actions[0]
-        assert isinstance(action, Ask)
+        assert isinstance(action, Terminate)
         asked.append(action.service)
         actions = core.on_exit(action.service, action.pid, "exit 0", 1)
     assert asked == ["sim", "tree", "broker"]
@@ -226,7 +228,7 @@ def test_one_that_does_not_end_when_asked_is_killed() -> None:
     core = guard("tree")
     running(core)
     core.on_stop(0)
-    assert core.on_looked(3 * SECOND) == [Kill("tree", 10, "did not end when asked")]
+    assert core.on_heartbeats_read(3 * SECOND) == [Kill("tree", 10, "did not end when asked")]
     core.on_exit("tree", 10, "signal 9", 3 * SECOND)
     assert core.stopped
 
@@ -236,7 +238,7 @@ def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> N
     before = GuardStatus(
         "self", (WatchedService("tree", "running", restarts=3, reason="died: signal 11"),), 3
     )
-    core.remember(before)
+    core.restore(before)
     core.on_start({"tree": 5, "health": 6}, {}, 0)
     assert service(core, "tree").restarts == 3
     assert core.status().restarts == 3
@@ -244,9 +246,9 @@ def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> N
 
 def test_one_that_died_while_there_was_no_guard_is_counted_and_told() -> None:
     core = guard()
-    core.remember(GuardStatus("self", (WatchedService("tree", "running", pid=5),), 0))
+    core.restore(GuardStatus("self", (WatchedService("tree", "running", pid=5),), 0))
     tell, *spawns = core.on_start({}, {}, 0)
-    assert isinstance(tell, Tell)
+    assert isinstance(tell, ReportRestart)
     assert (tell.service.name, tell.service.reason) == ("tree", "died while no guard ran")
     assert spawns == [Spawn("tree"), Spawn("health")]
     assert service(core, "tree").restarts == 1
@@ -256,15 +258,15 @@ def test_a_restart_by_the_runner_of_the_process_is_counted_and_told() -> None:
     core = guard("tree")
     core.on_start({"tree": 1}, {}, 0)
     told = core.on_restarted("tree", 2, SECOND)
-    assert [type(action) for action in told] == [Tell]
+    assert [type(action) for action in told] == [ReportRestart]
     assert service(core, "tree").restarts == 2
     assert core.on_restarted("tree", 2, SECOND) == []
 
 
-@pytest.mark.parametrize("state", State)
-def test_every_state_but_the_last_can_be_stopped(state: State) -> None:
-    if state not in {State.STOPPED, State.STOPPING}:
-        assert TRANSITIONS[state, Event.STOP] in {State.STOPPING, State.STOPPED}
+@pytest.mark.parametrize("state", ServiceState)
+def test_every_state_but_the_last_can_be_stopped(state: ServiceState) -> None:
+    if state not in {ServiceState.STOPPED, ServiceState.STOPPING}:
+        assert TRANSITIONS[state, ServiceEvent.STOP] in {ServiceState.STOPPING, ServiceState.STOPPED}
 
 
 @given(st.lists(st.tuples(st.sampled_from(["exit", "beat", "timer", "join", "order"]), st.integers(0, 9))))
@@ -289,13 +291,13 @@ def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) 
             case "exit":
                 carry_out(core.on_exit("tree", pids["tree"], "exit 1", now_ns))
             case "beat":
-                core.on_beat("tree", value, now_ns)
+                core.on_heartbeat("tree", value, now_ns)
             case "timer":
-                carry_out(core.on_looked(now_ns))
+                carry_out(core.on_heartbeats_read(now_ns))
             case "join":
                 core.on_joined("tree", core.pid("tree") or 99, now_ns)
             case _:
-                carry_out(core.on_order("tree", now_ns))
+                carry_out(core.on_restart_order("tree", now_ns))
     core.on_stop(now_ns)
     if not core.stopped:
         core.on_exit("tree", core.pid("tree"), "exit 0", now_ns)
@@ -327,18 +329,18 @@ class Watching:
         now_ns = self.time.now_ns
         self.done.append(action)
         match action:
-            case Look():
+            case ReadHeartbeats():
                 self.looks += 1
                 actions: list[Action] = []
                 for name, pid in self.pids.items():
                     if pid:
                         actions += self.core.on_joined(name, pid, now_ns)
-                    actions += self.core.on_beat(name, self.beats[name], now_ns)
-                self.driver.feed(actions + self.core.on_looked(now_ns))
+                    actions += self.core.on_heartbeat(name, self.beats[name], now_ns)
+                self.driver.feed(actions + self.core.on_heartbeats_read(now_ns))
             case Spawn(name):
                 self.pids[name] += 10
                 self.driver.feed(self.core.on_spawned(name, self.pids[name], now_ns))
-            case Follow(name, pid) if name in self.fails_to_start:
+            case WatchProcess(name, pid) if name in self.fails_to_start:
                 self.fails_to_start.discard(name)
                 self.driver.feed(self.core.on_exit(name, pid, "gone", now_ns))
             case Kill(name, pid):

@@ -3,30 +3,32 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.health.core.faults import HISTORY, FaultBook, Seen
+from swarmd.health.core.faults import HISTORY, CheckSample, FaultTable
 from swarmware.types.health import Fault, Phase
 
 SECOND = 1_000_000_000
-LOW = Seen("battery", "low", "warn", freeze="0.29")
+LOW = CheckSample("battery", "low", "warn", freeze_frame="0.29")
 
 
 def test_a_bad_look_is_pending_and_nobody_is_told() -> None:
-    book = FaultBook(5)
-    assert book.on_bad(LOW, 0, believed=False) is None
+    book = FaultTable(5)
+    assert book.on_failed(LOW, 0, confirmed=False) is None
     assert [fault.phase for fault in book.open()] == [Phase.PENDING]
     assert book.confirmed() == []
-    assert book.on_good("battery", 1) is None
+    assert book.on_passed("battery", 1) is None
     assert book.open() == ()
     assert book.cleared() == ()
 
 
 def test_a_whole_life_with_its_times_and_its_freeze_frame() -> None:
-    book = FaultBook(5)
-    book.on_bad(LOW, 1 * SECOND, believed=False)
-    told = book.on_bad(Seen("battery", "low", "warn", freeze="0.28"), 2 * SECOND, believed=True)
+    book = FaultTable(5)
+    book.on_failed(LOW, 1 * SECOND, confirmed=False)
+    told = book.on_failed(
+        CheckSample("battery", "low", "warn", freeze_frame="0.28"), 2 * SECOND, confirmed=True
+    )
     assert told == Fault("battery", "low", "warn", Phase.CONFIRMED, 1 * SECOND, 2 * SECOND, 1, "0.28")
-    assert book.on_bad(LOW, 3 * SECOND, believed=True) is None
-    healed = book.on_good("battery", 4 * SECOND)
+    assert book.on_failed(LOW, 3 * SECOND, confirmed=True) is None
+    healed = book.on_passed("battery", 4 * SECOND)
     assert healed is not None
     assert (healed.phase, healed.last_ns) == (Phase.HEALED, 3 * SECOND)
     assert book.on_timer(9 * SECOND - 1) == []
@@ -36,45 +38,45 @@ def test_a_whole_life_with_its_times_and_its_freeze_frame() -> None:
 
 
 def test_one_that_comes_back_before_it_is_cleared_is_counted() -> None:
-    book = FaultBook(5)
-    book.on_bad(LOW, 0, believed=True)
-    book.on_good("battery", 1 * SECOND)
-    again = book.on_bad(LOW, 2 * SECOND, believed=True)
+    book = FaultTable(5)
+    book.on_failed(LOW, 0, confirmed=True)
+    book.on_passed("battery", 1 * SECOND)
+    again = book.on_failed(LOW, 2 * SECOND, confirmed=True)
     assert again is not None
     assert (again.phase, again.count, again.first_ns) == (Phase.CONFIRMED, 2, 0)
     assert book.on_timer(60 * SECOND) == []
 
 
 def test_one_that_gets_worse_is_told_again() -> None:
-    book = FaultBook(5)
-    book.on_bad(LOW, 0, believed=True)
-    worse = book.on_bad(Seen("battery", "critical", "error"), 1, believed=True)
+    book = FaultTable(5)
+    book.on_failed(LOW, 0, confirmed=True)
+    worse = book.on_failed(CheckSample("battery", "critical", "error"), 1, confirmed=True)
     assert worse is not None
     assert (worse.state, worse.level, worse.count) == ("critical", "error", 1)
 
 
 def test_a_check_that_is_withdrawn_leaves_no_fault() -> None:
-    book = FaultBook(5)
-    book.on_bad(LOW, 0, believed=True)
-    gone = book.forget("battery", 1)
+    book = FaultTable(5)
+    book.on_failed(LOW, 0, confirmed=True)
+    gone = book.withdraw("battery", 1)
     assert gone is not None
     assert gone.phase is Phase.CLEARED
     assert book.open() == ()
 
 
 def test_the_worst_comes_first() -> None:
-    book = FaultBook(5)
-    book.on_bad(LOW, 0, believed=True)
-    book.on_bad(Seen("motor", "hot", "error"), 1, believed=True)
+    book = FaultTable(5)
+    book.on_failed(LOW, 0, confirmed=True)
+    book.on_failed(CheckSample("motor", "hot", "error"), 1, confirmed=True)
     assert [fault.check for fault in book.confirmed()] == ["motor", "battery"]
 
 
 def test_faults_survive_the_monitor() -> None:
-    book = FaultBook(5)
-    book.on_bad(LOW, 0, believed=True)
-    book.on_bad(Seen("motor", "hot", "error"), 1, believed=True)
-    book.on_good("motor", 2)
-    heir = FaultBook(5)
+    book = FaultTable(5)
+    book.on_failed(LOW, 0, confirmed=True)
+    book.on_failed(CheckSample("motor", "hot", "error"), 1, confirmed=True)
+    book.on_passed("motor", 2)
+    heir = FaultTable(5)
     heir.restore(book.open(), 3)
     assert heir.open() == book.open()
     assert [fault.check for fault in heir.on_timer(3 + 5 * SECOND)] == ["motor"]
@@ -82,7 +84,7 @@ def test_faults_survive_the_monitor() -> None:
 
 @given(st.lists(st.tuples(st.sampled_from(["bad", "seen", "good", "time", "forget"]), st.integers(0, 9))))
 def test_the_history_is_bounded_and_counts_never_fall(events: list[tuple[str, int]]) -> None:
-    book = FaultBook(5)
+    book = FaultTable(5)
     now_ns = 0
     counts: dict[str, int] = {}
     for what, value in events:
@@ -90,13 +92,13 @@ def test_the_history_is_bounded_and_counts_never_fall(events: list[tuple[str, in
         check = f"c{value % 3}"
         match what:
             case "bad" | "seen":
-                book.on_bad(Seen(check, "low", "warn"), now_ns, believed=what == "bad")
+                book.on_failed(CheckSample(check, "low", "warn"), now_ns, confirmed=what == "bad")
             case "good":
-                book.on_good(check, now_ns)
+                book.on_passed(check, now_ns)
             case "time":
                 book.on_timer(now_ns)
             case _:
-                book.forget(check, now_ns)
+                book.withdraw(check, now_ns)
         for fault in book.open():
             assert fault.first_ns <= fault.last_ns <= now_ns
             assert (fault.phase is Phase.PENDING) == (fault.count == 0)

@@ -6,16 +6,16 @@ from typing import Any
 import msgspec
 
 from swarmd.health.config import Config
-from swarmd.health.core.faults import Seen
+from swarmd.health.core.faults import CheckSample
 from swarmd.health.core.monitor import (
     Action,
-    Cleared,
     FaultChanged,
+    FaultsCleared,
     GuardHung,
-    Look,
     MonitorCore,
-    Present,
+    ReadInputs,
     RegistrationChanged,
+    RunningApp,
 )
 from swarmware.resource import Resource
 from swarmware.types.health import CheckRegistration, CheckReport, CheckReports, Fault, Phase, StateRule
@@ -57,12 +57,12 @@ def monitor(**changes: Any) -> Monitor:
 
 
 def present(core: Monitor, *resources: Resource, app: str = "hal", pid: int = 7, at_ns: int = 0) -> None:
-    core.on_present(Present(f"{app}#1", app, pid, at_ns, resources), at_ns)
+    core.on_running(RunningApp(f"{app}#1", app, pid, at_ns, resources), at_ns)
 
 
 def look(core: Monitor, path: str, position: int, now_ns: int) -> None:
     age = next(age for age in core.ages() if age.path == path)
-    core.on_look(age, position, now_ns)
+    core.on_age_sample(age, position, now_ns)
 
 
 def beat(
@@ -74,7 +74,7 @@ def beat(
 
 
 def cleared(core: Monitor, pattern: str, now_ns: int) -> tuple[Fault, ...]:
-    (found,) = [action for action in core.on_clear(pattern, now_ns) if isinstance(action, Cleared)]
+    (found,) = [action for action in core.on_clear(pattern, now_ns) if isinstance(action, FaultsCleared)]
     return found.faults
 
 
@@ -102,7 +102,7 @@ def test_a_resource_that_moves_is_fresh_and_one_that_stops_is_stale_then_lost() 
         look(core, "nav/pose", half, half * SECOND // 2)
     assert told(core) == [("age/nav/pose", "lost", Phase.HEALED)]
     assert core.state().level == "ok"
-    core.on_looked(30 * SECOND)
+    core.on_inputs_read(30 * SECOND)
     assert told(core) == [("age/nav/pose", "lost", Phase.CLEARED)]
 
 
@@ -129,7 +129,7 @@ def test_what_is_ignored_or_has_no_rate_is_not_judged() -> None:
 
 def test_a_sensor_that_the_template_promises_but_nobody_provides_is_not_valid_and_no_fault() -> None:
     core = monitor()
-    core.expect((GNSS, BATTERY))
+    core.set_template((GNSS, BATTERY))
     assert core.state().sensors == {"sensor/gnss": False}
     assert core.state().level == "ok"
 
@@ -199,7 +199,7 @@ def test_a_beat_that_stands_still_is_a_hang_and_an_excused_one_is_not() -> None:
     core = monitor()
     present(core)
     beat(core, 1, 0)
-    core.apps.excuse(5 * SECOND)
+    core.apps.extend_heartbeats(5 * SECOND)
     beat(core, 1, 5 * SECOND)
     assert told(core) == []
     beat(core, 1, 9 * SECOND)
@@ -251,16 +251,16 @@ def test_a_report_that_states_a_level_overrides_the_registration() -> None:
     stated = CheckReport("planner/path", "none", 0, level="warn")
     core.on_reports(CheckReports("planner#1", (stated,)), 0)
     assert [(fault.state, fault.level) for fault in core.take()] == [("none", "warn")]
-    core.on_looked(3 * SECOND)
+    core.on_inputs_read(3 * SECOND)
     assert [(fault.state, fault.level) for fault in core.take()] == [("silent", "warn")]
 
 
 def test_a_check_that_falls_silent_is_itself_a_fault() -> None:
     core = monitor()
     core.on_registration(REGISTRATION, 0)
-    core.on_looked(2 * SECOND)
+    core.on_inputs_read(2 * SECOND)
     assert told(core) == []
-    core.on_looked(3 * SECOND)
+    core.on_inputs_read(3 * SECOND)
     assert told(core) == [("planner/path", "silent", Phase.CONFIRMED)]
     core.on_reports(reports("ok"), 4 * SECOND)
     assert told(core) == [("planner/path", "silent", Phase.HEALED)]
@@ -311,7 +311,7 @@ def test_only_what_is_declared_critical_grounds_a_vehicle() -> None:
     (fault,) = core.faults.confirmed()
     assert (fault.state, fault.level, core.state().level) == ("lost", "warn", "warn")
     core = monitor(grace_s=0.0)
-    core.expect((msgspec.structs.replace(HEAT, critical=True),))  # as a template says it
+    core.set_template((msgspec.structs.replace(HEAT, critical=True),))  # as a template says it
     present(core, HEAT, app="planner")
     lose(core, "motor/heat", 0)
     assert core.state().level == "error"
@@ -324,9 +324,9 @@ def test_a_fault_whose_check_is_gone_is_cleared_also_when_only_the_journal_knew_
     faults = core.faults.open()
     after = monitor(grace_s=10.0)
     after.on_start((), faults, 0)
-    after.on_looked(9 * SECOND)
+    after.on_inputs_read(9 * SECOND)
     assert [fault.check for fault in after.faults.open()] == ["age/motor/heat"]
-    after.on_looked(10 * SECOND)
+    after.on_inputs_read(10 * SECOND)
     assert after.faults.open() == ()
     assert told(after) == [("age/motor/heat", "lost", Phase.CLEARED)]
 
@@ -338,7 +338,7 @@ def test_a_dead_service_is_still_a_fault_of_the_next_monitor_until_it_is_back() 
     core.on_died("hal#1", SECOND)
     after = monitor()
     after.on_start((), core.faults.open(), 0)
-    after.on_looked(60 * SECOND)
+    after.on_inputs_read(60 * SECOND)
     assert [fault.check for fault in after.faults.confirmed()] == ["app/hal"]
     present(after, BATTERY, pid=8, at_ns=61 * SECOND)
     assert [fault.check for fault in after.faults.confirmed()] == []
@@ -351,7 +351,7 @@ def test_a_check_that_the_next_life_of_its_module_does_not_register_is_withdrawn
     core.on_reports(reports("none"), SECOND)
     core.on_died("planner#1", 2 * SECOND)
     present(core, app="planner", pid=8, at_ns=3 * SECOND)
-    core.on_looked(10 * SECOND)
+    core.on_inputs_read(10 * SECOND)
     assert core.faults.open() == ()
     assert "planner/path" not in core.reports
 
@@ -360,14 +360,14 @@ def test_a_check_whose_module_stands_still_before_its_first_report_is_silent_and
     core = monitor()
     present(core, app="planner", at_ns=SECOND)
     core.on_registration(REGISTRATION, 2 * SECOND)
-    core.on_looked(10 * SECOND)
+    core.on_inputs_read(10 * SECOND)
     assert [(fault.check, fault.state) for fault in core.faults.confirmed()] == [("planner/path", "silent")]
     core.on_reports(reports("ok"), 11 * SECOND)
     assert not core.faults.confirmed()
     core.on_died("planner#1", 12 * SECOND)
     present(core, app="planner", pid=8, at_ns=13 * SECOND)
     core.on_registration(REGISTRATION, 14 * SECOND)  # so does its next life
-    core.on_looked(20 * SECOND)
+    core.on_inputs_read(20 * SECOND)
     assert [(fault.check, fault.state) for fault in core.faults.confirmed()] == [("planner/path", "silent")]
 
 
@@ -395,7 +395,7 @@ def test_a_clear_answers_with_the_faults_as_they_are_after_it() -> None:
     for half in range(40, 52):
         look(core, "motor/heat", half, half * SECOND // 2)
     lose(core, "nav/pose", 0)
-    core.faults.on_bad(Seen("seen/once", "low", "warn"), 20 * SECOND, believed=False)
+    core.faults.on_failed(CheckSample("seen/once", "low", "warn"), 20 * SECOND, confirmed=False)
     before = {fault.check: fault.phase for fault in core.faults.open()}
     assert before == {
         "age/motor/heat": Phase.HEALED,
@@ -427,7 +427,7 @@ def test_a_lost_platform_is_missed_over_a_restart_of_the_monitor_and_no_more_onc
     core.on_platforms(set(), 3 * SECOND)
     after = monitor()
     after.on_start((), core.faults.open(), 0)
-    after.on_looked(60 * SECOND)
+    after.on_inputs_read(60 * SECOND)
     assert [fault.check for fault in after.faults.confirmed()] == ["platform/uav2"]
     after.on_clear("platform/*", 61 * SECOND)
     after.on_platforms(set(), 90 * SECOND)
@@ -442,7 +442,7 @@ def test_the_monitor_looks_twice_a_second_at_values_once_and_excuses_its_own_lat
     for half in range(1, 7):
         assert core.deadline_ns() == half * SECOND // 2
         (look,) = core.on_timer(half * SECOND // 2)
-        assert isinstance(look, Look)
+        assert isinstance(look, ReadInputs)
         values.append(look.values)
     assert values == [True, False] * 3
     present(core, at_ns=3 * SECOND)

@@ -14,7 +14,7 @@ from swarmlab import provisioning, running
 from swarmlab.notify import Restarts
 from swarmlab.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.service.lives import Lives
+from swarmware.service.restart_policy import RestartPolicy
 
 READY = """
 import os, signal, socket
@@ -182,7 +182,7 @@ def test_a_parent_that_was_killed_is_started_again_and_counts_from_the_beginning
 def test_a_parent_that_dies_at_each_start_is_given_up_and_one_of_a_lab_that_ends_at_once(
     tmp_path: Path, node_program: dict[str, str], monkeypatch: pytest.MonkeyPatch, ending: bool
 ) -> None:
-    monkeypatch.setattr(running, "Lives", partial(Lives, pauses_s=(0.0,)))
+    monkeypatch.setattr(running, "RestartPolicy", partial(RestartPolicy, pauses_s=(0.0,)))
     node_program["a"] = "import os; os.kill(os.getpid(), 9)"
     rig = RunningLab(lab(tmp_path, ["a"]))
     if ending:

@@ -1,7 +1,7 @@
 """Register core: tables of other computers in, what is known out."""
 
 from swarmd.register.config import Config
-from swarmd.register.core import Action, Forgotten, Look, RegisterCore
+from swarmd.register.core import Action, Forgotten, ReadRoutes, RegisterCore
 from swarmware.testing import VirtualTime
 from swarmware.types.register import Application, ApplicationTable
 
@@ -74,9 +74,9 @@ class Register:
 
     def perform(self, action: Action) -> None:
         match action:
-            case Look():
+            case ReadRoutes():
                 self.looks += 1
-                self.driver.feed(self.core.on_looked(self.reached, self.time.now_ns))
+                self.driver.feed(self.core.on_routes_read(self.reached, self.time.now_ns))
             case Forgotten(platform):
                 self.forgotten.append((platform, self.time.now_ns // SECOND))
 

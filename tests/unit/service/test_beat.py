@@ -64,7 +64,7 @@ def test_a_service_whose_beat_cannot_be_written_costs_no_other_its_beat(
     run(main)
     assert [len(service.beats_ns) for service in services] == [4, 4, 4]
     assert [record.getMessage() for record in caplog.records] == [
-        "a beat cannot be written: shared memory: closed to this user"
+        "heartbeat cannot be written: shared memory: closed to this user"
     ]
 
 

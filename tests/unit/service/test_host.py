@@ -12,7 +12,7 @@ from swarmware.module import BoardReader, Module
 from swarmware.node import Node
 from swarmware.service import Service
 from swarmware.service import host as host_module
-from swarmware.service.host import Ended, Host, Prepared
+from swarmware.service.host import PreparedService, ServiceEnded, ServiceHost
 from swarmware.service.service import NoSettings
 from swarmware.testing import tmp_node
 from swarmware.types.scalar import Int
@@ -71,8 +71,8 @@ def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Steady, "ended", [])
 
 
-def hosted(node: Node, *classes: type[Service]) -> tuple[Host, "asyncio.Task[None]"]:
-    host = Host(node, [Prepared(cls, NoSettings()) for cls in classes])
+def hosted(node: Node, *classes: type[Service]) -> tuple[ServiceHost, "asyncio.Task[None]"]:
+    host = ServiceHost(node, [PreparedService(cls, NoSettings()) for cls in classes])
     return host, asyncio.create_task(host.run())
 
 
@@ -110,7 +110,7 @@ async def test_a_service_that_fails_again_and_again_waits_longer_each_time_and_d
         await over(running)
 
 
-@pytest.mark.parametrize(("cls", "raised"), [(Failing, Conflict), (Returning, Ended)])
+@pytest.mark.parametrize(("cls", "raised"), [(Failing, Conflict), (Returning, ServiceEnded)])
 async def test_a_service_alone_ends_its_process_by_what_it_raised_or_that_it_returned(
     tmp_path: Path, cls: type[Service], raised: type[Exception]
 ) -> None:

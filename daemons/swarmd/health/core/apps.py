@@ -1,4 +1,4 @@
-"""Applications: alive, hung, dead without goodbye, started again."""
+"""Applications: alive, hung, died, restarted."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -12,12 +12,12 @@ from swarmware.types.system import AppStatus
 DIED: Final = "died"
 HUNG: Final = "hung"
 FAILED: Final = "failed"
-"""It ended with an error inside a process that went on, and was started again there."""
+"""It ended with an error, and was restarted inside the same process."""
 
 APP_LEVELS: Final[dict[str, Level]] = {OK_STATE: "ok", DIED: "error", HUNG: "error", FAILED: "warn"}
 
 
-class App(msgspec.Struct):
+class WatchedApp(msgspec.Struct):
     """One application instance that is watched."""
 
     id: str
@@ -27,9 +27,9 @@ class App(msgspec.Struct):
     resources: dict[str, Resource] = {}
     state: str = OK_STATE
     beats: bool = False
-    """It reports its beat: only then its death or silence is a fault."""
+    """It writes a heartbeat: only then its end or silence is a fault."""
     started_ns: int = 0
-    """Hardware clock when it joined the node."""
+    """Node clock when it joined."""
     beat: int = -1
     beat_ns: int = 0
     restarts: int = 0
@@ -40,28 +40,28 @@ class App(msgspec.Struct):
         return f"app/{self.name}" if self.id.endswith("#1") else f"app/{self.id.replace('#', '_')}"
 
 
-class Apps:
-    """All applications of this node since the monitor started."""
+class WatchedApps:
+    """Applications of this node since the monitor started."""
 
     def __init__(self, hung_s: float) -> None:
         self._hung_ns = round(hung_s * 1e9)
-        self._apps: dict[str, App] = {}
+        self._apps: dict[str, WatchedApp] = {}
         self._restarts: dict[str, int] = {}
 
-    def __iter__(self) -> Iterator[App]:
+    def __iter__(self) -> Iterator[WatchedApp]:
         return iter(list(self._apps.values()))
 
-    def get(self, app_id: str) -> App | None:
-        """One of them."""
+    def get(self, app_id: str) -> WatchedApp | None:
+        """The application with this id."""
         return self._apps.get(app_id)
 
-    def on_present(
+    def on_running(
         self, app_id: str, name: str, pid: int, resources: dict[str, Resource], now_ns: int
-    ) -> App:
-        """It has an application file; a dead one is back."""
+    ) -> WatchedApp:
+        """It has an application file; one that died is alive again."""
         app = self._apps.get(app_id)
         if app is None:
-            app = self._apps[app_id] = App(app_id, name, pid, now_ns)
+            app = self._apps[app_id] = WatchedApp(app_id, name, pid, now_ns)
         if app.pid != pid or app.state == DIED:
             app.pid = pid
             app.state = OK_STATE
@@ -69,8 +69,8 @@ class Apps:
         app.resources = resources
         return app
 
-    def on_died(self, app_id: str, now_ns: int) -> App | None:
-        """Its process ended without goodbye; None when it is not one that is missed."""
+    def on_died(self, app_id: str, now_ns: int) -> WatchedApp | None:
+        """Its process ended without leaving the node; None if its end is not a fault."""
         app = self._apps.get(app_id)
         if app is None or app.state == DIED:
             return None
@@ -82,27 +82,27 @@ class Apps:
         return app
 
     def restore(self, check: str, now_ns: int) -> None:
-        """One that a former monitor knew to be dead; it is known by its application file when it is back."""
+        """Restore an application that a former monitor found dead; its file identifies it when it is back."""
         name, _, number = check.removeprefix("app/").rpartition("_")
         if not (name and number.isdigit()):
             name, number = check.removeprefix("app/"), "1"
         app_id = f"{name}#{number}"
         if app_id not in self._apps:
-            self._apps[app_id] = App(app_id, name, 0, now_ns, state=DIED, beats=True)
+            self._apps[app_id] = WatchedApp(app_id, name, 0, now_ns, state=DIED, beats=True)
 
     def remove(self, app_id: str) -> None:
-        """It is not missed any more."""
+        """Remove an application: its end is not a fault any more."""
         self._apps.pop(app_id, None)
 
-    def on_left(self, app_id: str) -> App | None:
-        """It said goodbye; None for one that died before."""
+    def on_left(self, app_id: str) -> WatchedApp | None:
+        """It left the node; None if it had died before."""
         app = self._apps.get(app_id)
         if app is None or app.state == DIED:
             return None
         return self._apps.pop(app_id)
 
-    def on_status(self, app: App, status: AppStatus, now_ns: int) -> bool:
-        """Its own report; True when it stands otherwise than before."""
+    def on_status(self, app: WatchedApp, status: AppStatus, now_ns: int) -> bool:
+        """Evaluate its status board; True if its state changed, or at its first heartbeat."""
         if status.pid != app.pid:
             return False  # left in memory by a process that is gone
         first, app.beats = not app.beats, True
@@ -123,12 +123,12 @@ class Apps:
             return True
         return first
 
-    def excuse(self, late_ns: int) -> None:
-        """The monitor itself was kept from running: nobody is blamed for that time."""
+    def extend_heartbeats(self, late_ns: int) -> None:
+        """Extend the time of the next heartbeats: the monitor itself was delayed."""
         for app in self._apps.values():
             app.beat_ns += late_ns
 
     def count(self) -> tuple[int, int]:
-        """(alive, failed)."""
+        """Number of applications: (alive, failed)."""
         failed = sum(app.state in {DIED, HUNG} for app in self._apps.values())
         return len(self._apps) - failed, failed

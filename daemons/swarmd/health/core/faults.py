@@ -1,4 +1,7 @@
-"""Faults and their life: pending → confirmed → healed → cleared."""
+"""Faults and their states: pending → confirmed → healed → cleared.
+
+Source: AUTOSAR Classic Platform, Diagnostic Event Manager.
+"""
 
 from collections import deque
 from enum import StrEnum
@@ -9,134 +12,145 @@ import msgspec
 from swarmware.types.health import WORSE, Fault, Level, Phase
 
 HISTORY: Final = 64
-"""Cleared faults that are still told of."""
+"""Cleared faults that are kept for requests."""
 
 
-class Event(StrEnum):
-    """What a check says about its fault."""
+class FaultEvent(StrEnum):
+    """Event of a fault, made from samples of its check."""
 
-    SEEN = "seen"
-    """A look was bad, but is not believed yet."""
-    BELIEVED = "believed"
-    GONE = "gone"
-    """Believed to be well."""
+    PREFAILED = "prefailed"
+    """A sample failed that is not confirmed."""
+    FAILED = "failed"
+    """The failure is confirmed."""
+    PASSED = "passed"
+    """The check passes."""
     EXPIRED = "expired"
-    """It stayed away for long enough."""
+    """It passed for the whole clear time."""
 
 
-TRANSITIONS: Final[dict[tuple[Phase, Event], Phase]] = {
-    (Phase.CLEARED, Event.SEEN): Phase.PENDING,
-    (Phase.CLEARED, Event.BELIEVED): Phase.CONFIRMED,
-    (Phase.PENDING, Event.SEEN): Phase.PENDING,
-    (Phase.PENDING, Event.BELIEVED): Phase.CONFIRMED,
-    (Phase.PENDING, Event.GONE): Phase.CLEARED,
-    (Phase.CONFIRMED, Event.SEEN): Phase.CONFIRMED,
-    (Phase.CONFIRMED, Event.BELIEVED): Phase.CONFIRMED,
-    (Phase.CONFIRMED, Event.GONE): Phase.HEALED,
-    (Phase.HEALED, Event.SEEN): Phase.HEALED,
-    (Phase.HEALED, Event.BELIEVED): Phase.CONFIRMED,
-    (Phase.HEALED, Event.GONE): Phase.HEALED,
-    (Phase.HEALED, Event.EXPIRED): Phase.CLEARED,
+TRANSITIONS: Final[dict[tuple[Phase, FaultEvent], Phase]] = {
+    (Phase.CLEARED, FaultEvent.PREFAILED): Phase.PENDING,
+    (Phase.CLEARED, FaultEvent.FAILED): Phase.CONFIRMED,
+    (Phase.PENDING, FaultEvent.PREFAILED): Phase.PENDING,
+    (Phase.PENDING, FaultEvent.FAILED): Phase.CONFIRMED,
+    (Phase.PENDING, FaultEvent.PASSED): Phase.CLEARED,
+    (Phase.CONFIRMED, FaultEvent.PREFAILED): Phase.CONFIRMED,
+    (Phase.CONFIRMED, FaultEvent.FAILED): Phase.CONFIRMED,
+    (Phase.CONFIRMED, FaultEvent.PASSED): Phase.HEALED,
+    (Phase.HEALED, FaultEvent.PREFAILED): Phase.HEALED,
+    (Phase.HEALED, FaultEvent.FAILED): Phase.CONFIRMED,
+    (Phase.HEALED, FaultEvent.PASSED): Phase.HEALED,
+    (Phase.HEALED, FaultEvent.EXPIRED): Phase.CLEARED,
 }
 
 
-class Seen(msgspec.Struct, frozen=True):
-    """What is wrong with a check at this moment."""
+class CheckSample(msgspec.Struct, frozen=True):
+    """One sample of a check that failed."""
 
     check: str
     state: str
     level: Level
-    freeze: str = ""
+    freeze_frame: str = ""
     message: str = ""
 
 
-class FaultBook:
-    """One fault a check, with its phase; what is over moves to the history."""
+class FaultTable:
+    """One fault for each check, with its phase; cleared faults move to the history."""
 
     def __init__(self, clear_s: float) -> None:
         self._clear_ns = round(clear_s * 1e9)
         self._open: dict[str, Fault] = {}
         self._clear_at_ns: dict[str, int] = {}
-        self._own_clear_ns: dict[str, int] = {}
+        self._clear_ns_by_check: dict[str, int] = {}
         self._history: deque[Fault] = deque(maxlen=HISTORY)
 
     def restore(self, faults: tuple[Fault, ...], now_ns: int) -> None:
-        """Goes on where a monitor that was killed had stopped."""
+        """Restore the faults of a monitor that was killed."""
         for fault in faults:
             self._open[fault.check] = fault
             if fault.phase is Phase.HEALED:
                 self._clear_at_ns[fault.check] = now_ns + self._clear_ns
 
-    def clear_after(self, check: str, clear_s: float) -> None:
-        """How long a fault of this check must stay away."""
-        self._own_clear_ns[check] = round(clear_s * 1e9)
+    def set_clear_time(self, check: str, clear_s: float) -> None:
+        """Set for how long this check must pass before its fault is cleared."""
+        self._clear_ns_by_check[check] = round(clear_s * 1e9)
 
-    def on_bad(self, seen: Seen, now_ns: int, *, believed: bool) -> Fault | None:
-        """A check is bad; the fault when others should know of a change."""
-        event = Event.BELIEVED if believed else Event.SEEN
-        old = self._open.get(seen.check)
+    def on_failed(self, sample: CheckSample, now_ns: int, *, confirmed: bool) -> Fault | None:
+        """A check failed; the fault if a change of it is to be announced."""
+        event = FaultEvent.FAILED if confirmed else FaultEvent.PREFAILED
+        old = self._open.get(sample.check)
         phase = TRANSITIONS[old.phase if old else Phase.CLEARED, event]
         if old is None:
             count = 1 if phase is Phase.CONFIRMED else 0
             new = Fault(
-                seen.check, seen.state, seen.level, phase, now_ns, now_ns, count, seen.freeze, seen.message
+                sample.check,
+                sample.state,
+                sample.level,
+                phase,
+                now_ns,
+                now_ns,
+                count,
+                sample.freeze_frame,
+                sample.message,
             )
         else:
-            confirmed = phase is Phase.CONFIRMED and old.phase is not Phase.CONFIRMED
-            new = msgspec.structs.replace(old, phase=phase, last_ns=now_ns, count=old.count + confirmed)
-            if believed:
-                new = msgspec.structs.replace(new, state=seen.state, level=seen.level, message=seen.message)
-            if confirmed and old.phase is Phase.PENDING:
-                new = msgspec.structs.replace(new, freeze=seen.freeze)
-        self._open[seen.check] = new
+            newly_confirmed = phase is Phase.CONFIRMED and old.phase is not Phase.CONFIRMED
+            new = msgspec.structs.replace(old, phase=phase, last_ns=now_ns, count=old.count + newly_confirmed)
+            if confirmed:
+                new = msgspec.structs.replace(
+                    new, state=sample.state, level=sample.level, message=sample.message
+                )
+            if newly_confirmed and old.phase is Phase.PENDING:
+                new = msgspec.structs.replace(new, freeze=sample.freeze_frame)
+        self._open[sample.check] = new
         if phase is not Phase.HEALED:
-            self._clear_at_ns.pop(seen.check, None)
+            self._clear_at_ns.pop(sample.check, None)
         known = old is not None and (old.phase, old.state, old.level) == (new.phase, new.state, new.level)
         return None if known or phase is Phase.PENDING else new
 
-    def on_good(self, check: str, now_ns: int) -> Fault | None:
-        """A check is well; the fault when others should know of a change."""
+    def on_passed(self, check: str, now_ns: int) -> Fault | None:
+        """A check passed; the fault if a change of it is to be announced."""
         old = self._open.get(check)
         if old is None:
             return None
-        phase = TRANSITIONS[old.phase, Event.GONE]
+        phase = TRANSITIONS[old.phase, FaultEvent.PASSED]
         if phase is old.phase:
             return None
         if phase is Phase.CLEARED:
-            del self._open[check]  # it was never believed: nobody was told of it
+            del self._open[check]  # it was never confirmed, so never announced
             return None
         healed = msgspec.structs.replace(old, phase=phase)
         self._open[check] = healed
-        self._clear_at_ns[check] = now_ns + self._own_clear_ns.get(check, self._clear_ns)
+        self._clear_at_ns[check] = now_ns + self._clear_ns_by_check.get(check, self._clear_ns)
         return healed
 
-    def forget(self, check: str, now_ns: int) -> Fault | None:
-        """The check was withdrawn: its fault is over."""
-        self._own_clear_ns.pop(check, None)
-        healed = self.on_good(check, now_ns)
+    def withdraw(self, check: str, now_ns: int) -> Fault | None:
+        """The check was withdrawn: clear its fault."""
+        self._clear_ns_by_check.pop(check, None)
+        healed = self.on_passed(check, now_ns)
         return self._clear(check) if check in self._open else healed
 
     def on_timer(self, now_ns: int) -> list[Fault]:
-        """Faults that have stayed away for long enough."""
+        """Clear faults whose clear time is over."""
         due = [check for check, at_ns in self._clear_at_ns.items() if at_ns <= now_ns]
         return [self._clear(check) for check in due]
 
     def _clear(self, check: str) -> Fault:
         old = self._open.pop(check)
         self._clear_at_ns.pop(check, None)
-        cleared = msgspec.structs.replace(old, phase=TRANSITIONS[old.phase, Event.EXPIRED])
+        cleared = msgspec.structs.replace(old, phase=TRANSITIONS[old.phase, FaultEvent.EXPIRED])
         self._history.append(cleared)
         return cleared
 
     def confirmed(self) -> list[Fault]:
-        """Confirmed faults, worst first, then the oldest."""
+        """Confirmed faults, by level, then the oldest first."""
         found = [fault for fault in self._open.values() if fault.phase is Phase.CONFIRMED]
         return sorted(found, key=lambda fault: (-WORSE[fault.level], fault.first_ns))
 
     def open(self) -> tuple[Fault, ...]:
-        """Everything that is not cleared, newest first."""
+        """Faults that are not cleared, newest first."""
         return tuple(sorted(self._open.values(), key=lambda fault: -fault.last_ns))
 
     def cleared(self) -> tuple[Fault, ...]:
-        """What is over, newest first."""
+        """Cleared faults, newest first."""
         return tuple(reversed(self._history))

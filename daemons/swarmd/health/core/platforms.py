@@ -1,40 +1,42 @@
-"""Platforms that were reached and are not any more."""
+"""Presence of other platforms: reachable, or lost."""
 
 from typing import Final
 
 LOST_NS: Final = 3_000_000_000
-"""A link is down after one second; routes by others take a little longer, flaps are no loss."""
+"""A link is down after one second, an indirect route a little later; a short interruption is not a loss."""
 
 
-class Platforms:
-    """Who has been reached since the start, or was missed by a former monitor."""
+class PlatformPresence:
+    """Detects the loss of platforms that were reachable since the start or in the journal."""
 
     def __init__(self) -> None:
-        self._seen_ns: dict[str, int] = {}
+        self._reached_ns: dict[str, int] = {}
         self._lost: set[str] = set()
 
     def __contains__(self, platform: str) -> bool:
-        return platform in self._seen_ns or platform in self._lost
+        return platform in self._reached_ns or platform in self._lost
 
-    def lose(self, platform: str) -> None:
-        """A former monitor missed it."""
+    def restore_lost(self, platform: str) -> None:
+        """A former monitor announced its loss."""
         self._lost.add(platform)
 
     def forget(self, platform: str) -> None:
-        """It is not missed any more, until it has been reached again."""
+        """Do not report its loss until it was reachable again."""
         self._lost.discard(platform)
-        self._seen_ns.pop(platform, None)
+        self._reached_ns.pop(platform, None)
 
-    def on_present(self, present: set[str], now_ns: int) -> list[tuple[str, float | None]]:
-        """Changes: platforms that are lost, with the seconds since they were reached, or (None) back."""
-        for platform in present:
-            self._seen_ns[platform] = now_ns
-        back = self._lost & present
+    def on_reachable(self, reachable: set[str], now_ns: int) -> list[tuple[str, float | None]]:
+        """Changes: lost platforms with the seconds since they were reachable; None: reachable again."""
+        for platform in reachable:
+            self._reached_ns[platform] = now_ns
+        back = self._lost & reachable
         gone = {
             platform
-            for platform, seen_ns in self._seen_ns.items()
+            for platform, seen_ns in self._reached_ns.items()
             if platform not in self._lost and now_ns - seen_ns >= LOST_NS
         }
         self._lost = (self._lost - back) | gone
         changes: list[tuple[str, float | None]] = [(platform, None) for platform in sorted(back)]
-        return changes + [(platform, (now_ns - self._seen_ns[platform]) / 1e9) for platform in sorted(gone)]
+        return changes + [
+            (platform, (now_ns - self._reached_ns[platform]) / 1e9) for platform in sorted(gone)
+        ]

@@ -1,4 +1,4 @@
-"""Checks that modules run themselves: what they registered, and what they report."""
+"""Checks that modules run themselves: registrations and reports."""
 
 from typing import Final, Literal
 
@@ -8,44 +8,44 @@ from swarmware.types.health import OK_STATE, CheckRegistration, CheckReport, Che
 
 SILENT: Final = "silent"
 REPORT_S: Final = 1.0
-"""Modules repeat their reports so often."""
+"""Period in which modules repeat their reports."""
 SILENT_PERIODS: Final = 3.0
 
 
-class Reported(msgspec.Struct):
+class RegisteredCheck(msgspec.Struct):
     """One registered check and its newest report."""
 
     registration: CheckRegistration
-    heard_ns: int
-    """When it was registered, or its last report was found."""
+    updated_ns: int
+    """When it was registered, or its last report was read."""
     since_ns: int
     state: str = OK_STATE
-    seen: str = ""
-    freeze: str = ""
+    raw: str = ""
+    freeze_frame: str = ""
     stamp_ns: int = 0
-    """Newest sign of life of who runs it: a registration or a report; 0: only the journal knows it."""
-    stated: Level | Literal[""] = ""
+    """Newest registration or report of the module; 0: the registration is from the journal."""
+    reported_level: Level | Literal[""] = ""
     """Level that the newest report gives with its state."""
 
     @property
     def silent_ns(self) -> int:
-        """Without a report for so long it is silent."""
+        """Time without a report after which it is silent."""
         period_s = max(REPORT_S, 1 / self.registration.frequency_hz)
         return round(SILENT_PERIODS * period_s * 1e9)
 
     def level(self, state: str) -> Level:
-        """How bad a state is, as the registration says."""
+        """Level of a state as registered or reported."""
         if state == SILENT:
             return "warn"
-        if self.stated and state == self.state:
-            return self.stated
+        if self.reported_level and state == self.state:
+            return self.reported_level
         for rule in self.registration.states:
             if rule.state == state:
                 return rule.level
         return default_level(state)
 
-    def public(self) -> CheckState:
-        """What others see."""
+    def check_state(self) -> CheckState:
+        """State for the list of checks."""
         one = self.registration
         return CheckState(
             one.check,
@@ -58,11 +58,11 @@ class Reported(msgspec.Struct):
         )
 
 
-class ReportBook:
-    """All checks of modules."""
+class RegisteredChecks:
+    """Every check that a module has registered, with its newest report."""
 
     def __init__(self) -> None:
-        self._checks: dict[str, Reported] = {}
+        self._checks: dict[str, RegisteredCheck] = {}
 
     def __contains__(self, check: str) -> bool:
         return check in self._checks
@@ -71,62 +71,62 @@ class ReportBook:
         return len(self._checks)
 
     def restore(self, registration: CheckRegistration, now_ns: int) -> None:
-        """A check of the journal: who ran it may have ended since."""
-        self._checks[registration.check] = Reported(registration, now_ns, now_ns)
+        """Restore a check from the journal: its module may have ended since."""
+        self._checks[registration.check] = RegisteredCheck(registration, now_ns, now_ns)
 
     def register(self, registration: CheckRegistration, now_ns: int) -> bool:
-        """A new check, or the same again; True when the journal has to be written."""
+        """Add or renew a check; True if the journal must be written."""
         known = self._checks.get(registration.check)
         if known is None:
-            self._checks[registration.check] = Reported(registration, now_ns, now_ns, stamp_ns=now_ns)
+            self._checks[registration.check] = RegisteredCheck(registration, now_ns, now_ns, stamp_ns=now_ns)
             return True
-        known.heard_ns = known.stamp_ns = now_ns
+        known.updated_ns = known.stamp_ns = now_ns
         if known.registration == registration:
             return False
         known.registration = registration
         return True
 
     def withdraw(self, check: str) -> bool:
-        """The module takes it back, or has ended; False when it was not known."""
+        """Remove a check that was withdrawn, or whose module has ended; False if it is unknown."""
         return self._checks.pop(check, None) is not None
 
     def owner(self, check: str) -> str | None:
-        """The application that runs a check."""
+        """Application that runs a check; None for an unknown one."""
         known = self._checks.get(check)
         return None if known is None else known.registration.app
 
     def of(self, app: str) -> list[str]:
-        """Checks of one application."""
+        """Names of the checks of one application."""
         return [check for check, known in self._checks.items() if known.registration.app == app]
 
-    def on_report(self, app: str, report: CheckReport, now_ns: int) -> Reported | None:
-        """The newest report; None when the check is not registered, or is another application's."""
+    def on_report(self, app: str, report: CheckReport, now_ns: int) -> RegisteredCheck | None:
+        """Store a report; None if the check is not registered, or belongs to another application."""
         known = self._checks.get(report.check)
         if known is None or known.registration.app != app:
             return None
-        known.heard_ns = now_ns
+        known.updated_ns = now_ns
         known.stamp_ns = report.stamp_ns
-        known.seen, known.freeze, known.stated = report.seen, report.freeze, report.level
+        known.raw, known.freeze_frame, known.reported_level = report.seen, report.freeze, report.level
         if known.state != report.state:
             known.state = report.state
             known.since_ns = now_ns
         return known
 
-    def silent(self, now_ns: int) -> list[Reported]:
-        """Checks without a report for three periods that were not known to be silent."""
+    def silent(self, now_ns: int) -> list[RegisteredCheck]:
+        """Checks that became silent: without a report for three periods."""
         found = []
         for known in self._checks.values():
-            if known.state != SILENT and now_ns - known.heard_ns >= known.silent_ns:
+            if known.state != SILENT and now_ns - known.updated_ns >= known.silent_ns:
                 known.state = SILENT
                 known.since_ns = now_ns
-                known.freeze = f"no report for {(now_ns - known.heard_ns) / 1e9:.1f} s"
+                known.freeze_frame = f"no report for {(now_ns - known.updated_ns) / 1e9:.1f} s"
                 found.append(known)
         return found
 
     def registrations(self) -> tuple[CheckRegistration, ...]:
-        """For the journal."""
+        """Registrations for the journal."""
         return tuple(known.registration for known in self._checks.values())
 
-    def public(self) -> list[CheckState]:
-        """What others see."""
-        return [known.public() for known in self._checks.values()]
+    def check_states(self) -> list[CheckState]:
+        """State for the list of checks."""
+        return [known.check_state() for known in self._checks.values()]

@@ -1,26 +1,26 @@
-"""Rules of the monitor itself, which need no code in any module: ages of resources, limits of values."""
+"""Rules that the monitor evaluates itself: ages of resources, limits of values."""
 
 import math
 from collections.abc import Callable
 from typing import Final
 
-from swarmware.health.judge import Judge
+from swarmware.health.debouncer import Debouncer
 from swarmware.resource import STALE_PERIODS, Resource
 from swarmware.types.health import OK_STATE, Level
 
 STALE: Final = "stale"
 LOST: Final = "lost"
 LOST_PERIODS: Final = 10.0
-LOST_LEAST_S: Final = 3.0
-"""A killed service is back in less; what comes back so soon was late, not lost."""
-AGE_CONFIRM: Final = 2
-"""Looks that must agree: the first may fall on a busy moment of the machine."""
+LOST_MIN_S: Final = 3.0
+"""A killed service is back in less time: its resource is late, not lost."""
+AGE_CONFIRM_SAMPLES: Final = 2
+"""Samples that must agree: one alone may be due to load of the machine."""
 
 AGE_LEVELS: Final[dict[str, Level]] = {OK_STATE: "ok", STALE: "warn", LOST: "error"}
 
 
 class AgeRule:
-    """A resource with a rate is stale after three periods, lost after ten and at least three seconds."""
+    """Age of a resource with a rate: stale after three periods, lost after ten and at least three seconds."""
 
     def __init__(self, resource: Resource, grace_until_ns: int, *, critical: bool = False) -> None:
         self.path = resource.path
@@ -29,8 +29,10 @@ class AgeRule:
         self.rate_hz = resource.rate_hz
         stale_s = resource.stale_after_s
         self._stale_ns = round(stale_s * 1e9)
-        self._lost_ns = round(max(stale_s / STALE_PERIODS * LOST_PERIODS, LOST_LEAST_S) * 1e9)
-        self._judge = Judge(confirm_n=AGE_CONFIRM, confirm_m=AGE_CONFIRM, grace_until_ns=grace_until_ns)
+        self._lost_ns = round(max(stale_s / STALE_PERIODS * LOST_PERIODS, LOST_MIN_S) * 1e9)
+        self._debouncer = Debouncer(
+            confirm_n=AGE_CONFIRM_SAMPLES, confirm_m=AGE_CONFIRM_SAMPLES, grace_until_ns=grace_until_ns
+        )
         self._grace_until_ns = grace_until_ns
         self._position = -1
         self._changed_ns: int | None = None
@@ -38,52 +40,52 @@ class AgeRule:
 
     @staticmethod
     def applies(resource: Resource) -> bool:
-        """Whether there is an age to be judged."""
+        """Whether the resource has a maximum age."""
         return math.isfinite(resource.stale_after_s)
 
     @property
     def state(self) -> str:
-        """The believed state."""
-        return self._judge.state
+        """The confirmed state."""
+        return self._debouncer.confirmed
 
     @property
-    def seen(self) -> str:
-        """The state of the last look."""
-        return self._judge.seen
+    def raw(self) -> str:
+        """The state of the last sample."""
+        return self._debouncer.raw
 
     def level(self, state: str) -> Level:
-        """How bad a state is: only what is declared critical may ground a vehicle."""
+        """Level of a state: an error only for a critical resource, because errors prevent a start."""
         level = AGE_LEVELS[state]
         return "warn" if level == "error" and not self._critical else level
 
     @property
     def fresh(self) -> bool:
-        """Whether it has a value that is not old."""
+        """Whether it has a value that is not stale."""
         return self._changed_ns is not None and self.state == OK_STATE
 
     def in_grace(self, now_ns: int) -> bool:
-        """Whether it is too early to say anything."""
+        """Whether the grace time is not over."""
         return now_ns < self._grace_until_ns
 
     def age_s(self, now_ns: int) -> float:
-        """Since its last change that a look has found."""
+        """Time since the last sample that found a new value; infinite without a value."""
         return math.inf if self._changed_ns is None else (now_ns - self._changed_ns) / 1e9
 
-    def on_look(self, position: int, now_ns: int) -> bool:
-        """The position of the ring at this moment; True when another state is believed."""
+    def on_sample(self, position: int, now_ns: int) -> bool:
+        """Sample the position of the ring; True if another state is confirmed."""
         if position != self._position or self._changed_ns is None:
             self._position = position
             self._changed_ns = now_ns
         age_ns = now_ns - self._changed_ns
         state = LOST if age_ns >= self._lost_ns else STALE if age_ns >= self._stale_ns else OK_STATE
-        changed = self._judge.on_result(state, now_ns)
+        changed = self._debouncer.on_sample(state, now_ns)
         if changed:
             self.since_ns = now_ns
         return changed
 
 
 class LimitRule:
-    """A field of a resource within its limits."""
+    """Limits of one field of a resource."""
 
     def __init__(
         self,
@@ -98,24 +100,24 @@ class LimitRule:
         self.path = path
         self.field = field
         self._criterion = criterion
-        self._judge = Judge(confirm_n=confirm[0], confirm_m=confirm[1], grace_until_ns=grace_until_ns)
+        self._debouncer = Debouncer(confirm_n=confirm[0], confirm_m=confirm[1], grace_until_ns=grace_until_ns)
         self.value: float | None = None
         self.since_ns = 0
 
     @property
     def state(self) -> str:
-        """The believed state."""
-        return self._judge.state
+        """The confirmed state."""
+        return self._debouncer.confirmed
 
     @property
-    def seen(self) -> str:
-        """The state of the last look."""
-        return self._judge.seen
+    def raw(self) -> str:
+        """The state of the last sample."""
+        return self._debouncer.raw
 
     def on_value(self, value: float, now_ns: int) -> bool:
-        """The newest value; True when another state is believed."""
+        """Sample the newest value; True if another state is confirmed."""
         self.value = value
-        changed = self._judge.on_result(self._criterion(value), now_ns)
+        changed = self._debouncer.on_sample(self._criterion(value), now_ns)
         if changed:
             self.since_ns = now_ns
         return changed

@@ -1,5 +1,4 @@
-"""Every process of a node of several processes starts the guard again when it died: the one thing that the
-guard cannot do itself (S1.26)."""
+"""Watchdog of the guard: every process of a node of several processes restarts it when it died (S1.26)."""
 
 import asyncio
 import logging
@@ -12,34 +11,34 @@ from swarmware.errors import NotFound, SwarmError
 from swarmware.node import Node
 from swarmware.node.node import APPS_TABLE
 from swarmware.runtime.processes import process_end
-from swarmware.service.child import Child
-from swarmware.service.lives import PAUSES_S, Lives
+from swarmware.service.restart_policy import PAUSES_S, RestartPolicy
 from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
+from swarmware.service.supervised_process import SupervisedProcess
 
 LOOK_S: Final = 0.5
-"""How often a guard that is missed is looked for: another process may have started it, and been killed."""
+"""Period of looking for a missing guard: a process that was starting it may have been killed."""
 SETTLED_S: Final = 1.0
-"""A guard that ran for so long is started again without a pause."""
+"""A guard that ran for so long is restarted without a pause."""
 
 log = logging.getLogger("swarm.guardwatch")
 
 
-class GuardWatch:
-    """Waits for the death of the guard; of all processes that do, one starts it again."""
+class GuardWatchdog:
+    """Waits for the end of the guard; one of all processes that wait restarts it."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._table = AppTable(node.run_dir)
         self._changed = asyncio.Event()
-        self._lives = Lives(settled_s=SETTLED_S)
-        self._child: Child | None = None
+        self._restart_policy = RestartPolicy(settled_s=SETTLED_S)
+        self._process: SupervisedProcess | None = None
 
     def poll(self) -> None:
-        """The doorbell has rung: perhaps there is a guard."""
+        """An application file has changed: look for the guard."""
         self._changed.set()
 
     async def run(self) -> None:
-        """Watches until cancelled."""
+        """Watch until cancelled."""
         node = self._node
         node.listen(node.shm_dir / APPS_TABLE)
         node.watch(self)
@@ -48,15 +47,15 @@ class GuardWatch:
         finally:
             node.unwatch(self)
             node.unlisten(node.shm_dir / APPS_TABLE)
-            if self._child is not None:
-                self._child.close()
+            if self._process is not None:
+                self._process.close()
 
     async def _keep(self) -> None:
         node, missed = self._node, False
         while True:
             guard = self._find()
             if guard is not None:
-                self._lives.on_ready(node.clock.now_ns())
+                self._restart_policy.on_ready(node.clock.now_ns())
                 clear_start_record(GUARD, node.run_dir)
                 try:
                     await process_end(guard.pid)
@@ -76,13 +75,13 @@ class GuardWatch:
         return self._table.named(GUARD)
 
     def _died_before(self) -> bool:
-        """Whether a guard died before this process could see it."""
+        """Whether a guard died before this process started."""
         before = last_of(self._node.run_dir, GUARD)
         return before is not None and _alone(before)
 
     async def _pause(self) -> None:
-        pause_s = self._lives.on_end(self._node.clock.now_ns(), killed=False)
-        await asyncio.sleep(PAUSES_S[-1] if pause_s is None else pause_s)  # never given up: it is the guard
+        pause_s = self._restart_policy.on_end(self._node.clock.now_ns(), killed=False)
+        await asyncio.sleep(PAUSES_S[-1] if pause_s is None else pause_s)  # the guard is never given up
 
     async def _wait(self, timeout_s: float | None) -> None:
         self._changed.clear()
@@ -97,17 +96,17 @@ class GuardWatch:
             return
         if started is not None:
             log.warning("guard: died; started again, pid %d", started.pid)
-            if self._child is not None:
-                self._child.close()
+            if self._process is not None:
+                self._process.close()
             with suppress(NotFound, SwarmError):
-                self._child = Child(started, self._ended)
+                self._process = SupervisedProcess(started, self._ended)
 
     def _ended(self, how: str) -> None:
-        self._child = None
+        self._process = None
         log.warning("guard: ended: %s", how)
         self._changed.set()
 
 
 def _alone(guard: AppEntry) -> bool:
-    """Whether no systemd starts it again."""
+    """Whether systemd does not restart it."""
     return bool(guard.config.get("supervisor", "self") == "self")

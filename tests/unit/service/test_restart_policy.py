@@ -2,13 +2,13 @@
 
 import pytest
 
-from swarmware.service.lives import Lives
+from swarmware.service.restart_policy import RestartPolicy
 
 SECOND = 1_000_000_000
 
 
-def lives() -> Lives:
-    return Lives(pauses_s=(0.0, 0.5, 2.0), settled_s=10.0, limit=4)
+def lives() -> RestartPolicy:
+    return RestartPolicy(pauses_s=(0.0, 0.5, 2.0), settled_s=10.0, limit=4)
 
 
 def test_one_that_never_gets_ready_is_started_with_growing_pauses_and_then_given_up() -> None:

@@ -1,4 +1,4 @@
-"""When a process that ended is started again: with a back-off and a limit for those that do not last."""
+"""When a process that ended is restarted: with a back-off, and a limit of consecutive restarts."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ if TYPE_CHECKING:
     from typing import Final
 
 PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
-"""Before the first, second, … restart in a row; the last one from then on."""
+"""Pauses before the first, second, … consecutive restart; the last one from then on."""
 SETTLED_S: Final = 10.0
 """A process that ran for so long after it was ready is restarted without a pause again."""
 LIMIT: Final = 20
-"""Restarts in a row after which it is given up."""
+"""Consecutive restarts after which the process is given up."""
 
 
-class Lives:
-    """The lives of one process, one after the other."""
+class RestartPolicy:
+    """Back-off and limit of the restarts of one process."""
 
     def __init__(
         self, *, pauses_s: tuple[float, ...] = PAUSES_S, settled_s: float = SETTLED_S, limit: int = LIMIT
@@ -26,16 +26,16 @@ class Lives:
         self._ready_ns: int | None = None
         self._in_a_row = 0
         self.restarts = 0
-        """In all."""
+        """Restarts since the start."""
 
     def on_ready(self, now_ns: int) -> None:
-        """The present process does its job."""
+        """The present process is ready."""
         self._ready_ns = now_ns
 
     def on_end(self, now_ns: int, *, killed: bool) -> float | None:
-        """Seconds to wait before the next start; None: given up.
+        """Pause before the next start, in seconds; None: given up.
 
-        `killed`: ended by SIGKILL from outside, which says nothing about the process if it was ready.
+        `killed`: ended by SIGKILL from outside, which is not a failure of a process that was ready.
         """
         ready_ns, self._ready_ns = self._ready_ns, None
         settled = ready_ns is not None and (killed or now_ns - ready_ns >= self._settled_ns)

@@ -1,10 +1,10 @@
-"""A condition of a module that it states itself, when something happens: no data has to be asked for."""
+"""A condition that a module reports itself when something happens, without periodic sampling."""
 
 from swarmware.types.health import OK_STATE, CheckRegistration, CheckReport, Level
 
 
-class Condition:
-    """The newest statement about one thing; repeated to the monitor like the result of a check."""
+class ReportedCondition:
+    """The newest state of one condition; reported to the monitor like that of a check."""
 
     def __init__(self, registration: CheckRegistration, now_ns: int) -> None:
         self.registration = registration
@@ -14,7 +14,7 @@ class Condition:
         self._stamp_ns = now_ns
 
     def set(self, state: str, level: Level, detail: str, now_ns: int) -> bool:
-        """True when the state or its level is another; a new detail waits for the next report."""
+        """Set the state; True if it or its level changed. A new detail alone waits for the next report."""
         self._stamp_ns = now_ns
         self._detail = detail
         before = (self._state, self._level)
@@ -22,7 +22,7 @@ class Condition:
         return before != (state, level)
 
     def report(self) -> CheckReport:
-        """For the monitor."""
+        """Report for the monitor."""
         return CheckReport(
             self.registration.check, self._state, self._stamp_ns, freeze=self._detail, level=self._level
         )

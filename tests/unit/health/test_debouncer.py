@@ -7,16 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.health.criterion import Above, Below
-from swarmware.health.judge import Judge
+from swarmware.health.debouncer import Debouncer
 
 
-def believed(judge: Judge, results: str) -> str:
+def believed(judge: Debouncer, results: str) -> str:
     """Believed states after each result, as letters: o is ok, w warn."""
     names = {"o": "ok", "w": "warn", "e": "error"}
     out = []
     for at, letter in enumerate(results):
-        judge.on_result(names[letter], at)
-        out.append(judge.state[0])
+        judge.on_sample(names[letter], at)
+        out.append(judge.confirmed[0])
     return "".join(out)
 
 
@@ -31,28 +31,28 @@ def believed(judge: Judge, results: str) -> str:
     ],
 )
 def test_n_of_the_last_m_results_must_agree(confirm: tuple[int, int], results: str, states: str) -> None:
-    assert believed(Judge(confirm_n=confirm[0], confirm_m=confirm[1]), results) == states
+    assert believed(Debouncer(confirm_n=confirm[0], confirm_m=confirm[1]), results) == states
 
 
 def test_nothing_is_judged_during_the_grace() -> None:
-    judge = Judge(grace_until_ns=10)
-    assert not judge.on_result("error", 9)
-    assert judge.state == "ok"
-    assert judge.on_result("error", 10)
+    judge = Debouncer(grace_until_ns=10)
+    assert not judge.on_sample("error", 9)
+    assert judge.confirmed == "ok"
+    assert judge.on_sample("error", 10)
 
 
 @pytest.mark.parametrize("confirm", [(0, 1), (3, 2)])
 def test_an_impossible_confirmation_is_refused(confirm: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="confirm"):
-        Judge(confirm_n=confirm[0], confirm_m=confirm[1])
+        Debouncer(confirm_n=confirm[0], confirm_m=confirm[1])
 
 
 @given(st.integers(1, 4), st.lists(st.sampled_from(["ok", "warn", "error"])))
 def test_a_believed_state_was_seen_often_enough(n: int, results: list[str]) -> None:
-    judge = Judge(confirm_n=n, confirm_m=4)
+    judge = Debouncer(confirm_n=n, confirm_m=4)
     for at, result in enumerate(results):
-        if judge.on_result(result, at):
-            assert results[max(0, at - 3) : at + 1].count(judge.state) >= n
+        if judge.on_sample(result, at):
+            assert results[max(0, at - 3) : at + 1].count(judge.confirmed) >= n
 
 
 def test_a_limit_has_a_hysteresis() -> None:
