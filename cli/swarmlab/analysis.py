@@ -1,4 +1,4 @@
-"""From logs and metadata to figures and data; the definitions of all figures are here."""
+"""Figures and plot data of a run from its logs and metadata; defines every figure."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -21,34 +21,34 @@ class MissionRun:
         self.members = MissionMembers((), 0)
         self.in_time = True
         self.error = ""
-        """What broke it off; empty: it went on to the end of the mission or of the time."""
+        """Error that ended it early; empty: it ran to its end or its timeout."""
         self.before: dict[str, Usage] = {}
         self.after: dict[str, Usage] = {}
         self.busy: tuple[CpuTime, CpuTime]
         """The whole computer, at the same two instants."""
 
     def command(self) -> None:
-        """The command leaves now."""
+        """Notes the instant of the command."""
         self.command_mono_ns = time.monotonic_ns()
 
     def commanded(self, lab: LabState) -> None:
-        """The answer is there, or will not come; not earlier: a look at all processes delays the command."""
+        """Samples processor time, after the answer: a scan of all processes would delay the command."""
         self.before = load.usage(lab)
         self.busy = (host.busy(), host.busy())
 
     def accepted(self, answer: TaskAnswer) -> None:
-        """These members play it."""
+        """Notes the members."""
         self.members = MissionMembers([order.platform for order in answer.orders], answer.epoch)
 
     def close(self, lab: LabState) -> None:
-        """Nothing is seen of it after this moment."""
+        """Notes the end; later events do not count."""
         self.end_mono_ns = time.monotonic_ns()
         self.after = load.usage(lab)
         self.busy = (self.busy[0], host.busy())
 
     @property
     def outcome(self) -> MissionOutcome:
-        """As far as it is known."""
+        """The outcome as far as known."""
         return self.members.outcome(in_time=self.in_time)
 
     def failure(self) -> str:

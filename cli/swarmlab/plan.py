@@ -1,4 +1,4 @@
-"""Who the nodes of a lab are: names, kinds and simulated clocks, all from the number of nodes and a seed."""
+"""The nodes of a lab: names, kinds and simulated clocks, from the number of nodes and a seed."""
 
 import random
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from swarmware.errors import InvalidInput
 MIN_NODES: Final = 3
 """A ground station, a ground vehicle that leads and one that follows in the air."""
 MAX_NODES: Final = 200
-"""More processes than this belong into virtual time."""
+"""Larger swarms are simulated in virtual time."""
 OFFSET_S: Final = 5.0
 """Simulated clocks differ from true time by up to this much …"""
 DRIFT_PPM: Final = 50.0
@@ -19,7 +19,7 @@ DRIFT_PPM: Final = 50.0
 
 
 class PlannedNode(msgspec.Struct, frozen=True):
-    """One node to be."""
+    """One node of a lab that is planned."""
 
     platform: str
     kind: str

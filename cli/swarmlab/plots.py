@@ -1,4 +1,4 @@
-"""The pictures of a report: PNG bytes from a data. Importing this imports matplotlib."""
+"""The pictures of a report: PNG bytes from `PlotData`. Importing this imports matplotlib."""
 
 import io
 import math
@@ -197,7 +197,7 @@ def formation(data: PlotData, limit_m: float) -> bytes:
 
 
 def receipts(data: PlotData, found: Sequence[Receipt]) -> bytes:
-    """The distribution of command to receipt: a bar a platform, earliest first, in its two parts."""
+    """The distribution of command to receipt: a bar for each platform, earliest first, in its two parts."""
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
@@ -223,7 +223,7 @@ def receipts(data: PlotData, found: Sequence[Receipt]) -> bytes:
 
 
 def topology(data: PlotData) -> bytes:
-    """Who hears whom: a circle of nodes, lines darker where more of the datagrams arrive."""
+    """Links: a circle of nodes, lines darker where more of the datagrams arrive."""
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()

@@ -23,14 +23,14 @@ from swarmware.security import make_swarm
 SHM: Final = Path("/dev/shm")
 LOOPBACK: Final = "127.0.0.1"
 PORTS: Final = range(20_000, 32_000)
-"""Below the range from which kernels give ports to clients (32768 and up)."""
+"""Below the ephemeral ports of the kernel (32768 and up)."""
 NETS: Final = ("loopback",)
 CLAIM_TRIES: Final = 99
 ENDING: Final = "ending"
 """File in the lab's folder: its end has begun."""
 
 STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
-"""A ground station has no body to simulate and nothing to steer."""
+"""A ground station has neither simulation nor navigator."""
 VEHICLE: Final = (*STATION, "sim", "navigator")
 RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
 """Of the sphere around a vehicle: configured in the simulation, used by the report."""

@@ -31,7 +31,7 @@ class LoggedValue(msgspec.Struct, frozen=True):
 
 
 class QueueSpan(msgspec.Struct):
-    """What one queue of a logger holds, for its holes."""
+    """Sequences of one queue of a logger, to find gaps."""
 
     first: int
     last: int
@@ -77,11 +77,11 @@ class Recording:
         self.missing += sum(max(0, q.last - q.first + 1 - q.entries) for q in queues.values())
 
     def platforms(self, path: str) -> list[str]:
-        """Who logged values of this path, in natural order."""
+        """Platforms that logged this path, in natural order."""
         return sorted((p for p, known in self._values if known == path), key=names.natural)
 
     def values(self, platform: str, path: str, cls: type[T]) -> list[tuple[float, T]]:
-        """Values in the order of their stamps; one that does not fit its type is passed over."""
+        """Values in the order of their stamps; one that does not decode is skipped."""
         found = []
         for value in sorted(self._values.get((platform, path), []), key=lambda value: value.stamp_ns):
             try:

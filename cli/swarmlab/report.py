@@ -85,7 +85,7 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     """Frames that one node sent and a neighbour never received."""
     log_frames: int
     log_gaps: int
-    """Entries that the loggers say they miss."""
+    """Entries that the loggers report as missing."""
     clock_error_us: P95
     """True against estimated conversion, over all pairs of nodes while the mission ran."""
     cpu_percent_of_core: MeanMax
@@ -96,7 +96,7 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReportLimits(msgspec.Struct, frozen=True):
-    """What the experiment must reach, on two cores."""
+    """Goals of the experiment on two cores."""
 
     ready_s: float = 15.0
     formation_error_m: float = 1.0
@@ -205,7 +205,7 @@ def cells(report: ExperimentReport) -> list[list[Cell]]:
 
 
 def shortfalls(report: ExperimentReport) -> list[str]:
-    """What fails the experiment: each as a sentence; none when it counts as passed."""
+    """Reasons why the experiment failed, each as a sentence; none when it passed."""
     found = []
     if not report.completed:
         found.append("the mission was not completed")

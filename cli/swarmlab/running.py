@@ -30,7 +30,7 @@ TAIL_LINES: Final = 12
 """Lines of a fallen node's log that its error quotes."""
 
 ASKED: Final = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
-"""Signals that ask a node to end; whatever other signal ends its parent, it is started again."""
+"""Signals that request the end of a node; after any other signal it is started again."""
 
 RESTARTS: Final = 5
 """Restarts in a row of a parent that does not get ready, within nine seconds; then the node has fallen."""
@@ -44,12 +44,12 @@ ENVIRONMENT: Final = {
 
 
 def at_once() -> int:
-    """Nodes that may be starting at the same time: more only make each other late."""
+    """Number of nodes that start at the same time: more would delay each other."""
     return max(2, 2 * (os.cpu_count() or 1))
 
 
 def command(node: LabNode) -> list[str]:
-    """What is started for a node."""
+    """Command line of a node."""
     return [sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)]
 
 
@@ -106,7 +106,7 @@ class RunningLab:
     async def start(self, order: list[str], timeout_s: float) -> None:
         """Starts these nodes in this order and returns when all of them are ready.
 
-        Raises: SwarmError when a node falls over, NoAnswer when one is not ready in time.
+        Raises: SwarmError when a node ends, NoAnswer when one is not ready in time.
         """
         self.began_mono_ns = self.began_mono_ns or time.monotonic_ns()
         waiting = list(order)
@@ -135,7 +135,7 @@ class RunningLab:
             ) from None
 
     def check(self) -> None:
-        """Raises: SwarmError with the end of its log when a node has fallen over."""
+        """Raises: SwarmError with the end of its log when a node has ended."""
         for platform, code in self.fallen.items():
             node = self.state.node(platform)
             raise SwarmError(
@@ -147,7 +147,7 @@ class RunningLab:
     async def attended(self, work: Coroutine[Any, Any, T]) -> T:
         """The work's result, if all nodes run until then.
 
-        Raises: SwarmError with the end of its log as soon as a node has fallen over.
+        Raises: SwarmError with the end of its log as soon as a node has ended.
         """
         task = asyncio.create_task(work, name="work")
         fallen = asyncio.create_task(self.until_fallen(), name="fallen")
@@ -278,7 +278,7 @@ class RunningLab:
 
 
 def exit_description(code: int) -> str:
-    """An exit code as `subprocess` gives it, in words."""
+    """An exit code of `subprocess` as text."""
     return f"signal {-code}" if code < 0 else f"exit code {code}"
 
 

@@ -27,13 +27,13 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
 LOST: Final = "lost"
 """State of a member that was restarted and does not know the mission."""
 NOT_STARTED: Final = "idle"
-"""It was withdrawn before it began."""
+"""State of a member whose order was withdrawn before it began."""
 ENDED: Final = frozenset({GOOD, "failed", "aborted", LOST, NOT_STARTED})
 """States that a mission does not leave."""
 UNKNOWN: Final = "unknown"
-"""Nothing was seen of the member's mission."""
+"""No state of the member's mission was received."""
 POLL_S: Final = 1.0
-"""Longest time without a look at the clock, so that a deadline is kept."""
+"""Longest wait, so that deadlines are checked."""
 
 
 class MissionOutcome(msgspec.Struct, frozen=True):
@@ -49,7 +49,7 @@ class MissionOutcome(msgspec.Struct, frozen=True):
         return self.in_time and bool(self.states) and all(state == GOOD for state in self.states.values())
 
     def failure(self) -> str:
-        """What went wrong, for people; empty when nothing did."""
+        """Description of the failure for people; empty when completed."""
         if self.completed:
             return ""
         bad = [
@@ -70,7 +70,7 @@ class MissionMembers:
         """Newest of this mission, of those members of which it was seen."""
 
     def take(self, now: Mapping[str, MissionState]) -> None:
-        """What all platforms say now."""
+        """Takes the newest state of every platform."""
         for name in self._names:
             state, before = now.get(name), self.states.get(name)
             if state is not None and state.epoch == self._epoch:
@@ -79,13 +79,13 @@ class MissionMembers:
                 self.states[name] = msgspec.structs.replace(before, state=LOST, active=())
 
     def outcome(self, *, in_time: bool) -> MissionOutcome:
-        """As far as it is known."""
+        """The outcome as far as known."""
         known = {name: self.states[name].state if name in self.states else UNKNOWN for name in self._names}
         return MissionOutcome(known, in_time)
 
     @property
     def ended(self) -> bool:
-        """Whether the mission is over everywhere."""
+        """Whether the mission has ended at every member."""
         return self.states.keys() == set(self._names) and all(
             state.state in ENDED for state in self.states.values()
         )
@@ -103,7 +103,7 @@ class SwarmWatch:
 
     @classmethod
     async def open(cls, session: Session) -> "SwarmWatch":
-        """Begins to watch."""
+        """Subscribes to the boards."""
         watch = cls(session)
         watch._own = await session.module.reader(STATE, MissionState)
         watch._states = await session.module.readers(f"/*/{STATE}", MissionState)
@@ -119,7 +119,7 @@ class SwarmWatch:
         return found
 
     def lacking(self, vehicles: Collection[str]) -> dict[str, list[str]]:
-        """Board → vehicles of which it is not known yet, or not as it must be before a mission."""
+        """For each board the vehicles whose value is missing or not good enough for a mission."""
         found = {STATE: sorted(set(vehicles) - self.states().keys())}
         for path, boards in self._boards.items():
             found[path] = sorted(name for name in vehicles if not _good(boards, name))
@@ -178,7 +178,7 @@ class SwarmWatch:
             await self._change(self._states)
 
     async def _change(self, boards: BoardSet[Any]) -> None:
-        """Waits for news on these boards, or of the own mission, at most LOOK_S."""
+        """Waits for a change of these boards, or of the own mission, at most POLL_S."""
         waits: list[asyncio.Task[Any]] = [
             asyncio.create_task(boards.changed(POLL_S), name=boards.pattern),
             asyncio.create_task(self._own.changed(POLL_S), name=STATE),

@@ -1,1 +1,5 @@
-"""Commands, a file each: read the options, make one call, print. No logic of their own."""
+"""A folder for each group of subcommands: `command.py` has options and help, its logic lies beside it.
+
+A click function reads the options and makes one call. Logic is a function of a `Session` or an `Output`, so
+that a test can call it. A command never imports another command's folder.
+"""

@@ -1,1 +1,1 @@
-"""`swarmctl app`."""
+"""Applications of the nodes."""

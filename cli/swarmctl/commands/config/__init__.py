@@ -1,1 +1,1 @@
-"""`swarmctl config`."""
+"""Settings: files of a node, and live ones."""

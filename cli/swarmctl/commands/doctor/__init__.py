@@ -1,1 +1,1 @@
-"""`swarmctl doctor`."""
+"""Checks of this machine and of its node."""

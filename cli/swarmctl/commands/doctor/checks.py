@@ -1,4 +1,4 @@
-"""What `swarmctl doctor` looks at on this machine: each check says what is wrong and what to do."""
+"""The checks of `swarmctl doctor`: each reports a defect and what to do about it."""
 
 import contextlib
 import os
@@ -35,13 +35,13 @@ DATABASE_S: Final = 2.0
 """A server on the same network answers within milliseconds."""
 
 REFUSALS_SHOWN: Final = 8
-"""Lines about members that were turned away."""
+"""Lines about members whose requests were denied."""
 
 Verdict = Literal["ok", "warning", "error"]
 
 
 class CheckResult(msgspec.Struct, frozen=True):
-    """What one check found."""
+    """Result of one check."""
 
     check: str
     verdict: Verdict
@@ -93,7 +93,7 @@ def _shared_memory() -> CheckResult:
 
 
 def _multicast() -> CheckResult:
-    """A datagram to ourselves over loopback, as the lab sends them."""
+    """Sends a multicast datagram over loopback and receives it, as nodes of a lab do."""
     group, interface = "239.255.7.7", "127.0.0.1"
     try:
         with (
@@ -224,7 +224,7 @@ def processor(shm_dir: Path) -> CheckResult:
 
 
 def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
-    """What the node has found itself."""
+    """Findings of the node itself."""
     from swarmctl.commands.doctor.node_findings import query_node
 
     try:
@@ -254,7 +254,7 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
 
 
 def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:
-    """Files below services/: whether they fit, and whether the logger's database answers."""
+    """Whether the files below services/ are valid, and whether the logger's database answers."""
     for name in services:
         try:
             config = load_service(folder, name, find(name).Config)

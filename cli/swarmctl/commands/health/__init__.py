@@ -1,1 +1,1 @@
-"""`swarmctl health`."""
+"""State, checks and faults of platforms."""

@@ -1,1 +1,1 @@
-"""`swarmctl link`."""
+"""Neighbours of a platform."""

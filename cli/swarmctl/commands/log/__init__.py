@@ -1,1 +1,1 @@
-"""`swarmctl log`."""
+"""The record: query, follow, export, count."""

@@ -1,4 +1,4 @@
-"""Entries of several loggers in the order in which they were recorded, as they come in."""
+"""Merges the entries of several loggers into the order in which they were recorded."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -13,13 +13,13 @@ PATIENCE_NS: Final = 3_000_000_000
 
 class _Logger(msgspec.Struct):
     complete_utc_ns: int
-    """Whatever it recorded before has been read."""
+    """All entries before this instant have been read."""
     moved_ns: int
-    """When that last moved."""
+    """When that last changed."""
 
 
 class Interleaving:
-    """Holds entries until no logger can come with an older one.
+    """Holds entries until no logger can deliver an older one.
 
     A logger writes in batches: what it recorded before `began_utc_ns` may come afterwards, and is left out.
     """
@@ -30,7 +30,7 @@ class Interleaving:
         self._held: list[Entry] = []
 
     def on_batch(self, logger: str, entries: Iterable[Entry], complete_utc_ns: int, now_ns: int) -> None:
-        """Takes what one logger wrote; all that it recorded before `complete_utc_ns` has come with it."""
+        """Takes a batch of one logger, which holds all that it recorded before `complete_utc_ns`."""
         state = self._loggers[logger]
         # only the first batch can reach back: a wall clock that is set back later hides nothing
         first = state.complete_utc_ns == self._began_utc_ns
@@ -40,7 +40,7 @@ class Interleaving:
             state.moved_ns = now_ns
 
     def ready(self, now_ns: int) -> list[Entry]:
-        """Entries before which no other can come, in order."""
+        """Entries that no older one can precede, in order."""
         waited_for = self._waited_for(now_ns)
         until_ns = min((logger.complete_utc_ns for logger in waited_for), default=None)
         ready = [entry for entry in self._held if until_ns is None or entry.utc_ns < until_ns]

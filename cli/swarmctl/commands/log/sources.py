@@ -1,4 +1,4 @@
-"""Where the record is, as an operator names it, and how an entry looks to people."""
+"""Sources of log entries as the options name them, and the text form of an entry."""
 
 import sys
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,7 @@ from swarmware.record.query import FolderSource, Query, Source
 
 
 class LoggerAddress(msgspec.Struct, frozen=True):
-    """What of logger.toml says where the logs go."""
+    """Keys of logger.toml: the database to which the log is forwarded."""
 
     mongodb_uri: str = ""
     mongodb_database: str = "swarm"
@@ -33,7 +33,7 @@ class LoggerAddress(msgspec.Struct, frozen=True):
 
 @contextmanager
 def source(settings: CliSettings, options: Mapping[str, Any]) -> Iterator[Source]:
-    """The place that the options name: a database, a folder, or the rings of the nodes on this machine."""
+    """The source that the options name: a database, a folder, or the rings of the nodes on this machine."""
     if options.get("mongodb"):
         from swarmware.record.mongo import MongoStore
 
@@ -58,7 +58,7 @@ def source(settings: CliSettings, options: Mapping[str, Any]) -> Iterator[Source
 
 
 def database(settings: CliSettings, uri: str, name: str) -> tuple[str, str]:
-    """Address and name of the database: as asked for, else where the lab or the node writes to.
+    """Address and name of the database: those given, else those to which the lab or the node forwards.
 
     Raises: NotFound when `-` was asked for and nothing is forwarded.
     """
@@ -116,7 +116,7 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
 
 
 def absolute(pattern: str, settings: CliSettings) -> str:
-    """A pattern as it was typed, with its platform: the one asked about, else every one."""
+    """A pattern as typed, with its platform: that of `-n`, else all."""
     return pattern if pattern.startswith("/") else f"/{settings.node or '*'}/{pattern}"
 
 
@@ -134,7 +134,7 @@ def query(settings: CliSettings, options: Mapping[str, Any]) -> Query:
 
 
 def instant_ns(text: str, now_ns: int) -> int:
-    """An instant as people write it: so long ago, or a date.
+    """An instant as people write it: a span of time ago, or a date.
 
     Raises: InvalidInput when it is neither.
     """
@@ -171,10 +171,7 @@ def show(out: Output, entry: Entry) -> None:
 
 
 def refuse_losses(found: Source) -> None:
-    """Says what of the record could not be read.
-
-    Raises: Partial when there is something.
-    """
+    """Raises: Partial naming the parts of the record that could not be read."""
     if losses := found.losses():
         more = f"; and {len(losses) - 3} more" if len(losses) > 3 else ""
         raise Partial(f"the record is not whole: {'; '.join(losses[:3])}{more}")

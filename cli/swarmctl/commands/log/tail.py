@@ -1,4 +1,4 @@
-"""The record as it grows: entries from now on, of one logger or of all on this machine."""
+"""Follows the record: new entries of one logger, or of all on this machine."""
 
 import asyncio
 import contextlib
@@ -50,7 +50,7 @@ def _folders(settings: CliSettings) -> list[Path]:
 
 
 class Tail:
-    """Waits on the loggers' own reports, then reads what is new in their segments."""
+    """Waits for the reports of the loggers, then reads the new entries of their segments."""
 
     def __init__(self, folders: list[Path]) -> None:
         self._growing = {folder: SegmentFollower(_log_dir(folder)) for folder in folders}
@@ -71,7 +71,7 @@ class Tail:
             self._news.set()
 
     async def next(self) -> list[Entry]:
-        """Entries that are next, as soon as there are some."""
+        """The next entries in order, as soon as there are some."""
         while not (ready := self._order.ready(now_ns := time.monotonic_ns())):
             deadline_ns = self._order.deadline_ns(now_ns)
             self._news.clear()
@@ -101,7 +101,7 @@ class SegmentFollower:
         self._readers = [SegmentReader(path) for path in segments(directory)[-1:]]
 
     def entries(self) -> Iterator[Entry]:
-        """What is there and was not given by a call before."""
+        """Entries that no earlier call has returned."""
         last = int(self._readers[-1].path.stem) if self._readers else -1
         # listed before the reading: a segment that has a successor gets no entry any more
         newer = [SegmentReader(path) for path in segments(self._directory) if int(path.stem) > last]

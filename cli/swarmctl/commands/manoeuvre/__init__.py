@@ -1,1 +1,1 @@
-"""`swarmctl manoeuvre`."""
+"""hold, land and return; their logic is `swarmctl.manoeuvres`, which `mission abort` needs as well."""

@@ -1,1 +1,1 @@
-"""`swarmctl mission`."""
+"""Missions: check, start, follow, abort."""

@@ -13,7 +13,7 @@ from swarmware.types.mission import MissionAbort
 async def abort(
     session: Session, platforms: tuple[str, ...], reason: str, then: str, wait_s: float, *, yes: bool
 ) -> None:
-    """Has the members do `then` (land, hold, return) and follows them until each was seen to; asks before.
+    """Has the members land, hold or return (`then`) and follows them until each has; asks before.
 
     Raises: NotFound when no mission runs; as `choose` and `raise_failures`.
     """

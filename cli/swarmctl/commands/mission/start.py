@@ -14,7 +14,7 @@ ANSWER_S: Final = 15.0
 
 
 async def start(session: Session, mission: str, task: MissionTask, *, yes: bool, watch: bool) -> None:
-    """Says who would take part and who not, asks, gives the instruction; `mission`: as the operator named it.
+    """Prints who would take part, asks, gives the instruction; `mission`: as the operator named it.
 
     Raises: Partial when a platform refused or did not answer; with `watch` as `follow`.
     """

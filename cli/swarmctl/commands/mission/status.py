@@ -1,4 +1,4 @@
-"""Missions that a ground station holds, and what the running one does."""
+"""Missions in the store of a ground station, and the state of the active one."""
 
 from swarmctl.output import Column
 from swarmctl.session import Session
@@ -26,7 +26,7 @@ async def list_missions(session: Session) -> None:
 
 
 async def print_status(session: Session) -> None:
-    """Prints the state of the platform asked about and of the members that it hears."""
+    """Prints the state of the platform asked about and of the members that it receives."""
     found = await session.ask("sys/mission/status", Empty(), MissionStatus)
     if session.settings.json:
         session.out.document(found)

@@ -1,1 +1,1 @@
-"""`swarmctl motors`."""
+"""arm, disarm and kill."""

@@ -1,1 +1,1 @@
-"""`swarmctl node`."""
+"""Nodes of the swarm."""

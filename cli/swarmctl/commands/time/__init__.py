@@ -1,1 +1,1 @@
-"""`swarmctl time`."""
+"""Clock conversions."""

@@ -1,1 +1,1 @@
-"""`swarmctl topo`."""
+"""The graph of links."""

@@ -1,1 +1,1 @@
-"""`swarmctl traffic`."""
+"""Counters and rates of a broker."""

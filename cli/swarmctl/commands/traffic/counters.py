@@ -1,4 +1,4 @@
-"""What a platform's broker carried since it started."""
+"""Counters of a platform's broker since its start."""
 
 import msgspec
 

@@ -13,7 +13,7 @@ class _Node:
 
 
 def tree(entries: Iterable[TreeEntry]) -> list[str]:
-    """One line a resource, below its branch."""
+    """A line for each resource, below its branch."""
     root = _Node()
     for entry in entries:
         node = root

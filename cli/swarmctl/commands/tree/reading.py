@@ -51,5 +51,5 @@ def _warn_lost(session: Session, reading: ResourceReading) -> None:
 
 
 def _text(reading: ResourceReading, fields: str) -> str:
-    """The value with its unit; a field of it has none of its own."""
+    """The value with its unit; a field has no unit."""
     return brief(reading.value) + (f" {reading.unit}" if reading.unit and not fields else "")

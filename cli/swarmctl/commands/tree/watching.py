@@ -1,4 +1,4 @@
-"""New values of resources as they come, of one or of many at once."""
+"""New values of one resource or of many, as they arrive."""
 
 import asyncio
 from typing import Any, Final, Self
@@ -14,7 +14,7 @@ from swarmware.types import registry
 from swarmware.types.tree import TreeEntry
 
 QUEUE_LIMIT: Final = 1000
-"""Values waiting to be printed; beyond it readers wait, and count what they lose."""
+"""Values waiting to be printed; at the limit readers wait, and count overwritten values."""
 
 
 class WatchedValue(msgspec.Struct, frozen=True):
@@ -26,11 +26,11 @@ class WatchedValue(msgspec.Struct, frozen=True):
     """Hardware clock of the owner."""
     age_s: float | None
     value: Any
-    """A single value stands for itself."""
+    """A wrapped single value without its wrapper."""
 
 
 class ResourceWatch:
-    """`async for news in await Watch.open(session, entries)`."""
+    """`async for new in await ResourceWatch.open(session, entries)`."""
 
     def __init__(self) -> None:
         self._news: asyncio.Queue[WatchedValue] = asyncio.Queue(QUEUE_LIMIT)
@@ -38,7 +38,7 @@ class ResourceWatch:
 
     @classmethod
     async def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
-        """Begins to read; what is not mirrored yet will be.
+        """Subscribes; what is not mirrored yet will be.
 
         Raises: NotFound for a type that is not known here.
         """
