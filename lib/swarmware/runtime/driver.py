@@ -37,7 +37,8 @@ class CoreDriver(Generic[Action]):
     ) -> None:
         """`settled`: called when all actions of an event are done, to publish the state they led to."""
         self.core = core
-        self._perform = perform
+        self._perform = perform if boundary is None else self._perform_within
+        self._perform_action = perform
         self._clock = clock
         self._loop = loop
         self._settled = settled
@@ -91,17 +92,12 @@ class CoreDriver(Generic[Action]):
             self._alarm = None
 
     def _carry_out(self) -> None:
-        queue, perform, boundary, settled = self._queue, self._perform, self._boundary, self._settled
+        queue, perform, settled = self._queue, self._perform, self._settled
         self._is_performing = True
         try:
             while True:
                 while queue:
-                    action = queue.popleft()
-                    if boundary is None:
-                        perform(action)
-                    else:
-                        with boundary(action):
-                            perform(action)
+                    perform(queue.popleft())
                 if settled is not None and not self._is_stopped:
                     settled()
                 if not queue:
@@ -110,6 +106,10 @@ class CoreDriver(Generic[Action]):
             self._is_performing = False
             self._arm()
 
+    def _perform_within(self, action: Action) -> None:
+        with self._boundary(action) if self._boundary is not None else nullcontext():
+            self._perform_action(action)
+
     def _arm(self) -> None:
         """An alarm that is earlier than the deadline stays: it finds that nothing is due, and arms again.
 
@@ -117,9 +117,14 @@ class CoreDriver(Generic[Action]):
         """
         if self._is_stopped:
             return
+        due_ns = AT_ONCE if self._queue else self.core.deadline_ns()  # this runs after each event
+        if due_ns is not None and (self._alarm is None or due_ns < self._alarm_ns):
+            self._set_alarm()
+
+    def _set_alarm(self) -> None:
         due_ns = self._due_ns()
         if due_ns is None or (self._alarm is not None and self._alarm_ns <= due_ns):
-            return
+            return  # after a failure it is not tried at once
         if self._alarm is not None:
             self._alarm.cancel()
         self._alarm_ns = due_ns
