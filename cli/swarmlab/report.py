@@ -65,7 +65,7 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     requests: int
     """Requests answered between nodes, all nodes together."""
     notifications: int
-    """Values delivered to other nodes, by tick datagram or notification, all nodes together."""
+    """Values delivered to other nodes, by beacon or notification, all nodes together."""
     bytes_per_notification: float | None
     """All bytes received on the wire by all nodes ÷ notifications."""
     command_to_receipt_ms: Percentiles

@@ -79,7 +79,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     """Older than this is stale; 0: three periods, or never where there is no period."""
     category: Category = ""
     link: Link = ""
-    """Default way to other platforms: in the tick datagram, by notification, or only on request."""
+    """Default way to other platforms: in the beacon, by notification, or only on request."""
     log: str = "none"
     """What the logger keeps: `all`, `<n>hz` (decimated), `none`."""
     owner: str = ""

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.gate import REPORT_NS, Gate
+from swarmd.broker.core.access_filter import REPORT_NS, AccessFilter
 from swarmware.access import Access, Role, Rule, Sender, Verb
 from swarmware.delivery import arrival_ns, sender_of, with_lifetime, with_sender
 from swarmware.errors import ConfigError, Denied, WireError
@@ -98,10 +98,10 @@ def test_an_extension_of_any_bytes_is_refused_or_says_who_really_sent_it(extensi
     assert sender_of(with_sender(written, None)) is None
 
 
-def gate() -> Gate:
+def gate() -> AccessFilter:
     names = {"gcs": "operator", "uav2": "node", "uav3": "node"}
     members = tuple(Member(name, b"", b"", role, serial) for serial, (name, role) in enumerate(names.items()))
-    return Gate(Roster(1, members, revoked=(2,)).roles(), Access())
+    return AccessFilter(Roster(1, members, revoked=(2,)).roles(), Access())
 
 
 def question(kind: Kind = Kind.REQUEST, extension: bytes = b"") -> Frame:
@@ -128,13 +128,13 @@ def test_a_sender_that_a_frame_brings_along_is_not_believed() -> None:
     frame = question(extension=with_sender(b"", Sender("gcs", Role.MAINTAINER)))
     gate().check(frame, "uav2", "plan/share")
     assert sender_of(frame.extension) == Sender("uav2", Role.NODE)
-    without_keys = Gate(None, Access())
+    without_keys = AccessFilter(None, Access())
     without_keys.check(frame, "uav2", "sys/guard/restart")
     assert sender_of(frame.extension) is None
 
 
 def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
-    for keys in (gate(), Gate(None, Access())):
+    for keys in (gate(), AccessFilter(None, Access())):
         asked = question(extension=with_sender(b"", None, 1))
         keys.check(asked, "uav2", "plan/share", 1000)
         assert arrival_ns(asked.extension) == 1000

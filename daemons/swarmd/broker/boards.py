@@ -1,11 +1,11 @@
-"""Boards in shared memory: our own that the tick takes out, those of others that it brings."""
+"""Boards in shared memory: our own that the beacon takes out, those of others that it brings."""
 
 import logging
 from typing import Final
 
-from swarmd.broker.core.bulletin import Board, Bulletin
-from swarmd.broker.core.relay import News
-from swarmd.broker.core.tick import BODY_LIMIT, NEVER_NS, value_bytes
+from swarmd.broker.core.beacon import BODY_LIMIT, NEVER_NS, value_bytes
+from swarmd.broker.core.published_boards import PublishedBoard, PublishedBoards
+from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import NotFound, SwarmError, WireError
 from swarmware.frame import HEADER_BYTES, Codec, Frame, Kind, decode, encode, restamp
@@ -13,7 +13,7 @@ from swarmware.node import Node, Publication
 from swarmware.shm.layout import ring_file
 from swarmware.shm.ring import RingReader
 from swarmware.types import registry
-from swarmware.types.net import Want
+from swarmware.types.net import BoardSubscription
 
 VALUE_LIMIT: Final = BODY_LIMIT - 200
 """Largest value: it must fit beside a hello and some rows."""
@@ -26,9 +26,9 @@ log = logging.getLogger("swarm.broker")
 class OwnBoards:
     """Takes the newest values of our own boards out of shared memory."""
 
-    def __init__(self, node: Node, bulletin: Bulletin, counters: Counters) -> None:
+    def __init__(self, node: Node, published: PublishedBoards, counters: Counters) -> None:
         self._node = node
-        self._bulletin = bulletin
+        self._published = published
         self._counters = counters
         self._rings: dict[int, RingReader] = {}
         self._at: dict[int, int] = {}
@@ -36,8 +36,8 @@ class OwnBoards:
         self._too_large: set[str] = set()
 
     def poll(self, now_ns: int) -> None:
-        """Puts values that changed since the last tick into the bulletin."""
-        boards = self._bulletin.boards
+        """Puts values that changed since the last beacon into the bulletin."""
+        boards = self._published.boards
         for data_id in [known for known in self._rings if known not in boards]:
             self._rings.pop(data_id).close()
         look = now_ns >= self._look_ns
@@ -50,7 +50,7 @@ class OwnBoards:
             if ring is not None and ring.sequence != self._at[data_id]:
                 self._take(ring, board)
 
-    def _open(self, data_id: int, board: Board) -> RingReader | None:
+    def _open(self, data_id: int, board: PublishedBoard) -> RingReader | None:
         old = self._rings.get(data_id)
         try:
             ring = RingReader(ring_file(self._node.shm_dir, board.path))
@@ -65,7 +65,7 @@ class OwnBoards:
         self._at[data_id] = 0
         return ring
 
-    def _take(self, ring: RingReader, board: Board) -> None:
+    def _take(self, ring: RingReader, board: PublishedBoard) -> None:
         before = self._at[board.data_id]
         self._at[board.data_id] = ring.sequence
         try:
@@ -79,14 +79,14 @@ class OwnBoards:
             log.debug("board %s: %s", board.path, error)
             return
         channel = self._counters.channel(board.path)
-        news = max(1, ring.seen - before) if before else 1
-        channel.offered_frames += news
-        channel.offered_bytes += news * len(payload)
+        changes = max(1, ring.seen - before) if before else 1
+        channel.offered_frames += changes
+        channel.offered_bytes += changes * len(payload)
         if value_bytes(payload) > VALUE_LIMIT:
-            channel.dropped += news
+            channel.dropped += changes
             if board.path not in self._too_large:
                 self._too_large.add(board.path)
-                log.warning("board %s: %d bytes do not fit into a tick", board.path, len(payload))
+                log.warning("board %s: %d bytes do not fit into a beacon", board.path, len(payload))
             return
         board.put(payload, packed, frame.stamp_ns)
 
@@ -126,13 +126,13 @@ class _Mirror:
         self._form = (0, 0, False, -1)
         """What a frame must share with the one before to be made of it: data id, origin, coding, length."""
 
-    def write(self, want: Want, news: News) -> None:
-        payload = news.payload
-        form = (want.data_id, news.origin_hw, news.packed, len(payload))
-        sequence, stamp_ns = self._sequence + 1, news.stamp_us * 1000
+    def write(self, want: BoardSubscription, value: RemoteValue) -> None:
+        payload = value.payload
+        form = (want.data_id, value.origin_hw, value.packed, len(payload))
+        sequence, stamp_ns = self._sequence + 1, value.stamp_us * 1000
         # our clock when the value was made, as far as ages on the way tell: good enough to
         # judge its age where the origin's clock is not known yet
-        made_us = news.rx_ns // 1000 - news.age_us
+        made_us = value.rx_ns // 1000 - value.age_us
         if form == self._form:
             restamp(self._frame, sequence, stamp_ns, echo_rx_us=made_us)
             self._frame[HEADER_BYTES:] = payload
@@ -142,11 +142,11 @@ class _Mirror:
                     Frame(
                         Kind.BOARD,
                         want.data_id,
-                        news.origin_hw,
+                        value.origin_hw,
                         sequence=sequence,
                         stamp_ns=stamp_ns,
                         echo_rx_us=made_us,
-                        codec=Codec.PACKED if news.packed else Codec.NONE,
+                        codec=Codec.PACKED if value.packed else Codec.NONE,
                         payload=payload,
                     )
                 )
@@ -166,14 +166,14 @@ class Mirrors:
         self._mirrors: dict[tuple[str, str], _Mirror] = {}
         self._complained: set[tuple[str, str]] = set()
 
-    def write(self, want: Want, news: News) -> bool:
+    def write(self, want: BoardSubscription, value: RemoteValue) -> bool:
         """One value; False when it could not be written."""
         key = (want.platform, want.path)
         mirror = self._mirrors.get(key)
         try:
             if mirror is None:
                 mirror = self._mirrors[key] = _Mirror(self._node.mirror_writer(*key))
-            mirror.write(want, news)
+            mirror.write(want, value)
         except SwarmError as error:
             if key not in self._complained:
                 self._complained.add(key)
@@ -181,7 +181,7 @@ class Mirrors:
             return False
         return True
 
-    def keep_only(self, wants: tuple[Want, ...]) -> None:
+    def keep_only(self, wants: tuple[BoardSubscription, ...]) -> None:
         """Takes away mirrors that nobody reads any more."""
         wanted = {(want.platform, want.path) for want in wants}
         for key in [key for key in self._mirrors if key not in wanted]:

@@ -14,7 +14,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Where the broker listens, whom it talks to, how often."""
 
     multicast_group: str = "239.83.87.1"
-    """IPv4 group of the tick datagrams; empty: no multicast, seeds only."""
+    """IPv4 group of the beacons; empty: no multicast, seeds only."""
     multicast_interface: str = ""
     """Address or name of the group's network interface; empty: that of bind_address, or the kernel's."""
     udp_port: GroupPort = 7447
@@ -24,7 +24,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     unicast_port: Port = 0
     """UDP port of this node alone; set it where others name this node as a seed. 0: any."""
     tcp_port: Port = 0
-    """ZeroMQ port; neighbours learn it from the tick. 0: any."""
+    """ZeroMQ port; neighbours learn it from the beacon. 0: any."""
     seeds: tuple[Seed, ...] = ()
     """Nodes to write to where multicast does not work, as host:port."""
     hear_only: tuple[Platform, ...] = ()
@@ -37,4 +37,4 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 2200.0
     """Budget for boards of other nodes that are passed on."""
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
-    """ZeroMQ heartbeats on connections; 0: none, the ticks tell when a neighbour is gone."""
+    """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is gone."""

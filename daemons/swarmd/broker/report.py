@@ -1,23 +1,28 @@
 """What the broker publishes about itself: boards and answers of the same tables."""
 
-from swarmd.broker.core.mesh import LinkState
+from swarmd.broker.core.beacon import INFINITY, PlatformKind
+from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.neighbour import Neighbour
-from swarmd.broker.core.station import Station
-from swarmd.broker.core.tick import INFINITY, PlatformKind
+from swarmd.broker.core.topology import LinkState
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.links.curve import Links
+from swarmd.broker.links.zmq_links import ZmqLinks
 from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState, Traffic
 
 _FULL = 255
 
 
-class Report:
+class NetReport:
     """Makes the tables of links, routes and traffic."""
 
     def __init__(
-        self, station: Station, counters: Counters, links: Links, by_unicast: set[int], since_ns: int
+        self,
+        protocol: BeaconProtocol,
+        counters: Counters,
+        links: ZmqLinks,
+        by_unicast: set[int],
+        since_ns: int,
     ) -> None:
-        self._station = station
+        self._protocol = protocol
         self._counters = counters
         self._links = links
         self._since_ns = since_ns
@@ -26,11 +31,13 @@ class Report:
     def neighbours(self, now_ns: int) -> Neighbours:
         """All nodes heard within the last minutes."""
         return Neighbours(
-            tuple(self._neighbour(neighbour, now_ns) for neighbour in self._station.mesh.neighbours.all())
+            tuple(
+                self._neighbour(neighbour, now_ns) for neighbour in self._protocol.topology.neighbours.all()
+            )
         )
 
     def _neighbour(self, neighbour: Neighbour, now_ns: int) -> NeighbourState:
-        member = self._station.members.get(neighbour.hw)
+        member = self._protocol.nodes.get(neighbour.hw)
         hello = neighbour.hello
         up = neighbour.state is LinkState.UP
         return NeighbourState(
@@ -56,9 +63,9 @@ class Report:
 
     def routes(self) -> Routes:
         """All nodes that can be reached."""
-        members = self._station.members
+        members = self._protocol.nodes
         out: list[RouteState] = []
-        for route in self._station.mesh.directory.routes():
+        for route in self._protocol.topology.routing.routes():
             member = members.get(route.hw)
             out.append(
                 RouteState(
@@ -75,21 +82,21 @@ class Report:
 
     def traffic(self, now_ns: int) -> Traffic:
         """All counters."""
-        counters, station = self._counters, self._station
+        counters, protocol = self._counters, self._protocol
         self._links.count.sample_all()
         counters.tcp_sent_bytes = self._links.count.sent_bytes
         counters.tcp_received_bytes = self._links.count.received_bytes
         counters.refused.denied_connections = self._links.denied
         lost = 0
-        for neighbour in station.mesh.neighbours.all():
-            link = counters.link(station.members.platform(neighbour.hw), "udp")
+        for neighbour in protocol.topology.neighbours.all():
+            link = counters.link(protocol.nodes.platform(neighbour.hw), "udp")
             link.lost = neighbour.lost
             link.late = neighbour.late
             lost += neighbour.lost
-        for board in station.bulletin.boards.values():
+        for board in protocol.published.boards.values():
             counters.channel(board.path).held_back = board.held_back
         for name, channel in counters.channels.items():
-            channel.max_hz = station.channels.max_hz(name)
+            channel.max_hz = protocol.rate_limits.max_hz(name)
         return Traffic(
             since_ns=self._since_ns,
             at_ns=now_ns,
@@ -107,11 +114,11 @@ class Report:
             forwarded_frames=counters.forwarded_frames,
             requests=counters.requests,
             notifications=counters.notifications,
-            tick_hz=round(station.tick_hz(), 2),
+            tick_hz=round(protocol.beacon_hz(), 2),
             refused=counters.refused_table(),
             links=counters.link_table(),
             channels=counters.channel_table(),
             failed_ticks=counters.failed_ticks,
-            slowed_ticks=station.slowdown.ticks,
-            slowdown=round(station.slowdown.factor, 2),
+            slowed_ticks=protocol.slowdown.delayed_beacons,
+            slowdown=round(protocol.slowdown.factor, 2),
         )

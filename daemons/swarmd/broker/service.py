@@ -8,21 +8,21 @@ from typing import ClassVar, Final
 import msgspec
 
 from swarmd.broker import config as settings
+from swarmd.broker.beacon_transport import BeaconTransport
 from swarmd.broker.boards import Mirrors, OwnBoards
-from swarmd.broker.core.mesh import LinkChanged, LinkEvent, LinkState, Mesh, RouteChanged
-from swarmd.broker.core.pace import Pace
-from swarmd.broker.core.relay import News
-from swarmd.broker.core.sessions import Outcome, Sessions
-from swarmd.broker.core.slowest import Slowest
-from swarmd.broker.core.station import Arrival, Identity, Station
-from swarmd.broker.core.tick import PlatformKind
-from swarmd.broker.core.timing import Timing
+from swarmd.broker.core.beacon import PlatformKind
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity, ReceivedBeacon
+from swarmd.broker.core.beacon_rate import BeaconSchedule
+from swarmd.broker.core.clock_sample import ClockSample
+from swarmd.broker.core.declared_period import DeclaredPeriod
+from swarmd.broker.core.relay_cache import RemoteValue
+from swarmd.broker.core.sessions import SessionOutcome, Sessions
+from swarmd.broker.core.topology import LinkChanged, LinkEvent, LinkState, RouteChanged, Topology
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.datagrams import Datagrams
-from swarmd.broker.former import Former
-from swarmd.broker.frames import Frames
+from swarmd.broker.former_session import FormerSession
+from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.links.udp import loopback_only
-from swarmd.broker.report import Report
+from swarmd.broker.report import NetReport
 from swarmware.clock import utc_ns
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.module import Module
@@ -33,6 +33,7 @@ from swarmware.runtime.instant import wait_s
 from swarmware.security import Keys
 from swarmware.service import Service
 from swarmware.types.net import (
+    BoardSubscription,
     ChannelLimits,
     Denial,
     Neighbours,
@@ -42,7 +43,6 @@ from swarmware.types.net import (
     TimingSample,
     Traffic,
     TreePlan,
-    Want,
 )
 from swarmware.types.rpc import Empty
 
@@ -52,7 +52,7 @@ PUBLISH_NS: Final = 1_000_000_000
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
 _SEQUENCE_NS: Final = 100_000_000
-"""Sequence numbers start at the wall clock in ticks of 10 Hz: above those of a former session."""
+"""Sequence numbers start at the wall clock in beacons of 10 Hz: above those of a former session."""
 PROMISED: Final = frozenset({Kind.STREAM, Kind.EVENT})
 """Kinds of which every item is promised: no limit leaves any out."""
 
@@ -71,16 +71,16 @@ class Broker(Service):
         self._clock = module.clock
         self._wakeup = Wakeup()
         self._since_ns = self._publish_ns = self._clock.now_ns()
-        self._pace = Pace(self._since_ns, random.random)
-        self._shape_changed = False
+        self._schedule = BeaconSchedule(self._since_ns, random.random)
+        self._topology_changed = False
         self._plan_at = -1
-        self._timings: list[Timing] = []
-        """Since our last tick."""
+        self._clock_samples: list[ClockSample] = []
+        """Since our last beacon."""
         self._duplicate_ns = 0
         self._counters = Counters()
 
     async def run(self) -> None:
-        """Ticks until it is cancelled.
+        """Beacons until it is cancelled.
 
         Raises: ConfigError when it cannot listen, Denied when the keys do not fit.
         """
@@ -88,52 +88,56 @@ class Broker(Service):
         with contextlib.ExitStack() as stack:
             keys = self._keys()
             config = loopback_only(self.config) if keys.is_open else self.config
-            former = Former(self.module.node.config.data_path)
-            session = former.next_session(utc_ns())
-            self._station = self._make_station(keys, session, former)
+            former_session = FormerSession(self.module.node.config.data_path)
+            session = former_session.next_session(utc_ns())
+            self._protocol = self._make_protocol(keys, session, former_session)
             self._own_session = session
             sessions = Sessions(node.hardware, session, connections=not keys.is_open)
-            self._datagrams = Datagrams(
+            self._transport = BeaconTransport(
                 config,
                 keys,
                 session,
                 self._clock,
-                self._station,
+                self._protocol,
                 self._counters,
                 sessions,
-                self._arrived,
+                self._on_received,
                 self._on_outcome,
-                former.keep,
+                former_session.keep,
             )
-            stack.callback(self._datagrams.close)
-            self._frames = Frames(
+            stack.callback(self._transport.close)
+            self._gateway = FrameGateway(
                 config,
                 keys,
                 self._clock,
                 node.post,
                 node.table,
-                self._station,
+                self._protocol,
                 self._counters,
                 sessions,
                 self._denied,
             )
-            stack.callback(self._frames.close)
-            self._own = OwnBoards(node, self._station.bulletin, self._counters)
+            stack.callback(self._gateway.close)
+            self._own = OwnBoards(node, self._protocol.published, self._counters)
             stack.callback(self._own.close)
             self._mirrors = Mirrors(node)
             stack.callback(self._mirrors.close)
-            self._station.tcp_port = self._frames.links.port
-            self._report = Report(
-                self._station, self._counters, self._frames.links, self._datagrams.by_unicast, self._since_ns
+            self._protocol.tcp_port = self._gateway.links.port
+            self._report = NetReport(
+                self._protocol,
+                self._counters,
+                self._gateway.links,
+                self._transport.by_unicast,
+                self._since_ns,
             )
             await self._open_boards()
             self.health.report("name", description="One computer for each name")
-            self.health.report("processor", description="Ticks begin when they are due")
-            node.post.set_gateway(self._frames.from_here, self._frames.links.together)
+            self.health.report("processor", description="Beacons begin when they are due")
+            node.post.set_gateway(self._gateway.from_here, self._gateway.links.batch)
             stack.callback(node.post.set_gateway, None)
             if config.seeds:
-                module.start(self._datagrams.look_up_seeds(), "seeds")
-            log.info("listening: udp %d, tcp %d", self._datagrams.port, self._frames.links.port)
+                module.start(self._transport.look_up_seeds(), "seeds")
+            log.info("listening: udp %d, tcp %d", self._transport.port, self._gateway.links.port)
             while True:
                 await self._step()
 
@@ -149,12 +153,12 @@ class Broker(Service):
         )
         return Keys.open(config.platform)
 
-    def _make_station(self, keys: Keys, session: int, former: Former) -> Station:
+    def _make_protocol(self, keys: Keys, session: int, former_session: FormerSession) -> BeaconProtocol:
         node = self.module.node
         now_ns = self._clock.now_ns()
         timeout_ns = round(self.config.link_timeout_s * 1e9)
-        station = Station(
-            Identity(
+        protocol = BeaconProtocol(
+            NodeIdentity(
                 node.hardware,
                 node.platform,
                 node.config.unit,
@@ -162,21 +166,21 @@ class Broker(Service):
                 self._clock.boot_id,
                 keys.curve_public if keys.is_open else b"",
             ),
-            Mesh(
+            Topology(
                 node.hardware,
                 session // _SEQUENCE_NS & 0x7FFF_FFFF,
                 timeout_ns,
-                now_ns + former.quiet_ns(timeout_ns),
+                now_ns + former_session.quiet_ns(timeout_ns),
             ),
             self._counters,
             busy_hz=self.config.tick_hz,
             relay_bytes_s=self.config.relay_bytes_s,
-            slowest=Slowest(former.slowest_ns, now_ns),
+            declared_period=DeclaredPeriod(former_session.declared_period_ns, now_ns),
         )
         if keys.roster is not None:
             for member in keys.roster.members:
-                station.members.know(member.platform, now_ns)
-        return station
+                protocol.nodes.add(member.platform, now_ns)
+        return protocol
 
     async def _open_boards(self) -> None:
         module = self.module
@@ -212,43 +216,43 @@ class Broker(Service):
     # time
 
     async def _step(self) -> None:
-        self._datagrams.receive()  # before deadlines are judged
+        self._transport.receive()  # before deadlines are judged
         now_ns = self._clock.now_ns()
-        version = self._station.channels.version
-        self._carry_out(*self._station.on_timer(now_ns))
-        if self._station.channels.version != version:
-            self._limits_board.write(self._station.channels.limits(now_ns))
-        if now_ns >= self._pace.due_ns:
-            self._tick()
-        if now_ns >= self._publish_ns or self._shape_changed:
+        version = self._protocol.rate_limits.version
+        self._carry_out(*self._protocol.on_timer(now_ns))
+        if self._protocol.rate_limits.version != version:
+            self._limits_board.write(self._protocol.rate_limits.limits(now_ns))
+        if now_ns >= self._schedule.due_ns:
+            self._on_beacon_due()
+        if now_ns >= self._publish_ns or self._topology_changed:
             self._publish(now_ns)
-        next_ns = min(self._pace.due_ns, self._publish_ns)
-        deadline_ns = self._station.deadline_ns()
+        next_ns = min(self._schedule.due_ns, self._publish_ns)
+        deadline_ns = self._protocol.deadline_ns()
         if deadline_ns is not None:
             next_ns = min(next_ns, deadline_ns)
         await self._wakeup.wait(wait_s(self._clock, next_ns))
 
-    def _tick(self) -> None:
-        station = self._station
+    def _on_beacon_due(self) -> None:
+        protocol = self._protocol
         if self._plan.position != self._plan_at:
             self._take_plan()
         now_ns = self._clock.now_ns()
-        if station.slowdown.on_tick(now_ns - self._pace.due_ns, round(1e9 / station.tick_hz())):
+        if protocol.slowdown.on_beacon(now_ns - self._schedule.due_ns, round(1e9 / protocol.beacon_hz())):
             self._report_slowdown()
         self._own.poll(now_ns)
-        if self._timings:
-            self._write_timings()
-        pace, period_ns = self._pace, round(1e9 / station.tick_hz())
-        urgent = pace.urgent or self._datagrams.has_checks
-        if not urgent and station.is_idle(now_ns + pace.spread_ns(period_ns)):
-            pace.rest(now_ns, period_ns)
-        elif urgent or not pace.rises(now_ns, period_ns):
-            pace.left(now_ns)
-            self._datagrams.tick(now_ns)
-            pace.next(now_ns, round(1e9 / station.tick_hz()))
+        if self._clock_samples:
+            self._write_clock_samples()
+        schedule, period_ns = self._schedule, round(1e9 / protocol.beacon_hz())
+        urgent = schedule.urgent or self._transport.has_checks
+        if not urgent and protocol.may_skip(now_ns + schedule.jitter_ns(period_ns)):
+            schedule.skip(now_ns, period_ns)
+        elif urgent or not schedule.defer_after_skip(now_ns, period_ns):
+            schedule.on_sent(now_ns)
+            self._transport.send_beacon(now_ns)
+            schedule.set_next(now_ns, round(1e9 / protocol.beacon_hz()))
 
     def _report_slowdown(self) -> None:
-        slowdown = self._station.slowdown
+        slowdown = self._protocol.slowdown
         if slowdown.factor == 1:
             self.health.report("processor")
             return
@@ -256,29 +260,29 @@ class Broker(Service):
             "processor",
             "short",
             level="warn",
-            detail=f"ticks slowed {slowdown.factor:.1f} times: half of them began"
+            detail=f"beacons slowed {slowdown.factor:.1f} times: half of them began"
             f" {slowdown.late_ns / 1e6:.0f} ms late; run fewer services or nodes on this computer",
-            description="Ticks begin when they are due",
+            description="Beacons begin when they are due",
             clear_s=5.0,
         )
 
-    def _write_timings(self) -> None:
-        find = self._station.members.get
+    def _write_clock_samples(self) -> None:
+        find = self._protocol.nodes.get
         samples = [
             TimingSample(
                 member.platform,
                 member.unit,
-                timing.hw,
-                timing.boot_id,
-                timing.rx_ns,
-                timing.reverse_ns,
-                timing.forward_tx_ns,
-                timing.forward_ns,
+                clock_sample.hw,
+                clock_sample.boot_id,
+                clock_sample.rx_ns,
+                clock_sample.reverse_ns,
+                clock_sample.forward_tx_ns,
+                clock_sample.forward_ns,
             )
-            for timing in self._timings
-            if (member := find(timing.hw)) is not None
+            for clock_sample in self._clock_samples
+            if (member := find(clock_sample.hw)) is not None
         ]
-        self._timings.clear()
+        self._clock_samples.clear()
         if samples:
             self._timing_stream.write(TimingBatch(tuple(samples)))
 
@@ -287,7 +291,7 @@ class Broker(Service):
         plan = self._plan.value
         if plan is not None:
             self._mirrors.keep_only(plan.wants)
-            self._mirror(self._station.set_plan(plan))
+            self._mirror(self._protocol.set_plan(plan))
 
     def _publish(self, now_ns: int) -> None:
         if now_ns >= self._publish_ns:
@@ -296,7 +300,7 @@ class Broker(Service):
         if self._duplicate_ns and now_ns - self._duplicate_ns > DUPLICATE_NS:
             self._duplicate_ns = 0
             self.health.report("name")
-        self._shape_changed = False
+        self._topology_changed = False
         self._neighbours_board.write(self._report.neighbours(now_ns))
         self._routes_board.write(self._report.routes())
 
@@ -305,30 +309,30 @@ class Broker(Service):
 
     # what a datagram changed
 
-    def _arrived(self, arrival: Arrival) -> None:
-        if arrival.timing is not None:
-            self._timings.append(arrival.timing)
-        if arrival.news:
-            self._mirror(arrival.news)
-        if arrival.stranger:
-            self._station.say_hello()
-        if arrival.links or arrival.routes:
-            self._carry_out(arrival.links, arrival.routes)
-        if arrival.stranger or arrival.links:
-            self._hurry()
+    def _on_received(self, received: ReceivedBeacon) -> None:
+        if received.clock_sample is not None:
+            self._clock_samples.append(received.clock_sample)
+        if received.values:
+            self._mirror(received.values)
+        if received.first_hello:
+            self._protocol.schedule_hello()
+        if received.links or received.routes:
+            self._carry_out(received.links, received.routes)
+        if received.first_hello or received.links:
+            self._trigger_beacon()
 
-    def _on_outcome(self, hw: int, outcome: Outcome) -> None:
+    def _on_outcome(self, hw: int, outcome: SessionOutcome) -> None:
         """A datagram asked for an answer, or was of a session that is not believed."""
         if outcome.prove:
-            self._frames.prove(hw, self._own_session)
+            self._gateway.prove(hw, self._own_session)
         if outcome.duplicate:
             self._report_duplicate(hw)
         if outcome.soon:
-            self._station.say_hello()
-            self._hurry()
+            self._protocol.schedule_hello()
+            self._trigger_beacon()
 
     def _report_duplicate(self, hw: int) -> None:
-        name = self._station.members.platform(hw)
+        name = self._protocol.nodes.platform(hw)
         own = hw == self.module.node.hardware
         if not self._duplicate_ns:
             log.error(
@@ -346,28 +350,28 @@ class Broker(Service):
             clear_s=5.0,
         )
 
-    def _mirror(self, found: list[tuple[Want, News]]) -> None:
-        for want, news in found:
-            if self._mirrors.write(want, news):
+    def _mirror(self, found: list[tuple[BoardSubscription, RemoteValue]]) -> None:
+        for want, value in found:
+            if self._mirrors.write(want, value):
                 self._counters.notifications += 1
 
-    def _hurry(self) -> None:
-        if self._pace.hurry(self._clock.now_ns(), round(1e9 / self._station.allowed_hz())):
+    def _trigger_beacon(self) -> None:
+        if self._schedule.trigger(self._clock.now_ns(), round(1e9 / self._protocol.allowed_hz())):
             self._wakeup.notify()
 
     def _carry_out(self, links: list[LinkChanged], routes: list[RouteChanged]) -> None:
         for change in links:
-            name = self._station.members.platform(change.hw)
+            name = self._protocol.nodes.platform(change.hw)
             if change.after is LinkState.UP:
                 log.info("neighbour %s: up", name)
             elif change.before is LinkState.UP:
                 log.info("neighbour %s: %s (%s)", name, change.after.name.lower(), change.event.name.lower())
-                self._frames.neighbour_gone(change.hw)
+                self._gateway.neighbour_gone(change.hw)
         if links or routes:
-            self._shape_changed = True
+            self._topology_changed = True
             self._wakeup.notify()
         if any(not change.via for change in routes) or any(c.event is LinkEvent.SILENT for c in links):
-            self._hurry()  # others should know soon
+            self._trigger_beacon()  # others should know soon
 
     # requests
 
@@ -393,8 +397,8 @@ class Broker(Service):
                 " promised; expected boards: the rate of a stream is its owner's to set"
             )
         now_ns = self._clock.now_ns()
-        self._station.channels.set(request, now_ns)
-        limits = self._station.channels.limits(now_ns)
+        self._protocol.rate_limits.set(request, now_ns)
+        limits = self._protocol.rate_limits.limits(now_ns)
         self._limits_board.write(limits)
         return msgspec.structs.replace(limits, unlimited=tuple(unlimited))
 

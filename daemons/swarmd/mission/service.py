@@ -185,7 +185,7 @@ class Mission(Service):
             await self._values.open(run.mission.resources())
             if self._has_taken(order):  # meanwhile
                 return MissionReceipt(True, received_ns)
-            # the answer leaves first: on the ground station it waits, others hear with the next tick
+            # the answer leaves first: on the ground station it waits, others hear with the next beacon
             self._driver.defer(self._core.on_order(run, self.module.now_ns()))
         except SwarmError as error:
             log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
@@ -282,7 +282,7 @@ class Mission(Service):
             return meeting
         local_ns = self.module.remote_clocks.to_local(meta.sender_hw, meeting.leave_ns)
         if local_ns is None:
-            # no conversion yet: what remained when it was written, less than a tick ago
+            # no conversion yet: what remained when it was written, less than a beacon ago
             local_ns = now_ns + meeting.leave_ns - meta.stamp_ns
         return msgspec.structs.replace(meeting, leave_ns=local_ns)
 

@@ -284,7 +284,7 @@ class Tree(Service):
             with self._boundary("settings of the tree"):
                 self._settings.publish(leaf.resource for leaf in self._tree.local.index)
         if self._tree.plan_changed():
-            with self._boundary("plan of the tick"):
+            with self._boundary("plan of the beacon"):
                 self._plan.write(self._tree_plan())
 
     def _tree_plan(self) -> TreePlan:

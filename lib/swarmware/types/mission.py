@@ -226,7 +226,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     )
 
     def pack(self) -> bytes:
-        """The short form for the tick."""
+        """The short form for the beacon."""
         head = _HEAD.pack(
             self.epoch,
             int(self.hash or "0", 16),

@@ -198,18 +198,18 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     requests: int
     """Requests from here that other platforms answered, each counted once."""
     notifications: int
-    """Values of other platforms' resources that came here: by tick where somebody reads them, in a tree's
+    """Values of other platforms' resources that came here: by beacon for subscribed boards, in a tree's
     notifications, or as a message of kind notify, event or stream."""
     tick_hz: float
     refused: Refused
     links: tuple[LinkTraffic, ...] = ()
     channels: tuple[ChannelTraffic, ...] = ()
     failed_ticks: int = 0
-    """Ticks that could not be composed or encoded and were left out; the log has the place."""
+    """Beacons that could not be composed or encoded and were left out; the log has the place."""
     slowed_ticks: int = 0
-    """Ticks that were due later than wanted, because the processor was short."""
+    """Beacons that were due later than wanted, because the processor was overloaded."""
     slowdown: float = 1.0
-    """How many times slower than wanted the node ticks at present for lack of processor; 1: it keeps up."""
+    """Factor by which beacons are sent less often because the processor is overloaded; 1: it keeps up."""
 
 
 @register
@@ -233,13 +233,13 @@ class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class TimingBatch(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All clock differences since the last tick (stream `net/timing`)."""
+    """All clock differences since the last beacon (stream `net/timing`)."""
 
     samples: tuple[TimingSample, ...]
 
 
 @register
-class Offer(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class BoardPublication(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """A board of this platform that others want."""
 
     path: str
@@ -247,11 +247,11 @@ class Offer(msgspec.Struct, frozen=True, array_like=True, gc=False):
     data_id: Uint32
     type: str
     min_interval_ms: Count = 0
-    """Not more often than this; 0: every tick."""
+    """Not more often than this; 0: every beacon."""
 
 
 @register
-class Want(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class BoardSubscription(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """A board of another platform that somebody here reads."""
 
     platform: str
@@ -265,12 +265,12 @@ class Want(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class TreePlan(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What the tick shall carry: written by the tree, read by the broker (board `tree/plan`)."""
+    """What the beacon shall carry: written by the tree, read by the broker (board `tree/plan`)."""
 
     tree_version: Uint32
     """Version of this platform's tree, told to all others."""
-    offers: tuple[Offer, ...] = ()
-    wants: tuple[Want, ...] = ()
+    offers: tuple[BoardPublication, ...] = ()
+    wants: tuple[BoardSubscription, ...] = ()
     mission: Uint32 = 0
     """Digest of the active mission, told to neighbours; 0: none."""
 

@@ -14,7 +14,7 @@ from typing import Final
 import uvloop
 from tests.integration.broker.swarm import Station, swarm
 
-from swarmd.broker.links.curve import SEND_HIGH_WATER
+from swarmd.broker.links.zmq_links import SEND_HIGH_WATER
 from swarmd.tree.core.action import SendNotify
 from swarmware.frame import Kind
 from swarmware.types.scalar import Text

@@ -12,7 +12,7 @@ import msgspec
 import uvloop
 
 from swarmd.broker.config import Config
-from swarmd.broker.former import Former
+from swarmd.broker.former_session import FormerSession
 from swarmd.broker.service import Broker
 from swarmware.config import load_service
 from swarmware.module import BoardReader, Module
@@ -21,7 +21,7 @@ from swarmware.node import Node
 from swarmware.security import make_swarm
 from swarmware.testing import make_node, no_leaks
 from swarmware.types.health import CheckReports
-from swarmware.types.net import Neighbours, Offer, Routes, Traffic, TreePlan, Want
+from swarmware.types.net import BoardPublication, BoardSubscription, Neighbours, Routes, Traffic, TreePlan
 from swarmware.types.rpc import Empty
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -62,8 +62,10 @@ class Station:
     async def open(self) -> None:
         self.node = await Node.attach(self.config_dir)
         self._stack.push_async_callback(self.node.close)
-        former = Former(self.node.config.data_path)
-        if not former.slowest_ns:  # it ran at 10 Hz before: a node without data waits longer for routes
+        former = FormerSession(self.node.config.data_path)
+        if (
+            not former.declared_period_ns
+        ):  # it ran at 10 Hz before: a node without data waits longer for routes
             former.next_session(1)
             former.keep(125_000_000)
         self.app = await self._stack.enter_async_context(Module("app", node=self.node))
@@ -119,9 +121,11 @@ class Station:
         self._plan.write(
             TreePlan(
                 tree_version,
-                tuple(Offer(path, data_id(path, cls.__name__), cls.__name__) for path, cls in offers),
                 tuple(
-                    Want(platform, path, cls.__name__, data_id(path, cls.__name__))
+                    BoardPublication(path, data_id(path, cls.__name__), cls.__name__) for path, cls in offers
+                ),
+                tuple(
+                    BoardSubscription(platform, path, cls.__name__, data_id(path, cls.__name__))
                     for platform, path, cls in wants
                 ),
             )

@@ -294,7 +294,7 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_board_too_large_for_a_tick_is_counted_and_told(
+async def test_a_board_too_large_for_a_beacon_is_counted_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with swarm(tmp_path, "uav1") as one:
@@ -305,7 +305,7 @@ async def test_a_board_too_large_for_a_tick_is_counted_and_told(
             lambda traffic: any(c.channel == "plan/text" and c.dropped == 1 for c in traffic.channels)
         )
         assert [c.sent_frames for c in traffic.channels if c.channel == "plan/text"] == [0]
-    assert "board plan/text: 5004 bytes do not fit into a tick" in caplog.text
+    assert "board plan/text: 5004 bytes do not fit into a beacon" in caplog.text
 
 
 @on_uvloop

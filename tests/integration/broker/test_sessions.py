@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
 
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.tick import Header, Tick
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import Beacon, Header
 from swarmware.module import BoardWriter
 from swarmware.names import hardware_id
 from swarmware.security import Keys, Sealer
@@ -101,7 +101,7 @@ async def test_one_datagram_of_a_member_does_not_lock_another_platform_out(tmp_p
         hw, session = hardware_id("gcs"), 2**64 - 2
         keys = Keys.load(tmp_path / "keys" / "uav2", "uav2")  # a member has the group key
         clear = codec.encode_header(Header(keys.group.epoch, hw, 5, 0, session))
-        data = clear + Sealer(keys.group, hw, session).seal(5, clear, codec.encode(Tick()))
+        data = clear + Sealer(keys.group, hw, session).seal(5, clear, codec.encode(Beacon()))
         async with listener(victim.group_port) as sock:
             sock.sendto(data, (GROUP, victim.group_port))
         await victim.until_counted(lambda traffic: traffic.refused.unproven > 0)

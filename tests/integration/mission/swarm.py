@@ -271,7 +271,7 @@ async def _tell_time(radio: Module, members: dict[str, Member]) -> None:
 
 
 async def _broadcast(radio: Module, found: Swarm, member: Member) -> None:
-    """The tick: the state of a mission becomes a mirror at every other platform."""
+    """The beacon: the state of a mission becomes a mirror at every other platform."""
     reader = await radio.reader(STATE, MissionState)
     mirrors = {
         name: other.node.mirror_writer(member.name, STATE, slot_bytes=1024)

@@ -30,7 +30,7 @@ async def converged(made: Swarm) -> float:
         await until_trees_agree(*modules)
         for module in modules:
             for platform in {"uav1", "ugv1"} - {module.platform}:
-                pose = await module.reader(f"/{platform}/nav/pose", Pose)  # carried by the tick
+                pose = await module.reader(f"/{platform}/nav/pose", Pose)  # carried by the beacon
                 for _ in range(2):
                     await pose.changed(PATIENCE_S)
         health = await modules[0].readers("/*/health/state", HealthState)  # carried by notifications

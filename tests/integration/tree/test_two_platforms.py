@@ -105,7 +105,7 @@ async def test_what_a_stream_loses_on_its_way_is_counted_at_its_reader_and_its_w
 
 
 @on_uvloop
-async def test_a_periodic_board_rides_in_the_tick_and_is_mirrored(tmp_path: Path) -> None:
+async def test_a_periodic_board_rides_in_the_beacon_and_is_mirrored(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         poses = await gcs.probe.readers("/*/nav/pose", Pose)
         pose = await uav.probe.writer("nav/pose", Pose, rate_hz=10.0)

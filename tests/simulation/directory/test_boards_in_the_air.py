@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.mesh import Mesh
-from swarmd.broker.core.station import Identity, Station
-from swarmd.broker.core.tick import Header, PlatformKind
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import Header, PlatformKind
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
+from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.names import data_id, hardware_id
 from swarmware.security import GroupKey, Opened, Opener, Sealer
-from swarmware.types.net import Offer, TreePlan, Want
+from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.vehicle import Pose
 
 SECOND: Final = 1_000_000_000
-TICK: Final = SECOND // 10
+PERIOD: Final = SECOND // 10
 GROUP: Final = GroupKey(0, bytes(32))
 POSE: Final = data_id("nav/pose", "Pose")
 RADIO_M: Final = 300.0
@@ -40,15 +40,17 @@ class Radio:
         self.offset_ns = offset_ns
         """Its clock minus the true one."""
         self.counters = Counters()
-        mesh = Mesh(self.hw, 1, SECOND, 0)
-        identity = Identity(self.hw, name, "main", PlatformKind.UAV, 1, b"")
-        self.station = Station(
-            identity, mesh, self.counters, busy_hz=10.0, relay_bytes_s=Config().relay_bytes_s
+        topology = Topology(self.hw, 1, SECOND, 0)
+        identity = NodeIdentity(self.hw, name, "main", PlatformKind.UAV, 1, b"")
+        self.protocol = BeaconProtocol(
+            identity, topology, self.counters, busy_hz=10.0, relay_bytes_s=Config().relay_bytes_s
         )
         self.sealer = Sealer(GROUP, self.hw, 1)
         self.opener = Opener(GROUP)
-        wants = tuple(Want(other, "nav/pose", "Pose", POSE) for other in others)
-        self.station.set_plan(TreePlan(hash(name) & 0xFFFF, (Offer("nav/pose", POSE, "Pose"),), wants))
+        wants = tuple(BoardSubscription(other, "nav/pose", "Pose", POSE) for other in others)
+        self.protocol.set_plan(
+            TreePlan(hash(name) & 0xFFFF, (BoardPublication("nav/pose", POSE, "Pose"),), wants)
+        )
         self.made_s: dict[str, float] = {}
         """By platform: when the newest pose that is here was made (a pose says so in its x)."""
         self.sent_bytes = 0
@@ -72,7 +74,7 @@ class Air:
         self.delivery = self.hears()
         self.now_ns = 0
         self.ages_s: dict[int, list[float]] = defaultdict(list)
-        self.events = [(self.random.randrange(TICK), index) for index in range(count)]
+        self.events = [(self.random.randrange(PERIOD), index) for index in range(count)]
         heapq.heapify(self.events)
 
     def hears(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -90,7 +92,7 @@ class Air:
             self.now_ns, index = heapq.heappop(self.events)
             radio = self.radios[index]
             self.send(index, radio)
-            period_ns = SECOND / radio.station.tick_hz()
+            period_ns = SECOND / radio.protocol.beacon_hz()
             heapq.heappush(
                 self.events, (self.now_ns + int(period_ns * self.random.uniform(0.95, 1.05)), index)
             )
@@ -98,18 +100,18 @@ class Air:
 
     def send(self, index: int, radio: Radio) -> None:
         now_ns = self.now_ns + radio.offset_ns
-        station = radio.station
-        station.on_timer(now_ns)
+        protocol = radio.protocol
+        protocol.on_timer(now_ns)
         pose = Pose.planar(self.now_ns / SECOND, 0.0).pack()
-        station.bulletin.boards[POSE].put(pose, True, now_ns)
-        departure = station.compose(now_ns)
-        session = 1 if departure.with_session else None
+        protocol.published.boards[POSE].put(pose, True, now_ns)
+        outgoing = protocol.compose(now_ns)
+        session = 1 if outgoing.with_session else None
         clear = codec.encode_header(
-            Header(0, radio.hw, departure.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
+            Header(0, radio.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
         )
-        data = clear + radio.sealer.seal(departure.sequence, clear, codec.encode(departure.tick))
+        data = clear + radio.sealer.seal(outgoing.sequence, clear, codec.encode(outgoing.beacon))
         assert len(data) <= 1238
-        station.sent(departure.sequence, now_ns, len(data))
+        protocol.sent(outgoing.sequence, now_ns, len(data))
         radio.sent_bytes += len(data) + 28
         for peer, delivery in enumerate(self.delivery[index]):
             if delivery and self.random.random() < delivery:
@@ -122,20 +124,20 @@ class Air:
         )
         if not isinstance(opened, Opened):
             return
-        arrival = radio.station.on_datagram(
+        received = radio.protocol.on_datagram(
             header, codec.decode(opened.body), ("10.0.0.1", 1), self.now_ns + radio.offset_ns
         )
-        assert arrival is not None
-        for want, news in arrival.news:
-            made_s = Pose.unpack(news.payload).x_m
+        assert received is not None
+        for want, value in received.values:
+            made_s = Pose.unpack(value.payload).x_m
             assert made_s >= radio.made_s.get(want.platform, 0.0), "an older pose replaced a newer one"
             radio.made_s[want.platform] = made_s
             origin = self.radios[self.names.index(want.platform)]
             true_stamp_us = made_s * 1e6 + origin.offset_ns / 1000
-            assert news.stamp_us == pytest.approx(true_stamp_us, abs=1500), "stamp on the origin's clock"
+            assert value.stamp_us == pytest.approx(true_stamp_us, abs=1500), "stamp on the origin's clock"
             age_s = self.now_ns / SECOND - made_s
             # from 3.2 s on, ages travel in steps of 0.1 s, rounded down at each hop
-            assert news.age_us / 1e6 == pytest.approx(age_s, abs=0.02 if age_s < 3.2 else 1.5)
+            assert value.age_us / 1e6 == pytest.approx(age_s, abs=0.02 if age_s < 3.2 else 1.5)
 
     def look(self) -> None:
         """Ages of all poses, by distance in good hops."""
@@ -182,7 +184,7 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
         for index, radio in enumerate(air.radios):
             for other, name in enumerate(air.names):
                 if distances[index][other]:
-                    member = radio.station.members.get(hardware_id(name))
+                    member = radio.protocol.nodes.get(hardware_id(name))
                     assert member is not None
                     assert member.platform == name
     # of all swarms together: in one of them a single node at the edge decides about three hops

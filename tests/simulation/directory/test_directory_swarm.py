@@ -1,7 +1,7 @@
 """Real neighbour and directory cores of moving swarms in virtual time: no loop ever, routes that come back.
 
 200 seeds, each a swarm of 100 nodes: a random geometric graph of radios (300 m, mean degree 9, delivery
-98 % inside 0.7 R, falling to nothing at 1.15 R), ticks at 10 Hz, encoded and decoded as on the wire, the
+98 % inside 0.7 R, falling to nothing at 1.15 R), beacons at 10 Hz, encoded and decoded as on the wire, the
 daemon's own timeouts. All start at once; for a second they move at 20 m/s while 12 of them crash, some
 for good, some back after 50 ms to 1 s (also within the link timeout, also with a clock that went back).
 Datagrams are delayed by up to 60 ms, so they cross every change of state. Every quarter of a second and
@@ -25,10 +25,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.mesh import Mesh, RouteChanged
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import Beacon, Header, Hello, PlatformKind
 from swarmd.broker.core.neighbour import LISTING_NS
-from swarmd.broker.core.tick import Header, Hello, PlatformKind, Tick
+from swarmd.broker.core.topology import RouteChanged, Topology
 
 SECOND: Final = 1_000_000_000
 RADIO_M: Final = 300.0
@@ -37,7 +37,7 @@ DELAY_NS: Final = 60_000_000
 ROOM: Final = 1000
 LISTING_MS: Final = LISTING_NS // 1_000_000
 QUIET_NS: Final = 1_250_000_000
-"""Longest time until everybody has noticed a restart: link timeout, a tick, the delay, and some."""
+"""Longest time until everybody has noticed a restart: link timeout, a beacon, the delay, and some."""
 CHURN_S: Final = 1.0
 """Virtual time in which nodes move and crash; the last ones start again a second later."""
 SETTLED_S: Final = 8.0
@@ -49,7 +49,7 @@ NODES: Final = 100
 class Node:
     """One node of the simulated swarm: its core, or nothing while it is down."""
 
-    __slots__ = ("back_ns", "generation", "hw", "links", "mesh", "period_ns", "session", "sessions")
+    __slots__ = ("back_ns", "generation", "hw", "links", "period_ns", "session", "sessions", "topology")
 
     def __init__(self, hw: int) -> None:
         self.hw = hw
@@ -59,18 +59,18 @@ class Node:
         self.period_ns = 0
         self.session = 0
         self.links: list[tuple[int, float]] = []
-        self.mesh: Mesh | None = None
+        self.topology: Topology | None = None
         self.sessions: dict[int, int] = {}
 
 
 class Swarm:
     """A swarm in virtual time."""
 
-    def __init__(self, seed: int, nodes: int, tick_ns: int, speed_m_s: float) -> None:
+    def __init__(self, seed: int, nodes: int, beacon_period_ns: int, speed_m_s: float) -> None:
         self.random = random.Random(seed)
         self.np_random = np.random.default_rng(seed)
         self.count = nodes
-        self.tick_ns = tick_ns
+        self.beacon_period_ns = beacon_period_ns
         self.speed_m_s = speed_m_s
         self.side_m = math.sqrt(nodes * math.pi * RADIO_M**2 / DEGREE)
         self.position = self.np_random.uniform(0, self.side_m, (nodes, 2))
@@ -80,7 +80,7 @@ class Swarm:
         """[node, destination] → neighbour, kept from the cores' change events alone; 0: no route."""
         self.now_ns = 0
         self.count_up = 0
-        self.events: list[tuple[int, int, int, int, Header | None, Tick | None]] = []
+        self.events: list[tuple[int, int, int, int, Header | None, Beacon | None]] = []
         self.sent_bytes = 0
         self.look()
         for node in self.nodes:
@@ -110,62 +110,66 @@ class Swarm:
     def start(self, node: Node, now_ns: int, late: bool, quiet_ns: int = QUIET_NS) -> None:
         """Starts a node; `late`: with a clock that is somewhere else than before."""
         base = self.random.randrange(1 << 31) if late else 1 + now_ns // 100_000_000
-        node.mesh = Mesh(node.hw, base, SECOND, now_ns + quiet_ns)
+        node.topology = Topology(node.hw, base, SECOND, now_ns + quiet_ns)
         node.generation += 1
         node.session = node.session + 1
         node.period_ns = 0
         node.sessions = {}
-        self.push(now_ns + self.random.randrange(self.tick_ns), node.hw - 1, node.generation, None, None)
+        self.push(
+            now_ns + self.random.randrange(self.beacon_period_ns), node.hw - 1, node.generation, None, None
+        )
 
-    def period_ns(self, _mesh: Mesh) -> int:
-        """Time from a node's tick to its next."""
-        return self.tick_ns
+    def period_ns(self, _topology: Topology) -> int:
+        """Time from a node's beacon to its next."""
+        return self.beacon_period_ns
 
     def stop(self, node: Node) -> None:
         """Takes a node away without a word."""
-        node.mesh = None
+        node.topology = None
         self.next_hop[node.hw, :] = 0
 
-    def push(self, at_ns: int, index: int, generation: int, header: Header | None, tick: Tick | None) -> None:
+    def push(
+        self, at_ns: int, index: int, generation: int, header: Header | None, beacon: Beacon | None
+    ) -> None:
         self.count_up += 1
-        heapq.heappush(self.events, (at_ns, self.count_up, index, generation, header, tick))
+        heapq.heappush(self.events, (at_ns, self.count_up, index, generation, header, beacon))
 
     def run(self, until_ns: int) -> None:
         """Until an instant of virtual time."""
         events = self.events
         while events and events[0][0] <= until_ns:
-            self.now_ns, _, index, generation, header, tick = heapq.heappop(events)
+            self.now_ns, _, index, generation, header, beacon = heapq.heappop(events)
             node = self.nodes[index]
-            if node.mesh is None or node.generation != generation:
+            if node.topology is None or node.generation != generation:
                 continue
-            if header is None or tick is None:
-                self.send(node, node.mesh)
+            if header is None or beacon is None:
+                self.send(node, node.topology)
             else:
-                self.receive(node, node.mesh, header, tick)
+                self.receive(node, node.topology, header, beacon)
         self.now_ns = until_ns
 
-    def send(self, node: Node, mesh: Mesh) -> None:
+    def send(self, node: Node, topology: Topology) -> None:
         now_ns = self.now_ns
-        _, routes = mesh.on_timer(now_ns)
+        _, routes = topology.on_timer(now_ns)
         self.follow(node, routes)
-        shape = mesh.compose(now_ns, ROOM)
-        sequence = mesh.next_sequence()
+        shape = topology.compose(now_ns, ROOM)
+        sequence = topology.next_sequence()
         header = Header(0, node.hw, sequence, (now_ns // 1000) & 0xFFFF_FFFF, node.session)
-        period_ns = self.period_ns(mesh)
+        period_ns = self.period_ns(topology)
         hello = Hello(1, 0, 1, 1, 0, PlatformKind.UAV, "uav", b"", period_ns // 1_000_000, LISTING_MS)
         declared = hello if period_ns > node.period_ns or sequence % 10 == 0 else None
         node.period_ns = period_ns
-        body = codec.encode(Tick(declared, shape.echoes, shape.rows, shape.requests))
+        body = codec.encode(Beacon(declared, shape.echoes, shape.rows, shape.requests))
         assert len(body) <= codec.BODY_LIMIT
         codec.encode_header(header)
-        tick = codec.decode(body)  # once for all receivers: it is the same for each of them
-        mesh.sent(sequence, now_ns)
+        beacon = codec.decode(body)  # once for all receivers: it is the same for each of them
+        topology.sent(sequence, now_ns)
         self.sent_bytes += len(body) - (codec.hello_bytes(hello) if declared is not None else 0)
         chance = self.random.random
         for peer, delivery in node.links:
             if chance() < delivery:
                 delay_ns = int(chance() * DELAY_NS)
-                self.push(now_ns + delay_ns, peer, self.nodes[peer].generation, header, tick)
+                self.push(now_ns + delay_ns, peer, self.nodes[peer].generation, header, beacon)
         self.push(
             now_ns + period_ns * self.random.randrange(95, 106) // 100,
             node.hw - 1,
@@ -174,14 +178,14 @@ class Swarm:
             None,
         )
 
-    def receive(self, node: Node, mesh: Mesh, header: Header, tick: Tick) -> None:
+    def receive(self, node: Node, topology: Topology, header: Header, beacon: Beacon) -> None:
         assert header.session is not None
         known = node.sessions.get(header.sender_hw)
         if known is not None and header.session < known:
             return
         restarted = known is not None and header.session > known
         node.sessions[header.sender_hw] = header.session
-        heard = mesh.on_tick(header, tick, restarted, ("10.0.0.1", 1), self.now_ns)
+        heard = topology.on_beacon(header, beacon, restarted, ("10.0.0.1", 1), self.now_ns)
         assert heard is not None
         if heard.routes:
             self.follow(node, heard.routes)
@@ -207,7 +211,7 @@ class Swarm:
 
     def reached(self, least: float = 0.02) -> tuple[int, int]:
         """Pairs that good links connect, and those whose next hops lead there over links above `least`."""
-        alive = np.array([node.mesh is not None for node in self.nodes])
+        alive = np.array([node.topology is not None for node in self.nodes])
         usable = (self.delivery > least) & alive[:, None] & alive[None, :]
         good = (self.delivery > 0.85) & usable
         connected = good | np.eye(self.count, dtype=bool)

@@ -13,11 +13,11 @@ from typing import Final
 import pytest
 from tests.simulation.directory.test_directory_swarm import SECOND, Node, Swarm
 
+from swarmd.broker.core.beacon import Beacon, Header
 from swarmd.broker.core.link import LinkState
-from swarmd.broker.core.mesh import Mesh, RouteChanged
 from swarmd.broker.core.neighbour import notice_ns
-from swarmd.broker.core.tick import Header, Tick
-from swarmd.broker.former import Former
+from swarmd.broker.core.topology import RouteChanged, Topology
+from swarmd.broker.former_session import FormerSession
 
 SEEDS: Final = 20
 LOSS: Final = 1 / 6
@@ -48,20 +48,20 @@ class Restarting(Swarm):
                 seen.add(at)
                 at = int(self.next_hop[at, change.hw])
 
-    def receive(self, node: Node, mesh: Mesh, header: Header, tick: Tick) -> None:
+    def receive(self, node: Node, topology: Topology, header: Header, beacon: Beacon) -> None:
         """A new session is believed when the link to the old one has ended by silence."""
         known = node.sessions.get(header.sender_hw, header.session)
-        neighbour = mesh.neighbours.get(header.sender_hw)
+        neighbour = topology.neighbours.get(header.sender_hw)
         if known == header.session or neighbour is None or neighbour.state is LinkState.DOWN:
-            super().receive(node, mesh, header, tick)
+            super().receive(node, topology, header, beacon)
 
     def restart(self, quiet_ns: int) -> None:
         """Somebody dies; who was away for its time comes back."""
         for node in self.nodes:
-            if node.mesh is None and node.back_ns <= self.now_ns:
+            if node.topology is None and node.back_ns <= self.now_ns:
                 self.start(node, self.now_ns, late=self.random.random() < 0.2, quiet_ns=quiet_ns)
         node = self.random.choice(self.nodes)
-        if node.mesh is not None:
+        if node.topology is not None:
             self.stop(node)
             node.back_ns = self.now_ns + int(self.random.choice(AWAY_S) * SECOND)
 
@@ -82,7 +82,7 @@ def test_restarts_among_slow_senders_make_no_loop(period_s: float, every_s: floa
 
 
 def test_nodes_that_lost_their_data_make_no_loop_either(tmp_path: Path) -> None:
-    quiet_ns = Former(tmp_path).quiet_ns(SECOND)
+    quiet_ns = FormerSession(tmp_path).quiet_ns(SECOND)
     for seed in range(3):
         swarm = Restarting(seed, 25, SECOND // 2)
         try:

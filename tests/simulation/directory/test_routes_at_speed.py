@@ -8,8 +8,8 @@ pair counts that links with more than 85 % delivery connect; its route counts wh
 import pytest
 from tests.simulation.directory.test_directory_swarm import SECOND, Swarm
 
-from swarmd.broker.core.mesh import Mesh
-from swarmd.broker.core.pace import IDLE_HZ, QUICK_HZ
+from swarmd.broker.core.beacon_rate import CHANGING_HZ, IDLE_HZ
+from swarmd.broker.core.topology import Topology
 
 LEAST_DELIVERY = 0.2
 WARM_S = 5
@@ -18,8 +18,8 @@ WARM_S = 5
 class Idle(Swarm):
     """Nodes of which nobody wants a board."""
 
-    def period_ns(self, mesh: Mesh) -> int:
-        return round(SECOND / (QUICK_HZ if mesh.is_changing(self.now_ns) else IDLE_HZ))
+    def period_ns(self, topology: Topology) -> int:
+        return round(SECOND / (CHANGING_HZ if topology.is_changing(self.now_ns) else IDLE_HZ))
 
 
 def fly(swarm: Swarm, seconds: int) -> tuple[float, float]:

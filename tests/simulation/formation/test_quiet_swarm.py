@@ -7,11 +7,11 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.mesh import LinkState, Mesh
-from swarmd.broker.core.pace import Pace
-from swarmd.broker.core.station import Identity, Station
-from swarmd.broker.core.tick import Header, PlatformKind
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import Header, PlatformKind
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
+from swarmd.broker.core.beacon_rate import BeaconSchedule
+from swarmd.broker.core.topology import LinkState, Topology
 from swarmd.broker.core.traffic import Counters
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.air_pilot import AirPilot
@@ -19,15 +19,19 @@ from swarmd.navigator.core.navigator import Navigator
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.core.simulation import Simulation
 from swarmware.names import data_id, hardware_id
-from swarmware.types.net import Offer, TreePlan, Want
+from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.vehicle import Goal, Pose
 from swarmware.world import Bounds, World
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
-POSE: Final = Offer("nav/pose", data_id("nav/pose", "Pose"), "Pose", 50)
-STATE: Final = Offer("mission/state", data_id("mission/state", "MissionState"), "MissionState", 100)
-BATTERY: Final = Offer("power/battery", data_id("power/battery", "BatteryState"), "BatteryState", 1000)
+POSE: Final = BoardPublication("nav/pose", data_id("nav/pose", "Pose"), "Pose", 50)
+STATE: Final = BoardPublication(
+    "mission/state", data_id("mission/state", "MissionState"), "MissionState", 100
+)
+BATTERY: Final = BoardPublication(
+    "power/battery", data_id("power/battery", "BatteryState"), "BatteryState", 1000
+)
 WORLD: Final = World(description="", bounds=Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0)))
 LOSS: Final = 0.01
 
@@ -41,18 +45,18 @@ class Platform:
         start = Pose.planar(4.0 * index, 0.0, 0.0, 0.3)
         self.simulation = Simulation(SimConfig(), WORLD, "uav", start, chance.gauss, chance.random)
         self.navigator = Navigator(Config(), self.name, WORLD.origin, AirPilot(Config()))
-        identity = Identity(self.hw, self.name, "main", PlatformKind.UAV, 1, b"")
-        self.station = Station(
-            identity, Mesh(self.hw, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=2200.0
+        identity = NodeIdentity(self.hw, self.name, "main", PlatformKind.UAV, 1, b"")
+        self.protocol = BeaconProtocol(
+            identity, Topology(self.hw, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=2200.0
         )
         wants = tuple(
-            Want(other, offer.path, offer.type, offer.data_id)
+            BoardSubscription(other, offer.path, offer.type, offer.data_id)
             for other in names
             if other != self.name
             for offer in (POSE, STATE, BATTERY)
         )
-        self.station.set_plan(TreePlan(1, (POSE, STATE, BATTERY), wants))
-        self.pace = Pace(chance.randrange(SECOND), chance.random)
+        self.protocol.set_plan(TreePlan(1, (POSE, STATE, BATTERY), wants))
+        self.schedule = BeaconSchedule(chance.randrange(SECOND), chance.random)
         self.next_ns = chance.randrange(50 * MS)
         self.beat_ns = chance.randrange(SECOND)
         self.stated = b""
@@ -62,7 +66,7 @@ class Platform:
 
     def live(self, now_ns: int) -> None:
         """Sensors, navigator and the boards that beat."""
-        boards = self.station.bulletin.boards
+        boards = self.protocol.published.boards
         sample = self.simulation.on_timer(now_ns)
         if sample is not None:
             if sample.imu is not None:
@@ -101,39 +105,39 @@ class Swarm:
                 if self.now_ns >= platform.next_ns:
                     platform.next_ns += 50 * MS
                     platform.live(self.now_ns)
-                platform.station.on_timer(self.now_ns)
-                if self.now_ns >= platform.pace.due_ns:
-                    self.tick(index, platform)
+                platform.protocol.on_timer(self.now_ns)
+                if self.now_ns >= platform.schedule.due_ns:
+                    self.beacon(index, platform)
             while self.air and self.air[0][0] <= self.now_ns:
                 rx_ns, _, index, header, body = heapq.heappop(self.air)
                 self.deliver(self.platforms[index], header, body, rx_ns)
 
-    def tick(self, index: int, sender: Platform) -> None:
-        station = sender.station
-        if sender.pace.urgent or not station.is_idle(self.now_ns):
-            sender.pace.left(self.now_ns)
-            departure = station.compose(self.now_ns)
-            body = codec.encode(departure.tick)
-            station.sent(departure.sequence, self.now_ns, len(body) + 38)
+    def beacon(self, index: int, sender: Platform) -> None:
+        protocol = sender.protocol
+        if sender.schedule.urgent or not protocol.may_skip(self.now_ns):
+            sender.schedule.on_sent(self.now_ns)
+            outgoing = protocol.compose(self.now_ns)
+            body = codec.encode(outgoing.beacon)
+            protocol.sent(outgoing.sequence, self.now_ns, len(body) + 38)
             sender.sent += 1
-            session = 1 if departure.with_session else None
-            header = Header(0, sender.hw, departure.sequence, self.now_ns // 1000 & 0xFFFF_FFFF, session)
+            session = 1 if outgoing.with_session else None
+            header = Header(0, sender.hw, outgoing.sequence, self.now_ns // 1000 & 0xFFFF_FFFF, session)
             for other in range(len(self.platforms)):
                 if other != index and self.chance.random() >= LOSS:
                     self.order += 1
                     delay_ns = self.chance.randrange(1, 5) * MS
                     heapq.heappush(self.air, (self.now_ns + delay_ns, self.order, other, header, body))
-        sender.pace.next(self.now_ns, round(1e9 / station.tick_hz()))
+        sender.schedule.set_next(self.now_ns, round(1e9 / protocol.beacon_hz()))
 
     def deliver(self, receiver: Platform, header: Header, body: bytes, rx_ns: int) -> None:
-        arrival = receiver.station.on_datagram(header, codec.decode(body), ("h", 1), rx_ns)
-        assert arrival is not None
-        if arrival.stranger or arrival.links:
-            receiver.station.say_hello()
-            receiver.pace.hurry(rx_ns, 100 * MS)
-        for want, news in arrival.news:
+        received = receiver.protocol.on_datagram(header, codec.decode(body), ("h", 1), rx_ns)
+        assert received is not None
+        if received.first_hello or received.links:
+            receiver.protocol.schedule_hello()
+            receiver.schedule.trigger(rx_ns, 100 * MS)
+        for want, value in received.values:
             if want.data_id == POSE.data_id:
-                receiver.seen[want.platform] = news.payload, rx_ns
+                receiver.seen[want.platform] = value.payload, rx_ns
 
 
 @pytest.mark.parametrize(("count", "seed"), [(3, 1), (6, 2)])
@@ -147,7 +151,7 @@ def test_a_swarm_that_stands_still_is_quiet_and_its_first_motion_is_heard_at_onc
     swarm.run(20.0)
     for platform in swarm.platforms:
         assert 1.5 < platform.sent / 20.0 <= 2.5, "datagrams per second"
-        assert all(n.state is LinkState.UP for n in platform.station.mesh.neighbours.all())
+        assert all(n.state is LinkState.UP for n in platform.protocol.topology.neighbours.all())
         ages_s = [(swarm.now_ns - since_ns) / 1e9 for _, since_ns in platform.seen.values()]
         assert len(ages_s) == count - 1
         assert max(ages_s) < 1.2, "the mirrors are confirmed, one lost datagram allowed"

@@ -155,7 +155,7 @@ class Ensemble:
         return one is other or bool(self.cut_off & {one.name, other.name})
 
     def _signs_of_life(self) -> None:
-        """Once a second: whose ticks (ten a second) were heard."""
+        """Once a second: whose beacons (ten a second) were heard."""
         for node in self.nodes.values():
             for other in self.nodes.values():
                 if self._apart(node, other):

@@ -1,73 +1,78 @@
-"""What goes into a tick: own boards by rate and room, others' boards where they are needed."""
+"""What goes into a beacon: own boards by rate and room, others' boards where they are needed."""
 
 from typing import Final
 
 import pytest
 
-from swarmd.broker.core.bulletin import Bulletin
-from swarmd.broker.core.channel import Channels
-from swarmd.broker.core.relay import COPIES, FORGET_NS, OLDEST_NS, PERIOD_NS, News, Relays
-from swarmd.broker.core.tick import value_bytes
+from swarmd.broker.core.beacon import value_bytes
+from swarmd.broker.core.published_boards import PublishedBoards
+from swarmd.broker.core.rate_limits import RateLimits
+from swarmd.broker.core.relay_cache import COPIES, FORGET_NS, OLDEST_NS, PERIOD_NS, RelayCache, RemoteValue
 from swarmware.errors import InvalidInput
-from swarmware.types.net import Offer, SetChannel
+from swarmware.types.net import BoardPublication, SetChannel
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
-TICK: Final = 100 * MS
+PERIOD: Final = 100 * MS
 POSE, BATTERY = 1, 2
-OFFERS = (Offer("nav/pose", POSE, "Pose"), Offer("power/battery", BATTERY, "BatteryState", 1000))
+OFFERS = (
+    BoardPublication("nav/pose", POSE, "Pose"),
+    BoardPublication("power/battery", BATTERY, "BatteryState", 1000),
+)
 UAV2, UAV3, UAV4 = 20, 30, 40
 NOBODY: Final[frozenset[int]] = frozenset()
 
 
 @pytest.fixture
-def channels() -> Channels:
-    return Channels()
+def channels() -> RateLimits:
+    return RateLimits()
 
 
 @pytest.fixture
-def bulletin(channels: Channels) -> Bulletin:
-    bulletin = Bulletin()
-    bulletin.offer(OFFERS, channels.max_hz)
-    return bulletin
+def published(channels: RateLimits) -> PublishedBoards:
+    published = PublishedBoards()
+    published.offer(OFFERS, channels.max_hz)
+    return published
 
 
-def sent(bulletin: Bulletin, now_ns: int, room: int = 1000) -> list[int]:
-    return [value.data_id for value in bulletin.values(now_ns, room, TICK)]
+def sent(published: PublishedBoards, now_ns: int, room: int = 1000) -> list[int]:
+    return [value.data_id for value in published.values(now_ns, room, PERIOD)]
 
 
-def test_a_board_without_a_value_is_not_sent(bulletin: Bulletin) -> None:
-    assert sent(bulletin, 0) == []
+def test_a_board_without_a_value_is_not_sent(published: PublishedBoards) -> None:
+    assert sent(published, 0) == []
 
 
-def test_a_value_is_sent_once_with_its_age_and_again_after_a_second(bulletin: Bulletin) -> None:
-    bulletin.boards[POSE].put(b"here", True, 10 * MS)
-    [value] = bulletin.values(30 * MS, 1000, TICK)
+def test_a_value_is_sent_once_with_its_age_and_again_after_a_second(published: PublishedBoards) -> None:
+    published.boards[POSE].put(b"here", True, 10 * MS)
+    [value] = published.values(30 * MS, 1000, PERIOD)
     assert (value.data_id, value.age_us, value.packed, value.payload) == (POSE, 20_000, True, b"here")
-    assert [sent(bulletin, 30 * MS + tick * TICK) for tick in range(1, 12)].count([POSE]) == 1
+    assert [sent(published, 30 * MS + slot * PERIOD) for slot in range(1, 12)].count([POSE]) == 1
 
 
-def test_a_changing_value_is_sent_in_every_tick_or_as_often_as_its_interval_allows(
-    bulletin: Bulletin,
+def test_a_changing_value_is_sent_in_every_beacon_or_as_often_as_its_interval_allows(
+    published: PublishedBoards,
 ) -> None:
     counts = {POSE: 0, BATTERY: 0}
-    for tick in range(100):
+    for slot in range(100):
         for data_id in (POSE, BATTERY):
-            bulletin.boards[data_id].put(b"%d" % tick, False, tick * TICK)
-        jitter_ns = (tick % 3 - 1) * 4 * MS
-        for data_id in sent(bulletin, tick * TICK + jitter_ns):
+            published.boards[data_id].put(b"%d" % slot, False, slot * PERIOD)
+        jitter_ns = (slot % 3 - 1) * 4 * MS
+        for data_id in sent(published, slot * PERIOD + jitter_ns):
             counts[data_id] += 1
     assert counts == {POSE: 100, BATTERY: 10}
 
 
-def test_values_that_a_limit_keeps_from_being_sent_are_counted_and_no_others(bulletin: Bulletin) -> None:
-    pose, battery = bulletin.boards[POSE], bulletin.boards[BATTERY]
+def test_values_that_a_limit_keeps_from_being_sent_are_counted_and_no_others(
+    published: PublishedBoards,
+) -> None:
+    pose, battery = published.boards[POSE], published.boards[BATTERY]
     pose.limited = True
     for board in (pose, battery):
         for _ in range(5):
             board.put(b"x", True, 0)
     assert (pose.held_back, battery.held_back) == (4, 0)
-    sent(bulletin, 0)
+    sent(published, 0)
     pose.put(b"y", True, 0)
     assert pose.held_back == 4, "the one before was sent"
     pose.put(b"z", True, 0)
@@ -75,37 +80,41 @@ def test_values_that_a_limit_keeps_from_being_sent_are_counted_and_no_others(bul
 
 
 def test_whoever_waited_longest_goes_first_when_there_is_little_room() -> None:
-    bulletin = Bulletin()
-    offers = [Offer(f"a/{index}", index, "Float") for index in range(6)]
-    bulletin.offer(offers, lambda _: None)
+    published = PublishedBoards()
+    offers = [BoardPublication(f"a/{index}", index, "Float") for index in range(6)]
+    published.offer(offers, lambda _: None)
     order: list[int] = []
-    for tick in range(12):
-        for board in bulletin.boards.values():
-            board.put(b"12345678", False, tick * TICK)
-        order += sent(bulletin, tick * TICK, room=2 * value_bytes(b"12345678"))
+    for slot in range(12):
+        for board in published.boards.values():
+            board.put(b"12345678", False, slot * PERIOD)
+        order += sent(published, slot * PERIOD, room=2 * value_bytes(b"12345678"))
     assert [order.count(index) for index in range(6)] == [4] * 6
 
 
-def test_a_value_that_does_not_fit_leaves_its_room_to_others(bulletin: Bulletin) -> None:
-    bulletin.boards[POSE].put(bytes(900), True, 0)
-    bulletin.boards[BATTERY].put(b"low", False, 0)
-    assert sent(bulletin, 0, room=500) == [BATTERY]
-    assert sent(bulletin, TICK, room=1000) == [POSE]
+def test_a_value_that_does_not_fit_leaves_its_room_to_others(published: PublishedBoards) -> None:
+    published.boards[POSE].put(bytes(900), True, 0)
+    published.boards[BATTERY].put(b"low", False, 0)
+    assert sent(published, 0, room=500) == [BATTERY]
+    assert sent(published, PERIOD, room=1000) == [POSE]
 
 
-def test_a_board_that_is_offered_no_more_is_not_sent(bulletin: Bulletin, channels: Channels) -> None:
-    bulletin.boards[POSE].put(b"x", True, 0)
-    bulletin.offer(OFFERS[1:], channels.max_hz)
-    assert sent(bulletin, 0) == []
+def test_a_board_that_is_offered_no_more_is_not_sent(
+    published: PublishedBoards, channels: RateLimits
+) -> None:
+    published.boards[POSE].put(b"x", True, 0)
+    published.offer(OFFERS[1:], channels.max_hz)
+    assert sent(published, 0) == []
 
 
-def test_a_channel_limits_the_rate_and_gives_it_back(bulletin: Bulletin, channels: Channels) -> None:
+def test_a_channel_limits_the_rate_and_gives_it_back(
+    published: PublishedBoards, channels: RateLimits
+) -> None:
     def rate_hz(start_ns: int) -> int:
-        bulletin.offer(OFFERS, channels.max_hz)
+        published.offer(OFFERS, channels.max_hz)
         count = 0
-        for tick in range(20):
-            bulletin.boards[POSE].put(b"%d" % tick, True, start_ns + tick * TICK)
-            count += sent(bulletin, start_ns + tick * TICK).count(POSE)
+        for slot in range(20):
+            published.boards[POSE].put(b"%d" % slot, True, start_ns + slot * PERIOD)
+            count += sent(published, start_ns + slot * PERIOD).count(POSE)
         return count // 2
 
     channels.set(SetChannel("nav/*", 2.0, for_s=5.0), 0)
@@ -118,7 +127,7 @@ def test_a_channel_limits_the_rate_and_gives_it_back(bulletin: Bulletin, channel
     assert rate_hz(30 * SECOND) == 10
 
 
-def test_the_newest_limit_that_matches_counts(channels: Channels) -> None:
+def test_the_newest_limit_that_matches_counts(channels: RateLimits) -> None:
     channels.set(SetChannel("**", 1.0), 0)
     channels.set(SetChannel("nav/**", 5.0), 0)
     assert channels.max_hz("nav/pose") == 5.0
@@ -128,18 +137,18 @@ def test_the_newest_limit_that_matches_counts(channels: Channels) -> None:
     assert [limit.pattern for limit in channels.limits(0).limits] == ["**", "nav/**"]
 
 
-def test_a_limit_says_how_long_it_holds(channels: Channels) -> None:
+def test_a_limit_says_how_long_it_holds(channels: RateLimits) -> None:
     channels.set(SetChannel("nav/pose", 1.0, for_s=5.0), 0)
     assert channels.limits(2 * SECOND).limits[0].remaining_s == 3.0
 
 
-def test_a_pattern_that_is_none_is_refused(channels: Channels) -> None:
+def test_a_pattern_that_is_none_is_refused(channels: RateLimits) -> None:
     with pytest.raises(InvalidInput):
         channels.set(SetChannel("Nav Pose", 1.0), 0)
 
 
 def heard(
-    relays: Relays,
+    cache: RelayCache,
     stamp_ms: int,
     *,
     sender: int = UAV2,
@@ -147,129 +156,129 @@ def heard(
     now_ms: int = 0,
     age_ms: int = 0,
     payload: bytes = b"",
-) -> News | None:
+) -> RemoteValue | None:
     payload = payload or b"value at %d" % stamp_ms
     now_ns = (now_ms or stamp_ms) * MS
-    return relays.on_value(sender, UAV2, POSE, stamp_ms * 1000, age_ms * 1000, hops, True, payload, now_ns)
+    return cache.on_value(sender, UAV2, POSE, stamp_ms * 1000, age_ms * 1000, hops, True, payload, now_ns)
 
 
-def told(relays: Relays, now_ms: int, room: int = 1000, common: frozenset[int] = NOBODY) -> list[int]:
-    return [r.stamp_us // 1000 for r in relays.compose(now_ms * MS, room, common, lambda *_: True)]
+def told(cache: RelayCache, now_ms: int, room: int = 1000, common: frozenset[int] = NOBODY) -> list[int]:
+    return [r.stamp_us // 1000 for r in cache.compose(now_ms * MS, room, common, lambda *_: True)]
 
 
-def test_a_newer_value_is_news_an_older_or_the_same_is_not() -> None:
-    relays = Relays()
-    assert heard(relays, 1000) is not None
-    assert heard(relays, 1100) is not None
-    assert heard(relays, 1100, sender=UAV3, hops=2) is None
-    assert heard(relays, 1000, sender=UAV3, hops=2) is None
-    assert (relays.duplicates, relays.late) == (2, 0)
-    assert heard(relays, 800, sender=UAV3, hops=2) is None
-    assert relays.late == 1
+def test_a_newer_value_is_taken_an_older_or_the_same_is_not() -> None:
+    cache = RelayCache()
+    assert heard(cache, 1000) is not None
+    assert heard(cache, 1100) is not None
+    assert heard(cache, 1100, sender=UAV3, hops=2) is None
+    assert heard(cache, 1000, sender=UAV3, hops=2) is None
+    assert (cache.duplicates, cache.late) == (2, 0)
+    assert heard(cache, 800, sender=UAV3, hops=2) is None
+    assert cache.late == 1
 
 
 def test_rounded_ages_do_not_make_an_old_value_new() -> None:
-    relays = Relays()
-    heard(relays, 1000, payload=b"same")
-    assert relays.on_value(UAV2, UAV2, POSE, 1_000_150, 0, 1, True, b"same", SECOND) is None
-    assert relays.on_value(UAV2, UAV2, POSE, 1_000_150, 0, 1, True, b"other", SECOND) is not None
+    cache = RelayCache()
+    heard(cache, 1000, payload=b"same")
+    assert cache.on_value(UAV2, UAV2, POSE, 1_000_150, 0, 1, True, b"same", SECOND) is None
+    assert cache.on_value(UAV2, UAV2, POSE, 1_000_150, 0, 1, True, b"other", SECOND) is not None
     old_us = 10_000_000
-    assert relays.on_value(UAV2, UAV2, BATTERY, 1_000_000, old_us, 1, True, b"same", SECOND) is not None
-    assert relays.on_value(UAV2, UAV2, BATTERY, 1_090_000, old_us, 1, True, b"same", SECOND) is None
+    assert cache.on_value(UAV2, UAV2, BATTERY, 1_000_000, old_us, 1, True, b"same", SECOND) is not None
+    assert cache.on_value(UAV2, UAV2, BATTERY, 1_090_000, old_us, 1, True, b"same", SECOND) is None
 
 
 def test_an_origin_whose_clock_starts_anew_is_believed_after_a_while() -> None:
-    relays = Relays()
-    heard(relays, 100_000)
-    assert heard(relays, 10, now_ms=101_000) is None
-    assert heard(relays, 20, now_ms=103_500) is not None
+    cache = RelayCache()
+    heard(cache, 100_000)
+    assert heard(cache, 10, now_ms=101_000) is None
+    assert heard(cache, 20, now_ms=103_500) is not None
 
 
 def test_a_restarted_neighbour_is_believed_at_once() -> None:
-    relays = Relays()
-    heard(relays, 100_000)
-    relays.restart(UAV2)
-    assert heard(relays, 10, now_ms=100_100) is not None
+    cache = RelayCache()
+    heard(cache, 100_000)
+    cache.forget_origin(UAV2)
+    assert heard(cache, 10, now_ms=100_100) is not None
 
 
 def test_a_value_is_passed_on_once_with_what_it_aged_meanwhile() -> None:
-    relays = Relays()
-    heard(relays, 1000, now_ms=1005, age_ms=5)
-    [relay] = relays.compose(1045 * MS, 1000, NOBODY, lambda *_: True)
+    cache = RelayCache()
+    heard(cache, 1000, now_ms=1005, age_ms=5)
+    [relay] = cache.compose(1045 * MS, 1000, NOBODY, lambda *_: True)
     assert (relay.origin_hw, relay.data_id, relay.hops) == (UAV2, POSE, 2)
     assert (relay.stamp_us, relay.age_us) == (1_000_000, 45_000)
-    assert told(relays, 1145) == []
+    assert told(cache, 1145) == []
 
 
 def test_values_from_far_are_passed_on_less_often() -> None:
-    relays = Relays()
+    cache = RelayCache()
     counts = 0
-    for tick in range(40):
-        heard(relays, 1000 + tick * 100, sender=UAV3, hops=4)
-        counts += len(told(relays, 1000 + tick * 100))
+    for slot in range(40):
+        heard(cache, 1000 + slot * 100, sender=UAV3, hops=4)
+        counts += len(told(cache, 1000 + slot * 100))
     assert PERIOD_NS * 4 == SECOND
-    assert counts == 4, "every tenth tick"
+    assert counts == 4, "every tenth beacon"
 
 
 def test_what_all_neighbours_hear_themselves_is_not_passed_on() -> None:
-    relays = Relays()
-    heard(relays, 1000)
-    assert told(relays, 1000, common=frozenset((UAV2,))) == []
+    cache = RelayCache()
+    heard(cache, 1000)
+    assert told(cache, 1000, common=frozenset((UAV2,))) == []
 
 
 def test_what_no_neighbour_lacks_is_not_passed_on() -> None:
-    relays = Relays()
-    heard(relays, 1000)
-    heard(relays, 1000, sender=UAV3, hops=2)
+    cache = RelayCache()
+    heard(cache, 1000)
+    heard(cache, 1000, sender=UAV3, hops=2)
     asked: list[tuple[int, set[int]]] = []
 
     def needed(origin_hw: int, have: set[int]) -> bool:
         asked.append((origin_hw, set(have)))
         return False
 
-    assert relays.compose(1000 * MS, 1000, NOBODY, needed) == []
+    assert cache.compose(1000 * MS, 1000, NOBODY, needed) == []
     assert asked == [(UAV2, {UAV2, UAV3})]
 
 
 def test_what_was_overheard_often_enough_is_not_said_again() -> None:
-    relays = Relays()
-    heard(relays, 1000)
+    cache = RelayCache()
+    heard(cache, 1000)
     for sender in range(COPIES):
-        heard(relays, 1000, sender=100 + sender, hops=2)
-    assert told(relays, 1000) == []
+        heard(cache, 1000, sender=100 + sender, hops=2)
+    assert told(cache, 1000) == []
 
 
 def test_a_value_that_still_holds_is_passed_on_again_each_second() -> None:
-    relays = Relays()
+    cache = RelayCache()
     counts = 0
-    for tick in range(50):
-        if tick % 10 == 0:
-            heard(relays, 1000, now_ms=1000 + tick * 100, age_ms=tick * 100)
-        counts += len(told(relays, 1000 + tick * 100))
+    for slot in range(50):
+        if slot % 10 == 0:
+            heard(cache, 1000, now_ms=1000 + slot * 100, age_ms=slot * 100)
+        counts += len(told(cache, 1000 + slot * 100))
     assert counts == 5
 
 
 def test_a_value_that_nobody_confirms_is_passed_on_no_more() -> None:
-    relays = Relays()
-    heard(relays, 1000)
-    assert told(relays, 1000 + OLDEST_NS // MS + 1) == []
+    cache = RelayCache()
+    heard(cache, 1000)
+    assert told(cache, 1000 + OLDEST_NS // MS + 1) == []
 
 
 def test_relays_stay_within_their_budget_the_longest_waiting_first() -> None:
-    relays = Relays()
+    cache = RelayCache()
     said: list[int] = []
-    for tick in range(21):
+    for slot in range(21):
         for data_id in range(6):
-            relays.on_value(UAV2, UAV2, data_id, tick * 100_000, 0, 1, True, bytes(82), tick * TICK)
-        out = relays.compose(tick * TICK, 200, NOBODY, lambda *_: True)
+            cache.on_value(UAV2, UAV2, data_id, slot * 100_000, 0, 1, True, bytes(82), slot * PERIOD)
+        out = cache.compose(slot * PERIOD, 200, NOBODY, lambda *_: True)
         assert len(out) == 2
         said += [relay.data_id for relay in out]
     assert [said.count(data_id) for data_id in range(6)] == [7] * 6
 
 
 def test_what_was_not_heard_for_a_minute_is_forgotten() -> None:
-    relays = Relays()
-    heard(relays, 1000)
-    assert relays.newest(UAV2, POSE) is not None
-    relays.forget(SECOND + FORGET_NS + 1)
-    assert relays.newest(UAV2, POSE) is None
+    cache = RelayCache()
+    heard(cache, 1000)
+    assert cache.newest(UAV2, POSE) is not None
+    cache.forget(SECOND + FORGET_NS + 1)
+    assert cache.newest(UAV2, POSE) is None

@@ -4,12 +4,20 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.directory import Directory
-from swarmd.broker.core.forward import LOOP_NS, Decision, Forwarder, Step
-from swarmd.broker.core.members import AGAIN_NS, FORGET_NS, Members
-from swarmd.broker.core.pace import airtime_s, tick_hz
-from swarmd.broker.core.queue import AGE_MAX_NS, BYTES_MAX, FRAMES_MAX, Lane, Priority, Queue, priority
-from swarmd.broker.core.tick import Hello, MemberRow, PlatformKind
+from swarmd.broker.core.beacon import Hello, MemberRow, PlatformKind
+from swarmd.broker.core.beacon_rate import airtime_s, beacon_hz
+from swarmd.broker.core.forward import LOOP_NS, ForwardDecision, ForwardStep, FrameForwarder
+from swarmd.broker.core.node_table import FORGET_NS, REPEAT_NS, NodeTable
+from swarmd.broker.core.routing_table import RoutingTable
+from swarmd.broker.core.send_queue import (
+    AGE_MAX_NS,
+    BYTES_MAX,
+    FRAMES_MAX,
+    ConnectionClass,
+    Priority,
+    SendQueue,
+    priority,
+)
 from swarmd.broker.core.traffic import CHANNEL_LIMIT, Counters
 from swarmware.frame import HOPS, Flag, Frame, Kind
 from swarmware.names import hardware_id
@@ -20,11 +28,11 @@ NOBODY: Final[frozenset[int]] = frozenset()
 
 
 @pytest.fixture
-def forwarder() -> Forwarder:
-    directory = Directory(ME)
-    directory.set_link(A, 256)
-    directory.on_rows(A, [(A, 1, 0), (FAR, 1, 256)], 0)
-    return Forwarder(ME, directory)
+def forwarder() -> FrameForwarder:
+    routing = RoutingTable(ME)
+    routing.set_link(A, 256)
+    routing.on_rows(A, [(A, 1, 0), (FAR, 1, 256)], 0)
+    return FrameForwarder(ME, routing)
 
 
 def frame(
@@ -33,71 +41,71 @@ def frame(
     return Frame(kind, 5, sender, 6, receiver, 7, sequence, hops_left=hops)
 
 
-def test_a_frame_from_here_goes_to_the_next_hop_with_all_its_hops(forwarder: Forwarder) -> None:
+def test_a_frame_from_here_goes_to_the_next_hop_with_all_its_hops(forwarder: FrameForwarder) -> None:
     one = frame(hops=3)
-    assert forwarder.from_here(one, 0) == Decision(Step.SEND, A)
+    assert forwarder.from_here(one, 0) == ForwardDecision(ForwardStep.SEND, A)
     assert one.hops_left == HOPS
 
 
-def test_a_refusal_for_somebody_else_does_not_start_as_ours(forwarder: Forwarder) -> None:
+def test_a_refusal_for_somebody_else_does_not_start_as_ours(forwarder: FrameForwarder) -> None:
     one = frame(Kind.ACK, sender=B)
     forwarder.from_here(one, 0)
     assert one.hops_left == HOPS - 1
 
 
-def test_without_a_route_the_frame_stays_and_a_route_is_asked_for(forwarder: Forwarder) -> None:
-    assert forwarder.from_here(frame(receiver=77), 0).step is Step.NO_ROUTE
+def test_without_a_route_the_frame_stays_and_a_route_is_asked_for(forwarder: FrameForwarder) -> None:
+    assert forwarder.from_here(frame(receiver=77), 0).step is ForwardStep.NO_ROUTE
 
 
-def test_a_frame_for_us_is_delivered(forwarder: Forwarder) -> None:
-    assert forwarder.from_neighbour(frame(sender=A, receiver=ME), A, 0).step is Step.DELIVER
+def test_a_frame_for_us_is_delivered(forwarder: FrameForwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=A, receiver=ME), A, 0).step is ForwardStep.DELIVER
 
 
-def test_a_frame_for_others_goes_on_with_one_hop_less(forwarder: Forwarder) -> None:
+def test_a_frame_for_others_goes_on_with_one_hop_less(forwarder: FrameForwarder) -> None:
     one = frame(sender=B)
-    assert forwarder.from_neighbour(one, B, 0) == Decision(Step.SEND, A)
+    assert forwarder.from_neighbour(one, B, 0) == ForwardDecision(ForwardStep.SEND, A)
     assert one.hops_left == HOPS - 1
 
 
-def test_a_frame_that_starts_at_a_neighbour_must_be_its_own(forwarder: Forwarder) -> None:
-    assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), A, 0).step is Step.SPOOFED
+def test_a_frame_that_starts_at_a_neighbour_must_be_its_own(forwarder: FrameForwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), A, 0).step is ForwardStep.SPOOFED
     relayed = frame(sender=FAR, receiver=ME, hops=HOPS - 1)
-    assert forwarder.from_neighbour(relayed, A, 0).step is Step.DELIVER
+    assert forwarder.from_neighbour(relayed, A, 0).step is ForwardStep.DELIVER
 
 
 def test_a_frame_of_a_direct_neighbour_comes_from_itself_however_many_hops_it_shows(
-    forwarder: Forwarder,
+    forwarder: FrameForwarder,
 ) -> None:
     for hops in range(1, HOPS + 1):
         brought = frame(sender=B, receiver=ME, hops=hops)
-        assert forwarder.from_neighbour(brought, A, 0, direct=True).step is Step.SPOOFED
-        assert forwarder.from_neighbour(brought, B, 0, direct=True).step is Step.DELIVER
+        assert forwarder.from_neighbour(brought, A, 0, direct=True).step is ForwardStep.SPOOFED
+        assert forwarder.from_neighbour(brought, B, 0, direct=True).step is ForwardStep.DELIVER
     onward = frame(sender=B, receiver=FAR, hops=HOPS - 1)
-    assert forwarder.from_neighbour(onward, A, 0, direct=True).step is Step.SPOOFED
-    assert forwarder.from_neighbour(frame(sender=B, receiver=ME, hops=3), A, 0).step is Step.DELIVER
+    assert forwarder.from_neighbour(onward, A, 0, direct=True).step is ForwardStep.SPOOFED
+    assert forwarder.from_neighbour(frame(sender=B, receiver=ME, hops=3), A, 0).step is ForwardStep.DELIVER
 
 
-def test_where_nobody_can_tell_the_neighbour_its_frames_are_taken(forwarder: Forwarder) -> None:
-    assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), None, 0).step is Step.DELIVER
+def test_where_nobody_can_tell_the_neighbour_its_frames_are_taken(forwarder: FrameForwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), None, 0).step is ForwardStep.DELIVER
 
 
-def test_the_last_hop_is_the_last(forwarder: Forwarder) -> None:
-    assert forwarder.from_neighbour(frame(sender=B, hops=1), B, 0).step is Step.HOP_LIMIT
+def test_the_last_hop_is_the_last(forwarder: FrameForwarder) -> None:
+    assert forwarder.from_neighbour(frame(sender=B, hops=1), B, 0).step is ForwardStep.HOP_LIMIT
 
 
-def test_a_frame_that_comes_round_is_stopped(forwarder: Forwarder) -> None:
+def test_a_frame_that_comes_round_is_stopped(forwarder: FrameForwarder) -> None:
     forwarder.from_neighbour(frame(sender=B, hops=10), B, 0)
-    assert forwarder.from_neighbour(frame(sender=B, hops=7), A, 5 * MS).step is Step.LOOPED
+    assert forwarder.from_neighbour(frame(sender=B, hops=7), A, 5 * MS).step is ForwardStep.LOOPED
     own = frame(hops=20)
-    assert forwarder.from_neighbour(own, A, 0).step is Step.LOOPED
+    assert forwarder.from_neighbour(own, A, 0).step is ForwardStep.LOOPED
 
 
-def test_a_repetition_by_the_sender_goes_through_but_is_no_first(forwarder: Forwarder) -> None:
+def test_a_repetition_by_the_sender_goes_through_but_is_no_first(forwarder: FrameForwarder) -> None:
     assert forwarder.from_neighbour(frame(sender=B, hops=10), B, 0).first
-    again = forwarder.from_neighbour(frame(sender=B, hops=10), B, 5 * MS)
-    assert (again.step, again.first) == (Step.SEND, False)
+    reroute = forwarder.from_neighbour(frame(sender=B, hops=10), B, 5 * MS)
+    assert (reroute.step, reroute.first) == (ForwardStep.SEND, False)
     over_another_way = forwarder.from_neighbour(frame(sender=B, hops=9), A, 5 * MS + LOOP_NS)
-    assert over_another_way.step is Step.SEND
+    assert over_another_way.step is ForwardStep.SEND
 
 
 def test_an_urgent_frame_is_first_whatever_it_is() -> None:
@@ -107,7 +115,7 @@ def test_an_urgent_frame_is_first_whatever_it_is() -> None:
 
 
 def test_the_oldest_of_the_least_important_goes_when_the_queue_is_full() -> None:
-    queue = Queue()
+    queue = SendQueue()
     for index in range(FRAMES_MAX):
         assert queue.put(b"%d" % index, frame(Kind.STREAM), index) == []
     [gone] = queue.put(b"new", frame(Kind.STREAM), 0)
@@ -117,27 +125,27 @@ def test_the_oldest_of_the_least_important_goes_when_the_queue_is_full() -> None
 
 
 def test_the_queue_is_bounded_in_bytes() -> None:
-    queue = Queue()
+    queue = SendQueue()
     gone = [item for _ in range(9) for item in queue.put(bytes(BYTES_MAX // 8), frame(Kind.FILE), 0)]
     assert len(gone) == 1
 
 
 def test_what_waited_too_long_is_given_up_on_the_way_to_the_next() -> None:
-    queue = Queue()
+    queue = SendQueue()
     queue.put(b"old", frame(), 0)
     queue.put(b"new", frame(), AGE_MAX_NS)
-    waiting, old = queue.peek(Lane.CONTROL, AGE_MAX_NS + 1)
+    waiting, old = queue.peek(ConnectionClass.CONTROL, AGE_MAX_NS + 1)
     assert [item.data for item in old] == [b"old"]
     assert waiting is not None
     assert waiting.data == b"new"
 
 
 def test_all_that_waits_comes_back_when_the_way_is_closed() -> None:
-    queue = Queue()
+    queue = SendQueue()
     for kind in (Kind.FILE, Kind.ACK):
         queue.put(kind.name.encode(), frame(kind), 0)
     assert [item.data for item in queue.clear()] == [b"ACK", b"FILE"]
-    assert [queue.peek(each, 0) for each in Lane] == [(None, [])] * 2
+    assert [queue.peek(each, 0) for each in ConnectionClass] == [(None, [])] * 2
 
 
 def hello(name: str, tree_version: int = 1) -> Hello:
@@ -149,7 +157,7 @@ FC1 = hardware_id("uav2", "fc1")
 
 
 def test_a_node_is_who_its_hardware_id_says() -> None:
-    members = Members(ME)
+    members = NodeTable(ME)
     assert members.on_hello(UAV2, hello("uav2"), 0)
     assert members.on_hello(FC1, hello("uav2.fc1"), 0)
     assert not members.on_hello(UAV2, hello("uav3"), 0)
@@ -159,46 +167,46 @@ def test_a_node_is_who_its_hardware_id_says() -> None:
 
 
 def test_a_far_member_is_said_three_times_when_it_changes_and_then_seldom() -> None:
-    members = Members(ME)
+    members = NodeTable(ME)
     members.on_row(MemberRow(UAV2, 1, PlatformKind.UAV, "uav2"), 1)
 
     def said(now_ns: int) -> list[MemberRow]:
         return members.rows(now_ns, 500, NOBODY, lambda _: A)
 
-    assert [len(said(tick)) for tick in range(2, 7)] == [1, 1, 1, 0, 0]
-    assert len(said(AGAIN_NS + 5)) == 1
-    members.on_row(MemberRow(UAV2, 2, PlatformKind.UAV, "uav2"), AGAIN_NS + 6)
-    assert [row.tree_version for row in said(AGAIN_NS + 7)] == [2]
+    assert [len(said(slot)) for slot in range(2, 7)] == [1, 1, 1, 0, 0]
+    assert len(said(REPEAT_NS + 5)) == 1
+    members.on_row(MemberRow(UAV2, 2, PlatformKind.UAV, "uav2"), REPEAT_NS + 6)
+    assert [row.tree_version for row in said(REPEAT_NS + 7)] == [2]
 
 
 def test_member_rows_are_repeated_when_somebody_new_is_in_range() -> None:
-    members = Members(ME)
+    members = NodeTable(ME)
     members.on_row(MemberRow(UAV2, 1, PlatformKind.UAV, "uav2"), 1)
-    for tick in range(4):
-        members.rows(tick, 500, NOBODY, lambda _: A)
+    for slot in range(4):
+        members.rows(slot, 500, NOBODY, lambda _: A)
     assert members.rows(5, 500, NOBODY, lambda _: A) == []
-    members.repeat()
+    members.announce_again()
     assert len(members.rows(6, 500, NOBODY, lambda _: A)) == 1
     assert members.rows(7, 500, NOBODY, lambda _: A) == []
 
 
 def test_members_that_all_hear_or_nobody_reaches_are_not_told() -> None:
-    members = Members(ME)
+    members = NodeTable(ME)
     members.on_hello(UAV2, hello("uav2"), 1)
     assert members.rows(2, 500, frozenset((UAV2,)), lambda _: A) == []
     assert members.rows(2, 500, NOBODY, lambda _: 0) == []
     assert members.rows(2, 5, NOBODY, lambda _: A) == []
 
 
-def test_the_roster_gives_names_but_no_news() -> None:
-    members = Members(ME)
-    members.know("uav2", 0)
+def test_the_roster_gives_names_but_no_rows() -> None:
+    members = NodeTable(ME)
+    members.add("uav2", 0)
     assert members.platform(UAV2) == "uav2"
     assert members.rows(1, 500, NOBODY, lambda _: A) == []
 
 
 def test_whom_nobody_mentions_is_forgotten() -> None:
-    members = Members(ME)
+    members = NodeTable(ME)
     members.on_hello(UAV2, hello("uav2"), 1)
     members.forget(FORGET_NS + 2)
     assert members.get(UAV2) is None
@@ -208,10 +216,10 @@ def test_whom_nobody_mentions_is_forgotten() -> None:
     ("wanted_hz", "heard", "size", "expected_hz"),
     [(10.0, 15, 150, 10.0), (10.0, 99, 300, 4.4), (10.0, 400, 600, 0.64), (2.0, 15, 150, 2.0)],
 )
-def test_ticks_leave_three_quarters_of_the_air(
+def test_beacons_leave_three_quarters_of_the_air(
     wanted_hz: float, heard: int, size: int, expected_hz: float
 ) -> None:
-    assert tick_hz(wanted_hz, heard, size) == pytest.approx(expected_hz, rel=0.05)
+    assert beacon_hz(wanted_hz, heard, size) == pytest.approx(expected_hz, rel=0.05)
 
 
 def test_airtime_is_that_of_the_scale_study() -> None:

@@ -7,46 +7,46 @@ from typing import Final
 import pytest
 
 from swarmd.broker.boards import Mirrors
-from swarmd.broker.core.relay import News
+from swarmd.broker.core.relay_cache import RemoteValue
 from swarmware.errors import WireError
 from swarmware.frame import Codec, Frame, Kind, decode, encode, restamp
 from swarmware.names import data_id
 from swarmware.shm.layout import ring_file
 from swarmware.shm.ring import RingReader
 from swarmware.testing import tmp_node
-from swarmware.types.net import Want
+from swarmware.types.net import BoardSubscription
 
 POSE: Final = data_id("nav/pose", "Pose")
-WANT: Final = Want("uav7", "nav/pose", "Pose", POSE)
-OTHER_TYPE: Final = Want("uav7", "nav/pose", "Text", data_id("nav/pose", "Text"))
+WANT: Final = BoardSubscription("uav7", "nav/pose", "Pose", POSE)
+OTHER_TYPE: Final = BoardSubscription("uav7", "nav/pose", "Text", data_id("nav/pose", "Text"))
 
 
 def test_each_mirrored_frame_is_the_one_that_would_be_encoded_afresh(tmp_path: Path) -> None:
     written = [
-        (WANT, News(7, POSE, 1_000, 10, True, b"here", 5_000_000)),
-        (WANT, News(7, POSE, 2_000, 20, True, b"ther", 6_000_000)),
-        (WANT, News(7, POSE, 2_500, 20, True, b"farther", 7_000_000)),
-        (WANT, News(7, POSE, 3_000, 70_000, False, b"unpackd", 8_000_000)),
-        (WANT, News(8, POSE, -3_000, 0, False, b"another", -9_000_000)),
-        (OTHER_TYPE, News(8, POSE, 4_000, 0, False, b"another", 10_000_000)),
+        (WANT, RemoteValue(7, POSE, 1_000, 10, True, b"here", 5_000_000)),
+        (WANT, RemoteValue(7, POSE, 2_000, 20, True, b"ther", 6_000_000)),
+        (WANT, RemoteValue(7, POSE, 2_500, 20, True, b"farther", 7_000_000)),
+        (WANT, RemoteValue(7, POSE, 3_000, 70_000, False, b"unpackd", 8_000_000)),
+        (WANT, RemoteValue(8, POSE, -3_000, 0, False, b"another", -9_000_000)),
+        (OTHER_TYPE, RemoteValue(8, POSE, 4_000, 0, False, b"another", 10_000_000)),
     ]
 
     async def run() -> None:
         async with tmp_node(tmp_path) as node:
             mirrors = Mirrors(node)
             ring: RingReader | None = None
-            for sequence, (want, news) in enumerate(written, start=1):
-                assert mirrors.write(want, news)
+            for sequence, (want, value) in enumerate(written, start=1):
+                assert mirrors.write(want, value)
                 ring = ring or RingReader(ring_file(node.shm_dir, "nav/pose", "uav7"))
                 expected = Frame(
                     Kind.BOARD,
                     want.data_id,
-                    news.origin_hw,
+                    value.origin_hw,
                     sequence=sequence,
-                    stamp_ns=news.stamp_us * 1000,
-                    echo_rx_us=news.rx_ns // 1000 - news.age_us,
-                    codec=Codec.PACKED if news.packed else Codec.NONE,
-                    payload=news.payload,
+                    stamp_ns=value.stamp_us * 1000,
+                    echo_rx_us=value.rx_ns // 1000 - value.age_us,
+                    codec=Codec.PACKED if value.packed else Codec.NONE,
+                    payload=value.payload,
                 )
                 assert ring.newest() == encode(expected)
             assert ring is not None
@@ -62,7 +62,7 @@ def test_a_mirror_of_a_broker_that_starts_again_goes_on_in_its_numbers(tmp_path:
             for start in range(2):
                 mirrors = Mirrors(node)
                 for number in range(2):
-                    mirrors.write(WANT, News(7, POSE, number, 0, True, b"here", 0))
+                    mirrors.write(WANT, RemoteValue(7, POSE, number, 0, True, b"here", 0))
                 mirrors.close()
                 with RingReader(ring_file(node.shm_dir, "nav/pose", "uav7")) as ring:
                     newest = ring.newest()

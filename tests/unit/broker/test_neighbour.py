@@ -6,20 +6,20 @@ from typing import Final
 
 import pytest
 
+from swarmd.broker.core.beacon import NO_ECHO, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.clock_sample import ClockSample
 from swarmd.broker.core.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.neighbour import (
     COST_MAX,
+    EXPECTED_MIN,
     FORGET_NS,
-    LEAST_EXPECTED,
     LISTING_NS,
     LISTINGS,
     NEIGHBOUR_LIMIT,
     UNLISTED_SLACK_NS,
     Neighbour,
-    Neighbours,
+    NeighbourTable,
 )
-from swarmd.broker.core.tick import NO_ECHO, Echo, Header, Hello, PlatformKind
-from swarmd.broker.core.timing import Timing
 
 ME, UAV2, UAV3 = 10, 20, 30
 MS: Final = 1_000_000
@@ -33,7 +33,7 @@ BOOT: Final = 77
 class Peer:
     """The other end: makes headers as a broker with its own clock would."""
 
-    def __init__(self, table: Neighbours, hw: int = UAV2, offset_us: int = 0) -> None:
+    def __init__(self, table: NeighbourTable, hw: int = UAV2, offset_us: int = 0) -> None:
         self.table = table
         self.hw = hw
         self.offset_us = offset_us
@@ -49,7 +49,7 @@ class Peer:
         hello: bool = False,
         way_ns: int = 0,
         skip: int = 0,
-    ) -> Timing | None:
+    ) -> ClockSample | None:
         self.sequence += 1 + skip
         tx_us = (now_ns - way_ns) // 1000 + self.offset_us
         header = Header(0, self.hw, self.sequence, tx_us & 0xFFFF_FFFF)
@@ -71,23 +71,23 @@ class Peer:
 
 
 @pytest.fixture
-def table() -> Neighbours:
-    return Neighbours(ME, TIMEOUT)
+def table() -> NeighbourTable:
+    return NeighbourTable(ME, TIMEOUT)
 
 
 @pytest.fixture
-def peer(table: Neighbours) -> Peer:
+def peer(table: NeighbourTable) -> Peer:
     return Peer(table)
 
 
-def listed(table: Neighbours, now_ns: int, *, hold_ns: int = 50 * MS, quality: int = 255) -> Echo:
+def listed(table: NeighbourTable, now_ns: int, *, hold_ns: int = 50 * MS, quality: int = 255) -> Echo:
     """An echo to a datagram of ours that left before."""
     table.sent(now_ns // MS, now_ns - hold_ns - 2 * MS)
     return Echo(ME, now_ns // MS & 0xFF, hold_ns // 1000, quality)
 
 
-def bring_up(table: Neighbours, peer: Peer, now_ns: int) -> None:
-    for before in range(LEAST_EXPECTED - 1, 0, -1):
+def bring_up(table: NeighbourTable, peer: Peer, now_ns: int) -> None:
+    for before in range(EXPECTED_MIN - 1, 0, -1):
         peer.datagram(now_ns - before * MS, hello=True)
     peer.datagram(now_ns, hello=True)
     peer.datagram(now_ns + 100 * MS, listed(table, now_ns + 100 * MS))
@@ -98,7 +98,7 @@ def test_every_transition_leaves_the_state_it_starts_from() -> None:
     assert all(before is not after for (before, _), after in TRANSITIONS.items())
 
 
-def test_a_neighbour_is_heard_first_and_up_when_it_lists_us(table: Neighbours, peer: Peer) -> None:
+def test_a_neighbour_is_heard_first_and_up_when_it_lists_us(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     assert peer.is_(LinkState.HEARD)
     peer.datagram(100 * MS, listed(table, 100 * MS))
@@ -116,7 +116,7 @@ def test_listing_others_does_not_bring_it_up(peer: Peer) -> None:
 
 
 def test_a_listing_without_an_echo_does_not_bring_it_up_but_keeps_it_up(
-    table: Neighbours, peer: Peer
+    table: NeighbourTable, peer: Peer
 ) -> None:
     peer.datagram(0)
     peer.datagram(100 * MS, Echo(ME, 0, NO_ECHO, 255))
@@ -131,7 +131,9 @@ def test_a_listing_without_an_echo_does_not_bring_it_up_but_keeps_it_up(
 
 
 @pytest.mark.parametrize("hold_ms", [200, 5_000])
-def test_an_echo_to_what_we_never_sent_does_not_count(table: Neighbours, peer: Peer, hold_ms: int) -> None:
+def test_an_echo_to_what_we_never_sent_does_not_count(
+    table: NeighbourTable, peer: Peer, hold_ms: int
+) -> None:
     peer.datagram(0)
     table.sent(1, 400 * MS)  # held for longer than it is old: of our former session
     peer.datagram(500 * MS, Echo(ME, 1, hold_ms * 1000, 255))
@@ -139,9 +141,9 @@ def test_an_echo_to_what_we_never_sent_does_not_count(table: Neighbours, peer: P
     assert peer.is_(LinkState.HEARD)
 
 
-def test_silence_for_the_timeout_takes_it_down(table: Neighbours, peer: Peer) -> None:
-    for tick in range(20):
-        peer.datagram(tick * 100 * MS, listed(table, tick * 100 * MS), hello=True)
+def test_silence_for_the_timeout_takes_it_down(table: NeighbourTable, peer: Peer) -> None:
+    for slot in range(20):
+        peer.datagram(slot * 100 * MS, listed(table, slot * 100 * MS), hello=True)
     last_ns = 1900 * MS
     assert table.deadline_ns() == last_ns + TIMEOUT
     assert table.on_timer(last_ns + TIMEOUT - 1) == []
@@ -150,46 +152,46 @@ def test_silence_for_the_timeout_takes_it_down(table: Neighbours, peer: Peer) ->
     assert table.deadline_ns() is None
 
 
-def test_a_slow_sender_without_loss_may_miss_one_datagram(table: Neighbours, peer: Peer) -> None:
+def test_a_slow_sender_without_loss_may_miss_one_datagram(table: NeighbourTable, peer: Peer) -> None:
     peer.period_ms = 500
-    for tick in range(20):
-        peer.datagram(tick * 500 * MS, listed(table, tick * 500 * MS), hello=True)
+    for slot in range(20):
+        peer.datagram(slot * 500 * MS, listed(table, slot * 500 * MS), hello=True)
     last_ns = 19 * 500 * MS
     assert table.on_timer(last_ns + 1200 * MS) == []
     assert table.on_timer(last_ns + 1251 * MS) != []
 
 
 def test_the_declared_period_counts_not_the_gaps_between_datagrams_sent_in_a_hurry(
-    table: Neighbours, peer: Peer
+    table: NeighbourTable, peer: Peer
 ) -> None:
     peer.period_ms = 3000
-    for tick in range(20):
-        peer.datagram(tick * 100 * MS, listed(table, tick * 100 * MS), hello=True)
+    for slot in range(20):
+        peer.datagram(slot * 100 * MS, listed(table, slot * 100 * MS), hello=True)
     assert table.deadline_ns() == 1900 * MS + round(2.5 * 3 * SECOND)
 
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("period_ms", [100, 500])
 def test_a_link_that_loses_three_of_ten_datagrams_stays_up(
-    table: Neighbours, peer: Peer, seed: int, period_ms: int
+    table: NeighbourTable, peer: Peer, seed: int, period_ms: int
 ) -> None:
     chance = random.Random(seed)
     peer.period_ms = period_ms
     bring_up(table, peer, 0)
     peer.changes.clear()
     changes: list[LinkChanged] = []
-    for tick in range(1, 600_000 // period_ms):
-        now_ns = (100 + tick * period_ms) * MS
+    for slot in range(1, 600_000 // period_ms):
+        now_ns = (100 + slot * period_ms) * MS
         changes += table.on_timer(now_ns)
         if chance.random() < 0.3:
             peer.sequence += 1
         else:
-            peer.datagram(now_ns, *([listed(table, now_ns)] if tick % 4 == 0 else []), hello=tick % 2 == 0)
+            peer.datagram(now_ns, *([listed(table, now_ns)] if slot % 4 == 0 else []), hello=slot % 2 == 0)
     falls = [change for change in changes + peer.changes if change.before is LinkState.UP]
     assert len(falls) <= 1, "in ten minutes"
 
 
-def test_cost_rises_while_a_neighbour_is_silent(table: Neighbours, peer: Peer) -> None:
+def test_cost_rises_while_a_neighbour_is_silent(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     costs = []
     for silent_ms in (100, 200, 300, 500, 900):
@@ -202,7 +204,7 @@ def test_cost_rises_while_a_neighbour_is_silent(table: Neighbours, peer: Peer) -
     assert peer.neighbour.cost < COST_MAX
 
 
-def test_the_lost_neighbour_is_told_twice_that_we_do_not_hear_it(table: Neighbours, peer: Peer) -> None:
+def test_two_echoes_say_that_a_lost_neighbour_is_not_received(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     table.on_timer(10 * SECOND)
     for _ in range(2):
@@ -210,7 +212,7 @@ def test_the_lost_neighbour_is_told_twice_that_we_do_not_hear_it(table: Neighbou
     assert table.echoes(10 * SECOND, 10, LISTING_NS) == ()
 
 
-def test_who_says_that_it_does_not_hear_us_is_half_open(table: Neighbours, peer: Peer) -> None:
+def test_who_says_that_it_does_not_hear_us_is_half_open(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     peer.datagram(200 * MS, Echo(ME, 0, NO_ECHO, 0))
     assert peer.is_(LinkState.HALF_OPEN)
@@ -218,7 +220,7 @@ def test_who_says_that_it_does_not_hear_us_is_half_open(table: Neighbours, peer:
     assert peer.is_(LinkState.UP)
 
 
-def test_who_lists_us_no_more_is_half_open(table: Neighbours, peer: Peer) -> None:
+def test_who_lists_us_no_more_is_half_open(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     now_ns = 100 * MS
     while peer.is_(LinkState.UP):
@@ -231,7 +233,7 @@ def test_who_lists_us_no_more_is_half_open(table: Neighbours, peer: Peer) -> Non
 
 
 def test_a_restart_takes_the_link_back_to_heard_and_forgets_what_was_measured(
-    table: Neighbours, peer: Peer
+    table: NeighbourTable, peer: Peer
 ) -> None:
     bring_up(table, peer, 0)
     peer.sequence = 5000
@@ -250,8 +252,8 @@ def test_loss_is_judged_over_the_last_16_datagrams(
     peer: Peer, skips: tuple[int, ...], quality: int, lost: int
 ) -> None:
     peer.datagram(0)
-    for tick, skip in enumerate(skips, start=1):
-        peer.datagram(tick * 100 * MS, skip=skip)
+    for slot, skip in enumerate(skips, start=1):
+        peer.datagram(slot * 100 * MS, skip=skip)
     assert abs(peer.neighbour.quality - quality) <= 16
     assert peer.neighbour.lost == lost
 
@@ -266,8 +268,8 @@ def test_a_late_datagram_is_late_and_not_lost(peer: Peer) -> None:
 
 
 def test_a_jump_of_the_sequence_is_no_loss(peer: Peer) -> None:
-    for tick in range(8):
-        peer.datagram(tick * 100 * MS)
+    for slot in range(8):
+        peer.datagram(slot * 100 * MS)
     peer.datagram(800 * MS, skip=30_000)
     assert peer.neighbour.lost == 0
     assert peer.neighbour.quality == 255
@@ -276,8 +278,8 @@ def test_a_jump_of_the_sequence_is_no_loss(peer: Peer) -> None:
 def test_one_datagram_after_a_silence_is_no_proof_of_a_good_link(peer: Peer) -> None:
     peer.datagram(0)
     assert peer.neighbour.quality == 32
-    for tick in range(1, 8):
-        peer.datagram(tick * 100 * MS)
+    for slot in range(1, 8):
+        peer.datagram(slot * 100 * MS)
     assert peer.neighbour.quality == 255
 
 
@@ -290,7 +292,9 @@ def test_a_newcomers_first_datagrams_may_come_in_any_order(peer: Peer, order: tu
     assert peer.neighbour.lost == 0
 
 
-def test_any_number_of_overtaken_datagrams_is_at_most_a_perfect_link(table: Neighbours, peer: Peer) -> None:
+def test_any_number_of_overtaken_datagrams_is_at_most_a_perfect_link(
+    table: NeighbourTable, peer: Peer
+) -> None:
     for sequence in range(40, 0, -1):
         peer.sequence = sequence - 1
         peer.datagram(0)
@@ -299,68 +303,68 @@ def test_any_number_of_overtaken_datagrams_is_at_most_a_perfect_link(table: Neig
     assert table.echoes(0, 10, LISTING_NS)[0].quality == 255
 
 
-def test_cost_counts_the_loss_of_both_directions(table: Neighbours, peer: Peer) -> None:
+def test_cost_counts_the_loss_of_both_directions(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     assert peer.neighbour.cost == 256
     peer.datagram(200 * MS, listed(table, 200 * MS, quality=128))
     assert peer.neighbour.cost == 1016, "half of them, twice over"
 
 
-def test_the_offset_is_bounded_from_both_sides(table: Neighbours) -> None:
+def test_the_offset_is_bounded_from_both_sides(table: NeighbourTable) -> None:
     offset_us = 5_000_000
     peer = Peer(table, offset_us=offset_us)
     peer.datagram(0, hello=True, way_ns=2 * MS)
     table.sent(9, 50 * MS)
     # ours left at 50 ms and took 3 ms; it was held for 45 ms; theirs took 2 ms
-    timing = peer.datagram(100 * MS, Echo(ME, 9, 45_000, 255), way_ns=2 * MS)
-    assert timing is not None
-    assert timing.boot_id == BOOT
-    assert timing.reverse_ns == offset_us * 1000 - 2 * MS
-    assert timing.forward_ns == offset_us * 1000 + 3 * MS
-    assert timing.forward_tx_ns == 50 * MS
+    clock_sample = peer.datagram(100 * MS, Echo(ME, 9, 45_000, 255), way_ns=2 * MS)
+    assert clock_sample is not None
+    assert clock_sample.boot_id == BOOT
+    assert clock_sample.reverse_ns == offset_us * 1000 - 2 * MS
+    assert clock_sample.forward_ns == offset_us * 1000 + 3 * MS
+    assert clock_sample.forward_tx_ns == 50 * MS
     assert peer.neighbour.rtt_ns == 5 * MS
 
 
-def test_clocks_are_whole_across_the_wrap_of_32_bits(table: Neighbours) -> None:
+def test_clocks_are_whole_across_the_wrap_of_32_bits(table: NeighbourTable) -> None:
     offset_us = (3 << 32) - 150_000
     peer = Peer(table, offset_us=offset_us)
-    for tick in range(5):
-        timing = peer.datagram(tick * 100 * MS, hello=tick == 0)
-        assert timing is not None
-        assert timing.reverse_ns == offset_us * 1000
+    for slot in range(5):
+        clock_sample = peer.datagram(slot * 100 * MS, hello=slot == 0)
+        assert clock_sample is not None
+        assert clock_sample.reverse_ns == offset_us * 1000
 
 
-def test_a_clock_below_zero_is_whole_too(table: Neighbours) -> None:
+def test_a_clock_below_zero_is_whole_too(table: NeighbourTable) -> None:
     peer = Peer(table, offset_us=-5_000_000)
-    timing = peer.datagram(100 * MS, hello=True)
-    assert timing is not None
-    assert timing.reverse_ns == -5 * SECOND
+    clock_sample = peer.datagram(100 * MS, hello=True)
+    assert clock_sample is not None
+    assert clock_sample.reverse_ns == -5 * SECOND
 
 
-def test_new_neighbours_are_listed_at_once_and_all_within_the_cycle(table: Neighbours) -> None:
+def test_new_neighbours_are_listed_at_once_and_all_within_the_cycle(table: NeighbourTable) -> None:
     peers = [Peer(table, hw) for hw in (UAV2, UAV3, 40)]
     for peer in peers:
         peer.datagram(0)
     assert {echo.hw for echo in table.echoes(0, 10, LISTING_NS)} == {UAV2, UAV3, 40}
     said: list[int] = []
-    for tick in range(1, 21):
+    for slot in range(1, 21):
         for peer in peers:
-            peer.datagram(tick * 100 * MS)
-        said += [echo.hw for echo in table.echoes(tick * 100 * MS, 10, LISTING_NS)]
+            peer.datagram(slot * 100 * MS)
+        said += [echo.hw for echo in table.echoes(slot * 100 * MS, 10, LISTING_NS)]
     assert {UAV2, UAV3, 40} <= set(said)
     assert len(said) <= 11, "an echo every 0.2 s is enough for three"
 
 
-def test_an_echo_answers_the_datagram_that_came_fastest(table: Neighbours, peer: Peer) -> None:
+def test_an_echo_answers_the_datagram_that_came_fastest(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0, hello=True)
     table.echoes(0, 10, LISTING_NS)
-    for tick, way_ms in enumerate((9, 1, 7), start=1):
-        peer.datagram(tick * 100 * MS, way_ns=way_ms * MS)
+    for slot, way_ms in enumerate((9, 1, 7), start=1):
+        peer.datagram(slot * 100 * MS, way_ns=way_ms * MS)
     [echo] = table.echoes(350 * MS, 10, LISTING_NS)
     assert echo == Echo(UAV2, 3, 150_000, 128)
 
 
-def test_an_echo_is_said_once(table: Neighbours, peer: Peer) -> None:
+def test_an_echo_is_said_once(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     [first] = table.echoes(0, 10, LISTING_NS)
     [second] = table.echoes(3 * SECOND, 10, LISTING_NS)
@@ -368,7 +372,7 @@ def test_an_echo_is_said_once(table: Neighbours, peer: Peer) -> None:
     assert second.hold_us == NO_ECHO
 
 
-def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: Neighbours) -> None:
+def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: NeighbourTable) -> None:
     for index in range(20):
         Peer(table, 100 + index).datagram(0)
     first = {echo.hw for echo in table.echoes(0, 8, LISTING_NS)}
@@ -377,7 +381,7 @@ def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: Ne
     assert not first & second
 
 
-def test_many_neighbours_that_fall_silent_at_once_do_not_overfill_a_datagram(table: Neighbours) -> None:
+def test_many_neighbours_that_fall_silent_at_once_do_not_overfill_a_datagram(table: NeighbourTable) -> None:
     for index in range(400):
         Peer(table, 100 + index).datagram(0)
     table.on_timer(20 * SECOND)
@@ -386,7 +390,7 @@ def test_many_neighbours_that_fall_silent_at_once_do_not_overfill_a_datagram(tab
     assert sum(told) == 400 * 2, "each is told twice"
 
 
-def test_common_are_those_that_every_neighbour_hears(table: Neighbours) -> None:
+def test_common_are_those_that_every_neighbour_hears(table: NeighbourTable) -> None:
     one, other = Peer(table, UAV2), Peer(table, UAV3)
     for peer, hears in ((one, (UAV3, 50, 60)), (other, (UAV2, 50))):
         bring_up(table, peer, 0)
@@ -394,7 +398,7 @@ def test_common_are_those_that_every_neighbour_hears(table: Neighbours) -> None:
     assert table.common(200 * MS) == {UAV2, UAV3, 50}
 
 
-def test_a_node_that_does_not_hear_all_our_neighbours_is_common_and_not_linked(table: Neighbours) -> None:
+def test_a_node_that_does_not_hear_all_our_neighbours_is_common_and_not_linked(table: NeighbourTable) -> None:
     """One neighbour hears it and is not heard: it needs our row."""
     one, other, third = Peer(table, UAV2), Peer(table, UAV3), Peer(table, 40)
     for peer, hears in ((one, (UAV3, 40, 50)), (other, (UAV2, 40, 50)), (third, (UAV3, UAV2, 50))):
@@ -410,7 +414,7 @@ def test_a_node_that_does_not_hear_all_our_neighbours_is_common_and_not_linked(t
     assert table.linked(4 * SECOND) == {UAV3}
 
 
-def test_what_a_neighbour_heard_long_ago_counts_no_more(table: Neighbours, peer: Peer) -> None:
+def test_what_a_neighbour_heard_long_ago_counts_no_more(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     peer.datagram(200 * MS, Echo(50, 1, 5, 255))
     peer.datagram(8 * SECOND, listed(table, 8 * SECOND))
@@ -419,14 +423,14 @@ def test_what_a_neighbour_heard_long_ago_counts_no_more(table: Neighbours, peer:
     assert not table.needed(50, {UAV2}, 8 * SECOND)
 
 
-def test_a_neighbour_that_stays_away_is_forgotten(table: Neighbours, peer: Peer) -> None:
+def test_a_neighbour_that_stays_away_is_forgotten(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     table.on_timer(2 * SECOND)
     table.on_timer(FORGET_NS + 2 * SECOND)
     assert table.get(UAV2) is None
 
 
-def test_strangers_beyond_the_limit_are_turned_away(table: Neighbours) -> None:
+def test_neighbours_beyond_the_limit_are_not_taken(table: NeighbourTable) -> None:
     for index in range(NEIGHBOUR_LIMIT):
         Peer(table, 1000 + index).datagram(0)
     header = Header(0, 1, 1, 1)
@@ -434,7 +438,7 @@ def test_strangers_beyond_the_limit_are_turned_away(table: Neighbours) -> None:
 
 
 def test_the_usual_period_is_that_of_most_whatever_one_declares_and_the_lost_have_none(
-    table: Neighbours,
+    table: NeighbourTable,
 ) -> None:
     peers = [Peer(table, hw) for hw in range(20, 25)]
     for peer, period_ms in zip(peers, (500, 100, 500, 200, 500), strict=True):

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.broker.core.queue import AGE_MAX_NS, BYTES_MAX, Lane, Priority, Queue, lane, priority
+from swarmd.broker.core.send_queue import (
+    AGE_MAX_NS,
+    BYTES_MAX,
+    ConnectionClass,
+    Priority,
+    SendQueue,
+    connection_class,
+    priority,
+)
 from swarmd.tree.core.action import SendNotify
 from swarmware.errors import InvalidInput
 from swarmware.frame import Flag, Frame, Kind, encode
@@ -29,9 +37,9 @@ def note(platform: str, *kinds: Kind, digest: int = 0) -> SendNotify:
     return SendNotify(platform, TreeNotify("uav1", 1, 1, items, 1, digest))
 
 
-def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -> Queue:
+def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -> SendQueue:
     """The broker's queue with all that a module of this node gave to its post."""
-    queue = Queue()
+    queue = SendQueue()
     came = asyncio.Event()
     seen: set[tuple[int, int, int]] = set()
 
@@ -56,10 +64,10 @@ def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -
     return queue
 
 
-def taken(queue: Queue) -> dict[Lane, list[Frame]]:
+def taken(queue: SendQueue) -> dict[ConnectionClass, list[Frame]]:
     """What each connection takes, in its order."""
-    frames: dict[Lane, list[Frame]] = {each: [] for each in Lane}
-    for each in Lane:
+    frames: dict[ConnectionClass, list[Frame]] = {each: [] for each in ConnectionClass}
+    for each in ConnectionClass:
         while queue.has(each):
             frames[each].append(queue.pop(each).frame)
     return frames
@@ -87,10 +95,10 @@ def test_commands_come_before_notifications_and_notifications_before_streams_and
     queue = sent(tmp_path, send)
     order = taken(queue)
     assert {each: [priority(frame) for frame in frames] for each, frames in order.items()} == {
-        Lane.CONTROL: [Priority.URGENT, Priority.CONTROL, Priority.CONTROL],
-        Lane.DATA: [Priority.NOTIFY, Priority.NOTIFY, Priority.STREAM, Priority.BULK],
+        ConnectionClass.CONTROL: [Priority.URGENT, Priority.CONTROL, Priority.CONTROL],
+        ConnectionClass.DATA: [Priority.NOTIFY, Priority.NOTIFY, Priority.STREAM, Priority.BULK],
     }
-    assert b"now" in order[Lane.CONTROL][0].payload
+    assert b"now" in order[ConnectionClass.CONTROL][0].payload
 
 
 def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_path: Path) -> None:
@@ -108,33 +116,35 @@ def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_
 
     queue = sent(tmp_path, send)
     order = taken(queue)
-    abort, *commands = order[Lane.CONTROL]
+    abort, *commands = order[ConnectionClass.CONTROL]
     assert b"now" in abort.payload
     assert [frame.kind for frame in commands] == [Kind.MESSAGE] * platforms
-    kinds = {frame.kind for frame in order[Lane.DATA]}
+    kinds = {frame.kind for frame in order[ConnectionClass.DATA]}
     assert kinds == {Kind.NOTIFY}, "notifications fill the queue: streams went first"
 
 
 @pytest.mark.parametrize("kind", list(Kind))
 def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: Kind) -> None:
     data = kind in {Kind.STREAM, Kind.NOTIFY, Kind.EVENT, Kind.BOARD, Kind.FILE}
-    assert lane(Frame(kind, 5, 1, 6, 9, 7)) is (Lane.DATA if data else Lane.CONTROL)
-    assert lane(Frame(kind, 5, 1, 6, 9, 7, flags=Flag.URGENT)) is Lane.CONTROL
+    assert connection_class(Frame(kind, 5, 1, 6, 9, 7)) is (
+        ConnectionClass.DATA if data else ConnectionClass.CONTROL
+    )
+    assert connection_class(Frame(kind, 5, 1, 6, 9, 7, flags=Flag.URGENT)) is ConnectionClass.CONTROL
 
 
 def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
-    queue = Queue()
+    queue = SendQueue()
     queue.put(b"scan", Frame(Kind.NOTIFY, 5, 1, 6, 9, 7), 0)
-    assert not queue.has(Lane.CONTROL)
+    assert not queue.has(ConnectionClass.CONTROL)
     queue.put(b"abort", Frame(Kind.MESSAGE, 5, 1, 6, 9, 7), 1)
-    waiting, old = queue.peek(Lane.CONTROL, AGE_MAX_NS + 1)
+    waiting, old = queue.peek(ConnectionClass.CONTROL, AGE_MAX_NS + 1)
     assert waiting is not None
     assert (waiting.data, old) == (b"abort", [])
-    assert queue.pop(Lane.CONTROL).data == b"abort"
-    waiting, old = queue.peek(Lane.DATA, AGE_MAX_NS + 1)
+    assert queue.pop(ConnectionClass.CONTROL).data == b"abort"
+    waiting, old = queue.peek(ConnectionClass.DATA, AGE_MAX_NS + 1)
     assert (waiting, [item.data for item in old]) == (None, [b"scan"])
     with pytest.raises(IndexError, match="nothing waits"):
-        queue.pop(Lane.DATA)
+        queue.pop(ConnectionClass.DATA)
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,11 @@
 import re
 from pathlib import Path
 
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.checks import CheckKind
-from swarmd.broker.core.directory import (
-    CALM_SIZE,
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import Beacon, BoardValue, Echo, Header, Hello, PlatformKind, RouteRow
+from swarmd.broker.core.beacon_protocol import DIRECT_COST, DIRECT_NS
+from swarmd.broker.core.neighbour import EXPECTED_MIN, FALSE_ALARM, LISTINGS, LONG_WINDOW, PERIODS, WINDOW
+from swarmd.broker.core.routing_table import (
     HOLD_NS,
     HYSTERESIS,
     REFRESH_MAX_NS,
@@ -14,12 +15,11 @@ from swarmd.broker.core.directory import (
     REQUEST_AGAIN_NS,
     REQUEST_FOR_NS,
     SOURCE_GC_NS,
+    STRETCH_FROM,
     STRETCH_MAX,
 )
-from swarmd.broker.core.neighbour import FALSE_ALARM, LEAST_EXPECTED, LISTINGS, LONG_WINDOW, PERIODS, WINDOW
+from swarmd.broker.core.session_checks import CheckKind
 from swarmd.broker.core.sessions import ALIVE_NS, ENDED_NS
-from swarmd.broker.core.station import DIRECT_COST, DIRECT_NS
-from swarmd.broker.core.tick import Echo, Header, Hello, PlatformKind, Row, Tick, Value
 from swarmware import frame as wire
 from swarmware.access import Role
 from swarmware.delivery import with_lifetime
@@ -43,31 +43,31 @@ def example(name: str) -> bytes:
     return bytes.fromhex(found[1])
 
 
-def tick() -> Tick:
-    return Tick(
+def beacon() -> Beacon:
+    return Beacon(
         hello=Hello(0x1122334455667788, 1, 7447, 42, 0, PlatformKind.UAV, "uav3"),
         echoes=(Echo(hardware_id("gcs"), 0x2A, 50_000, 255),),
-        rows=(Row(hardware_id("uav7"), 0x1234, 512),),
-        values=(Value(data_id("nav/pose", "Pose"), 12_300, True, Pose.planar(1.0, 2.0, 3.0).pack()),),
+        rows=(RouteRow(hardware_id("uav7"), 0x1234, 512),),
+        values=(BoardValue(data_id("nav/pose", "Pose"), 12_300, True, Pose.planar(1.0, 2.0, 3.0).pack()),),
     )
 
 
-def test_the_tick_of_the_page_is_the_one_we_send() -> None:
-    body = codec.encode(tick())
-    assert body == example("tick-body")
+def test_the_beacon_of_the_page_is_the_one_we_send() -> None:
+    body = codec.encode(beacon())
+    assert body == example("beacon-body")
     hw = hardware_id("uav3")
     clear = codec.encode_header(Header(3, hw, 1000, 123_456_789, SESSION))
-    assert clear + Sealer(GROUP, hw, SESSION).seal(1000, clear, body) == example("tick-datagram")
+    assert clear + Sealer(GROUP, hw, SESSION).seal(1000, clear, body) == example("beacon-datagram")
 
 
-def test_the_tick_of_the_page_is_one_we_take() -> None:
-    data = example("tick-datagram")
+def test_the_beacon_of_the_page_is_one_we_take() -> None:
+    data = example("beacon-datagram")
     header, start = codec.decode_header(data)
     opened = Opener(GROUP).open(
         header.epoch, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
     )
     assert isinstance(opened, Opened)
-    assert codec.decode(opened.body) == tick()
+    assert codec.decode(opened.body) == beacon()
 
 
 def test_the_frame_of_the_page_is_ours() -> None:
@@ -126,12 +126,12 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"{HOPS} at the sender",
         f"{REPLAY_WINDOW} numbers back",
         f"over the last {WINDOW}",
-        f"at least {LEAST_EXPECTED} expected",
+        f"at least {EXPECTED_MIN} expected",
         f"none comes for {LISTINGS} listing periods and 1 s",
         f"{PERIODS} periods of the sender",
         f"the last {LONG_WINDOW} datagrams",
         f"{FALSE_ALARM:g} divided by the number of neighbours",
-        f"with the number of nodes above {CALM_SIZE}, up to {STRETCH_MAX:g} times",
+        f"with the number of nodes above {STRETCH_FROM}, up to {STRETCH_MAX:g} times",
         f"better by more than {HYSTERESIS}",
         f"every {REQUEST_AGAIN_NS / SECOND} s, for {REQUEST_FOR_NS // SECOND} s",
         f"every {REFRESH_NS / SECOND} s per hop of distance",

@@ -5,11 +5,11 @@ from typing import Final
 
 import pytest
 
+from swarmd.broker.core.beacon import NEVER_NS, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.declared_period import CEILINGS_NS, LOWER_NS, DeclaredPeriod, ceiling_ns
 from swarmd.broker.core.link import LinkState
-from swarmd.broker.core.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, Neighbours, notice_ns
-from swarmd.broker.core.slowest import CEILINGS_NS, LOWER_NS, Slowest, ceiling_ns
-from swarmd.broker.core.tick import NEVER_NS, Echo, Header, Hello, PlatformKind
-from swarmd.broker.former import PERIOD, SESSION, Former
+from swarmd.broker.core.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, NeighbourTable, notice_ns
+from swarmd.broker.former_session import PERIOD, SESSION, FormerSession
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
@@ -21,7 +21,7 @@ ME, PEER = 1, 2
 @pytest.mark.parametrize("others", [0, 300])
 def test_no_link_outlives_the_notice_whatever_its_loss(period_ms: int, every: int, others: int) -> None:
     """`every`: so manieth datagram comes."""
-    table = Neighbours(ME, SECOND)
+    table = NeighbourTable(ME, SECOND)
     now_ns = 0
     for hw in range(100, 100 + others):
         table.on_header(Header(0, hw, 1, 0), False, ("h", 1), now_ns, [])
@@ -41,7 +41,7 @@ def test_no_link_outlives_the_notice_whatever_its_loss(period_ms: int, every: in
 
 
 def test_links_of_a_node_without_a_hello_end_within_the_shortest_notice() -> None:
-    table = Neighbours(ME, SECOND)
+    table = NeighbourTable(ME, SECOND)
     neighbour = table.on_header(Header(0, PEER, 1, 0), False, ("h", 1), 0, [])
     assert neighbour is not None
     assert neighbour.deadline_ns <= notice_ns(1, SECOND) - NOTICE_SLACK_NS
@@ -56,7 +56,7 @@ def test_periods_are_kept_in_classes(period_ms: int, kept_ms: int) -> None:
 
 
 def test_a_slower_period_is_kept_at_once_and_a_faster_one_when_all_have_it() -> None:
-    slowest = Slowest(0, 0)
+    declared_period = DeclaredPeriod(0, 0)
     steps = [
         (0, 100, True, 125),
         (1, 110, False, 125),
@@ -68,25 +68,25 @@ def test_a_slower_period_is_kept_at_once_and_a_faster_one_when_all_have_it() -> 
         (3 + LOWER_NS // SECOND, 2000, True, 2000),
     ]
     for at_s, period_ms, keep, kept_ms in steps:
-        assert slowest.declare(period_ms * MS, at_s * SECOND) is keep, at_s
-        assert slowest.ns == kept_ms * MS
+        assert declared_period.declare(period_ms * MS, at_s * SECOND) is keep, at_s
+        assert declared_period.ns == kept_ms * MS
 
 
 def test_the_period_of_a_former_session_holds_until_all_have_a_newer_one() -> None:
-    slowest = Slowest(2000 * MS, 0)
-    assert not slowest.declare(100 * MS, SECOND)
-    assert slowest.ns == 2000 * MS
-    assert slowest.declare(100 * MS, LOWER_NS)
-    assert slowest.ns == 125 * MS
+    declared_period = DeclaredPeriod(2000 * MS, 0)
+    assert not declared_period.declare(100 * MS, SECOND)
+    assert declared_period.ns == 2000 * MS
+    assert declared_period.declare(100 * MS, LOWER_NS)
+    assert declared_period.ns == 125 * MS
 
 
 def test_what_is_kept_is_there_at_the_next_start(tmp_path: Path) -> None:
-    first = Former(tmp_path)
-    assert first.slowest_ns == 0, "nobody can know a former session"
+    first = FormerSession(tmp_path)
+    assert first.declared_period_ns == 0, "nobody can know a former session"
     assert first.next_session(100) == 100
     first.keep(2000 * MS)
-    second = Former(tmp_path)
-    assert second.slowest_ns == 2000 * MS
+    second = FormerSession(tmp_path)
+    assert second.declared_period_ns == 2000 * MS
     assert second.next_session(50) == 101
     assert sorted(path.name for path in tmp_path.iterdir()) == [PERIOD, SESSION]
 
@@ -94,30 +94,34 @@ def test_what_is_kept_is_there_at_the_next_start(tmp_path: Path) -> None:
 def test_a_node_whose_data_was_lost_waits_as_one_that_was_idle(tmp_path: Path) -> None:
     idle = tmp_path / "idle"
     idle.mkdir()
-    Former(idle).next_session(1)
-    Former(idle).keep(500 * MS)
-    assert Former(tmp_path).quiet_ns(SECOND) == Former(idle).quiet_ns(SECOND) == notice_ns(500 * MS, SECOND)
-    Former(idle).keep(2000 * MS)
-    assert Former(idle).quiet_ns(SECOND) == notice_ns(2000 * MS, SECOND)
+    FormerSession(idle).next_session(1)
+    FormerSession(idle).keep(500 * MS)
+    assert (
+        FormerSession(tmp_path).quiet_ns(SECOND)
+        == FormerSession(idle).quiet_ns(SECOND)
+        == notice_ns(500 * MS, SECOND)
+    )
+    FormerSession(idle).keep(2000 * MS)
+    assert FormerSession(idle).quiet_ns(SECOND) == notice_ns(2000 * MS, SECOND)
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"\xff\xfe", b"0", b"77", b"-500", b"9" * 5000, b"5\n0"])
 def test_a_damaged_period_counts_as_the_longest(tmp_path: Path, content: bytes) -> None:
-    Former(tmp_path).next_session(1)
+    FormerSession(tmp_path).next_session(1)
     (tmp_path / PERIOD).write_bytes(content)
-    assert Former(tmp_path).slowest_ns == CEILINGS_NS[-1]
+    assert FormerSession(tmp_path).declared_period_ns == CEILINGS_NS[-1]
 
 
 def test_a_session_of_a_version_without_periods_counts_as_idle(tmp_path: Path) -> None:
-    Former(tmp_path).next_session(1)
-    assert Former(tmp_path).slowest_ns == 500 * MS
+    FormerSession(tmp_path).next_session(1)
+    assert FormerSession(tmp_path).declared_period_ns == 500 * MS
 
 
 def test_a_period_that_cannot_be_kept_is_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    former = Former(tmp_path / "gone")
+    former = FormerSession(tmp_path / "gone")
     former.keep(500 * MS)
     assert "broker.period: cannot be written" in caplog.text
 
 
 def test_nothing_kept_and_no_time_gone() -> None:
-    assert Slowest(0, NEVER_NS).declare(100 * MS, 0)
+    assert DeclaredPeriod(0, NEVER_NS).declare(100 * MS, 0)

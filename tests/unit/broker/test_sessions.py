@@ -4,13 +4,13 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.checks import Check, CheckKind
+from swarmd.broker.core.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.sessions import (
     ALIVE_NS,
     CHECKS_MAX,
     CLAIMS_MAX,
     PRESENT_MAX,
-    Outcome,
+    SessionOutcome,
     Sessions,
     digest,
 )
@@ -27,15 +27,15 @@ class Node:
         self.session = session
         self.sessions = Sessions(hw, session, connections=keys)
 
-    def say(self, now_ns: int) -> tuple[int, int, tuple[Check, ...]]:
+    def say(self, now_ns: int) -> tuple[int, int, tuple[SessionCheck, ...]]:
         return self.hw, self.session, self.sessions.due(now_ns)
 
-    def hear(self, said: tuple[int, int, tuple[Check, ...]], now_ns: int) -> Outcome:
+    def hear(self, said: tuple[int, int, tuple[SessionCheck, ...]], now_ns: int) -> SessionOutcome:
         return self.sessions.on_datagram(*said, now_ns)
 
 
 def talk(one: Node, other: Node, start_ns: int, rounds: int = 4, *, prove: bool = True) -> int:
-    """Both tick and hear each other, connections included; the instant after it."""
+    """Both beacon and hear each other, connections included; the instant after it."""
     now_ns = start_ns
     for _ in range(rounds):
         for speaker, hearer in ((one, other), (other, one)):
@@ -141,30 +141,30 @@ def test_a_record_of_an_own_former_session_is_no_second_computer() -> None:
     talk(before, receiver, 0)
     now = Node(A, 10)
     for step in range(50):
-        assert not now.hear((A, 9, (Check(CheckKind.ANSWER, A, digest(9)),)), step * MS).duplicate
+        assert not now.hear((A, 9, (SessionCheck(CheckKind.ANSWER, A, digest(9)),)), step * MS).duplicate
 
 
 def test_only_what_names_our_present_session_is_an_answer() -> None:
     node = Node(A, 10)
     for check in (
-        Check(CheckKind.ANSWER, A, digest(9)),
-        Check(CheckKind.ANSWER, B, digest(10)),
-        Check(CheckKind.QUESTION, A, digest(10)),
-        Check(99, A, digest(10)),
+        SessionCheck(CheckKind.ANSWER, A, digest(9)),
+        SessionCheck(CheckKind.ANSWER, B, digest(10)),
+        SessionCheck(CheckKind.QUESTION, A, digest(10)),
+        SessionCheck(99, A, digest(10)),
     ):
         assert not node.hear((B, 20, (check,)), 0).believed
-    assert node.hear((B, 20, (Check(CheckKind.ANSWER, A, digest(10)),)), 0).believed
+    assert node.hear((B, 20, (SessionCheck(CheckKind.ANSWER, A, digest(10)),)), 0).believed
 
 
 def test_a_flood_of_sessions_takes_bounded_room_and_bounded_words() -> None:
     node = Node(A, 10)
-    answer = (Check(CheckKind.QUESTION, A, digest(10)),)
+    answer = (SessionCheck(CheckKind.QUESTION, A, digest(10)),)
     for number in range(3 * CLAIMS_MAX):
         node.hear((100 + number, 1 + number, answer), number * MS)
     assert len(node.sessions._claims) <= CLAIMS_MAX
     assert len(node.say(SECOND)[2]) == CHECKS_MAX
     assert node.sessions.waiting == CHECKS_MAX
-    believed = (Check(CheckKind.ANSWER, A, digest(10)),)
+    believed = (SessionCheck(CheckKind.ANSWER, A, digest(10)),)
     for number in range(PRESENT_MAX + 10):
         node.hear((10_000 + number, 1, believed), 2 * SECOND + number)
     assert len(node.sessions._present) == PRESENT_MAX

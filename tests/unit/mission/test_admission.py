@@ -128,7 +128,7 @@ def test_any_bytes_are_a_packed_state_or_a_wire_error(data: bytes) -> None:
         MissionState.unpack(data).pack()
 
 
-def test_a_state_is_the_same_after_the_tick() -> None:
+def test_a_state_is_the_same_after_the_beacon() -> None:
     packed = STATE.pack()
     assert len(packed) + 20 < len(registry.encode(STATE))
     back = MissionState.unpack(memoryview(packed))

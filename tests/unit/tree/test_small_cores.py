@@ -69,7 +69,7 @@ def test_quality_is_of_owner_age_and_way(
     assert quality(leaf(resource, lost=lost), age_s, reachable=reachable_now, known=known) == expected
 
 
-def test_a_mirror_of_a_board_at_rest_is_live_between_two_ticks() -> None:
+def test_a_mirror_of_a_board_at_rest_is_live_between_two_beacons() -> None:
     def seen(resource: Resource, age_s: float) -> str:
         return quality(leaf(resource), age_s, reachable=True, known=True, mirrored=True)
 

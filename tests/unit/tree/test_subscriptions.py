@@ -1,4 +1,4 @@
-"""Subscriptions between two trees: values, leases, losses, restarts; what goes into the tick."""
+"""Subscriptions between two trees: values, leases, losses, restarts; what goes into the beacon."""
 
 import msgspec
 import pytest
@@ -10,7 +10,7 @@ from swarmd.tree.core.held import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
-from swarmware.types.net import ChannelLimit, Offer, Want
+from swarmware.types.net import BoardPublication, BoardSubscription, ChannelLimit
 from swarmware.types.tree import SubscribeRequest, TreeItem, TreeNotify
 
 
@@ -294,14 +294,14 @@ def test_rules_of_the_subscriber_hold_at_the_owner() -> None:
     assert got(both) == [1.0, 2.1]
 
 
-def test_periodic_boards_are_for_the_tick() -> None:
+def test_periodic_boards_are_for_the_beacon() -> None:
     both = pair("/*/nav/pose")
     gcs, uav = both.trees["gcs"], both.trees["uav1"]
     assert gcs.plan_changed()
     assert uav.plan_changed()
     assert not uav.plan_changed()
-    assert uav.held.offers() == [Offer("nav/pose", POSE.data_id, "Pose", 50)]
-    assert gcs.remotes.wants() == [Want("uav1", "nav/pose", "Pose", POSE.data_id)]
+    assert uav.held.offers() == [BoardPublication("nav/pose", POSE.data_id, "Pose", 50)]
+    assert gcs.remotes.wants() == [BoardSubscription("uav1", "nav/pose", "Pose", POSE.data_id)]
     assert uav.held.feeds == 0
     gcs.on_applications([], [], 0)
     both.carry()
@@ -310,7 +310,7 @@ def test_periodic_boards_are_for_the_tick() -> None:
     assert (uav.held.offers(), gcs.remotes.wants()) == ([], [])
 
 
-def test_of_several_subscribers_the_most_eager_sets_the_pace_of_the_tick() -> None:
+def test_of_several_subscribers_the_shortest_interval_sets_the_rate_in_the_beacon() -> None:
     uav = core("uav1")
     for name, interval_s in (("gcs", 1.0), ("uav2", 0.2)):
         other = core(name, rules=(RuleConfig(pattern="nav/*", min_interval_s=interval_s),))

@@ -203,7 +203,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
 
 
 def processor(shm_dir: Path) -> CheckResult:
-    """Whether the broker's ticks leave when they are due, from its board `net/traffic`."""
+    """Whether the broker's beacons leave when they are due, from its board `net/traffic`."""
     try:
         with contextlib.closing(RingReader(ring_file(shm_dir, "net/traffic"))) as ring:
             data = ring.newest()
@@ -216,10 +216,10 @@ def processor(shm_dir: Path) -> CheckResult:
             "processor", "warning", f"net/traffic cannot be read: {error}", "swarmctl traffic ls"
         )
     if traffic.slowdown > 1:
-        text = f"ticks slowed {traffic.slowdown:g} times: processor short ({traffic.slowed_ticks} so far)"
+        text = f"beacons slowed {traffic.slowdown:g} times: processor short ({traffic.slowed_ticks} so far)"
         return CheckResult("processor", "warning", text, "run fewer services or nodes on this computer")
     return CheckResult(
-        "processor", "ok", f"{traffic.tick_hz:g} ticks a second, {traffic.slowed_ticks} slowed so far"
+        "processor", "ok", f"{traffic.tick_hz:g} beacons a second, {traffic.slowed_ticks} slowed so far"
     )
 
 

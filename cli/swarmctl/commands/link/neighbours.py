@@ -33,7 +33,7 @@ async def list_neighbours(session: Session) -> None:
         Column("STATE"),
         Column("ADDRESS"),
         Column("MESSAGES"),
-        Column("TICK"),
+        Column("BEACON"),
         Column("LOSS IN", right=True),
         Column("LOSS OUT", right=True),
         Column("RTT ms", right=True),

@@ -80,5 +80,5 @@ async def list_counters(session: Session) -> None:
     )
     if found.slowed_ticks:
         session.out.text(
-            f"ticks slowed: {found.slowed_ticks}, {found.slowdown:g} times at present: processor short"
+            f"beacons slowed: {found.slowed_ticks}, {found.slowdown:g} times at present: processor short"
         )

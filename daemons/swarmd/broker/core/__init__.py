@@ -1,4 +1,4 @@
-"""What the broker decides, without a socket or a clock: tick codec, neighbours, directory, boards, counters.
+"""Decisions of the broker: beacon codec, neighbours, routing, boards, sessions, queues, counters.
 
 No asyncio, zmq, socket, time, random or files in here: time is an argument, chance a callable.
 """

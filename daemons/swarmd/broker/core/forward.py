@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.directory import Directory
+from swarmd.broker.core.routing_table import RoutingTable
 from swarmware.frame import HOPS, Frame
 
 SEEN_MAX: Final = 4096
@@ -14,7 +14,7 @@ LOOP_NS: Final = 90_000_000
 senders wait 100 ms at least."""
 
 
-class Step(IntEnum):
+class ForwardStep(IntEnum):
     """What happens to a frame."""
 
     DELIVER = 1
@@ -27,38 +27,38 @@ class Step(IntEnum):
     """Must have come from its sender itself, and came from another member."""
 
 
-class Decision(msgspec.Struct, frozen=True, gc=False):
+class ForwardDecision(msgspec.Struct, frozen=True, gc=False):
     """A frame's next step."""
 
-    step: Step
+    step: ForwardStep
     via: int = 0
     """Neighbour to which it goes."""
     first: bool = True
     """Not a repetition of one that went through here."""
 
 
-_DELIVER: Final = Decision(Step.DELIVER)
-_REPEATED: Final = Decision(Step.DELIVER, first=False)
-_HOP_LIMIT: Final = Decision(Step.HOP_LIMIT)
-_LOOPED: Final = Decision(Step.LOOPED)
-_SPOOFED: Final = Decision(Step.SPOOFED)
+_DELIVER: Final = ForwardDecision(ForwardStep.DELIVER)
+_REPEATED: Final = ForwardDecision(ForwardStep.DELIVER, first=False)
+_HOP_LIMIT: Final = ForwardDecision(ForwardStep.HOP_LIMIT)
+_LOOPED: Final = ForwardDecision(ForwardStep.LOOPED)
+_SPOOFED: Final = ForwardDecision(ForwardStep.SPOOFED)
 
 _Identity = tuple[int, int, int, int, int]
 
 
-class Forwarder:
+class FrameForwarder:
     """Forwards along the directory, each frame once round.
 
     A repetition by its sender (an acknowledgement was lost) is forwarded again; what comes round
     within milliseconds with fewer hops left is not.
     """
 
-    def __init__(self, own_hw: int, directory: Directory) -> None:
+    def __init__(self, own_hw: int, routing: RoutingTable) -> None:
         self._own_hw = own_hw
-        self._directory = directory
+        self._routing = routing
         self._seen: dict[_Identity, tuple[int, int]] = {}
 
-    def from_here(self, frame: Frame, now_ns: int) -> Decision:
+    def from_here(self, frame: Frame, now_ns: int) -> ForwardDecision:
         """A frame of an application of this platform; it starts with all its hops.
 
         A refusal on behalf of a receiver that cannot be reached starts as if it had gone one hop.
@@ -66,13 +66,13 @@ class Forwarder:
         frame.hops_left = HOPS if frame.sender_hw == self._own_hw else HOPS - 1
         return self._onward(frame, self._first(frame, now_ns), now_ns)
 
-    def again(self, frame: Frame, now_ns: int) -> Decision:
+    def reroute(self, frame: Frame, now_ns: int) -> ForwardDecision:
         """A frame that waited for a neighbour which is gone."""
         return self._onward(frame, False, now_ns)
 
     def from_neighbour(
         self, frame: Frame, neighbour_hw: int | None, now_ns: int, *, direct: bool = False
-    ) -> Decision:
+    ) -> ForwardDecision:
         """A frame from a link; `neighbour_hw`: the member at its other end, None where nobody can tell.
 
         `direct`: its origin is so near that it sends to us itself; then nobody else brings its frames.
@@ -93,12 +93,12 @@ class Forwarder:
         frame.hops_left -= 1
         return self._onward(frame, first, now_ns)
 
-    def _onward(self, frame: Frame, first: bool, now_ns: int) -> Decision:
-        via = self._directory.next_hop(frame.receiver_hw)
+    def _onward(self, frame: Frame, first: bool, now_ns: int) -> ForwardDecision:
+        via = self._routing.next_hop(frame.receiver_hw)
         if not via:
-            self._directory.want(frame.receiver_hw, now_ns)
-            return Decision(Step.NO_ROUTE, first=first)
-        return Decision(Step.SEND, via, first)
+            self._routing.request_route(frame.receiver_hw, now_ns)
+            return ForwardDecision(ForwardStep.NO_ROUTE, first=first)
+        return ForwardDecision(ForwardStep.SEND, via, first)
 
     def _first(self, frame: Frame, now_ns: int) -> bool:
         identity = _identity(frame)

@@ -1,6 +1,6 @@
 """Neighbours: who is heard, who hears us, how well, and what their clocks showed.
 
-Everything is read off the tick datagrams themselves: their sequence numbers are hello and loss
+Everything is read off the beacons themselves: their sequence numbers are hello and loss
 meter, their echoes say that we are heard, how well, and when.
 """
 
@@ -8,9 +8,9 @@ import math
 from functools import lru_cache
 from typing import Final
 
+from swarmd.broker.core.beacon import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
+from swarmd.broker.core.clock_sample import ClockSample
 from swarmd.broker.core.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
-from swarmd.broker.core.tick import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
-from swarmd.broker.core.timing import Timing
 
 WINDOW: Final = 16
 """Datagrams over which loss is judged: the hello history of Babel (RFC 8966, appendix A.1)."""
@@ -18,7 +18,7 @@ _WINDOW_MASK: Final = (1 << WINDOW) - 1
 LONG_WINDOW: Final = 64
 """Datagrams over which the loss is judged that a link's deadline has to bear."""
 _LONG_MASK: Final = (1 << LONG_WINDOW) - 1
-LEAST_EXPECTED: Final = 8
+EXPECTED_MIN: Final = 8
 """Loss is judged over so many at least: one datagram after a silence is no proof of a perfect link."""
 PERFECT: Final = 256
 """Cost of a link without loss."""
@@ -57,10 +57,10 @@ QUALITY_NS: Final = 500_000_000
 ECHO_GAP_NS: Final = 200_000_000
 """Echoes beyond the listing: at least five a second in all, to whoever waited longest."""
 ANSWER_LIMIT_NS: Final = 25_000_000_000
-"""Oldest datagram of ours that an echo can mean: 256 ticks at 10 Hz."""
+"""Oldest datagram of ours that an echo can mean: 256 beacons at 10 Hz."""
 _SLACK_NS: Final = 10_000_000
 """Two clocks may drift this much apart while an echo is held back."""
-GOODBYES: Final = 2
+WITHDRAWALS: Final = 2
 """How often a lost neighbour is told that we do not hear it."""
 FORGET_NS: Final = 600_000_000_000
 NEIGHBOUR_LIMIT: Final = 1024
@@ -77,7 +77,8 @@ class Neighbour:
     __slots__ = (
         "address",
         "clock_us",
-        "costed",
+        "compared_cost",
+        "cost_inputs",
         "deadline_ns",
         "echo_reverse_us",
         "echo_rx_ns",
@@ -85,7 +86,6 @@ class Neighbour:
         "echoed_ns",
         "echoed_quality",
         "expected",
-        "goodbyes",
         "heard_ns",
         "hears",
         "hello",
@@ -96,7 +96,6 @@ class Neighbour:
         "lost",
         "missed",
         "period_ns",
-        "priced",
         "received",
         "reported",
         "rtt_ns",
@@ -105,6 +104,7 @@ class Neighbour:
         "state",
         "top",
         "window",
+        "withdrawals",
     )
 
     def __init__(self, hw: int, now_ns: int) -> None:
@@ -133,9 +133,9 @@ class Neighbour:
         """Forgets what was measured on the link: it was silent for long."""
         self.top = 0
         self.window = 0
-        self.costed = (0, 0, 0)
+        self.cost_inputs = (0, 0, 0)
         """What the cost was last made of."""
-        self.priced = COST_MAX
+        self.compared_cost = COST_MAX
         """Its cost when routes over it were compared last."""
         self.missed = 0
         """Datagrams that should have come since the last one."""
@@ -151,14 +151,14 @@ class Neighbour:
         self.echo_reverse_us = 0
         self.echo_sequence = -1
         self.echo_rx_ns = 0
-        self.goodbyes = 0
+        self.withdrawals = 0
 
     @property
     def quality(self) -> int:
         """Share of its last datagrams that arrived, in 1/255."""
         if self.window & _WINDOW_MASK == _WINDOW_MASK and not self.missed:
             return _FULL  # most links, most of the time
-        expected = max(LEAST_EXPECTED, min(WINDOW, self.expected + self.missed))
+        expected = max(EXPECTED_MIN, min(WINDOW, self.expected + self.missed))
         received = (self.window << self.missed & _WINDOW_MASK).bit_count()
         return min(round(_FULL * received / expected), _FULL)
 
@@ -202,7 +202,7 @@ def notice_ns(period_ns: int, timeout_ns: int) -> int:
     return max(timeout_ns, first_ns, periods_ns) + NOTICE_SLACK_NS
 
 
-class Neighbours:
+class NeighbourTable:
     """All neighbours of one node."""
 
     def __init__(self, own_hw: int, link_timeout_ns: int) -> None:
@@ -288,7 +288,7 @@ class Neighbours:
         echoes: tuple[Echo, ...],
         rx_ns: int,
         changes: list[LinkChanged],
-    ) -> Timing | None:
+    ) -> ClockSample | None:
         """Whom it hears, and the time differences when this datagram can give them."""
         forward_ns: int | None = None
         forward_tx_ns = 0
@@ -340,7 +340,9 @@ class Neighbours:
         if forward_ns is not None:
             rtt_ns = max(forward_ns - reverse_ns, 0)
             neighbour.rtt_ns += (rtt_ns - neighbour.rtt_ns) // 8 if neighbour.rtt_ns else rtt_ns
-        return Timing(neighbour.hw, neighbour.hello.boot_id, rx_ns, reverse_ns, forward_ns, forward_tx_ns)
+        return ClockSample(
+            neighbour.hw, neighbour.hello.boot_id, rx_ns, reverse_ns, forward_ns, forward_tx_ns
+        )
 
     def needed(self, origin_hw: int, have: set[int], now_ns: int) -> bool:
         """Whether a neighbour neither hears this node itself nor is one of those who have its value."""
@@ -360,7 +362,7 @@ class Neighbours:
                 if now_ns - neighbour.heard_ns > FORGET_NS:
                     forgotten.append(neighbour.hw)
             elif now_ns >= neighbour.deadline_ns:
-                neighbour.goodbyes = GOODBYES
+                neighbour.withdrawals = WITHDRAWALS
                 self._event(neighbour, LinkEvent.SILENT, now_ns, changes)
             else:
                 period_ns = neighbour.period_ns
@@ -399,8 +401,8 @@ class Neighbours:
         out: list[Echo] = []
         for neighbour in self._all.values():
             if neighbour.state is LinkState.DOWN:
-                if neighbour.goodbyes and len(out) < room:
-                    neighbour.goodbyes -= 1
+                if neighbour.withdrawals and len(out) < room:
+                    neighbour.withdrawals -= 1
                     out.append(Echo(neighbour.hw, 0, NO_ECHO, 0))
             elif now_ns - neighbour.echoed_ns >= (
                 listing_ns

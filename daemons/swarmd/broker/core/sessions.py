@@ -10,13 +10,13 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.checks import Check, CheckKind
-from swarmd.broker.core.tick import NEVER_NS
+from swarmd.broker.core.beacon import NEVER_NS
+from swarmd.broker.core.session_checks import CheckKind, SessionCheck
 
 ALIVE_NS: Final = 1_500_000_000
-"""A session that was silent for so long has ended: idle nodes tick twice a second, one may be lost."""
+"""A session that was silent for so long has ended: idle nodes send two beacons a second, one may be lost."""
 ENDED_NS: Final = 700_000_000
-"""One that was not heard since the other began, for longer than two of its ticks are apart, has ended."""
+"""One that was not heard since the other began, for longer than two of its beacons are apart, has ended."""
 AGAIN_NS: Final = 90_000_000
 """The same question is put this often at most."""
 PROVE_NS: Final = 300_000_000
@@ -26,11 +26,11 @@ CHECKS_MAX: Final = 16
 """Questions and answers in one datagram; the rest follow in the next."""
 CLAIMS_MAX: Final = 256
 PRESENT_MAX: Final = 4096
-HURRIES: Final = 3
-"""Questions that do not wait for the next tick, per session."""
+PROMPT_QUESTIONS: Final = 3
+"""Questions that do not wait for the next beacon, per session."""
 
 
-class Outcome(msgspec.Struct, frozen=True, gc=False):
+class SessionOutcome(msgspec.Struct, frozen=True, gc=False):
     """What follows from one datagram."""
 
     believed: bool
@@ -38,18 +38,18 @@ class Outcome(msgspec.Struct, frozen=True, gc=False):
     adopted: bool = False
     """From now on."""
     soon: bool = False
-    """There is something to ask or to answer: do not wait for the next tick."""
+    """There is something to ask or to answer: do not wait for the next beacon."""
     prove: bool = False
     """Prove our session to the sender over a connection."""
     duplicate: bool = False
     """Two computers use this sender's name at the same time."""
 
 
-BELIEVED: Final = Outcome(believed=True)
+BELIEVED: Final = SessionOutcome(believed=True)
 """Nothing more follows: so it is with most datagrams."""
 
 
-class _Claim:
+class _PendingSession:
     __slots__ = ("answered", "asked_ns", "count", "first_ns", "heard_ns", "proven", "session")
 
     def __init__(self, session: int, now_ns: int) -> None:
@@ -62,7 +62,7 @@ class _Claim:
         self.proven = False
 
 
-class _Present:
+class _CurrentSession:
     __slots__ = ("heard_ns", "proven", "session")
 
     def __init__(self, session: int, proven: bool, now_ns: int) -> None:
@@ -80,10 +80,10 @@ class Sessions:
         self._own_hw = own_hw
         self._digest = digest(own_session)
         self._connections = connections
-        self._present: dict[int, _Present] = {}
-        self._claims: dict[tuple[int, int], _Claim] = {}
+        self._present: dict[int, _CurrentSession] = {}
+        self._claims: dict[tuple[int, int], _PendingSession] = {}
         self._answers: dict[int, int] = {}
-        self._questions: dict[int, Check] = {}
+        self._questions: dict[int, SessionCheck] = {}
         self._proved_ns: dict[int, int] = {}
 
     def present(self, hw: int) -> int | None:
@@ -91,7 +91,9 @@ class Sessions:
         present = self._present.get(hw)
         return None if present is None else present.session
 
-    def on_datagram(self, hw: int, session: int, checks: tuple[Check, ...], now_ns: int) -> Outcome:
+    def on_datagram(
+        self, hw: int, session: int, checks: tuple[SessionCheck, ...], now_ns: int
+    ) -> SessionOutcome:
         """A datagram with a good seal, perhaps in our own name by somebody else."""
         present = self._present.get(hw)
         if not checks and present is not None and present.session == session:
@@ -110,19 +112,19 @@ class Sessions:
         if hw == self._own_hw:
             # another computer with our name; a record of our own former session cannot answer us
             self._answer(hw, session)
-            return Outcome(False, soon=True, duplicate=answered)
+            return SessionOutcome(False, soon=True, duplicate=answered)
         if present is not None and present.session == session:
             present.heard_ns = now_ns
-            return Outcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
+            return SessionOutcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
         claim = self._claim(hw, session, now_ns)
         claim.heard_ns = now_ns
         claim.answered = claim.answered or answered
         if self._may_follow(present, claim, now_ns):
             self._adopt(hw, claim, now_ns)
-            return Outcome(True, adopted=True, soon=True, prove=prove and self._may_prove(hw, now_ns))
+            return SessionOutcome(True, adopted=True, soon=True, prove=prove and self._may_prove(hw, now_ns))
         duplicate = self._is_duplicate(present, claim)
         asked = self._ask(hw, claim, present is not None, now_ns)
-        return Outcome(False, soon=soon or asked, duplicate=duplicate)
+        return SessionOutcome(False, soon=soon or asked, duplicate=duplicate)
 
     def on_proof(self, hw: int, session: int, now_ns: int) -> None:
         """A node's connection, which only its own key opens, named its session."""
@@ -134,9 +136,9 @@ class Sessions:
         if claim is not None:
             claim.proven = claim.answered = True
 
-    def due(self, now_ns: int) -> tuple[Check, ...]:
+    def due(self, now_ns: int) -> tuple[SessionCheck, ...]:
         """Questions and answers for the next datagram; they are given once."""
-        out = [Check(CheckKind.ANSWER, hw, value) for hw, value in self._answers.items()][:CHECKS_MAX]
+        out = [SessionCheck(CheckKind.ANSWER, hw, value) for hw, value in self._answers.items()][:CHECKS_MAX]
         for check in out:
             del self._answers[check.hw]
         questions = list(self._questions.values())[: CHECKS_MAX - len(out)]
@@ -162,15 +164,15 @@ class Sessions:
         self._proved_ns[hw] = now_ns
         return True
 
-    def _claim(self, hw: int, session: int, now_ns: int) -> _Claim:
+    def _claim(self, hw: int, session: int, now_ns: int) -> _PendingSession:
         claim = self._claims.get((hw, session))
         if claim is None:
             if len(self._claims) >= CLAIMS_MAX:
                 del self._claims[min(self._claims, key=lambda key: self._claims[key].heard_ns)]
-            claim = self._claims[hw, session] = _Claim(session, now_ns)
+            claim = self._claims[hw, session] = _PendingSession(session, now_ns)
         return claim
 
-    def _may_follow(self, present: _Present | None, claim: _Claim, now_ns: int) -> bool:
+    def _may_follow(self, present: _CurrentSession | None, claim: _PendingSession, now_ns: int) -> bool:
         if not claim.answered:
             return False
         if present is None:
@@ -184,23 +186,23 @@ class Sessions:
         followed = present.heard_ns <= claim.first_ns
         return now_ns - present.heard_ns >= (ENDED_NS if followed else ALIVE_NS)
 
-    def _is_duplicate(self, present: _Present | None, claim: _Claim) -> bool:
+    def _is_duplicate(self, present: _CurrentSession | None, claim: _PendingSession) -> bool:
         if present is None or present.heard_ns <= claim.first_ns:
             return False
         return claim.proven if self._connections else claim.answered
 
-    def _adopt(self, hw: int, claim: _Claim, now_ns: int) -> None:
+    def _adopt(self, hw: int, claim: _PendingSession, now_ns: int) -> None:
         if len(self._present) >= PRESENT_MAX:
             longest = min(self._present, key=lambda key: self._present[key].heard_ns)
             del self._present[longest]
             self._proved_ns.pop(longest, None)
-        self._present[hw] = _Present(claim.session, claim.proven, now_ns)
+        self._present[hw] = _CurrentSession(claim.session, claim.proven, now_ns)
         for key in [key for key in self._claims if key[0] == hw]:
             del self._claims[key]
         # the answer to it comes with a hello
-        self._questions[hw] = Check(CheckKind.QUESTION, hw, digest(claim.session))
+        self._questions[hw] = SessionCheck(CheckKind.QUESTION, hw, digest(claim.session))
 
-    def _ask(self, hw: int, claim: _Claim, prove: bool, now_ns: int) -> bool:
+    def _ask(self, hw: int, claim: _PendingSession, prove: bool, now_ns: int) -> bool:
         """Whether it is worth a datagram of its own."""
         if now_ns - claim.asked_ns < AGAIN_NS:
             return False
@@ -208,9 +210,9 @@ class Sessions:
         claim.count += 1
         by_connection = prove and self._connections
         kind = CheckKind.PROVE if by_connection else CheckKind.QUESTION
-        self._questions[hw] = Check(kind, hw, digest(claim.session))
+        self._questions[hw] = SessionCheck(kind, hw, digest(claim.session))
         self._answer(hw, claim.session)  # it will ask the same
-        return claim.count <= HURRIES
+        return claim.count <= PROMPT_QUESTIONS
 
     def _forget(self, now_ns: int) -> None:
         old = [key for key, claim in self._claims.items() if now_ns - claim.heard_ns > FORGET_NS]

@@ -13,7 +13,7 @@ EVERYBODY: Final = "*"
 """Link of what is sent to all at once."""
 
 
-class Link(msgspec.Struct, gc=False):
+class LinkCounters(msgspec.Struct, gc=False):
     """Counters of one neighbour and transport."""
 
     sent_frames: int = 0
@@ -26,7 +26,7 @@ class Link(msgspec.Struct, gc=False):
     dropped: int = 0
 
 
-class Channel(msgspec.Struct, gc=False):
+class ChannelCounters(msgspec.Struct, gc=False):
     """Counters of one board or kind of frame."""
 
     offered_frames: int = 0
@@ -84,8 +84,8 @@ class Counters:
     """All counters of one broker."""
 
     def __init__(self) -> None:
-        self.links: dict[tuple[str, str], Link] = {}
-        self.channels: dict[str, Channel] = {}
+        self.links: dict[tuple[str, str], LinkCounters] = {}
+        self.channels: dict[str, ChannelCounters] = {}
         self.refused = Refusals()
         self.udp_sent_bytes = 0
         self.udp_received_bytes = 0
@@ -100,20 +100,20 @@ class Counters:
         self.notifications = 0
         self.failed_ticks = 0
 
-    def link(self, platform: str, transport: str) -> Link:
+    def link(self, platform: str, transport: str) -> LinkCounters:
         """Counters of a link."""
         link = self.links.get((platform, transport))
         if link is None:
-            link = self.links[platform, transport] = Link()
+            link = self.links[platform, transport] = LinkCounters()
         return link
 
-    def channel(self, name: str) -> Channel:
+    def channel(self, name: str) -> ChannelCounters:
         """Counters of a channel; beyond the limit all share one."""
         channel = self.channels.get(name)
         if channel is None:
             if len(self.channels) >= CHANNEL_LIMIT:
                 name = "other"
-            channel = self.channels.setdefault(name, Channel())
+            channel = self.channels.setdefault(name, ChannelCounters())
         return channel
 
     def datagram_sent(self, size: int, platform: str) -> None:
@@ -125,7 +125,7 @@ class Counters:
         link.sent_frames += 1
         link.sent_bytes += size
 
-    def datagram_received(self, size: int, platform: str) -> Link:
+    def datagram_received(self, size: int, platform: str) -> LinkCounters:
         """A datagram of somebody else came in, good or not."""
         size += IP_UDP_BYTES
         self.received_datagrams += 1

@@ -23,11 +23,12 @@ OnDatagram = Callable[[bytes, Address, int, bool], None]
 TURN: Final = 64
 """Datagrams taken from a socket before the event loop gets its turn: about 3 ms."""
 WINDOW_NS: Final = 20_000_000
-"""While datagrams come faster than this, they are taken together this often, a fifth of a tick late at most.
+"""While datagrams come faster than this, they are read in batches at this interval, a fifth of a period.
 One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
-(`tests/bench/ticks.py`). The kernel's stamps say when each of them came."""
+(`tests/bench/beacons.py`). The kernel's stamps say when each of them came."""
 REST_WINDOW_NS: Final = 50_000_000
-"""The same while most nodes tick no faster than at 4 Hz; a barrier's members leave 250 ms after its news."""
+"""The same while most nodes send no more than four beacons a second. The members of a barrier leave 250 ms
+after it opens."""
 DATAGRAM_MAX: Final = 2048
 RECEIVE_BYTES: Final = 512 * 1024
 STAMP_LIMIT_NS: Final = 5_000_000_000
@@ -89,14 +90,14 @@ class Udp:
         try:
             self._own.sendto(data, address)
         except OSError as error:
-            # no route, no buffer, no interface any more: the next tick may find it better
+            # no route, no buffer, no interface any more: the next beacon may find it better
             self.send_errors += 1
             if self.send_errors == 1:
                 log.warning("datagrams to %s:%d cannot leave: %s", *address, error.strerror)
             return False
         return True
 
-    def pace(self, period_ns: int) -> None:
+    def set_min_period(self, period_ns: int) -> None:
         """The usual time between two datagrams of one sender."""
         self._window_ns = WINDOW_NS if period_ns < 5 * REST_WINDOW_NS else REST_WINDOW_NS
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import zmq
 
-from swarmd.broker.links.port import Port, Socket
+from swarmd.broker.links.zmq_socket import Socket, ZmqSocket
 from swarmware.security import Keys
 
 DOMAIN: Final = "swarm"
@@ -35,7 +35,7 @@ class Zap:
         socket = context.socket(zmq.REP)
         socket.setsockopt(zmq.LINGER, 0)
         socket.bind(_ENDPOINT)
-        self._port = Port(socket, loop, self._answer)
+        self._port = ZmqSocket(socket, loop, self._answer)
 
     def _answer(self, socket: Socket) -> bool:
         try:

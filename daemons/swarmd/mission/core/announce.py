@@ -7,7 +7,7 @@ import msgspec
 from swarmware.types.mission import MissionState
 
 INTERVAL_NS: Final = 100_000_000
-"""Least time between two writes: the tick of the links."""
+"""Least time between two writes: the period of the beacon."""
 REPEATS: Final = 3
 """Writes of a change: a datagram in ten may be lost, all three in a thousand."""
 HEARTBEAT_NS: Final = 1_000_000_000

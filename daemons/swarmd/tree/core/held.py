@@ -17,7 +17,7 @@ from swarmd.tree.core.subscriber import Subscriber
 from swarmd.tree.core.timers import Timers
 from swarmware.names import check_platform
 from swarmware.resource import Resource
-from swarmware.types.net import ChannelLimit, Offer
+from swarmware.types.net import BoardPublication, ChannelLimit
 from swarmware.types.tree import SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 ITEMS_LIMIT: Final = 64
@@ -94,17 +94,19 @@ class Held:
         """Platforms with a lease."""
         return list(self._subscribers)
 
-    def offers(self) -> list[Offer]:
-        """Boards that somebody wants in the tick datagram, each with the shortest interval wanted."""
-        found: dict[str, Offer] = {}
+    def offers(self) -> list[BoardPublication]:
+        """Boards that somebody wants in the beacon, each with the shortest interval wanted."""
+        found: dict[str, BoardPublication] = {}
         for one in self._subscribers.values():
-            for resource in one.ticks:
+            for resource in one.beacon_boards:
                 rule = rule_for(resource.path, one.wish.rules)
                 interval_s = rule.min_interval_s or (1 / resource.rate_hz if resource.rate_hz > 0 else 0.0)
                 interval_ms = round(interval_s * 1000)
                 known = found.get(resource.path)
                 if known is None or interval_ms < known.min_interval_ms:
-                    found[resource.path] = Offer(resource.path, resource.data_id, resource.type, interval_ms)
+                    found[resource.path] = BoardPublication(
+                        resource.path, resource.data_id, resource.type, interval_ms
+                    )
         return [found[path] for path in sorted(found)]
 
     # -- from subscribers
@@ -144,7 +146,7 @@ class Held:
         if one.epoch != request.epoch:
             one.restarted(request.epoch)
         if asked is not None and plan is not None:
-            self.plan_count += bool(one.ticks)  # the rules may be others
+            self.plan_count += bool(one.beacon_boards)  # the rules may be others
             one.wish = asked
             self._set_plan(one, *plan)
         if not one.lanes[Number.NEWS].carries_structure:
@@ -271,25 +273,25 @@ class Held:
 
     def _drop(self, one: Subscriber) -> None:
         self._set_feeds(one, {})
-        self.plan_count += bool(one.ticks)
+        self.plan_count += bool(one.beacon_boards)
         self._serial = max(self._serial, one.serial)
         del self._subscribers[one.platform]
         self._timers.drop(one.platform)
 
-    def _set_plan(self, one: Subscriber, ticks: tuple[Resource, ...], feeds: dict[str, Feed]) -> None:
-        self.plan_count += ticks != one.ticks
-        one.ticks = ticks
+    def _set_plan(self, one: Subscriber, beacon_boards: tuple[Resource, ...], feeds: dict[str, Feed]) -> None:
+        self.plan_count += beacon_boards != one.beacon_boards
+        one.beacon_boards = beacon_boards
         self._set_feeds(one, feeds)
 
     def _plan(self, asked: Wish, held: dict[str, Feed]) -> tuple[tuple[Resource, ...], dict[str, Feed]]:
-        """What a subscriber with this wish is owed: boards in the tick, and feeds; those it has go on."""
+        """What a subscriber with this wish is owed: boards in the beacon, and feeds; those it has go on."""
         matched = self._matched.get(asked.digest)
         if matched is None:
             matched = tuple(_wanted(self._tree, asked.patterns))
             if len(self._matched) >= SUBSCRIBERS_LIMIT:
                 self._matched.clear()
             self._matched[asked.digest] = matched
-        ticks = tuple(item.resource for item in matched if item.resource.link == "tick")
+        beacon_boards = tuple(item.resource for item in matched if item.resource.link == "tick")
         feeds: dict[str, Feed] = {}
         # boards first: each has one value, a stream may fill a notification alone
         for item in sorted(matched, key=lambda item: item.resource.kind not in BOARDLIKE):
@@ -306,7 +308,7 @@ class Held:
             newest = self._newest.get(resource.path)
             if newest is not None and feed.boardlike:
                 feed.offer(newest)
-        return ticks, feeds
+        return beacon_boards, feeds
 
     def _set_feeds(self, one: Subscriber, feeds: dict[str, Feed]) -> None:
         before, one.feeds = one.feeds, feeds

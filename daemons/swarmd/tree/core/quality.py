@@ -5,9 +5,9 @@ from typing import Final
 
 from swarmd.tree.core.index import Leaf
 
-TICKED_S: Final = 1.25
-"""A board of another platform that stands still comes with a tick each half second; after 2.5 of them without
-any the link itself is given up."""
+BEACON_S: Final = 1.25
+"""A board of another platform that does not change comes with a beacon each half second; after 2.5 periods
+without any the link itself is down."""
 
 
 class Quality(StrEnum):
@@ -27,7 +27,7 @@ def quality(
 ) -> Quality:
     """Quality of a resource. `known`: there is a value; `age_s`: None when its clock is not known here.
 
-    `mirrored`: it came from another platform, whose ticks leave out what has not changed.
+    `mirrored`: it came from another platform, whose beacons leave out what has not changed.
     """
     if leaf.lost or not reachable:
         return Quality.LOST
@@ -35,7 +35,7 @@ def quality(
         return Quality.NONE
     limit_s = leaf.resource.stale_after_s
     if mirrored and leaf.resource.link == "tick":
-        limit_s = max(limit_s, TICKED_S)
+        limit_s = max(limit_s, BEACON_S)
     if age_s is None:
         return Quality.LIVE if limit_s == float("inf") else Quality.STALE
     return Quality.LIVE if age_s <= limit_s else Quality.STALE

@@ -18,7 +18,7 @@ from swarmd.tree.core.timers import Timers
 from swarmware.errors import OutOfRange, WireError
 from swarmware.names import check_platform
 from swarmware.resource import Resource
-from swarmware.types.net import Want
+from swarmware.types.net import BoardSubscription
 from swarmware.types.tree import (
     StructureReply,
     StructureRequest,
@@ -89,10 +89,10 @@ class Remotes:
         """Every other platform that is known."""
         return list(self._remotes)
 
-    def wants(self) -> list[Want]:
-        """Boards wanted from tick datagrams."""
+    def wants(self) -> list[BoardSubscription]:
+        """Boards wanted from beacons."""
         return [
-            Want(platform, resource.path, resource.type, resource.data_id)
+            BoardSubscription(platform, resource.path, resource.type, resource.data_id)
             for platform in sorted(self._remotes)
             for resource in self._remotes[platform].wants
         ]
@@ -443,7 +443,7 @@ class Remotes:
         self._ask(remote)
 
     def _match(self, remote: Remote) -> None:
-        """What we want of it in tick datagrams."""
+        """What we want of it in beacons."""
         key = (remote.digest, remote.wish.digest)
         if remote.wanted_of == key:
             return

@@ -10,8 +10,18 @@ class Subscriber:
     """One subscriber."""
 
     __slots__ = (
-        "epoch", "feeds", "lanes", "lease_ns", "lease_span_ns", "platform", "structure",
-        "structure_ns", "ticks", "turn", "up", "wish",
+        "beacon_boards",
+        "epoch",
+        "feeds",
+        "lanes",
+        "lease_ns",
+        "lease_span_ns",
+        "platform",
+        "structure",
+        "structure_ns",
+        "turn",
+        "up",
+        "wish",
     )  # fmt: skip
 
     def __init__(self, platform: str, epoch: int, serial: int = 0) -> None:
@@ -23,7 +33,7 @@ class Subscriber:
         """When it ends, counted from when the platform was reachable last."""
         self.wish: Wish = wish(frozenset(), ())
         self.feeds: dict[str, Feed] = {}
-        self.ticks: tuple[Resource, ...] = ()
+        self.beacon_boards: tuple[Resource, ...] = ()
         self.lanes = {number: Lane(number, serial) for number in Number}
         self.turn: dict[Number, str] = {}
         """Of each lane the feed that was served last: the others come before it."""

@@ -168,7 +168,7 @@ class SwarmTree:
     # -- for the broker
 
     def plan_changed(self) -> bool:
-        """Whether the tick must carry something else than when this was asked last."""
+        """Whether the beacon must carry something else than when this was asked last."""
         now = (self.local.version, self.held.plan_count, self.remotes.plan_count)
         before, self._planned = self._planned, now
         return before != now

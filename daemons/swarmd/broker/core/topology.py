@@ -1,24 +1,24 @@
-"""Neighbours and directory together: what a tick says about the swarm's shape, in and out."""
+"""Neighbours and directory together: what a beacon says about the swarm's shape, in and out."""
 
 from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.directory import HYSTERESIS, Directory, RouteChanged, newer
-from swarmd.broker.core.link import LinkChanged, LinkEvent, LinkState
-from swarmd.broker.core.neighbour import Neighbour, Neighbours
-from swarmd.broker.core.tick import (
+from swarmd.broker.core.beacon import (
     ECHO_BYTES,
     NEVER_NS,
     REQUEST_BYTES,
     ROW_BYTES,
+    Beacon,
     Echo,
     Header,
-    Row,
+    RouteRow,
     SequenceRequest,
-    Tick,
 )
-from swarmd.broker.core.timing import Timing
+from swarmd.broker.core.clock_sample import ClockSample
+from swarmd.broker.core.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.neighbour import Neighbour, NeighbourTable
+from swarmd.broker.core.routing_table import HYSTERESIS, RouteChanged, RoutingTable, newer
 
 CHANGING_NS: Final = 5_000_000_000
 """After a link came up or went down, another one is likely to: the swarm moves."""
@@ -35,26 +35,26 @@ JUMP_CEILING: Final = 0xF000_0000
 """Above this the number only counts datagrams: 310 days at 10 Hz until a new session must begin."""
 
 
-class Heard(msgspec.Struct, frozen=True, gc=False):
+class TopologyUpdate(msgspec.Struct, frozen=True, gc=False):
     """What one datagram changed."""
 
     neighbour: Neighbour
     fresh: bool
     """Not overtaken by a later one of the same sender."""
-    timing: Timing | None
+    clock_sample: ClockSample | None
     links: list[LinkChanged]
     routes: list[RouteChanged]
 
 
-class Shape(msgspec.Struct, frozen=True, gc=False):
+class TopologySection(msgspec.Struct, frozen=True, gc=False):
     """The next datagram's part about the swarm's shape."""
 
     echoes: tuple[Echo, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[RouteRow, ...]
     requests: tuple[SequenceRequest, ...]
 
 
-class Mesh:
+class Topology:
     """The swarm as one node sees it."""
 
     def __init__(self, own_hw: int, first_sequence: int, link_timeout_ns: int, quiet_until_ns: int) -> None:
@@ -67,72 +67,72 @@ class Mesh:
         self.own_hw = own_hw
         self._quiet_until_ns = quiet_until_ns
         self._new_until_ns = quiet_until_ns
-        self.neighbours = Neighbours(own_hw, link_timeout_ns)
-        self.directory = Directory(own_hw)
+        self.neighbours = NeighbourTable(own_hw, link_timeout_ns)
+        self.routing = RoutingTable(own_hw)
         self._sequence = first_sequence
         self._jumps: list[int] = []
         """When our number was raised, the last few times."""
         self._composed_ns = NEVER_NS
         self._changed_ns = NEVER_NS
 
-    def on_tick(
-        self, header: Header, tick: Tick, restarted: bool, address: tuple[str, int], rx_ns: int
-    ) -> Heard | None:
+    def on_beacon(
+        self, header: Header, beacon: Beacon, restarted: bool, address: tuple[str, int], rx_ns: int
+    ) -> TopologyUpdate | None:
         """A datagram that was opened. None: there is no room for another neighbour."""
         links: list[LinkChanged] = []
         neighbour = self.neighbours.on_header(header, restarted, address, rx_ns, links)
         if neighbour is None:
             return None
         routes: list[RouteChanged] = []
-        if tick.hello is not None:
-            self.neighbours.on_hello(neighbour, header, tick.hello)
+        if beacon.hello is not None:
+            self.neighbours.on_hello(neighbour, header, beacon.hello)
         fresh = neighbour.top == header.sequence
-        timing = self.neighbours.on_echoes(neighbour, header, tick.echoes, rx_ns, links)
-        directory = self.directory
+        clock_sample = self.neighbours.on_echoes(neighbour, header, beacon.echoes, rx_ns, links)
+        routing = self.routing
         if links:
-            self._look(links, rx_ns)
+            self._note_changes(links, rx_ns)
             for change in links:
                 if change.before is LinkState.UP:
-                    routes += directory.drop_link(header.sender_hw, rx_ns)
+                    routes += routing.drop_link(header.sender_hw, rx_ns)
         if neighbour.state is LinkState.UP:
-            routes += self._price(neighbour, rx_ns)
+            routes += self._update_cost(neighbour, rx_ns)
             if fresh:
                 own = ((header.sender_hw, header.sequence & 0xFFFF, 0),)
-                rows = own + tick.rows if rx_ns >= self._quiet_until_ns else own
-                routes += directory.on_rows(header.sender_hw, rows, rx_ns)
-        if tick.requests:
-            routes += directory.on_requests(header.sender_hw, tick.requests, rx_ns)
-        return Heard(neighbour, fresh, timing, links, routes)
+                rows = own + beacon.rows if rx_ns >= self._quiet_until_ns else own
+                routes += routing.on_rows(header.sender_hw, rows, rx_ns)
+        if beacon.requests:
+            routes += routing.on_requests(header.sender_hw, beacon.requests, rx_ns)
+        return TopologyUpdate(neighbour, fresh, clock_sample, links, routes)
 
     def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
         """Deadlines of links and ages of routes."""
         links = self.neighbours.on_timer(now_ns)
         routes: list[RouteChanged] = []
-        self._look(links, now_ns)
+        self._note_changes(links, now_ns)
         for change in links:
             if change.before is LinkState.UP:
-                routes += self.directory.drop_link(change.hw, now_ns)
+                routes += self.routing.drop_link(change.hw, now_ns)
         for neighbour in self.neighbours.up():
             if neighbour.missed:
-                routes += self._price(neighbour, now_ns)
-        routes += self.directory.on_timer(now_ns)
+                routes += self._update_cost(neighbour, now_ns)
+        routes += self.routing.on_timer(now_ns)
         return links, routes
 
-    def _price(self, neighbour: Neighbour, now_ns: int) -> list[RouteChanged]:
+    def _update_cost(self, neighbour: Neighbour, now_ns: int) -> list[RouteChanged]:
         """Tells the directory what a link costs, and when it became much dearer."""
         measured = (neighbour.window, neighbour.missed, neighbour.reported)
-        if measured == neighbour.costed:
+        if measured == neighbour.cost_inputs:
             return []
-        neighbour.costed = measured
+        neighbour.cost_inputs = measured
         cost = neighbour.cost
-        self.directory.set_link(neighbour.hw, cost)
-        if cost < neighbour.priced + HYSTERESIS:
-            neighbour.priced = min(neighbour.priced, cost)
+        self.routing.set_link(neighbour.hw, cost)
+        if cost < neighbour.compared_cost + HYSTERESIS:
+            neighbour.compared_cost = min(neighbour.compared_cost, cost)
             return []
-        neighbour.priced = cost
-        return self.directory.worsen(neighbour.hw, now_ns)
+        neighbour.compared_cost = cost
+        return self.routing.worsen(neighbour.hw, now_ns)
 
-    def _look(self, links: list[LinkChanged], now_ns: int) -> None:
+    def _note_changes(self, links: list[LinkChanged], now_ns: int) -> None:
         if any(LinkState.UP in (change.before, change.after) for change in links):
             self._changed_ns = now_ns
 
@@ -151,9 +151,9 @@ class Mesh:
         is raised is limited: the numbers of a session are its nonces, and there are 2³² of them.
         """
         self._sequence += 1
-        wanted = self.directory.wanted_sequence
+        wanted = self.routing.requested_sequence
         if wanted is not None:
-            self.directory.wanted_sequence = None
+            self.routing.requested_sequence = None
             if newer(wanted, self._sequence & 0xFFFF) and self._may_jump():
                 self._sequence += min((wanted - self._sequence & 0xFFFF) + 1, _JUMP_MAX)
         return self._sequence
@@ -166,18 +166,18 @@ class Mesh:
         self._jumps.append(now_ns)
         return True
 
-    def compose(self, now_ns: int, room: int) -> Shape:
+    def compose(self, now_ns: int, room: int) -> TopologySection:
         """What the next datagram says, in at most `room` bytes."""
         if self._composed_ns == NEVER_NS:
             self._new_until_ns = min(self._new_until_ns, now_ns + NEW_NS)
         self._composed_ns = now_ns
         listing_ns = self.neighbours.listing_ns()
         echoes = self.neighbours.echoes(now_ns, min(room * 3 // 4 // ECHO_BYTES, 255), listing_ns)
-        requests = self.directory.requests(now_ns)[:32]
+        requests = self.routing.requests(now_ns)[:32]
         room -= len(echoes) * ECHO_BYTES + len(requests) * REQUEST_BYTES
         linked = self.neighbours.linked(now_ns)
-        rows = self.directory.rows(now_ns, max(0, min(ROWS_MAX, room // ROW_BYTES)), linked)
-        return Shape(echoes, rows, requests)
+        rows = self.routing.rows(now_ns, max(0, min(ROWS_MAX, room // ROW_BYTES)), linked)
+        return TopologySection(echoes, rows, requests)
 
     def sent(self, sequence: int, tx_ns: int) -> None:
         """The datagram left."""
@@ -188,4 +188,13 @@ class Mesh:
         return self.neighbours.deadline_ns()
 
 
-__all__ = ["Heard", "LinkChanged", "LinkEvent", "LinkState", "Mesh", "RouteChanged", "Shape", "Timing"]
+__all__ = [
+    "ClockSample",
+    "LinkChanged",
+    "LinkEvent",
+    "LinkState",
+    "RouteChanged",
+    "Topology",
+    "TopologySection",
+    "TopologyUpdate",
+]

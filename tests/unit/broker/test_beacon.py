@@ -1,4 +1,4 @@
-"""The tick datagram, byte by byte, and what happens to bytes that are none."""
+"""The beacon, byte by byte, and what happens to bytes that are none."""
 
 import contextlib
 import struct
@@ -10,23 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core import age
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.checks import Check, CheckKind
-from swarmd.broker.core.tick import (
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import (
     HOPS_MAX,
     INFINITY,
     NO_ECHO,
+    Beacon,
+    BoardValue,
     Echo,
     Header,
     Hello,
     MemberRow,
     PlatformKind,
-    Relay,
-    Row,
+    RelayedValue,
+    RouteRow,
     SequenceRequest,
-    Tick,
-    Value,
 )
+from swarmd.broker.core.session_checks import CheckKind, SessionCheck
 from swarmware.errors import WireError
 
 T = TypeVar("T")
@@ -55,17 +55,17 @@ HELLOS = st.builds(
     period_ms=U16,
     listing_ms=U16,
 )
-TICKS = st.builds(
-    Tick,
+BEACONS = st.builds(
+    Beacon,
     hello=st.none() | HELLOS,
     echoes=some(st.builds(Echo, U32, U8, st.integers(0, NO_ECHO), U8)),
-    rows=some(st.builds(Row, U32, U16, U16)),
+    rows=some(st.builds(RouteRow, U32, U16, U16)),
     requests=some(st.builds(SequenceRequest, U32, U16, U8)),
     members=some(st.builds(MemberRow, U32, U32, st.sampled_from(PlatformKind), NAMES)),
-    values=some(st.builds(Value, U32, FINE_AGES, st.booleans(), PAYLOADS)),
+    values=some(st.builds(BoardValue, U32, FINE_AGES, st.booleans(), PAYLOADS)),
     relays=some(
         st.builds(
-            Relay,
+            RelayedValue,
             U32,
             U32,
             st.integers(-(2**47), 2**47 - 1),
@@ -75,16 +75,16 @@ TICKS = st.builds(
             PAYLOADS,
         )
     ),
-    checks=some(st.builds(Check, U8, U32, U32)),
+    checks=some(st.builds(SessionCheck, U8, U32, U32)),
 )
 HEADERS = st.builds(
     Header, epoch=st.integers(0, 15), sender_hw=U32, sequence=U32, tx_us=U32, session=st.none() | U64
 )
 
 
-@given(TICKS)
-def test_what_was_encoded_is_decoded_again(tick: Tick) -> None:
-    assert codec.decode(codec.encode(tick)) == tick
+@given(BEACONS)
+def test_what_was_encoded_is_decoded_again(beacon: Beacon) -> None:
+    assert codec.decode(codec.encode(beacon)) == beacon
 
 
 @given(HEADERS)
@@ -95,23 +95,23 @@ def test_the_clear_header_comes_back_with_its_length(header: Header) -> None:
 
 
 @given(st.binary(max_size=400))
-def test_any_bytes_are_a_tick_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_are_a_beacon_or_a_wire_error(data: bytes) -> None:
     with contextlib.suppress(WireError):
         codec.decode(data)
 
 
-@given(TICKS, st.data())
-def test_a_damaged_tick_is_a_tick_or_a_wire_error(tick: Tick, data: st.DataObject) -> None:
-    body = bytearray(codec.encode(tick))
+@given(BEACONS, st.data())
+def test_a_damaged_beacon_is_a_beacon_or_a_wire_error(beacon: Beacon, data: st.DataObject) -> None:
+    body = bytearray(codec.encode(beacon))
     for _ in range(data.draw(st.integers(1, 4))):
         body[data.draw(st.integers(0, len(body) - 1))] = data.draw(U8)
     with contextlib.suppress(WireError):
         codec.decode(bytes(body))
 
 
-@given(TICKS)
-def test_a_tick_cut_short_anywhere_is_a_wire_error(tick: Tick) -> None:
-    body = codec.encode(tick)
+@given(BEACONS)
+def test_a_beacon_cut_short_anywhere_is_a_wire_error(beacon: Beacon) -> None:
+    body = codec.encode(beacon)
     for length in range(len(body)):
         with pytest.raises(WireError):
             codec.decode(body[:length])
@@ -134,17 +134,17 @@ def test_the_body_is_the_one_of_the_protocol_page() -> None:
     hello = Hello(
         0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, PlatformKind.UGV, "ugv1", b"", 450, 2000
     )
-    tick = Tick(
+    beacon = Beacon(
         hello,
         (Echo(0x0A0B0C0D, 0x7F, 0x030201, 255),),
-        (Row(0x0A0B0C0D, 0x1234, 256),),
+        (RouteRow(0x0A0B0C0D, 0x1234, 256),),
         (SequenceRequest(0x0A0B0C0D, 0x1235, 24),),
         (MemberRow(0x0A0B0C0D, 9, PlatformKind.UAV, "uav2"),),
-        (Value(0x01020304, 12_300, True, b"pose"),),
-        (Relay(0x0A0B0C0D, 0x01020304, 0x060504030201, 4_000_000, 2, False, b"x"),),
-        (Check(CheckKind.ANSWER, 0x0A0B0C0D, 0x04030201),),
+        (BoardValue(0x01020304, 12_300, True, b"pose"),),
+        (RelayedValue(0x0A0B0C0D, 0x01020304, 0x060504030201, 4_000_000, 2, False, b"x"),),
+        (SessionCheck(CheckKind.ANSWER, 0x0A0B0C0D, 0x04030201),),
     )
-    assert codec.encode(tick) == b"".join(
+    assert codec.encode(beacon) == b"".join(
         (
             b"\xff",
             b"\x20" + struct.pack("<QiHII", 0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344),
@@ -163,25 +163,25 @@ def test_the_body_is_the_one_of_the_protocol_page() -> None:
 
 def test_a_long_value_has_its_length_in_two_bytes() -> None:
     for length in (126, 127, 128, 1100):
-        tick = Tick(values=(Value(1, 0, True, bytes(length)),))
-        assert len(codec.encode(tick)) == 2 + codec.value_bytes(bytes(length))
-        assert codec.decode(codec.encode(tick)) == tick
+        beacon = Beacon(values=(BoardValue(1, 0, True, bytes(length)),))
+        assert len(codec.encode(beacon)) == 2 + codec.value_bytes(bytes(length))
+        assert codec.decode(codec.encode(beacon)) == beacon
 
 
 def test_parts_of_a_later_version_are_skipped() -> None:
-    body = bytearray(codec.encode(Tick(rows=(Row(1, 2, 3),))))
+    body = bytearray(codec.encode(Beacon(rows=(RouteRow(1, 2, 3),))))
     body[0] |= codec.Section.EXTRA
     body += struct.pack("<BH", 77, 5) + b"12345" + struct.pack("<BH", 78, 0)
-    assert codec.decode(bytes(body)) == Tick(rows=(Row(1, 2, 3),))
+    assert codec.decode(bytes(body)) == Beacon(rows=(RouteRow(1, 2, 3),))
 
 
 def test_bytes_behind_the_last_part_are_refused() -> None:
     with pytest.raises(WireError, match="1 bytes after its last section"):
-        codec.decode(codec.encode(Tick()) + b"x")
+        codec.decode(codec.encode(Beacon()) + b"x")
 
 
 def test_an_unknown_kind_of_platform_is_another_one() -> None:
-    body = bytearray(codec.encode(Tick(members=(MemberRow(1, 2, PlatformKind.UAV, "a"),))))
+    body = bytearray(codec.encode(Beacon(members=(MemberRow(1, 2, PlatformKind.UAV, "a"),))))
     body[2 + 8] = 200
     assert codec.decode(bytes(body)).members[0].kind is PlatformKind.OTHER
 
@@ -190,7 +190,7 @@ def test_an_unknown_kind_of_platform_is_another_one() -> None:
 def test_a_version_two_steps_ahead_is_refused(version: int) -> None:
     data = bytearray(codec.encode_header(Header(0, 1, 2, 3)))
     data[1] = version << 5
-    with pytest.raises(WireError, match="expected a tick of version 1"):
+    with pytest.raises(WireError, match="expected a beacon of version 1"):
         codec.decode_header(bytes(data))
 
 
@@ -202,42 +202,42 @@ def test_ages_are_fine_when_young_and_coarse_when_old(age_us: int, read_us: int)
     assert age.decode_age(age.encode_age(age_us)) == read_us
 
 
-@given(TICKS, st.integers(0, 5000))
-def test_echoes_are_shifted_in_place_when_a_tick_leaves_late(tick: Tick, late_us: int) -> None:
-    body = bytearray(codec.encode(tick))
+@given(BEACONS, st.integers(0, 5000))
+def test_echoes_are_shifted_in_place_when_a_beacon_leaves_late(beacon: Beacon, late_us: int) -> None:
+    body = bytearray(codec.encode(beacon))
     codec.shift_echoes(body, late_us)
     after = codec.decode(bytes(body))
     assert after.echoes == tuple(
         echo if echo.hold_us == NO_ECHO else echo._replace(hold_us=min(echo.hold_us + late_us, NO_ECHO))
-        for echo in tick.echoes
+        for echo in beacon.echoes
     )
-    assert _rest(after) == _rest(tick)
+    assert _rest(after) == _rest(beacon)
 
 
-def _rest(tick: Tick) -> Sequence[object]:
-    return tick.hello, tick.rows, tick.requests, tick.members, tick.values, tick.relays
+def _rest(beacon: Beacon) -> Sequence[object]:
+    return beacon.hello, beacon.rows, beacon.requests, beacon.members, beacon.values, beacon.relays
 
 
 @pytest.mark.parametrize("hops", [0, HOPS_MAX + 1, 255])
 def test_a_relayed_value_that_came_over_no_hop_or_too_many_is_refused(hops: int) -> None:
-    body = codec.encode(Tick(relays=(Relay(1, 2, 3, 0, hops, False, b"x"),)))
+    body = codec.encode(Beacon(relays=(RelayedValue(1, 2, 3, 0, hops, False, b"x"),)))
     with pytest.raises(WireError, match=f"a relayed value of {hops} hops: expected 1 to {HOPS_MAX}"):
         codec.decode(body)
 
 
 @pytest.mark.parametrize(
-    "tick",
+    "beacon",
     [
-        Tick(echoes=(Echo(1, 2, 3, 256),)),
-        Tick(rows=(Row(1, 2, -1),)),
-        Tick(rows=(Row(1, 2, 3),) * 256),
-        Tick(relays=(Relay(1, 2, 3, 4, 5, False, bytes(70_000)),)),
+        Beacon(echoes=(Echo(1, 2, 3, 256),)),
+        Beacon(rows=(RouteRow(1, 2, -1),)),
+        Beacon(rows=(RouteRow(1, 2, 3),) * 256),
+        Beacon(relays=(RelayedValue(1, 2, 3, 4, 5, False, bytes(70_000)),)),
     ],
 )
-def test_a_tick_that_fits_no_datagram_is_a_wire_error(tick: Tick) -> None:
+def test_a_beacon_that_fits_no_datagram_is_a_wire_error(beacon: Beacon) -> None:
     with pytest.raises(WireError, match="cannot be encoded"):
-        codec.encode(tick)
+        codec.encode(beacon)
 
 
 def test_a_lost_row_is_the_largest_metric() -> None:
-    assert codec.decode(codec.encode(Tick(rows=(Row(1, 2, INFINITY),)))).rows[0].metric == 0xFFFF
+    assert codec.decode(codec.encode(Beacon(rows=(RouteRow(1, 2, INFINITY),)))).rows[0].metric == 0xFFFF

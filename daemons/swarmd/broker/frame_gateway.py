@@ -5,14 +5,14 @@ import logging
 from collections.abc import Callable
 
 from swarmd.broker.config import Config
+from swarmd.broker.core.access_filter import AccessFilter
 from swarmd.broker.core.accounting import shares, values_in
-from swarmd.broker.core.forward import Decision, Forwarder, Step
-from swarmd.broker.core.gate import Gate
-from swarmd.broker.core.queue import Waiting
+from swarmd.broker.core.beacon_protocol import BeaconProtocol
+from swarmd.broker.core.forward import ForwardDecision, ForwardStep, FrameForwarder
+from swarmd.broker.core.send_queue import QueuedFrame
 from swarmd.broker.core.sessions import Sessions
-from swarmd.broker.core.station import Station
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.links.curve import Links, Peer
+from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.access import Access
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock
@@ -27,7 +27,7 @@ from swarmware.types.net import Denial
 log = logging.getLogger("swarm.broker")
 
 
-class Frames:
+class FrameGateway:
     """The gateway of this node's post."""
 
     def __init__(
@@ -37,7 +37,7 @@ class Frames:
         clock: Clock,
         post: Post,
         table: AppTable,
-        station: Station,
+        protocol: BeaconProtocol,
         counters: Counters,
         sessions: Sessions,
         on_denial: Callable[[Denial], None],
@@ -45,15 +45,15 @@ class Frames:
         """Raises: ConfigError when the port cannot be bound."""
         self._keys = keys
         self._table = table
-        self._gate = Gate(None if keys.roster is None else keys.roster.roles(), Access())
+        self._access_filter = AccessFilter(None if keys.roster is None else keys.roster.roles(), Access())
         self._sessions = sessions
         self._on_denial = on_denial
         self._clock = clock
         self._post = post
-        self._station = station
+        self._protocol = protocol
         self._counters = counters
-        self._forwarder = Forwarder(station.identity.hw, station.mesh.directory)
-        self.links = Links(
+        self._forwarder = FrameForwarder(protocol.identity.hw, protocol.topology.routing)
+        self.links = ZmqLinks(
             config,
             keys,
             asyncio.get_running_loop(),
@@ -75,7 +75,7 @@ class Frames:
         """Tells a neighbour our session over a connection that only our key opens."""
         peer = self._peer(hw)
         if peer is not None:
-            own_hw = self._station.identity.hw
+            own_hw = self._protocol.identity.hw
             payload = session.to_bytes(8, "little")
             self._send(peer, Frame(Kind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
 
@@ -88,8 +88,8 @@ class Frames:
 
     def neighbour_gone(self, hw: int) -> None:
         """Frames that waited for it go over another neighbour, or back to their senders."""
-        for item in self.links.drop(hw):
-            self._onward(item.frame, self._forwarder.again(item.frame, self._clock.now_ns()))
+        for item in self.links.disconnect(hw):
+            self._onward(item.frame, self._forwarder.reroute(item.frame, self._clock.now_ns()))
 
     def _from_link(self, data: bytes, user: str) -> None:
         now_ns = self._clock.now_ns()  # first: by it the receiver of an order says when the order came
@@ -102,7 +102,7 @@ class Frames:
             log.debug("frame from %s: %s", user or "loopback", error)
             return
         if not user and frame.hops_left >= HOPS:
-            user_name = self._station.members.platform(frame.sender_hw)  # open: nobody vouches for it
+            user_name = self._protocol.nodes.platform(frame.sender_hw)  # open: nobody vouches for it
         else:
             user_name = user or "?"
         link = counters.link(user_name, "tcp")
@@ -115,9 +115,9 @@ class Frames:
             frame,
             self._other_end(frame, user),
             now_ns,
-            direct=self._station.is_direct(frame.sender_hw, now_ns),
+            direct=self._protocol.is_direct(frame.sender_hw, now_ns),
         )
-        if decision.step is Step.DELIVER:
+        if decision.step is ForwardStep.DELIVER:
             if not self._may_pass(frame, now_ns):
                 return
             for name, size in self._shares(frame):
@@ -127,7 +127,7 @@ class Frames:
                 counters.requests += frame.kind is Kind.REPLY
             self._post.deliver(frame)
             return
-        if decision.step is Step.SEND:
+        if decision.step is ForwardStep.SEND:
             if self._post.expired(frame):
                 counters.refused.expired += 1  # its sender has been told so
                 return
@@ -135,10 +135,10 @@ class Frames:
         self._onward(frame, decision)
 
     def _may_pass(self, frame: Frame, arrived_ns: int) -> bool:
-        platform = self._station.members.platform(frame.sender_hw)
+        platform = self._protocol.nodes.platform(frame.sender_hw)
         path = self._path_of(frame.data_id)
         try:
-            self._gate.check(frame, platform, path, arrived_ns)
+            self._access_filter.check(frame, platform, path, arrived_ns)
         except WireError as error:
             self._counters.refused.malformed += 1
             log.debug("frame of %s: %s", platform, error)
@@ -146,7 +146,7 @@ class Frames:
         except Denied as error:
             self._counters.refused.denied += 1
             self._post.deny(frame, str(error))
-            denial = self._gate.denied(platform, path or "", str(error), arrived_ns)
+            denial = self._access_filter.denied(platform, path or "", str(error), arrived_ns)
             if denial is not None:
                 log.warning("denied: %s", error)
                 self._on_denial(denial)
@@ -157,35 +157,35 @@ class Frames:
         """Hardware id of the member at the other end of a connection; None where nobody can tell."""
         if not user:
             return None
-        member = self._station.members.get(frame.sender_hw)
+        member = self._protocol.nodes.get(frame.sender_hw)
         return frame.sender_hw if member is not None and member.platform == user else hardware_id(user)
 
-    def _onward(self, frame: Frame, decision: Decision) -> None:
-        if decision.step is Step.SEND:
+    def _onward(self, frame: Frame, decision: ForwardDecision) -> None:
+        if decision.step is ForwardStep.SEND:
             peer = self._peer(decision.via)
             if peer is not None:
                 self._send(peer, frame)
                 return
         refused = self._counters.refused
-        receiver = self._station.members.platform(frame.receiver_hw)
-        if decision.step is Step.LOOPED:
+        receiver = self._protocol.nodes.platform(frame.receiver_hw)
+        if decision.step is ForwardStep.LOOPED:
             refused.looped += 1
-        elif decision.step is Step.SPOOFED:
+        elif decision.step is ForwardStep.SPOOFED:
             refused.spoofed += 1
             log.warning("a frame with sender %08x came from another member", frame.sender_hw)
-        elif decision.step is Step.HOP_LIMIT:
+        elif decision.step is ForwardStep.HOP_LIMIT:
             refused.hop_limit += 1
             self._refuse(frame, f"too many hops to {receiver}")
         else:
             refused.no_route += 1
             self._refuse(frame, f"no route to {receiver}")
 
-    def _send(self, peer: Peer, frame: Frame) -> None:
+    def _send(self, peer: LinkPeer, frame: Frame) -> None:
         gone = self.links.send(peer, encode(frame), frame)
         if gone:
             self._gave_up(peer, gone)
 
-    def _sent(self, peer: Peer, item: Waiting) -> None:
+    def _sent(self, peer: LinkPeer, item: QueuedFrame) -> None:
         """The connection took it; what waits, or went back to go another way, was not sent."""
         self._counters.sent_frames += 1
         link = self._counters.link(peer.platform, "tcp")
@@ -194,17 +194,19 @@ class Frames:
         for name, size in self._shares(item.frame):
             self._counters.channel(name).sent(size)
 
-    def _peer(self, hw: int) -> Peer | None:
-        neighbour = self._station.mesh.neighbours.get(hw)
+    def _peer(self, hw: int) -> LinkPeer | None:
+        neighbour = self._protocol.topology.neighbours.get(hw)
         if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
             return None
-        platform = self._station.members.platform(hw)
+        platform = self._protocol.nodes.platform(hw)
         curve = neighbour.hello.curve_public if self._keys.is_open else self._keys.curve_of(platform)
         if not curve:
             return None  # it shares the group key, but is not on our roster
-        return Peer(hw, platform, neighbour.address[0], neighbour.hello.tcp_port, curve, neighbour.session)
+        return LinkPeer(
+            hw, platform, neighbour.address[0], neighbour.hello.tcp_port, curve, neighbour.session
+        )
 
-    def _gave_up(self, peer: Peer, waiting: list[Waiting]) -> None:
+    def _gave_up(self, peer: LinkPeer, waiting: list[QueuedFrame]) -> None:
         for item in waiting:
             self._counters.link(peer.platform, "tcp").dropped += 1
             for name, _ in self._shares(item.frame):

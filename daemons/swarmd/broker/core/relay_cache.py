@@ -5,12 +5,12 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import HOPS_MAX, NEVER_NS, Relay, relay_bytes
+from swarmd.broker.core.beacon import HOPS_MAX, NEVER_NS, RelayedValue, relay_bytes
 
 PERIOD_NS: Final = 250_000_000
 """Period of a relayed value per hop from its origin. Simulated, 16 moving nodes, poses: 2.0 kB/s per
 node, age p95 0.3 s at two hops and 1 s at five; 0.1 s per hop: 2.8 kB/s, 0.25 s and 0.75 s."""
-AGAIN_NS: Final = 800_000_000
+REPEAT_NS: Final = 800_000_000
 """A value that still holds is passed on again this often: its origin repeats it every second."""
 OLDEST_NS: Final = 5_000_000_000
 """Not confirmed for so long, it is not passed on any more."""
@@ -25,7 +25,7 @@ FORGET_NS: Final = 60_000_000_000
 ENTRY_LIMIT: Final = 8192
 
 
-class News(msgspec.Struct, frozen=True, gc=False):
+class RemoteValue(msgspec.Struct, frozen=True, gc=False):
     """A value that this node has not seen before."""
 
     origin_hw: int
@@ -38,21 +38,21 @@ class News(msgspec.Struct, frozen=True, gc=False):
     rx_ns: int
 
 
-class _Entry:
+class _CachedValue:
     __slots__ = (
         "age_us",
         "changed",
         "copies",
         "data_id",
-        "have",
+        "holders",
         "hops",
         "origin_hw",
         "packed",
         "payload",
+        "relayed",
+        "relayed_ns",
         "rx_ns",
-        "said_ns",
         "stamp_us",
-        "told",
     )
 
     def __init__(self, origin_hw: int, data_id: int) -> None:
@@ -64,20 +64,20 @@ class _Entry:
         self.packed = False
         self.hops = 0
         self.rx_ns = 0
-        self.said_ns = NEVER_NS
-        self.told = False
+        self.relayed_ns = NEVER_NS
+        self.relayed = False
         self.changed = False
         """The payload is another one than that passed on last."""
         self.copies = 0
-        self.have: set[int] = set()
+        self.holders: set[int] = set()
 
 
-class Relays:
+class RelayCache:
     """Newest values of other nodes' boards."""
 
     def __init__(self) -> None:
-        self._entries: dict[tuple[int, int], _Entry] = {}
-        self._said_ns = NEVER_NS
+        self._entries: dict[tuple[int, int], _CachedValue] = {}
+        self._relayed_ns = NEVER_NS
         self.duplicates = 0
         self.late = 0
         self.was_late = False
@@ -94,15 +94,15 @@ class Relays:
         packed: bool,
         payload: bytes,
         rx_ns: int,
-    ) -> News | None:
-        """A value in a tick, the sender's own (`hops` 1) or passed on by it. None: known already."""
+    ) -> RemoteValue | None:
+        """A value in a beacon, the sender's own (`hops` 1) or passed on by it. None: known already."""
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             if len(self._entries) >= ENTRY_LIMIT:
                 return None
-            entry = self._entries[origin_hw, data_id] = _Entry(origin_hw, data_id)
-        elif not self._is_news(entry, stamp_us, age_us, payload, rx_ns):
-            self._again(entry, sender_hw, stamp_us - entry.stamp_us, hops, rx_ns)
+            entry = self._entries[origin_hw, data_id] = _CachedValue(origin_hw, data_id)
+        elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns):
+            self._on_repeated(entry, sender_hw, stamp_us - entry.stamp_us, hops, rx_ns)
             return None
         entry.changed = entry.changed or payload != entry.payload
         entry.stamp_us = stamp_us
@@ -111,13 +111,13 @@ class Relays:
         entry.packed = packed
         entry.hops = hops
         entry.rx_ns = rx_ns
-        entry.told = False
+        entry.relayed = False
         entry.copies = 0
-        entry.have = {sender_hw, origin_hw}
-        return News(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
+        entry.holders = {sender_hw, origin_hw}
+        return RemoteValue(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
 
     @staticmethod
-    def _is_news(entry: _Entry, stamp_us: int, age_us: int, payload: bytes, rx_ns: int) -> bool:
+    def _is_newer(entry: _CachedValue, stamp_us: int, age_us: int, payload: bytes, rx_ns: int) -> bool:
         ahead_us = stamp_us - entry.stamp_us
         rounding_us = FINE_US if max(age_us, entry.age_us) < _COARSE_FROM_US else COARSE_US
         if ahead_us > rounding_us:
@@ -127,22 +127,22 @@ class Relays:
         # far behind, and nothing newer for long: the origin's clock started anew
         return ahead_us < -OLDEST_NS // 1000 and rx_ns - entry.rx_ns > RESTART_NS
 
-    def newest(self, origin_hw: int, data_id: int) -> News | None:
+    def newest(self, origin_hw: int, data_id: int) -> RemoteValue | None:
         """The newest value of a board, if one was heard within the last seconds."""
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             return None
-        return News(
+        return RemoteValue(
             origin_hw, data_id, entry.stamp_us, entry.age_us, entry.packed, entry.payload, entry.rx_ns
         )
 
-    def _again(self, entry: _Entry, sender_hw: int, ahead_us: int, hops: int, rx_ns: int) -> None:
+    def _on_repeated(self, entry: _CachedValue, sender_hw: int, ahead_us: int, hops: int, rx_ns: int) -> None:
         self.was_late = ahead_us < -COARSE_US
         if self.was_late:
             self.late += 1
             return
         self.duplicates += 1
-        entry.have.add(sender_hw)
+        entry.holders.add(sender_hw)
         if hops > entry.hops:
             entry.copies += 1  # somebody as near as we are, or farther, has told it too
             return
@@ -150,13 +150,13 @@ class Relays:
         entry.hops = hops
         entry.age_us += (rx_ns - entry.rx_ns) // 1000
         entry.rx_ns = rx_ns
-        if rx_ns - entry.said_ns >= AGAIN_NS:
-            entry.told = False
+        if rx_ns - entry.relayed_ns >= REPEAT_NS:
+            entry.relayed = False
             entry.copies = 0
 
     def compose(
         self, now_ns: int, room: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]
-    ) -> list[Relay]:
+    ) -> list[RelayedValue]:
         """Values for the next datagram in at most `room` bytes.
 
         `common`: nodes that all neighbours hear. `needed(origin, have)`: whether some neighbour hears
@@ -169,20 +169,20 @@ class Relays:
             if self._is_due(entry, now_ns, common)
         ]
         due.sort(key=_first, reverse=True)
-        out: list[Relay] = []
+        out: list[RelayedValue] = []
         for _, entry in due:
             size = relay_bytes(entry.payload)
             if size > room:
                 continue
-            if not needed(entry.origin_hw, entry.have):
+            if not needed(entry.origin_hw, entry.holders):
                 continue
             room -= size
-            entry.told = True
+            entry.relayed = True
             entry.changed = False
-            entry.said_ns = self._said_ns = now_ns
+            entry.relayed_ns = self._relayed_ns = now_ns
             age_us = entry.age_us + (now_ns - entry.rx_ns) // 1000
             out.append(
-                Relay(
+                RelayedValue(
                     entry.origin_hw,
                     entry.data_id,
                     entry.stamp_us,
@@ -194,26 +194,28 @@ class Relays:
             )
         return out
 
-    def has_news(self, now_ns: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]) -> bool:
-        """Whether `compose` would pass on a value that has changed; one at rest waits for the next tick."""
+    def has_changes(
+        self, now_ns: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]
+    ) -> bool:
+        """Whether `compose` would pass on a value that has changed; one at rest waits for the next beacon."""
         return any(
-            entry.changed and self._is_due(entry, now_ns, common) and needed(entry.origin_hw, entry.have)
+            entry.changed and self._is_due(entry, now_ns, common) and needed(entry.origin_hw, entry.holders)
             for entry in self._entries.values()
         )
 
-    def _is_due(self, entry: _Entry, now_ns: int, common: frozenset[int]) -> bool:
-        if entry.told or entry.copies >= COPIES or entry.origin_hw in common or entry.hops >= HOPS_MAX:
+    def _is_due(self, entry: _CachedValue, now_ns: int, common: frozenset[int]) -> bool:
+        if entry.relayed or entry.copies >= COPIES or entry.origin_hw in common or entry.hops >= HOPS_MAX:
             return False
         return now_ns - entry.rx_ns <= OLDEST_NS and self._waited(entry, now_ns) >= 1.0
 
     @staticmethod
-    def _waited(entry: _Entry, now_ns: int) -> float:
+    def _waited(entry: _CachedValue, now_ns: int) -> float:
         """Time since it was passed on last, in periods of its distance."""
-        return (now_ns - entry.said_ns) / (PERIOD_NS * entry.hops)
+        return (now_ns - entry.relayed_ns) / (PERIOD_NS * entry.hops)
 
-    def recently(self, now_ns: int) -> bool:
+    def relayed_recently(self, now_ns: int) -> bool:
         """Whether something was passed on within the last second."""
-        return now_ns - self._said_ns < 1_000_000_000
+        return now_ns - self._relayed_ns < 1_000_000_000
 
     def forget(self, now_ns: int) -> None:
         """Drops what has not been heard for a minute."""
@@ -221,11 +223,11 @@ class Relays:
         for key in old:
             del self._entries[key]
 
-    def restart(self, origin_hw: int) -> None:
+    def forget_origin(self, origin_hw: int) -> None:
         """The origin started anew: its clock may be another one, so stamps compare no more."""
         for key in [key for key in self._entries if key[0] == origin_hw]:
             del self._entries[key]
 
 
-def _first(entry: tuple[float, _Entry]) -> float:
+def _first(entry: tuple[float, _CachedValue]) -> float:
     return entry[0]

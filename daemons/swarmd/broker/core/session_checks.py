@@ -1,4 +1,4 @@
-"""Questions and answers about sessions, as they ride in a tick."""
+"""Questions and answers about sessions, as they ride in a beacon."""
 
 import struct
 from collections.abc import Iterable
@@ -25,7 +25,7 @@ class CheckKind(IntEnum):
     """As QUESTION, and prove it over a connection: we believe another session of yours."""
 
 
-class Check(NamedTuple):
+class SessionCheck(NamedTuple):
     """A question or answer about a session."""
 
     kind: int
@@ -40,24 +40,24 @@ def body_bytes(count: int) -> int:
     return _PART.size + count * _CHECK.size if count else 0
 
 
-def encode(checks: Iterable[Check]) -> bytes:
+def encode(checks: Iterable[SessionCheck]) -> bytes:
     """The extra part of a body that has them. Raises: struct.error when a number does not fit its field."""
     part = b"".join([_CHECK.pack(*check) for check in checks])
     return _PART.pack(_CHECKS, len(part)) + part
 
 
-def decode(data: bytes, at: int) -> tuple[tuple[Check, ...], int]:
+def decode(data: bytes, at: int) -> tuple[tuple[SessionCheck, ...], int]:
     """The checks among the extra parts that begin there, and where those end: perhaps behind the body.
 
     Raises: struct.error when one is cut short, WireError when there is none.
     """
     if at >= len(data):
-        raise WireError(f"tick of {len(data)} bytes: its extra parts are missing")
-    found: tuple[Check, ...] = ()
+        raise WireError(f"beacon of {len(data)} bytes: its extra parts are missing")
+    found: tuple[SessionCheck, ...] = ()
     while at < len(data):
         kind, length = _PART.unpack_from(data, at)
         at += _PART.size
         if kind == _CHECKS:
-            found = tuple([Check(*check) for check in _CHECK.iter_unpack(data[at : at + length])])
+            found = tuple([SessionCheck(*check) for check in _CHECK.iter_unpack(data[at : at + length])])
         at += length
     return found, at

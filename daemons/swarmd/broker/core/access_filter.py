@@ -13,7 +13,7 @@ REPORT_NS: Final = 1_000_000_000
 REFUSALS_MAX: Final = 256
 
 
-class Gate:
+class AccessFilter:
     """Asks for the rights of everything that an application of this platform is to take or answer."""
 
     def __init__(self, roles: Mapping[str, Role] | None, access: Access) -> None:

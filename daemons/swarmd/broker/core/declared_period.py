@@ -14,7 +14,7 @@ def ceiling_ns(period_ns: int) -> int:
     return next((ceiling for ceiling in CEILINGS_NS if period_ns <= ceiling), CEILINGS_NS[-1])
 
 
-class Slowest:
+class DeclaredPeriod:
     """The longest time between two of our datagrams that a neighbour may still count on."""
 
     def __init__(self, kept_ns: int, now_ns: int) -> None:

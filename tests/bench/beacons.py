@@ -1,6 +1,6 @@
-"""What one tick datagram costs a broker, beside the bare reception of the same bytes.
+"""What one beacon costs a broker, beside the bare reception of the same bytes.
 
-    python tests/bench/ticks.py [--seconds N] [--json]
+    python tests/bench/beacons.py [--seconds N] [--json]
 
 One real broker on a loopback group of its own; fifteen neighbours are real stations in virtual time, all in
 one cell, all with a pose at 10 Hz and a mission state that changes every second. Bare: `recvmsg` with the
@@ -26,11 +26,11 @@ import numpy as np
 import uvloop
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.mesh import Mesh
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import Beacon, Header, PlatformKind
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.sessions import Sessions
-from swarmd.broker.core.station import Identity, Station
-from swarmd.broker.core.tick import Header, PlatformKind, Tick
+from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.service import Broker
 from swarmware.clock import Clock
@@ -39,7 +39,7 @@ from swarmware.names import data_id, hardware_id
 from swarmware.security import Keys, Opened, Opener, Sealer
 from swarmware.testing import make_node
 from swarmware.types.mission import MissionState
-from swarmware.types.net import Offer, TreePlan, Want
+from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.registry import pack
 from swarmware.types.vehicle import Pose
 
@@ -50,13 +50,16 @@ ME: Final = "uav16"
 GROUP: Final = "239.83.87.16"
 LOOPBACK: Final = "127.0.0.1"
 SECOND: Final = 1_000_000_000
-TICK: Final = SECOND // 10
-WARM_TICKS: Final = 100
+PERIOD: Final = SECOND // 10
+WARM_BEACONS: Final = 100
 CACHES_BYTES: Final = 96 << 20
 """Three times the last level of the largest cache seen."""
 POSE: Final = data_id("nav/pose", "Pose")
 STATE: Final = data_id("mission/state", "MissionState")
-OFFERS: Final = (Offer("nav/pose", POSE, "Pose"), Offer("mission/state", STATE, "MissionState"))
+OFFERS: Final = (
+    BoardPublication("nav/pose", POSE, "Pose"),
+    BoardPublication("mission/state", STATE, "MissionState"),
+)
 _STAMP: Final = 35
 _HEADER: Final = struct.Struct("<BBIII")
 
@@ -77,48 +80,48 @@ class Instant(Clock):
         return self.at_ns
 
 
-class Peer:
+class LinkPeer:
     """A neighbour: what it sends is what a broker would send."""
 
     def __init__(self, name: str, others: list[str], keys: Keys) -> None:
         self.hw = hardware_id(name)
-        self.station = Station(
-            Identity(self.hw, name, "main", PlatformKind.UAV, 1, b""),
-            Mesh(self.hw, 1, SECOND, 0),
+        self.protocol = BeaconProtocol(
+            NodeIdentity(self.hw, name, "main", PlatformKind.UAV, 1, b""),
+            Topology(self.hw, 1, SECOND, 0),
             Counters(),
             busy_hz=10.0,
             relay_bytes_s=Config().relay_bytes_s,
         )
-        self.station.set_plan(TreePlan(1, OFFERS, wants(others)))
+        self.protocol.set_plan(TreePlan(1, OFFERS, wants(others)))
         self.sessions = Sessions(self.hw, 1, connections=False)
         self.sealer = Sealer(keys.group, self.hw, 1)
 
-    def compose(self, now_ns: int, turn: int) -> tuple[Header, Tick, bytes]:
+    def compose(self, now_ns: int, turn: int) -> tuple[Header, Beacon, bytes]:
         """Its next datagram, clear and sealed."""
-        station = self.station
-        station.on_timer(now_ns)
-        boards = station.bulletin.boards
+        protocol = self.protocol
+        protocol.on_timer(now_ns)
+        boards = protocol.published.boards
         boards[POSE].put(Pose.planar(turn / 10, self.hw % 100, 0.1 * turn).pack(), True, now_ns - 3_000_000)
         if turn % 10 == 0:
             state = MissionState(turn, "01234567", "active", ("goto",), progress_ratio=turn % 100 / 100)
             boards[STATE].put(pack(state)[0], True, now_ns - 5_000_000)
-        departure = station.compose(now_ns)
-        tick = msgspec.structs.replace(departure.tick, checks=self.sessions.due(now_ns))
+        outgoing = protocol.compose(now_ns)
+        beacon = msgspec.structs.replace(outgoing.beacon, checks=self.sessions.due(now_ns))
         header = Header(
             0,
             self.hw,
-            departure.sequence,
+            outgoing.sequence,
             now_ns // 1000 & 0xFFFF_FFFF,
-            1 if departure.with_session else None,
+            1 if outgoing.with_session else None,
         )
         clear = codec.encode_header(header)
-        data = clear + self.sealer.seal(header.sequence, clear, codec.encode(tick))
-        station.sent(header.sequence, now_ns, len(data))
-        return header, tick, data
+        data = clear + self.sealer.seal(header.sequence, clear, codec.encode(beacon))
+        protocol.sent(header.sequence, now_ns, len(data))
+        return header, beacon, data
 
 
 class Costs(NamedTuple):
-    """Microseconds of one datagram or tick."""
+    """Microseconds of one datagram or beacon."""
 
     received_us: float
     bare_us: float
@@ -140,12 +143,12 @@ class Cell:
         self.clock = clock
         names = [f"uav{index + 1}" for index in range(NEIGHBOURS)]
         keys = Keys.open(ME)
-        self.peers = [Peer(name, [*(o for o in names if o != name), ME], keys) for name in names]
+        self.peers = [LinkPeer(name, [*(o for o in names if o != name), ME], keys) for name in names]
         self.opener = Opener(keys.group)
         self.me = hardware_id(ME)
-        broker._station.set_plan(TreePlan(1, OFFERS, wants(names)))
+        broker._protocol.set_plan(TreePlan(1, OFFERS, wants(names)))
         broker._mirrors.keep_only(wants(names))
-        self.udp = broker._datagrams._udp
+        self.udp = broker._transport._udp
         self.group = (GROUP, config.udp_port)
         self.out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.out.bind((LOOPBACK, 0))
@@ -165,28 +168,28 @@ class Cell:
         """Takes everything else out of the caches."""
         self.flushed += 1.0
 
-    def run(self, ticks: int, *, cold: bool) -> Costs:
-        """So many ticks of everybody, reception and sending timed."""
+    def run(self, beacons: int, *, cold: bool) -> Costs:
+        """So many beacons of everybody, reception and sending timed."""
         received: list[int] = []
         bare: list[int] = []
         together: list[int] = []
         sent: list[int] = []
         sizes: list[int] = []
-        for _ in range(ticks):
+        for _ in range(beacons):
             self.turn += 1
             start_ns = self.clock.at_ns
             sent.append(self._send(cold))
             datagrams = self._compose(start_ns)
             sizes += map(len, datagrams)
             for index, data in enumerate(datagrams):
-                self.clock.at_ns = start_ns + (index + 1) * TICK // (NEIGHBOURS + 1)
+                self.clock.at_ns = start_ns + (index + 1) * PERIOD // (NEIGHBOURS + 1)
                 if self.turn % 2:
                     received.append(self._receive([data], cold))
                     bare.append(self._receive_bare(data, cold))
                 elif (index + 1) % TOGETHER == 0:
                     several = datagrams[index + 1 - TOGETHER : index + 1]
                     together.append(self._receive(several, cold) // TOGETHER)
-            self.clock.at_ns = start_ns + TICK
+            self.clock.at_ns = start_ns + PERIOD
         return Costs(
             quick_us(received),
             quick_us(bare),
@@ -198,16 +201,16 @@ class Cell:
     def _compose(self, start_ns: int) -> list[bytes]:
         out: list[bytes] = []
         for index, peer in enumerate(self.peers):
-            now_ns = start_ns + (index + 1) * TICK // (NEIGHBOURS + 1)
-            header, tick, data = peer.compose(now_ns, self.turn)
+            now_ns = start_ns + (index + 1) * PERIOD // (NEIGHBOURS + 1)
+            header, beacon, data = peer.compose(now_ns, self.turn)
             out.append(data)
             for other in self.peers:
                 if other is not peer:
-                    other.station.on_datagram(header, tick, (LOOPBACK, 1), now_ns)
+                    other.protocol.on_datagram(header, beacon, (LOOPBACK, 1), now_ns)
         return out
 
     def _send(self, cold: bool) -> int:
-        for board in self.broker._station.bulletin.boards.values():
+        for board in self.broker._protocol.published.boards.values():
             if board.data_id == POSE or self.turn % 10 == 0:
                 board.put(Pose.planar(self.turn / 10, 0.0).pack(), True, self.clock.at_ns)
         self.said.clear()
@@ -222,10 +225,10 @@ class Cell:
                 0, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
             )
             assert isinstance(opened, Opened)
-            tick = codec.decode(opened.body)
+            beacon = codec.decode(opened.body)
             for peer in self.peers:
-                peer.sessions.on_datagram(header.sender_hw, opened.session, tick.checks, self.clock.at_ns)
-                peer.station.on_datagram(header, tick, (LOOPBACK, 1), self.clock.at_ns)
+                peer.sessions.on_datagram(header.sender_hw, opened.session, beacon.checks, self.clock.at_ns)
+                peer.protocol.on_datagram(header, beacon, (LOOPBACK, 1), self.clock.at_ns)
         return took
 
     def _receive(self, datagrams: list[bytes], cold: bool) -> int:
@@ -252,24 +255,26 @@ def quick_us(took_ns: list[int]) -> float:
     return statistics.quantiles(took_ns, n=10)[0] / 1000
 
 
-def wants(names: list[str]) -> tuple[Want, ...]:
+def wants(names: list[str]) -> tuple[BoardSubscription, ...]:
     """Pose and mission state of everybody."""
-    return tuple(Want(name, offer.path, offer.type, offer.data_id) for name in names for offer in OFFERS)
+    return tuple(
+        BoardSubscription(name, offer.path, offer.type, offer.data_id) for name in names for offer in OFFERS
+    )
 
 
 def step(broker: Broker, now_ns: int) -> None:
-    """What the broker does at its tick."""
-    broker._carry_out(*broker._station.on_timer(now_ns))
-    broker._tick()
-    broker._shape_changed = False
+    """What the broker does at its beacon."""
+    broker._carry_out(*broker._protocol.on_timer(now_ns))
+    broker._on_beacon_due()
+    broker._topology_changed = False
 
 
 def drain(broker: Broker) -> None:
     """What the event loop does when a socket has something."""
-    broker._datagrams.receive()
+    broker._transport.receive()
 
 
-async def measure(folder: Path, ticks: int) -> dict[str, Costs]:
+async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
     """Both states of the caches."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind((LOOPBACK, 0))
@@ -279,7 +284,7 @@ async def measure(folder: Path, ticks: int) -> dict[str, Costs]:
         clock = Instant()
         broker = Broker(module, config)
         broker._clock = clock
-        broker._since_ns = broker._publish_ns = broker._pace.due_ns = clock.at_ns
+        broker._since_ns = broker._publish_ns = broker._schedule.due_ns = clock.at_ns
         ready, never = asyncio.Event(), asyncio.Event()
 
         async def stand_still() -> None:
@@ -290,13 +295,16 @@ async def measure(folder: Path, ticks: int) -> dict[str, Costs]:
         running = asyncio.create_task(broker.run(), name="broker")
         await asyncio.wait((running, asyncio.create_task(ready.wait())), return_when=asyncio.FIRST_COMPLETED)
         cell = Cell(broker, clock, config)
-        cell.run(WARM_TICKS, cold=False)
+        cell.run(WARM_BEACONS, cold=False)
         gc.collect()
         gc.disable()
         refused = broker._counters.refused_table()
-        found = {"hot": cell.run(ticks, cold=False), "cold": cell.run(max(ticks // 10, 4), cold=True)}
+        found = {"hot": cell.run(beacons, cold=False), "cold": cell.run(max(beacons // 10, 4), cold=True)}
         assert broker._counters.refused_table() == refused, "a datagram was refused"
-        assert sum(neighbour.state.name == "UP" for neighbour in broker._station.mesh.neighbours.all()) == 15
+        assert (
+            sum(neighbour.state.name == "UP" for neighbour in broker._protocol.topology.neighbours.all())
+            == 15
+        )
         cell.bare.close()
         cell.out.close()
         running.cancel()
@@ -319,7 +327,7 @@ def main() -> None:
         print(json.dumps(table))
         return
     print(f"{NEIGHBOURS} neighbours at 10 Hz, {found['hot'].bytes:.0f} bytes a datagram; µs, fastest tenth")
-    print(f"{'caches':<8}{'received':>10}{'bare':>8}{'ratio':>8}{'together':>10}{'tick sent':>11}")
+    print(f"{'caches':<8}{'received':>10}{'bare':>8}{'ratio':>8}{'together':>10}{'beacon sent':>11}")
     for state, costs in found.items():
         print(
             f"{state:<8}{costs.received_us:>10.1f}{costs.bare_us:>8.1f}{costs.ratio:>7.1f}x"

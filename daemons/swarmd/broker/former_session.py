@@ -4,9 +4,9 @@ import logging
 from pathlib import Path
 from typing import Final
 
+from swarmd.broker.core.beacon_rate import IDLE_HZ
+from swarmd.broker.core.declared_period import CEILINGS_NS
 from swarmd.broker.core.neighbour import notice_ns
-from swarmd.broker.core.pace import IDLE_HZ
-from swarmd.broker.core.slowest import CEILINGS_NS
 from swarmware.errors import Denied
 from swarmware.filewriter import replace_file
 from swarmware.security import next_session
@@ -18,13 +18,13 @@ _IDLE_NS: Final = round(1e9 / IDLE_HZ)
 log = logging.getLogger("swarm.broker")
 
 
-class Former:
+class FormerSession:
     """The former session of this node's broker."""
 
     def __init__(self, folder: Path) -> None:
         self._session = folder / SESSION
         self._period = folder / PERIOD
-        self.slowest_ns = self._read() if self._session.exists() else 0
+        self.declared_period_ns = self._read() if self._session.exists() else 0
         """Longest time between two datagrams that the former session declared; 0: none is known."""
 
     def quiet_ns(self, timeout_ns: int) -> int:
@@ -33,7 +33,7 @@ class Former:
         An empty folder is no proof that there was none, and without this wait idle swarms looped: who lost
         its data counts as idle. A loop stays possible where the lost session declared a longer period.
         """
-        return notice_ns(self.slowest_ns or _IDLE_NS, timeout_ns)
+        return notice_ns(self.declared_period_ns or _IDLE_NS, timeout_ns)
 
     def _read(self) -> int:
         try:
@@ -62,10 +62,10 @@ class Former:
         except OSError as error:
             raise Denied(f"{self._session}: cannot be written: {error.strerror}") from error
 
-    def keep(self, slowest_ns: int) -> None:
+    def keep(self, declared_period_ns: int) -> None:
         """Keep the longest period that this session declared, for the next start."""
         try:
-            replace_file(self._period, b"%d\n" % (slowest_ns // 1_000_000))
+            replace_file(self._period, b"%d\n" % (declared_period_ns // 1_000_000))
         except OSError as error:
             log.warning(
                 "%s: cannot be written: %s; a restart within the next minutes may disturb routes for seconds",

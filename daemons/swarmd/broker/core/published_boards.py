@@ -1,10 +1,10 @@
-"""The node's own boards in its ticks: which value goes into which datagram."""
+"""The node's own boards in its beacons: which value goes into which datagram."""
 
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from swarmd.broker.core.tick import NEVER_NS, Value, value_bytes
-from swarmware.types.net import Offer
+from swarmd.broker.core.beacon import NEVER_NS, BoardValue, value_bytes
+from swarmware.types.net import BoardPublication
 
 REFRESH_NS: Final = 1_000_000_000
 """An unchanged value is said again this often: a datagram may be lost, a reader may be new."""
@@ -13,7 +13,7 @@ REPEATS: Final = 3
 _ALWAYS_NS: Final = 1
 
 
-class Board:
+class PublishedBoard:
     """One board that others want."""
 
     __slots__ = (
@@ -32,7 +32,7 @@ class Board:
         "version",
     )
 
-    def __init__(self, offer: Offer) -> None:
+    def __init__(self, offer: BoardPublication) -> None:
         self.path = offer.path
         self.data_id = offer.data_id
         self.type = offer.type
@@ -63,18 +63,18 @@ class Board:
         self.version += 1
 
 
-class Bulletin:
+class PublishedBoards:
     """The boards of this node that somebody wants."""
 
     def __init__(self) -> None:
-        self.boards: dict[int, Board] = {}
+        self.boards: dict[int, PublishedBoard] = {}
         """By data id."""
 
-    def offer(self, offers: Iterable[Offer], max_hz: Callable[[str], float | None]) -> None:
+    def offer(self, offers: Iterable[BoardPublication], max_hz: Callable[[str], float | None]) -> None:
         """The boards that are wanted from now on, and the limits of their channels."""
-        boards: dict[int, Board] = {}
+        boards: dict[int, PublishedBoard] = {}
         for offer in offers:
-            board = self.boards.get(offer.data_id) or Board(offer)
+            board = self.boards.get(offer.data_id) or PublishedBoard(offer)
             board.period_ns = max(offer.min_interval_ms * 1_000_000, _ALWAYS_NS)
             board.limited = False
             limit_hz = max_hz(offer.path)
@@ -86,15 +86,15 @@ class Bulletin:
             boards[offer.data_id] = board
         self.boards = boards
 
-    def values(self, now_ns: int, room: int, tick_ns: int) -> list[Value]:
+    def values(self, now_ns: int, room: int, beacon_period_ns: int) -> list[BoardValue]:
         """Values for the next datagram in at most `room` bytes, those that waited longest first.
 
-        `tick_ns`: time between two ticks; a period that ends within half of it is over, or a value
-        of 10 Hz would miss every second tick.
+        `beacon_period_ns`: time between two beacons; a period that ends within half of it is over, or a value
+        of 10 Hz would miss every second beacon.
         """
-        due = self._due(now_ns, tick_ns)
+        due = self._due(now_ns, beacon_period_ns)
         due.sort(key=_waited, reverse=True)
-        values: list[Value] = []
+        values: list[BoardValue] = []
         for _, board in due:
             size = value_bytes(board.payload)
             if size > room:
@@ -104,31 +104,31 @@ class Bulletin:
             board.sent_ns = now_ns
             board.repeats = max(0, board.repeats - 1)
             age_us = (now_ns - board.stamp_ns) // 1000
-            values.append(Value(board.data_id, age_us, board.packed, board.payload))
+            values.append(BoardValue(board.data_id, age_us, board.packed, board.payload))
         return values
 
-    def has_news(self, now_ns: int, tick_ns: int, patience_ns: int) -> bool:
+    def has_changes(self, now_ns: int, beacon_period_ns: int, max_wait_ns: int) -> bool:
         """Whether some board has changed and is due; one of a longer period than `patience_ns` can wait."""
         return any(
             board.repeats
             and board.version != board.sent_version
-            and 0 < board.period_ns < patience_ns
-            and now_ns - board.sent_ns + tick_ns // 2 >= board.period_ns
+            and 0 < board.period_ns < max_wait_ns
+            and now_ns - board.sent_ns + beacon_period_ns // 2 >= board.period_ns
             for board in self.boards.values()
         )
 
-    def _due(self, now_ns: int, tick_ns: int) -> list[tuple[float, Board]]:
-        due: list[tuple[float, Board]] = []
+    def _due(self, now_ns: int, beacon_period_ns: int) -> list[tuple[float, PublishedBoard]]:
+        due: list[tuple[float, PublishedBoard]] = []
         for board in self.boards.values():
             if not board.version or not board.period_ns:
                 continue
-            waited_ns = now_ns - board.sent_ns + tick_ns // 2
+            waited_ns = now_ns - board.sent_ns + beacon_period_ns // 2
             changed = board.version != board.sent_version
             period_ns = board.period_ns if changed else max(REFRESH_NS, board.period_ns)
             if waited_ns >= period_ns:
-                due.append((waited_ns / max(period_ns, tick_ns), board))
+                due.append((waited_ns / max(period_ns, beacon_period_ns), board))
         return due
 
 
-def _waited(entry: tuple[float, Board]) -> float:
+def _waited(entry: tuple[float, PublishedBoard]) -> float:
     return entry[0]

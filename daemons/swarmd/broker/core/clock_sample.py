@@ -3,7 +3,7 @@
 import msgspec
 
 
-class Timing(msgspec.Struct, frozen=True, gc=False):
+class ClockSample(msgspec.Struct, frozen=True, gc=False):
     """Clock differences read off one datagram (share/doc/protocol.md, section 3.4). Theirs minus ours."""
 
     hw: int

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import Final
 
-STRANGERS_S: Final = 10
+NON_MEMBERS_S: Final = 10
 """Datagrams a second of senders that are not on the roster: a unit of a member may be among them."""
 FAILURES_S: Final = 50
 """Bad datagrams a second from one address; then it is left out until the second is over."""
@@ -15,14 +15,14 @@ _SECOND_NS: Final = 1_000_000_000
 Address = tuple[str, int]
 
 
-class Admission:
+class DatagramLimiter:
     """Counts by seconds; forgets the addresses of bad datagrams with each."""
 
     def __init__(self, members: Collection[int] | None) -> None:
         """`members`: hardware ids on the roster; None without one."""
         self._members = None if members is None else frozenset(members)
         self._second = 0
-        self._strangers = 0
+        self._non_members = 0
         self._failures = 0
         self._by_address: dict[Address, int] = {}
         self._good: dict[Address, int] = {}
@@ -33,7 +33,7 @@ class Admission:
         second = now_ns // _SECOND_NS
         if second != self._second:
             self._second = second
-            self._strangers = self._failures = 0
+            self._non_members = self._failures = 0
             self._by_address.clear()
         if self._by_address and self._by_address.get(address, 0) >= FAILURES_S:
             return False
@@ -42,8 +42,8 @@ class Admission:
         if self._failures >= ALL_FAILURES_S:
             return False
         if self._members is not None and sender_hw not in self._members:
-            self._strangers += 1
-            return self._strangers <= STRANGERS_S
+            self._non_members += 1
+            return self._non_members <= NON_MEMBERS_S
         return True
 
     def good(self, address: Address) -> None:

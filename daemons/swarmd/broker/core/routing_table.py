@@ -1,8 +1,8 @@
 """The directory: which neighbour leads to which node, without loops, in a swarm that moves.
 
-A distance vector under Babel's feasibility condition (RFC 8966, section 3.5.1), fitted to the tick:
-the sequence number of every tick datagram is the sender's own route sequence number, so a fresh
-route to a node comes with each of its ticks, and rows about others ride in the same datagrams.
+A distance vector under Babel's feasibility condition (RFC 8966, section 3.5.1), fitted to the beacon:
+the sequence number of every beacon is the sender's own route sequence number, so a fresh
+route to a node comes with each of its beacons, and rows about others ride in the same datagrams.
 """
 
 from collections.abc import Iterable
@@ -10,23 +10,23 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import HOPS_MAX, INFINITY, LOST, NEVER_NS, Row, SequenceRequest
+from swarmd.broker.core.beacon import HOPS_MAX, INFINITY, LOST, NEVER_NS, RouteRow, SequenceRequest
 
 HYSTERESIS: Final = 96
 """A new next hop must be better by this: loss that comes and goes must not move a route."""
 REFRESH_NS: Final = 250_000_000
 """Refresh period of a row per hop of distance."""
 REFRESH_MAX_NS: Final = 2_000_000_000
-CALM_SIZE: Final = 80
+STRETCH_FROM: Final = 80
 """In larger swarms the refresh periods grow with the number of nodes, up to STRETCH_MAX times."""
 STRETCH_MAX: Final = 2.0
 HOLD_NS: Final = 7_000_000_000
 """A route over others whose sequence number stood still for so long is lost, or for three of the longest
 refresh periods where these are longer."""
-HOT_NS: Final = 2_000_000_000
+REQUESTED_NS: Final = 2_000_000_000
 """How long it is remembered that somebody asked for a fresher row."""
-HOT_ROWS: Final = 2
-"""How often the fresher row is sent in the very next ticks, once it is there."""
+REQUESTED_ROWS: Final = 2
+"""How often the fresher row is sent in the very next beacons, once it is there."""
 RETRACTIONS: Final = 2
 """A lost route is said twice: one datagram may be lost."""
 SOURCE_GC_NS: Final = 180_000_000_000
@@ -38,7 +38,7 @@ REQUEST_HOPS: Final = HOPS_MAX
 DESTINATION_LIMIT: Final = 4096
 _SWEEP_NS: Final = 1_000_000_000
 _FAR_NS: Final = 1 << 62
-_TOLD_AT_ONCE: Final = 96
+_TRIGGERED_UPDATE: Final = 96
 """A new next hop whose metric differs this much from what was said."""
 
 
@@ -62,13 +62,11 @@ class Route(msgspec.Struct, frozen=True, gc=False):
 
 class _Destination:
     __slots__ = (
+        "advertised",
+        "advertised_metric",
         "changed_ns",
         "due_ns",
         "forwarded_ns",
-        "heard",
-        "hot_rows",
-        "hot_sequence",
-        "hot_until_ns",
         "hw",
         "known_ns",
         "limit_metric",
@@ -77,15 +75,17 @@ class _Destination:
         "metric",
         "request_due_ns",
         "request_until_ns",
+        "requested_rows",
+        "requested_sequence",
+        "requested_until_ns",
         "retractions",
-        "said_metric",
         "sequence",
         "via",
     )
 
     def __init__(self, hw: int, now_ns: int) -> None:
         self.hw = hw
-        self.heard: dict[int, tuple[int, int, int]] = {}
+        self.advertised: dict[int, tuple[int, int, int]] = {}
         """By neighbour: the sequence number and metric it said last, and when the number last rose."""
         self.via = 0
         self.metric = INFINITY
@@ -98,11 +98,11 @@ class _Destination:
         self.due_ns = now_ns
         self.linked = False
         """All our neighbours had links to it themselves when its row was said last."""
-        self.said_metric = INFINITY
+        self.advertised_metric = INFINITY
         self.retractions = 0
-        self.hot_until_ns = NEVER_NS
-        self.hot_sequence = 0
-        self.hot_rows = 0
+        self.requested_until_ns = NEVER_NS
+        self.requested_sequence = 0
+        self.requested_rows = 0
         self.forwarded_ns = NEVER_NS
         self.request_until_ns = NEVER_NS
         self.request_due_ns = NEVER_NS
@@ -119,7 +119,7 @@ def newer(one: int, other: int) -> bool:
     return 0 < (one - other) & 0xFFFF < 0x8000
 
 
-class Directory:
+class RoutingTable:
     """Routes of one node.
 
     Loop-free at every instant as long as the caller keeps two rules: rows of a neighbour count
@@ -129,7 +129,7 @@ class Directory:
 
     def __init__(self, own_hw: int) -> None:
         self.own_hw = own_hw
-        self.wanted_sequence: int | None = None
+        self.requested_sequence: int | None = None
         """Somebody holds a higher sequence number of mine than I have: go on from there."""
         self._destinations: dict[int, _Destination] = {}
         self._costs: dict[int, int] = {}
@@ -152,7 +152,7 @@ class Directory:
             return changes
         for destination in self._destinations.values():
             if destination.via == via:
-                total = destination.heard[via][1] + cost
+                total = destination.advertised[via][1] + cost
                 if total > destination.metric:
                     destination.metric = min(total, INFINITY - 1)
                     self._select(destination, now_ns, changes)
@@ -164,7 +164,7 @@ class Directory:
             return []
         changes: list[RouteChanged] = []
         for destination in self._destinations.values():
-            if destination.heard.pop(via, None) is not None and destination.via == via:
+            if destination.advertised.pop(via, None) is not None and destination.via == via:
                 self._select(destination, now_ns, changes)
         return changes
 
@@ -180,14 +180,14 @@ class Directory:
             if destination is None:
                 if hw == self.own_hw:
                     if metric != INFINITY:
-                        self.wanted_sequence = sequence
+                        self.requested_sequence = sequence
                     continue
                 if metric == INFINITY or not hw or len(destinations) >= DESTINATION_LIMIT:
                     continue  # 0 is no node: `via` 0 means that there is no route
                 destination = destinations[hw] = _Destination(hw, now_ns)
             total = metric + cost
             if total >= INFINITY:
-                if destination.heard.pop(via, None) is not None and destination.via == via:
+                if destination.advertised.pop(via, None) is not None and destination.via == via:
                     self._select(destination, now_ns, changes)
                 continue
             limit = destination.limit_sequence
@@ -198,12 +198,12 @@ class Directory:
                     # ours stays loop-free as it is, because our feasibility distance did not move,
                     # until a newer number comes with its next rows.
                     if via != destination.via:
-                        destination.heard.pop(via, None)
+                        destination.advertised.pop(via, None)
                     continue
-            heard = destination.heard
-            before = heard.get(via)
+            advertised = destination.advertised
+            before = advertised.get(via)
             fresh_ns = now_ns if before is None or before[0] != sequence else before[2]
-            heard[via] = (sequence, metric, fresh_ns)
+            advertised[via] = (sequence, metric, fresh_ns)
             if via == destination.via:
                 destination.sequence = sequence
                 if total > destination.metric + HYSTERESIS:
@@ -221,16 +221,16 @@ class Directory:
         for hw, sequence, hops in requests:
             hops_left = min(hops & ~LOST, REQUEST_HOPS)
             if hw == self.own_hw:
-                self.wanted_sequence = sequence
+                self.requested_sequence = sequence
                 continue
             destination = self._destinations.get(hw)
             if destination is None:
                 continue
-            if hops & LOST and destination.heard.pop(via, None) is not None and destination.via == via:
+            if hops & LOST and destination.advertised.pop(via, None) is not None and destination.via == via:
                 self._select(destination, now_ns, changes)  # its retractions did not get here
-            destination.hot_until_ns = now_ns + HOT_NS
-            destination.hot_sequence = sequence
-            destination.hot_rows = HOT_ROWS
+            destination.requested_until_ns = now_ns + REQUESTED_NS
+            destination.requested_sequence = sequence
+            destination.requested_rows = REQUESTED_ROWS
             answered = destination.via != 0 and not newer(sequence, destination.sequence)
             if answered or hops_left <= 1 or now_ns - destination.forwarded_ns < FORWARD_AGAIN_NS:
                 continue
@@ -240,14 +240,14 @@ class Directory:
             self._forward.append(SequenceRequest(hw, sequence, hops_left - 1))
         return changes
 
-    def want(self, hw: int, now_ns: int) -> None:
+    def request_route(self, hw: int, now_ns: int) -> None:
         """There is traffic for this node and no route: ask for one."""
         destination = self._destinations.get(hw)
         if destination is not None and destination.via == 0 and now_ns >= destination.request_until_ns:
             self._ask(destination, now_ns)
 
     def on_timer(self, now_ns: int) -> list[RouteChanged]:
-        """Ages routes out; call at each tick."""
+        """Ages routes out; call at each beacon."""
         changes: list[RouteChanged] = []
         if now_ns < self._sweep_ns:
             return changes
@@ -255,12 +255,12 @@ class Directory:
         forgotten: list[int] = []
         oldest_ns = now_ns - self._hold_ns
         for destination in self._destinations.values():
-            heard = destination.heard
-            for via, said in heard.items():
+            advertised = destination.advertised
+            for via, said in advertised.items():
                 if said[2] < oldest_ns and via != destination.hw:
                     self._expire(destination, oldest_ns, now_ns, changes)
                     break
-            if heard:
+            if advertised:
                 destination.known_ns = now_ns
             elif now_ns - destination.known_ns > SOURCE_GC_NS:
                 forgotten.append(destination.hw)
@@ -271,7 +271,7 @@ class Directory:
 
     # what goes out
 
-    def rows(self, now_ns: int, room: int, linked: frozenset[int]) -> tuple[Row, ...]:
+    def rows(self, now_ns: int, room: int, linked: frozenset[int]) -> tuple[RouteRow, ...]:
         """Rows for the next datagram, at most `room`, the most urgent first.
 
         `linked`: nodes to which all our neighbours have links of their own; their rows are not repeated.
@@ -282,26 +282,26 @@ class Directory:
             if destination.due_ns <= now_ns or (destination.linked and destination.hw not in linked):
                 if destination.via or destination.retractions:
                     due.append(destination)
-            elif destination.hot_rows and destination.via:
-                if now_ns >= destination.hot_until_ns:
-                    destination.hot_rows = 0
-                elif not newer(destination.hot_sequence, destination.sequence):
-                    destination.hot_rows -= 1
+            elif destination.requested_rows and destination.via:
+                if now_ns >= destination.requested_until_ns:
+                    destination.requested_rows = 0
+                elif not newer(destination.requested_sequence, destination.sequence):
+                    destination.requested_rows -= 1
                     due.append(destination)
         if len(due) > room:
             due.sort(key=_urgency)
             del due[room:]
-        stretch = min(max(1.0, len(self._destinations) / CALM_SIZE), STRETCH_MAX)
+        stretch = min(max(1.0, len(self._destinations) / STRETCH_FROM), STRETCH_MAX)
         longest_ns = round(REFRESH_MAX_NS * stretch)
         self._hold_ns = max(HOLD_NS, 3 * longest_ns)
-        rows: list[Row] = []
+        rows: list[RouteRow] = []
         for destination in due:
             metric, sequence = destination.metric, destination.sequence
             if not destination.via:
                 destination.retractions -= 1
-                rows.append(Row(destination.hw, sequence, INFINITY))
+                rows.append(RouteRow(destination.hw, sequence, INFINITY))
                 continue
-            destination.said_metric = metric
+            destination.advertised_metric = metric
             if destination.feasible(sequence, metric):
                 destination.limit_sequence, destination.limit_metric = sequence, metric
             destination.linked = destination.hw in linked
@@ -310,7 +310,7 @@ class Directory:
             else:
                 period_ns = min(round(REFRESH_NS * max(1, metric >> 8) * stretch), longest_ns)
                 destination.due_ns = now_ns + period_ns
-            rows.append(Row(destination.hw, sequence, metric))
+            rows.append(RouteRow(destination.hw, sequence, metric))
         return tuple(rows)
 
     def requests(self, now_ns: int) -> tuple[SequenceRequest, ...]:
@@ -349,7 +349,7 @@ class Directory:
     def _select(self, destination: _Destination, now_ns: int, changes: list[RouteChanged]) -> None:
         costs = self._costs
         best, best_total, best_sequence = 0, INFINITY, 0
-        for via, (sequence, metric, _) in destination.heard.items():
+        for via, (sequence, metric, _) in destination.advertised.items():
             total = metric + costs[via]
             if via == destination.via:
                 total = max(total - HYSTERESIS, 1)
@@ -358,11 +358,11 @@ class Directory:
         if best == destination.via and best:
             return
         if best:
-            total = destination.heard[best][1] + costs[best]
+            total = destination.advertised[best][1] + costs[best]
             self._use(destination, best, best_sequence, total, now_ns, changes)
         elif destination.via:
             destination.via = 0
-            destination.metric = destination.said_metric = INFINITY
+            destination.metric = destination.advertised_metric = INFINITY
             destination.retractions = RETRACTIONS
             destination.due_ns = destination.changed_ns = now_ns
             changes.append(RouteChanged(destination.hw, 0))
@@ -373,10 +373,12 @@ class Directory:
     ) -> None:
         # the link's own deadline judges a route straight to the destination
         stale = [
-            via for via, said in destination.heard.items() if said[2] < oldest_ns and via != destination.hw
+            via
+            for via, said in destination.advertised.items()
+            if said[2] < oldest_ns and via != destination.hw
         ]
         for via in stale:
-            del destination.heard[via]
+            del destination.advertised[via]
         if destination.via in stale:
             self._select(destination, now_ns, changes)
 
@@ -395,7 +397,7 @@ class Directory:
         destination.changed_ns = now_ns
         destination.retractions = 0
         destination.request_until_ns = NEVER_NS
-        if abs(total - destination.said_metric) >= _TOLD_AT_ONCE:
+        if abs(total - destination.advertised_metric) >= _TRIGGERED_UPDATE:
             destination.due_ns = now_ns
         changes.append(RouteChanged(destination.hw, via))
 

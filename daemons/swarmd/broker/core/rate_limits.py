@@ -4,7 +4,7 @@ from swarmware.names import Pattern
 from swarmware.types.net import ChannelLimit, ChannelLimits, SetChannel
 
 
-class _Limit:
+class _RateLimit:
     __slots__ = ("ends_ns", "max_hz", "pattern")
 
     def __init__(self, pattern: Pattern, max_hz: float, ends_ns: int | None) -> None:
@@ -13,11 +13,11 @@ class _Limit:
         self.ends_ns = ends_ns
 
 
-class Channels:
+class RateLimits:
     """Rate limits by pattern; the newest that matches counts."""
 
     def __init__(self) -> None:
-        self._limits: dict[str, _Limit] = {}
+        self._limits: dict[str, _RateLimit] = {}
         self.version = 0
         """Another number after each change: what was looked up is out of date."""
 
@@ -32,7 +32,10 @@ class Channels:
         if request.max_hz is None:
             return
         ends_ns = now_ns + round(request.for_s * 1e9) if request.for_s > 0 else None
-        self._limits = {request.pattern: _Limit(pattern, max(request.max_hz, 0.0), ends_ns), **self._limits}
+        self._limits = {
+            request.pattern: _RateLimit(pattern, max(request.max_hz, 0.0), ends_ns),
+            **self._limits,
+        }
 
     def max_hz(self, path: str) -> float | None:
         """Limit of a local path; None: none."""

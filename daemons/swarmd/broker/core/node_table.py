@@ -5,19 +5,19 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.tick import Hello, MemberRow, PlatformKind, member_bytes
+from swarmd.broker.core.beacon import Hello, MemberRow, PlatformKind, member_bytes
 from swarmware.errors import InvalidInput
 from swarmware.names import check_platform, hardware_id
 
-AGAIN_NS: Final = 30_000_000_000
+REPEAT_NS: Final = 30_000_000_000
 """An unchanged member row is repeated this often."""
-TIMES: Final = 3
+ANNOUNCEMENTS: Final = 3
 """A changed one is said so often, in one datagram after the other."""
 FORGET_NS: Final = 600_000_000_000
 MEMBER_LIMIT: Final = 4096
 
 
-class Member(msgspec.Struct, gc=False):
+class KnownNode(msgspec.Struct, gc=False):
     """One node as we know it."""
 
     hw: int
@@ -25,8 +25,8 @@ class Member(msgspec.Struct, gc=False):
     unit: str
     kind: PlatformKind = PlatformKind.OTHER
     tree_version: int = 0
-    said_ns: int = 0
-    times: int = TIMES
+    announced_ns: int = 0
+    announcements: int = ANNOUNCEMENTS
     heard_ns: int = 0
 
     @property
@@ -35,20 +35,20 @@ class Member(msgspec.Struct, gc=False):
         return wire_name(self.platform, self.unit)
 
 
-class Members:
+class NodeTable:
     """Names and trees by hardware id."""
 
     def __init__(self, own_hw: int) -> None:
         self._own_hw = own_hw
-        self._all: dict[int, Member] = {}
+        self._all: dict[int, KnownNode] = {}
         self.version = 0
         """Another number after each change."""
 
-    def know(self, platform: str, now_ns: int) -> None:
+    def add(self, platform: str, now_ns: int) -> None:
         """A name from the roster."""
         hw = hardware_id(platform)
         if hw != self._own_hw:
-            self._all.setdefault(hw, Member(hw, platform, "main", heard_ns=now_ns))
+            self._all.setdefault(hw, KnownNode(hw, platform, "main", heard_ns=now_ns))
 
     def on_hello(self, hw: int, hello: Hello, now_ns: int) -> bool:
         """A neighbour's own words. False: the name does not belong to this hardware id."""
@@ -59,8 +59,8 @@ class Members:
         return self._learn(row.hw, row.name, row.kind, row.tree_version, now_ns)
 
     def _learn(self, hw: int, name: str, kind: PlatformKind, tree_version: int, now_ns: int) -> bool:
-        member = self._all.get(hw)
-        if member is None or member.name != name:
+        node = self._all.get(hw)
+        if node is None or node.name != name:
             platform, _, unit = name.partition(".")
             try:
                 check_platform(platform)
@@ -70,52 +70,52 @@ class Members:
                 return False
             if hardware_id(platform, unit or "main") != hw or len(self._all) >= MEMBER_LIMIT:
                 return False
-            member = self._all[hw] = Member(hw, platform, unit or "main")
+            node = self._all[hw] = KnownNode(hw, platform, unit or "main")
             self.version += 1
-        if member.tree_version != tree_version or member.kind != kind:
-            member.tree_version = tree_version
-            member.kind = kind
-            member.times = TIMES
+        if node.tree_version != tree_version or node.kind != kind:
+            node.tree_version = tree_version
+            node.kind = kind
+            node.announcements = ANNOUNCEMENTS
             self.version += 1
-        member.heard_ns = now_ns
+        node.heard_ns = now_ns
         return True
 
-    def get(self, hw: int) -> Member | None:
+    def get(self, hw: int) -> KnownNode | None:
         """A node, if its name is known."""
         return self._all.get(hw)
 
     def platform(self, hw: int) -> str:
         """Its platform, or the hardware id in hex."""
-        member = self._all.get(hw)
-        return member.platform if member is not None else f"{hw:08x}"
+        node = self._all.get(hw)
+        return node.platform if node is not None else f"{hw:08x}"
 
     def rows(
         self, now_ns: int, room: int, common: frozenset[int], reachable: Callable[[int], int]
     ) -> list[MemberRow]:
         """Member rows for the next datagram in at most `room` bytes: nodes that not all neighbours hear."""
         out: list[MemberRow] = []
-        for member in self._all.values():
-            if member.hw in common or (not member.times and now_ns - member.said_ns < AGAIN_NS):
+        for node in self._all.values():
+            if node.hw in common or (not node.announcements and now_ns - node.announced_ns < REPEAT_NS):
                 continue
-            if not member.heard_ns or not reachable(member.hw):
+            if not node.heard_ns or not reachable(node.hw):
                 continue
-            row = MemberRow(member.hw, member.tree_version, member.kind, member.name)
+            row = MemberRow(node.hw, node.tree_version, node.kind, node.name)
             room -= member_bytes(row)
             if room < 0:
                 break
-            member.said_ns = now_ns
-            member.times = max(0, member.times - 1)
+            node.announced_ns = now_ns
+            node.announcements = max(0, node.announcements - 1)
             out.append(row)
         return out
 
-    def repeat(self) -> None:
+    def announce_again(self) -> None:
         """Somebody new is in range: every row is said once more."""
-        for member in self._all.values():
-            member.times = max(member.times, 1)
+        for node in self._all.values():
+            node.announcements = max(node.announcements, 1)
 
     def forget(self, now_ns: int) -> None:
         """Drops whom nobody has mentioned for ten minutes."""
-        for hw in [hw for hw, member in self._all.items() if now_ns - member.heard_ns > FORGET_NS]:
+        for hw in [hw for hw, node in self._all.items() if now_ns - node.heard_ns > FORGET_NS]:
             del self._all[hw]
             self.version += 1
 

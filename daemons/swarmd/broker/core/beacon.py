@@ -1,4 +1,4 @@
-"""The tick datagram: all that is periodic between two nodes, in one sealed datagram per tick.
+"""The beacon: the periodic, sealed UDP datagram of a node, with everything that is sent at regular times.
 
 share/doc/protocol.md is the description for other implementers; both are held together by tests.
 """
@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core import checks
+from swarmd.broker.core import session_checks
 from swarmd.broker.core.age import decode_age, encode_age
-from swarmd.broker.core.checks import Check
+from swarmd.broker.core.session_checks import SessionCheck
 from swarmware.errors import WireError
 
 NEVER_NS: Final = -(1 << 62)
@@ -28,7 +28,6 @@ NO_ECHO: Final = 0xFF_FFFF
 """Hold time of an echo that only says `I hear you`."""
 ANSWERED_SEQUENCES: Final = 256
 """An echo names the datagram by the low byte of its sequence number."""
-
 HOPS_MAX: Final = 24
 """Longest way of a relayed value or a sequence request."""
 
@@ -133,7 +132,7 @@ class Echo(NamedTuple):
     """Share of the last 16 datagrams that arrived, in 1/255."""
 
 
-class Row(NamedTuple):
+class RouteRow(NamedTuple):
     """The sender reaches this destination."""
 
     hw: int
@@ -161,7 +160,7 @@ class MemberRow(msgspec.Struct, frozen=True, gc=False):
     name: str
 
 
-class Value(msgspec.Struct, frozen=True, gc=False):
+class BoardValue(msgspec.Struct, frozen=True, gc=False):
     """Newest value of one of the sender's own boards."""
 
     data_id: int
@@ -172,7 +171,7 @@ class Value(msgspec.Struct, frozen=True, gc=False):
     payload: bytes
 
 
-class Relay(msgspec.Struct, frozen=True, gc=False):
+class RelayedValue(msgspec.Struct, frozen=True, gc=False):
     """A board of another node, passed on: hearsay under group trust."""
 
     origin_hw: int
@@ -187,17 +186,17 @@ class Relay(msgspec.Struct, frozen=True, gc=False):
     payload: bytes
 
 
-class Tick(msgspec.Struct, frozen=True, gc=False):
+class Beacon(msgspec.Struct, frozen=True, gc=False):
     """The body of one datagram."""
 
     hello: Hello | None = None
     echoes: tuple[Echo, ...] = ()
-    rows: tuple[Row, ...] = ()
+    rows: tuple[RouteRow, ...] = ()
     requests: tuple[SequenceRequest, ...] = ()
     members: tuple[MemberRow, ...] = ()
-    values: tuple[Value, ...] = ()
-    relays: tuple[Relay, ...] = ()
-    checks: tuple[Check, ...] = ()
+    values: tuple[BoardValue, ...] = ()
+    relays: tuple[RelayedValue, ...] = ()
+    checks: tuple[SessionCheck, ...] = ()
 
 
 def encode_header(header: Header) -> bytes:
@@ -218,12 +217,12 @@ def encode_header(header: Header) -> bytes:
 def decode_header(data: bytes) -> tuple[Header, int]:
     """The clear part and its length; the sealed part follows.
 
-    Raises: WireError for anything that is no tick of a version we speak.
+    Raises: WireError for anything that is no beacon of a version we speak.
     """
     try:
         magic, marks, sender_hw, sequence, tx_us = _HEADER.unpack_from(data)
         if magic != MAGIC or not VERSION - 1 <= marks >> _VERSION_SHIFT <= VERSION + 1:
-            raise WireError(f"datagram starts with {data[:2].hex()}: expected a tick of version {VERSION}")
+            raise WireError(f"datagram starts with {data[:2].hex()}: expected a beacon of version {VERSION}")
         if not marks & _SESSION_FLAG:
             return Header(marks & _EPOCH_MASK, sender_hw, sequence, tx_us), HEADER_BYTES
         session = _HEADER_SESSION.unpack_from(data)[5]
@@ -257,53 +256,53 @@ def hello_bytes(hello: Hello) -> int:
     return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode())
 
 
-def encode(tick: Tick) -> bytes:
+def encode(beacon: Beacon) -> bytes:
     """The body as bytes; the caller keeps it below BODY_LIMIT.
 
     Raises: WireError when a list has more than 255 entries or a number does not fit its field.
     """
     try:
-        return _encode(tick)
+        return _encode(beacon)
     except (struct.error, ValueError, OverflowError) as error:
-        raise WireError(f"tick: cannot be encoded: {error}") from error
+        raise WireError(f"beacon: cannot be encoded: {error}") from error
 
 
-def _encode(tick: Tick) -> bytes:
+def _encode(beacon: Beacon) -> bytes:
     sections = 0
     out: list[bytes] = [b""]
-    if tick.hello is not None:
+    if beacon.hello is not None:
         sections |= Section.HELLO
-        out.append(_encode_hello(tick.hello))
-    if tick.echoes:
+        out.append(_encode_hello(beacon.hello))
+    if beacon.echoes:
         sections |= Section.ECHOES
-        out.append(bytes((len(tick.echoes),)))
+        out.append(bytes((len(beacon.echoes),)))
         out.extend(
-            _ECHO.pack(hw, seq & 0xFF, hold & 0xFFFF, hold >> 16, q) for hw, seq, hold, q in tick.echoes
+            _ECHO.pack(hw, seq & 0xFF, hold & 0xFFFF, hold >> 16, q) for hw, seq, hold, q in beacon.echoes
         )
-    if tick.rows:
+    if beacon.rows:
         sections |= Section.ROWS
-        out.append(bytes((len(tick.rows),)))
-        out.extend([_ROW.pack(*row) for row in tick.rows])
-    if tick.requests:
+        out.append(bytes((len(beacon.rows),)))
+        out.extend([_ROW.pack(*row) for row in beacon.rows])
+    if beacon.requests:
         sections |= Section.REQUESTS
-        out.append(bytes((len(tick.requests),)))
-        out.extend([_REQUEST.pack(*request) for request in tick.requests])
-    if tick.members:
+        out.append(bytes((len(beacon.requests),)))
+        out.extend([_REQUEST.pack(*request) for request in beacon.requests])
+    if beacon.members:
         sections |= Section.MEMBERS
-        out.append(bytes((len(tick.members),)))
-        for member in tick.members:
+        out.append(bytes((len(beacon.members),)))
+        for member in beacon.members:
             name = member.name.encode()
             out.append(_MEMBER.pack(member.hw, member.tree_version, member.kind, len(name)) + name)
-    if tick.values:
+    if beacon.values:
         sections |= Section.VALUES
-        out.append(bytes((len(tick.values),)))
-        for value in tick.values:
+        out.append(bytes((len(beacon.values),)))
+        for value in beacon.values:
             size, long = _size(value.payload, value.packed)
             out += (_VALUE.pack(value.data_id, encode_age(value.age_us), size), long, value.payload)
-    if tick.relays:
+    if beacon.relays:
         sections |= Section.RELAYS
-        out.append(bytes((len(tick.relays),)))
-        for relay in tick.relays:
+        out.append(bytes((len(beacon.relays),)))
+        for relay in beacon.relays:
             size, long = _size(relay.payload, relay.packed)
             stamp = relay.stamp_us & 0xFFFF_FFFF_FFFF
             head = _RELAY.pack(
@@ -316,9 +315,9 @@ def _encode(tick: Tick) -> bytes:
                 size,
             )
             out += (head, long, relay.payload)
-    if tick.checks:
+    if beacon.checks:
         sections |= Section.EXTRA
-        out.append(checks.encode(tick.checks))
+        out.append(session_checks.encode(beacon.checks))
     out[0] = bytes((sections,))
     return b"".join(out)
 
@@ -337,31 +336,31 @@ def shift_echoes(body: bytearray, late_us: int) -> None:
             body[hold : hold + 3] = min(hold_us + late_us, NO_ECHO).to_bytes(3, "little")
 
 
-def decode(data: bytes) -> Tick:
-    """The tick in an opened body.
+def decode(data: bytes) -> Beacon:
+    """The beacon in an opened body.
 
     Raises: WireError for anything that is none.
     """
     try:
         return _decode(data)
     except (struct.error, IndexError) as error:
-        raise WireError(f"tick of {len(data)} bytes: cut short: {error}") from None
+        raise WireError(f"beacon of {len(data)} bytes: cut short: {error}") from None
     except UnicodeDecodeError as error:
-        raise WireError(f"tick: a name that is no UTF-8: {error}") from None
+        raise WireError(f"beacon: a name that is no UTF-8: {error}") from None
 
 
-def _decode(data: bytes) -> Tick:
+def _decode(data: bytes) -> Beacon:
     """One pass over the body; what is cut short raises, or leads behind the end."""
     sections = data[0]
     at = 1
     hello: Hello | None = None
     echoes: tuple[Echo, ...] = ()
-    rows: tuple[Row, ...] = ()
+    rows: tuple[RouteRow, ...] = ()
     requests: tuple[SequenceRequest, ...] = ()
     members: tuple[MemberRow, ...] = ()
-    values: tuple[Value, ...] = ()
-    relays: tuple[Relay, ...] = ()
-    found: tuple[Check, ...] = ()
+    values: tuple[BoardValue, ...] = ()
+    relays: tuple[RelayedValue, ...] = ()
+    found: tuple[SessionCheck, ...] = ()
     if sections & Section.HELLO:
         hello, at = _decode_hello(data, at)
     if sections & Section.ECHOES:
@@ -369,7 +368,7 @@ def _decode(data: bytes) -> Tick:
         echoes = tuple([Echo(h, s, lo | hi << 16, q) for h, s, lo, hi, q in _ECHO.iter_unpack(block)])
     if sections & Section.ROWS:
         block, at = _block(data, at, ROW_BYTES)
-        rows = tuple([Row(*row) for row in _ROW.iter_unpack(block)])
+        rows = tuple([RouteRow(*row) for row in _ROW.iter_unpack(block)])
     if sections & Section.REQUESTS:
         block, at = _block(data, at, REQUEST_BYTES)
         requests = tuple([SequenceRequest(*request) for request in _REQUEST.iter_unpack(block)])
@@ -380,12 +379,12 @@ def _decode(data: bytes) -> Tick:
     if sections & Section.RELAYS:
         relays, at = _decode_relays(data, at)
     if sections & Section.EXTRA:
-        found, at = checks.decode(data, at)
+        found, at = session_checks.decode(data, at)
     if at < len(data):
-        raise WireError(f"tick: {len(data) - at} bytes after its last section")
+        raise WireError(f"beacon: {len(data) - at} bytes after its last section")
     if at > len(data):
-        raise WireError(f"tick of {len(data)} bytes: its parts need {at}")
-    return Tick(hello, echoes, rows, requests, members, values, relays, found)
+        raise WireError(f"beacon of {len(data)} bytes: its parts need {at}")
+    return Beacon(hello, echoes, rows, requests, members, values, relays, found)
 
 
 def _block(data: bytes, at: int, size: int) -> tuple[bytes, int]:
@@ -438,30 +437,32 @@ def _decode_members(data: bytes, at: int) -> tuple[tuple[MemberRow, ...], int]:
     return tuple(members), at
 
 
-def _decode_values(data: bytes, at: int) -> tuple[tuple[Value, ...], int]:
-    values: list[Value] = []
+def _decode_values(data: bytes, at: int) -> tuple[tuple[BoardValue, ...], int]:
+    values: list[BoardValue] = []
     count = data[at]
     at += 1
     for _ in range(count):
         data_id, age, mark = _VALUE.unpack_from(data, at)
         payload, at = _payload(data, at + _VALUE.size, mark)
-        values.append(Value(data_id, decode_age(age), mark >= _PACKED, payload))
+        values.append(BoardValue(data_id, decode_age(age), mark >= _PACKED, payload))
     return tuple(values), at
 
 
-def _decode_relays(data: bytes, at: int) -> tuple[tuple[Relay, ...], int]:
-    relays: list[Relay] = []
+def _decode_relays(data: bytes, at: int) -> tuple[tuple[RelayedValue, ...], int]:
+    relays: list[RelayedValue] = []
     count = data[at]
     at += 1
     for _ in range(count):
         origin_hw, data_id, low, high, age, hops, mark = _RELAY.unpack_from(data, at)
         if not 1 <= hops <= HOPS_MAX:
-            raise WireError(f"tick: a relayed value of {hops} hops: expected 1 to {HOPS_MAX}")
+            raise WireError(f"beacon: a relayed value of {hops} hops: expected 1 to {HOPS_MAX}")
         stamp_us = low | high << 32
         if high >= 0x8000:  # a clock before its zero: simulated ones have offsets
             stamp_us -= 1 << 48
         payload, at = _payload(data, at + _RELAY.size, mark)
-        relays.append(Relay(origin_hw, data_id, stamp_us, decode_age(age), hops, mark >= _PACKED, payload))
+        relays.append(
+            RelayedValue(origin_hw, data_id, stamp_us, decode_age(age), hops, mark >= _PACKED, payload)
+        )
     return tuple(relays), at
 
 

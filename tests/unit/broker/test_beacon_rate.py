@@ -5,24 +5,24 @@ from itertools import pairwise
 
 import pytest
 
-from swarmd.broker.core.mesh import Mesh
-from swarmd.broker.core.pace import (
+from swarmd.broker.core.beacon import PlatformKind
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
+from swarmd.broker.core.beacon_rate import (
     AIRTIME,
-    HURRY_NS,
+    EVALUATED_MIN,
+    EVALUATION_NS,
     IDLE_HZ,
     JITTER,
-    JUDGED,
-    JUDGED_NS,
     SLOWDOWN_MAX,
     STEP_MAX,
     STEP_MIN,
-    Pace,
+    TRIGGERED_NS,
+    BeaconSchedule,
     Slowdown,
     airtime_s,
     allowed_hz,
 )
-from swarmd.broker.core.station import Identity, Station
-from swarmd.broker.core.tick import PlatformKind
+from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
 
 SECOND = 1_000_000_000
@@ -31,60 +31,60 @@ PERIOD = SECOND // 10
 
 
 @pytest.mark.parametrize(("chance", "spread"), [(0.0, 1 - JITTER), (0.5, 1.0), (1.0, 1 + JITTER)])
-def test_ticks_are_spread_by_chance(chance: float, spread: float) -> None:
-    pace = Pace(0, lambda: chance)
-    pace.next(0, PERIOD)
-    assert pace.due_ns == round(PERIOD * spread)
+def test_beacons_are_spread_by_chance(chance: float, spread: float) -> None:
+    schedule = BeaconSchedule(0, lambda: chance)
+    schedule.set_next(0, PERIOD)
+    assert schedule.due_ns == round(PERIOD * spread)
 
 
-def test_a_late_tick_does_not_make_the_next_ones_early() -> None:
-    pace = Pace(0, lambda: 0.5)
-    pace.next(10 * SECOND, PERIOD)
-    assert pace.due_ns == 10 * SECOND
+def test_a_late_beacon_does_not_make_the_next_ones_early() -> None:
+    schedule = BeaconSchedule(0, lambda: 0.5)
+    schedule.set_next(10 * SECOND, PERIOD)
+    assert schedule.due_ns == 10 * SECOND
 
 
 def test_what_cannot_wait_leaves_soon() -> None:
-    pace = Pace(0, lambda: 1.0)
-    pace.left(0)
-    pace.next(0, SECOND)
-    assert pace.hurry(PERIOD, 1_000_000)
-    assert pace.due_ns == PERIOD + HURRY_NS
-    assert pace.urgent
-    assert not pace.hurry(PERIOD + 1, 1_000_000), "it is due earlier already"
+    schedule = BeaconSchedule(0, lambda: 1.0)
+    schedule.on_sent(0)
+    schedule.set_next(0, SECOND)
+    assert schedule.trigger(PERIOD, 1_000_000)
+    assert schedule.due_ns == PERIOD + TRIGGERED_NS
+    assert schedule.urgent
+    assert not schedule.trigger(PERIOD + 1, 1_000_000), "it is due earlier already"
 
 
 def test_a_node_with_nothing_to_say_looks_at_multiples_of_the_period_and_still_sends_by_chance() -> None:
     chances = iter([0.5, 0.9, 0.5, 0.1, 0.5, 0.7] * 10)
-    pace = Pace(3 * MS, lambda: next(chances))
+    schedule = BeaconSchedule(3 * MS, lambda: next(chances))
     looks, sent = [], []
     for _ in range(60):
-        now_ns = pace.due_ns + MS  # as late as an event loop wakes
+        now_ns = schedule.due_ns + MS  # as late as an event loop wakes
         idle = now_ns // PERIOD % 5 != 0  # as a parked vehicle: something to say each half second
-        if not pace.urgent and idle:
+        if not schedule.urgent and idle:
             looks.append(now_ns)
-            pace.rest(now_ns, PERIOD)
-        elif pace.urgent or not pace.rises(now_ns, PERIOD):
+            schedule.skip(now_ns, PERIOD)
+        elif schedule.urgent or not schedule.defer_after_skip(now_ns, PERIOD):
             sent.append(now_ns)
-            pace.left(now_ns)
-            pace.next(now_ns, PERIOD)
+            schedule.on_sent(now_ns)
+            schedule.set_next(now_ns, PERIOD)
     aligned = [now_ns for now_ns in looks if now_ns % PERIOD == MS]
     assert len(aligned) >= len(looks) - len(sent), "only the first look after a datagram is not"
     spread = [now_ns % (5 * PERIOD) for now_ns in sent[1:]]
     assert len(set(spread)) == 3, "by chance, or nodes that look at the same instants would collide"
-    assert all(0 <= one_ns <= pace.spread_ns(PERIOD) + 2 * MS for one_ns in spread)
+    assert all(0 <= one_ns <= schedule.jitter_ns(PERIOD) + 2 * MS for one_ns in spread)
     assert {(after - before) // PERIOD for before, after in pairwise(sent[1:])} <= {4, 5}
 
 
 def test_no_number_of_events_makes_a_node_send_more_than_the_air_allows() -> None:
-    pace = Pace(0, lambda: 0.0)
+    schedule = BeaconSchedule(0, lambda: 0.0)
     gap_ns = round(1e9 / allowed_hz(299, 600))
     period_ns = 2 * gap_ns
     sent = 0
     for now_ns in range(0, 60 * SECOND, SECOND // 100):
-        pace.hurry(now_ns, gap_ns)
-        if now_ns >= pace.due_ns:
-            pace.left(now_ns)
-            pace.next(now_ns, period_ns)
+        schedule.trigger(now_ns, gap_ns)
+        if now_ns >= schedule.due_ns:
+            schedule.on_sent(now_ns)
+            schedule.set_next(now_ns, period_ns)
             sent += 1
     assert 300 * sent * airtime_s(600) / 60 <= AIRTIME * 1.05
 
@@ -96,9 +96,9 @@ def test_the_rate_falls_below_one_hertz_among_hundreds(heard: int) -> None:
 
 
 def judge(slowdown: Slowdown, late_ms: float, period_ms: float, times: int = 1) -> float:
-    """So many whole judgements of ticks that all begin so late."""
-    for _ in range(times * max(JUDGED, math.ceil(JUDGED_NS / MS / period_ms))):
-        slowdown.on_tick(round(late_ms * MS), round(period_ms * MS))
+    """So many whole judgements of beacons that all begin so late."""
+    for _ in range(times * max(EVALUATED_MIN, math.ceil(EVALUATION_NS / MS / period_ms))):
+        slowdown.on_beacon(round(late_ms * MS), round(period_ms * MS))
     return slowdown.factor
 
 
@@ -114,7 +114,7 @@ def judge(slowdown: Slowdown, late_ms: float, period_ms: float, times: int = 1) 
         (150, 500, 1.5),
     ],
 )
-def test_ticks_that_begin_late_are_slowed_by_how_late_they_are(
+def test_beacons_that_begin_late_are_slowed_by_how_late_they_are(
     late_ms: float, period_ms: float, factor: float
 ) -> None:
     assert judge(Slowdown(), late_ms, period_ms) == pytest.approx(factor)
@@ -122,23 +122,23 @@ def test_ticks_that_begin_late_are_slowed_by_how_late_they_are(
 
 def test_single_stalls_slow_nothing_down() -> None:
     slowdown = Slowdown()
-    for tick in range(90):
-        assert not slowdown.on_tick((400 if tick % 3 == 0 else 1) * MS, PERIOD)
-    assert (slowdown.factor, slowdown.ticks) == (1.0, 0)
+    for slot in range(90):
+        assert not slowdown.on_beacon((400 if slot % 3 == 0 else 1) * MS, PERIOD)
+    assert (slowdown.factor, slowdown.delayed_beacons) == (1.0, 0)
 
 
-def test_a_processor_that_stays_short_slows_down_to_a_limit_and_every_such_tick_is_counted() -> None:
+def test_an_overloaded_processor_slows_beacons_down_to_a_limit_and_each_is_counted() -> None:
     slowdown = Slowdown()
     assert judge(slowdown, 90, 100, times=9) == SLOWDOWN_MAX
-    assert slowdown.ticks == 8 * 9
+    assert slowdown.delayed_beacons == 8 * 9
     assert slowdown.late_ns == 90 * MS
 
 
-def test_a_node_that_is_far_behind_slows_down_after_three_ticks() -> None:
+def test_a_node_that_is_far_behind_slows_down_after_three_beacons() -> None:
     slowdown = Slowdown()
     for late_ms in (0, 400, 101, 900):
         assert slowdown.factor == 1.0
-        slowdown.on_tick(late_ms * MS, PERIOD)
+        slowdown.on_beacon(late_ms * MS, PERIOD)
     assert slowdown.factor == STEP_MAX
     assert slowdown.late_ns == 400 * MS
 
@@ -151,7 +151,7 @@ def test_what_was_slowed_comes_back_in_steps_when_the_faster_rate_would_be_calm(
     assert judge(slowdown, 14, 200) == 2.0, "not calm for long enough"
     assert judge(slowdown, 14, 200) == pytest.approx(1.4), "where 14 ms will be a tenth of the period"
     assert judge(slowdown, 5, 140, times=20) == 1.0
-    assert not slowdown.on_tick(0, PERIOD)
+    assert not slowdown.on_beacon(0, PERIOD)
 
 
 def test_a_node_that_was_slowed_as_far_as_can_be_is_at_its_rate_again_within_ten_seconds() -> None:
@@ -163,33 +163,35 @@ def test_a_node_that_was_slowed_as_far_as_can_be_is_at_its_rate_again_within_ten
     now_ns = 0
     while slowdown.factor > 1:
         period_ns = round(PERIOD * slowdown.factor)
-        slowdown.on_tick(MS, period_ns)
+        slowdown.on_beacon(MS, period_ns)
         now_ns += period_ns
     assert now_ns < 12 * SECOND
 
 
 def test_a_node_that_is_short_at_its_full_rate_does_not_swing() -> None:
-    """Ticks begin late while the period is below twice the wanted one."""
+    """Beacons begin late while the period is below twice the wanted one."""
     slowdown = Slowdown()
     short = 0
     for _ in range(3000):
         late_ns = 50 * MS if slowdown.factor < 2 else 2 * MS
-        short += slowdown.on_tick(late_ns, round(PERIOD * slowdown.factor)) and late_ns > 2 * MS
+        short += slowdown.on_beacon(late_ns, round(PERIOD * slowdown.factor)) and late_ns > 2 * MS
     assert short <= 3000 / 20
 
 
 def test_a_stretched_period_is_declared_before_links_fall() -> None:
-    identity = Identity(1, "uav1", "main", PlatformKind.UAV, 1, b"")
-    station = Station(identity, Mesh(1, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=0.0)
-    station.on_timer(0)
-    assert station.compose(0).tick.hello is not None
-    assert station.compose(PERIOD).tick.hello is None
-    judge(station.slowdown, 60, 500)
-    assert station.tick_hz() == IDLE_HZ
-    judge(station.slowdown, 200, 500)
-    assert station.tick_hz() == IDLE_HZ / 2
-    hello = station.compose(2 * PERIOD).tick.hello
+    identity = NodeIdentity(1, "uav1", "main", PlatformKind.UAV, 1, b"")
+    protocol = BeaconProtocol(
+        identity, Topology(1, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=0.0
+    )
+    protocol.on_timer(0)
+    assert protocol.compose(0).beacon.hello is not None
+    assert protocol.compose(PERIOD).beacon.hello is None
+    judge(protocol.slowdown, 60, 500)
+    assert protocol.beacon_hz() == IDLE_HZ
+    judge(protocol.slowdown, 200, 500)
+    assert protocol.beacon_hz() == IDLE_HZ / 2
+    hello = protocol.compose(2 * PERIOD).beacon.hello
     assert hello is not None
     assert hello.period_ms == 1000
-    judge(station.slowdown, 900, 1000, times=9)
-    assert station.tick_hz() == IDLE_HZ / SLOWDOWN_MAX
+    judge(protocol.slowdown, 900, 1000, times=9)
+    assert protocol.beacon_hz() == IDLE_HZ / SLOWDOWN_MAX

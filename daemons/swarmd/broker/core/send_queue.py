@@ -27,7 +27,7 @@ class Priority(IntEnum):
     """Files."""
 
 
-class Lane(IntEnum):
+class ConnectionClass(IntEnum):
     """Connections to a neighbour; each takes classes of its own."""
 
     CONTROL = 0
@@ -52,12 +52,12 @@ def priority(frame: Frame) -> Priority:
     return _BY_KIND.get(frame.kind, Priority.CONTROL)
 
 
-def lane(frame: Frame) -> Lane:
+def connection_class(frame: Frame) -> ConnectionClass:
     """The connection that a frame takes."""
-    return Lane.CONTROL if priority(frame) <= Priority.CONTROL else Lane.DATA
+    return ConnectionClass.CONTROL if priority(frame) <= Priority.CONTROL else ConnectionClass.DATA
 
 
-class Waiting(msgspec.Struct, frozen=True, gc=False):
+class QueuedFrame(msgspec.Struct, frozen=True, gc=False):
     """A frame in the queue."""
 
     data: bytes
@@ -65,57 +65,59 @@ class Waiting(msgspec.Struct, frozen=True, gc=False):
     since_ns: int
 
 
-class Queue:
+class SendQueue:
     """What waits for one neighbour, for all connections to it."""
 
     def __init__(self) -> None:
-        self._classes: tuple[deque[Waiting], ...] = tuple(deque() for _ in Priority)
+        self._classes: tuple[deque[QueuedFrame], ...] = tuple(deque() for _ in Priority)
         first_data = Priority.CONTROL + 1
-        self._lanes = (self._classes[:first_data], self._classes[first_data:])
+        self._by_connection = (self._classes[:first_data], self._classes[first_data:])
         self._frames = 0
         self._bytes = 0
 
     def __len__(self) -> int:
         return self._frames
 
-    def has(self, lane: Lane) -> bool:
+    def has(self, connection_class: ConnectionClass) -> bool:
         """Whether something waits for this connection."""
-        return any(self._lanes[lane])
+        return any(self._by_connection[connection_class])
 
-    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[Waiting]:
+    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[QueuedFrame]:
         """A frame; what had to go for it, the oldest of the least important class first, or itself."""
-        waiting = Waiting(data, frame, now_ns)
+        waiting = QueuedFrame(data, frame, now_ns)
         rank = priority(frame)
         self._classes[rank].append(waiting)
         self._frames += 1
         self._bytes += len(data)
-        gone: list[Waiting] = []
+        gone: list[QueuedFrame] = []
         while self._frames > FRAMES_MAX or self._bytes > BYTES_MAX:
             last = next(q for q in reversed(self._classes) if q)
             gone.append(self._take(last))
         return gone
 
-    def peek(self, lane: Lane, now_ns: int) -> tuple[Waiting | None, list[Waiting]]:
+    def peek(
+        self, connection_class: ConnectionClass, now_ns: int
+    ) -> tuple[QueuedFrame | None, list[QueuedFrame]]:
         """The next frame of a connection, and those that became too old on the way to it."""
-        old: list[Waiting] = []
-        for queue in self._lanes[lane]:
+        old: list[QueuedFrame] = []
+        for queue in self._by_connection[connection_class]:
             while queue:
                 if now_ns - queue[0].since_ns <= AGE_MAX_NS:
                     return queue[0], old
                 old.append(self._take(queue))
         return None, old
 
-    def pop(self, lane: Lane) -> Waiting:
+    def pop(self, connection_class: ConnectionClass) -> QueuedFrame:
         """Takes the frame that `peek` showed.
 
         Raises: IndexError when nothing waits.
         """
-        for queue in self._lanes[lane]:
+        for queue in self._by_connection[connection_class]:
             if queue:
                 return self._take(queue)
         raise IndexError("nothing waits")
 
-    def clear(self) -> list[Waiting]:
+    def clear(self) -> list[QueuedFrame]:
         """Takes everything, the most important first."""
         out = [waiting for queue in self._classes for waiting in queue]
         for queue in self._classes:
@@ -123,7 +125,7 @@ class Queue:
         self._frames = self._bytes = 0
         return out
 
-    def _take(self, queue: deque[Waiting]) -> Waiting:
+    def _take(self, queue: deque[QueuedFrame]) -> QueuedFrame:
         waiting = queue.popleft()
         self._frames -= 1
         self._bytes -= len(waiting.data)

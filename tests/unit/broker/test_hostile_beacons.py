@@ -1,32 +1,32 @@
-"""Whatever members send, in whatever order: a station takes or refuses it, and its own ticks go on."""
+"""Whatever members send, in whatever order: a station takes or refuses it, and its own beacons go on."""
 
 from typing import Final
 
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.mesh import Mesh
-from swarmd.broker.core.station import Identity, Station
-from swarmd.broker.core.tick import (
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core.beacon import (
     BODY_LIMIT,
+    Beacon,
+    BoardValue,
     Echo,
     Header,
     Hello,
     MemberRow,
     PlatformKind,
-    Relay,
-    Row,
+    RelayedValue,
+    RouteRow,
     SequenceRequest,
-    Tick,
-    Value,
 )
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
+from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import WireError
 from swarmware.frame import Frame, Kind
 from swarmware.frame import encode as encode_frame
 from swarmware.names import data_id, hardware_id
-from swarmware.types.net import Offer, TimingBatch, TimingSample, TreePlan, Want
+from swarmware.types.net import BoardPublication, BoardSubscription, TimingBatch, TimingSample, TreePlan
 from swarmware.types.registry import encode
 
 SECOND: Final = 1_000_000_000
@@ -62,18 +62,18 @@ def hellos(name: str) -> st.SearchStrategy[Hello]:
     )
 
 
-def ticks(name: str) -> st.SearchStrategy[Tick]:
+def beacons(name: str) -> st.SearchStrategy[Beacon]:
     return st.builds(
-        Tick,
+        Beacon,
         hello=st.none() | hellos(name),
         echoes=many(st.builds(Echo, NODES, U8, st.integers(0, 0xFF_FFFF), U8)),
-        rows=many(st.builds(Row, NODES, U16, U16)),
+        rows=many(st.builds(RouteRow, NODES, U16, U16)),
         requests=many(st.builds(SequenceRequest, NODES, U16, U8)),
         members=many(st.builds(MemberRow, NODES, U32, st.just(PlatformKind.UAV), st.sampled_from(OTHERS))),
-        values=many(st.builds(Value, DATA, AGES, st.booleans(), PAYLOADS), 4),
+        values=many(st.builds(BoardValue, DATA, AGES, st.booleans(), PAYLOADS), 4),
         relays=many(
             st.builds(
-                Relay, NODES, DATA, st.integers(-(2**47), 2**47 - 1), AGES, U8, st.booleans(), PAYLOADS
+                RelayedValue, NODES, DATA, st.integers(-(2**47), 2**47 - 1), AGES, U8, st.booleans(), PAYLOADS
             ),
             4,
         ),
@@ -88,71 +88,71 @@ def datagrams(draw: st.DrawFn) -> tuple[Header, bytes, int]:
     tx_us = draw(st.integers(0, 10_000_000) | U32)
     session = draw(st.none() | st.integers(0, 3) | st.integers(0, 2**64 - 1))
     header = Header(0, draw(st.just(hardware_id(name)) | NODES), sequence, tx_us, session)
-    body = bytearray(codec.encode(draw(ticks(name))))
+    body = bytearray(codec.encode(draw(beacons(name))))
     for _ in range(draw(st.sampled_from([0, 0, 0, 1, 3]))):
         body[draw(st.integers(0, len(body) - 1))] = draw(U8)
     return header, bytes(body), draw(st.sampled_from([0, 1, 10**6, 10**8, 3 * 10**9, 10**11]))
 
 
-def station() -> Station:
-    mine = Station(
-        Identity(hardware_id(ME), ME, "main", PlatformKind.UAV, 1, b""),
-        Mesh(hardware_id(ME), 1, SECOND, 0),
+def protocol() -> BeaconProtocol:
+    mine = BeaconProtocol(
+        NodeIdentity(hardware_id(ME), ME, "main", PlatformKind.UAV, 1, b""),
+        Topology(hardware_id(ME), 1, SECOND, 0),
         Counters(),
         busy_hz=10.0,
         relay_bytes_s=3000.0,
     )
-    wants = tuple(Want(name, "nav/pose", "Pose", POSE) for name in OTHERS)
-    mine.set_plan(TreePlan(1, (Offer("nav/pose", POSE, "Pose"),), wants))
+    wants = tuple(BoardSubscription(name, "nav/pose", "Pose", POSE) for name in OTHERS)
+    mine.set_plan(TreePlan(1, (BoardPublication("nav/pose", POSE, "Pose"),), wants))
     return mine
 
 
 @settings(max_examples=40, deadline=None, phases=[Phase.generate])
 @given(st.lists(datagrams(), min_size=1, max_size=25), st.booleans())
-def test_no_datagram_ends_a_station_and_all_it_makes_of_them_can_be_written(
+def test_no_datagram_ends_the_protocol_and_all_its_output_can_be_written(
     received: list[tuple[Header, bytes, int]], in_hurry: bool
 ) -> None:
-    mine = station()
+    mine = protocol()
     now_ns = 0
     for header, body, later_ns in received:
         now_ns += later_ns
-        mine.bulletin.boards[POSE].put(bytes(25), True, now_ns)
+        mine.published.boards[POSE].put(bytes(25), True, now_ns)
         try:
-            tick = codec.decode(body)
+            beacon = codec.decode(body)
         except WireError:
             continue
-        arrival = mine.on_datagram(header, tick, ("10.0.0.1", 1), now_ns)
-        if arrival is not None:
-            if (t := arrival.timing) is not None:
+        taken = mine.on_datagram(header, beacon, ("10.0.0.1", 1), now_ns)
+        if taken is not None:
+            if (t := taken.clock_sample) is not None:
                 sample = (t.hw, t.boot_id, t.rx_ns, t.reverse_ns, t.forward_tx_ns, t.forward_ns)
                 encode(TimingBatch((TimingSample("uav2", "main", *sample),)))
-            for want, news in arrival.news:
-                encode_frame(Frame(Kind.BOARD, want.data_id, news.origin_hw, stamp_ns=news.stamp_us * 1000))
+            for want, value in taken.values:
+                encode_frame(Frame(Kind.BOARD, want.data_id, value.origin_hw, stamp_ns=value.stamp_us * 1000))
         if in_hurry or later_ns:
             mine.on_timer(now_ns)
-            departure = mine.compose(now_ns)
-            data = codec.encode(departure.tick)
+            outgoing = mine.compose(now_ns)
+            data = codec.encode(outgoing.beacon)
             codec.decode(data)
-            codec.encode_header(Header(0, mine.identity.hw, departure.sequence, 0, 1))
+            codec.encode_header(Header(0, mine.identity.hw, outgoing.sequence, 0, 1))
             assert len(data) <= BODY_LIMIT
-            mine.sent(departure.sequence, now_ns, len(data) + 38)
-            assert 0 < mine.tick_hz() <= 10.0
+            mine.sent(outgoing.sequence, now_ns, len(data) + 38)
+            assert 0 < mine.beacon_hz() <= 10.0
 
 
 def test_numbers_of_another_session_are_reached_but_nobody_can_use_our_numbers_up() -> None:
-    mine = Mesh(1, 100, SECOND, 0)
+    mine = Topology(1, 100, SECOND, 0)
     now_ns = 0
     for _ in range(20_000):
         now_ns += SECOND // 10
         mine.compose(now_ns, 1000)
-        asked = mine.directory
+        asked = mine.routing
         asked.on_requests(2, [SequenceRequest(1, (mine.next_sequence() + 0x7FFF) & 0xFFFF, 24)], now_ns)
     assert mine.next_sequence() > 100 + 4 * 0x7000, "a former session's numbers are passed quickly"
     assert mine.next_sequence() < 100 + 20_000 + 40 * 0x8000, "2000 s: four raises, then one a minute"
 
 
 def test_near_the_end_of_its_numbers_a_node_is_not_raised_any_more() -> None:
-    mine = Mesh(1, 0xF800_0000, SECOND, 0)
+    mine = Topology(1, 0xF800_0000, SECOND, 0)
     mine.compose(0, 1000)
-    mine.directory.on_requests(2, [SequenceRequest(1, 0x7000, 24)], 0)
+    mine.routing.on_requests(2, [SequenceRequest(1, 0x7000, 24)], 0)
     assert mine.next_sequence() == 0xF800_0001

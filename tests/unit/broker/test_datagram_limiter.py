@@ -1,6 +1,6 @@
 """Which datagrams cost cryptography: those of members; of others no more than a budget."""
 
-from swarmd.broker.core.admission import ALL_FAILURES_S, FAILURES_S, STRANGERS_S, Admission
+from swarmd.broker.core.datagram_limiter import ALL_FAILURES_S, FAILURES_S, NON_MEMBERS_S, DatagramLimiter
 
 MEMBER, STRANGER = 1, 99
 SECOND = 1_000_000_000
@@ -8,7 +8,7 @@ HOME = ("10.0.0.1", 7447)
 
 
 def looked_at(
-    admission: Admission, sender_hw: int, number: int, now_ns: int = SECOND, *, spread: bool
+    admission: DatagramLimiter, sender_hw: int, number: int, now_ns: int = SECOND, *, spread: bool
 ) -> int:
     """How many of so many bad datagrams were looked at."""
     count = 0
@@ -20,20 +20,20 @@ def looked_at(
     return count
 
 
-def test_strangers_are_left_out_before_any_cryptography_beyond_a_few_a_second() -> None:
-    admission = Admission({MEMBER})
-    assert looked_at(admission, STRANGER, 10_000, spread=True) == STRANGERS_S
-    assert looked_at(admission, STRANGER, 10_000, 2 * SECOND, spread=True) == STRANGERS_S
+def test_datagrams_of_non_members_are_dropped_before_any_cryptography_beyond_a_few_a_second() -> None:
+    admission = DatagramLimiter({MEMBER})
+    assert looked_at(admission, STRANGER, 10_000, spread=True) == NON_MEMBERS_S
+    assert looked_at(admission, STRANGER, 10_000, 2 * SECOND, spread=True) == NON_MEMBERS_S
 
 
 def test_bad_datagrams_in_a_members_name_have_a_budget_by_address_and_in_all() -> None:
-    admission = Admission({MEMBER})
+    admission = DatagramLimiter({MEMBER})
     assert looked_at(admission, MEMBER, 10_000, spread=False) == FAILURES_S
     assert looked_at(admission, MEMBER, 10_000, 2 * SECOND, spread=True) == ALL_FAILURES_S
 
 
 def test_a_flood_from_elsewhere_costs_a_member_nothing() -> None:
-    admission = Admission({MEMBER})
+    admission = DatagramLimiter({MEMBER})
     assert admission.may_open(HOME, MEMBER, SECOND)
     admission.good(HOME)
     for second in range(1, 5):
@@ -43,5 +43,5 @@ def test_a_flood_from_elsewhere_costs_a_member_nothing() -> None:
 
 
 def test_without_a_roster_everybody_is_looked_at_within_the_budget() -> None:
-    admission = Admission(None)
+    admission = DatagramLimiter(None)
     assert looked_at(admission, STRANGER, 10_000, spread=True) == ALL_FAILURES_S

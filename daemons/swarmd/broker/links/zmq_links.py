@@ -10,10 +10,10 @@ import msgspec
 import zmq
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.queue import Lane, Queue, Waiting, lane
-from swarmd.broker.links.port import Monitor, Port, Socket
+from swarmd.broker.core.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
 from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
+from swarmd.broker.links.zmq_socket import ConnectionMonitor, Socket, ZmqSocket
 from swarmware.errors import ConfigError
 from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
 from swarmware.post.port import make_context
@@ -44,7 +44,7 @@ OnFrame = Callable[[bytes, str], None]
 log = logging.getLogger("swarm.broker")
 
 
-class Peer(msgspec.Struct, frozen=True):
+class LinkPeer(msgspec.Struct, frozen=True):
     """Where a neighbour takes frames."""
 
     hw: int
@@ -58,13 +58,13 @@ class Peer(msgspec.Struct, frozen=True):
 class _Connection:
     """One connection to a neighbour; takes the frames of its lane out of the queue."""
 
-    def __init__(self, way: "_Way", lane: Lane) -> None:
+    def __init__(self, connections: "_PeerConnections", connection_class: ConnectionClass) -> None:
         self.connected = False
-        self._way = way
-        self._links = links = way.links
-        self._lane = lane
+        self._owner = connections
+        self._links = links = connections.links
+        self._class = connection_class
         self._failures = 0
-        peer = way.peer
+        peer = connections.peer
         socket = links.make_socket(zmq.DEALER)
         socket.setsockopt(zmq.SNDHWM, SEND_HIGH_WATER)
         socket.setsockopt(zmq.SNDBUF, SEND_BUFFER_BYTES)
@@ -75,19 +75,19 @@ class _Connection:
         socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         socket.setsockopt(zmq.RECONNECT_IVL_MAX, RECONNECT_MAX_MS)
         socket.setsockopt(zmq.IMMEDIATE, 1)
-        self._monitor = Monitor(socket, links.loop, self._on_event)
+        self._monitor = ConnectionMonitor(socket, links.loop, self._on_event)
         socket.connect(f"tcp://{peer.host}:{peer.port}")
-        self._port = Port(socket, links.loop, self._on_wake, self._wants)
+        self._port = ZmqSocket(socket, links.loop, self._on_wake, self._wants)
 
     def flush(self, now_ns: int) -> None:
         if self._port.is_closed():
             return
-        queue, lane, send = self._way.queue, self._lane, self._port.socket.send
+        queue, connection_class, send = self._owner.queue, self._class, self._port.socket.send
         sent = False
         while True:
-            waiting, old = queue.peek(lane, now_ns)
+            waiting, old = queue.peek(connection_class, now_ns)
             if old:
-                self._links.gave_up(self._way.peer, old)
+                self._links.gave_up(self._owner.peer, old)
                 continue  # its answers to senders may have gone into this queue
             if waiting is None:
                 break
@@ -95,22 +95,22 @@ class _Connection:
                 send(waiting.data, zmq.NOBLOCK)
             except zmq.Again:
                 break
-            queue.pop(lane)
-            self._links.sent_one(self._way.peer, waiting)
+            queue.pop(connection_class)
+            self._links.sent_one(self._owner.peer, waiting)
             sent = True
         if sent:
             self._port.again()  # a send takes commands from the mailbox and may eat the wake-up
 
     def _on_wake(self, socket: Socket) -> bool:
-        if self._way.queue.has(self._lane):
+        if self._owner.queue.has(self._class):
             self.flush(self._links.now_ns())
         return False
 
     def _wants(self) -> int:
-        return zmq.POLLOUT if self._way.queue.has(self._lane) else 0
+        return zmq.POLLOUT if self._owner.queue.has(self._class) else 0
 
     def _on_event(self, event: int, value: int) -> None:
-        if self._way.denied:
+        if self._owner.denied:
             return  # what comes now is the end of the attempt that failed
         if event == zmq.EVENT_CONNECTED:
             self._links.count.add(value)
@@ -121,28 +121,28 @@ class _Connection:
         elif event == zmq.EVENT_DISCONNECTED:
             self.connected = False
         elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-            self._way.deny("it denies us")
+            self._owner.deny("it denies us")
         elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
             self._failures += 1
             if self._failures >= FAILURES:
-                self._way.deny("it has another key than the roster says")
+                self._owner.deny("it has another key than the roster says")
 
     def shut(self) -> None:
         self._monitor.close()
         self._port.close()
 
 
-class _Way:
+class _PeerConnections:
     """The connections to one neighbour, with what waits for them."""
 
-    def __init__(self, links: "Links", peer: Peer) -> None:
+    def __init__(self, links: "ZmqLinks", peer: LinkPeer) -> None:
         self.links = links
         self.peer = peer
-        self.queue = Queue()
+        self.queue = SendQueue()
         self.denied = False
         self.denied_until_ns = 0
         # at once, so that no urgent frame waits for a handshake; the other one with its first frame
-        self._connections = {Lane.CONTROL: _Connection(self, Lane.CONTROL)}
+        self._connections = {ConnectionClass.CONTROL: _Connection(self, ConnectionClass.CONTROL)}
 
     @property
     def state(self) -> str:
@@ -150,11 +150,11 @@ class _Way:
             return "denied"
         return "connected" if all(one.connected for one in self._connections.values()) else "connecting"
 
-    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[Waiting]:
+    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[QueuedFrame]:
         gone = self.queue.put(data, frame, now_ns)
-        if lane(frame) not in self._connections:
-            self._connections[lane(frame)] = _Connection(self, lane(frame))
-        if not self.links.holds(self):
+        if connection_class(frame) not in self._connections:
+            self._connections[connection_class(frame)] = _Connection(self, connection_class(frame))
+        if not self.links.defers(self):
             self.flush(now_ns)
         return gone
 
@@ -174,13 +174,13 @@ class _Way:
         for connection in self._connections.values():
             connection.shut()
 
-    def close(self) -> list[Waiting]:
+    def close(self) -> list[QueuedFrame]:
         self.links.count.sample_all()
         self._shut()
         return self.queue.clear()
 
 
-class Links:
+class ZmqLinks:
     """All ZeroMQ connections of the broker."""
 
     def __init__(
@@ -191,8 +191,8 @@ class Links:
         *,
         now_ns: Callable[[], int],
         on_frame: OnFrame,
-        on_given_up: Callable[[Peer, list[Waiting]], None],
-        on_sent: Callable[[Peer, Waiting], None],
+        on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
+        on_sent: Callable[[LinkPeer, QueuedFrame], None],
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
         self.loop = loop
@@ -207,8 +207,8 @@ class Links:
         self.sent_one = on_sent
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
         self._on_frame = on_frame
-        self._ways: dict[int, _Way] = {}
-        self._held: dict[_Way, None] | None = None
+        self._peers: dict[int, _PeerConnections] = {}
+        self._deferred: dict[_PeerConnections, None] | None = None
         """Ways with frames that wait for the end of `together`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
         # before the first socket with CURVE: without an answering authenticator libzmq would let all in
@@ -222,7 +222,7 @@ class Links:
         router.setsockopt(zmq.TCP_KEEPALIVE_IDLE, KEEPALIVE_S)
         router.setsockopt(zmq.TCP_KEEPALIVE_INTVL, 10)
         router.setsockopt(zmq.TCP_KEEPALIVE_CNT, 3)
-        self._monitor = Monitor(router, loop, self._on_router_event)
+        self._monitor = ConnectionMonitor(router, loop, self._on_router_event)
         where = f"tcp://{config.bind_address}:{config.tcp_port or '*'}"
         try:
             router.bind(where)
@@ -235,7 +235,7 @@ class Links:
                 f"broker: bind_address {config.bind_address}, tcp_port {config.tcp_port}: {error.strerror}"
             ) from error
         self.port = int(router.getsockopt_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
-        self._router = Port(router, loop, self._take)
+        self._router = ZmqSocket(router, loop, self._take)
 
     @property
     def denied(self) -> int:
@@ -257,60 +257,66 @@ class Links:
     # out
 
     @contextmanager
-    def together(self) -> Iterator[None]:
+    def batch(self) -> Iterator[None]:
         """Frames that are sent meanwhile are handed to libzmq at its end, one right behind the other.
 
         Otherwise its thread sends the first while others are still being made, and on a busy computer the
         receivers that this wakes take its turns until the last has waited for all of them.
         """
-        if self._held is not None:
+        if self._deferred is not None:
             yield  # the outer one sends them
             return
-        self._held = {}
+        self._deferred = {}
         try:
             yield
         finally:
-            held, self._held = self._held, None
+            deferred, self._deferred = self._deferred, None
             now_ns = self.now_ns()
-            for way in held:
-                way.flush(now_ns)
+            for connections in deferred:
+                connections.flush(now_ns)
 
-    def holds(self, way: _Way) -> bool:
+    def defers(self, connections: _PeerConnections) -> bool:
         """Whether the frames of this way are sent later; then they will be."""
-        if self._held is None:
+        if self._deferred is None:
             return False
-        self._held[way] = None
+        self._deferred[connections] = None
         return True
 
-    def send(self, peer: Peer, data: bytes, frame: Frame) -> list[Waiting]:
+    def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> list[QueuedFrame]:
         """Sends a frame to a neighbour, or queues it; what had to be dropped for it."""
-        way = self._ways.get(peer.hw)
-        gone: list[Waiting] = []
-        if way is not None and way.denied:
-            if self.now_ns() < way.denied_until_ns:
-                return [Waiting(data, frame, self.now_ns())]
-            self._ways.pop(peer.hw).close()
-            way = None
-        if way is None or way.peer != peer:
-            waiting = way.close() if way is not None else []
-            way = self._ways[peer.hw] = _Way(self, peer)
+        connections = self._peers.get(peer.hw)
+        gone: list[QueuedFrame] = []
+        if connections is not None and connections.denied:
+            if self.now_ns() < connections.denied_until_ns:
+                return [QueuedFrame(data, frame, self.now_ns())]
+            self._peers.pop(peer.hw).close()
+            connections = None
+        if connections is None or connections.peer != peer:
+            waiting = connections.close() if connections is not None else []
+            connections = self._peers[peer.hw] = _PeerConnections(self, peer)
             for item in waiting:
-                gone += way.put(item.data, item.frame, item.since_ns)
-        return gone + way.put(data, frame, self.now_ns())
+                gone += connections.put(item.data, item.frame, item.since_ns)
+        return gone + connections.put(data, frame, self.now_ns())
 
-    def drop(self, hw: int) -> list[Waiting]:
+    def disconnect(self, hw: int) -> list[QueuedFrame]:
         """Closes the connections to a neighbour that is gone; what still waited for it.
 
         A connection that stayed open through an outage would wait for TCP's back-off after it (RFC 6298,
         section 5.5), about half of the outage's length; a new one is there within milliseconds (ADR 9).
         """
-        way = self._ways.pop(hw, None)
-        return way.close() if way is not None else []
+        connections = self._peers.pop(hw, None)
+        return connections.close() if connections is not None else []
 
     def state(self, hw: int) -> str:
         """How frames go to a neighbour."""
-        way = self._ways.get(hw)
-        return "idle" if way is None else "tcp" if way.state == "connected" else f"tcp {way.state}"
+        connections = self._peers.get(hw)
+        return (
+            "idle"
+            if connections is None
+            else "tcp"
+            if connections.state == "connected"
+            else f"tcp {connections.state}"
+        )
 
     # in
 
@@ -334,8 +340,8 @@ class Links:
 
     def close(self) -> None:
         """Closes everything."""
-        for hw in list(self._ways):
-            self.drop(hw)
+        for hw in list(self._peers):
+            self.disconnect(hw)
         self._monitor.close()
         self._router.close()
         self._zap.close()

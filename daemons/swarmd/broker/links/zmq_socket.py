@@ -22,7 +22,7 @@ EVENTS: Final = (
 )
 
 
-class Port:
+class ZmqSocket:
     """Watches a socket's descriptor, which is edge-triggered: each wake-up drains it in bounded turns."""
 
     def __init__(
@@ -78,7 +78,7 @@ class Port:
             self.socket.close(linger=0)
 
 
-class Monitor:
+class ConnectionMonitor:
     """Connection events of one socket: `on_event(event, value)`."""
 
     def __init__(
@@ -87,7 +87,7 @@ class Monitor:
         self._watched = socket
         self._on_event = on_event
         monitor = socket.get_monitor_socket(EVENTS)
-        self._port = Port(monitor, loop, self._take)
+        self._port = ZmqSocket(monitor, loop, self._take)
 
     def _take(self, monitor: Socket) -> bool:
         try:

@@ -1,4 +1,4 @@
-"""The tick datagrams of this node, out and in: sealed, counted, to the group and to single nodes."""
+"""The beacons of this node, out and in: sealed, counted, to the group and to single nodes."""
 
 import asyncio
 import logging
@@ -9,12 +9,12 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import checks
-from swarmd.broker.core import tick as codec
-from swarmd.broker.core.admission import Admission
-from swarmd.broker.core.mesh import LinkState
-from swarmd.broker.core.sessions import BELIEVED, Outcome, Sessions
-from swarmd.broker.core.station import Arrival, Departure, Station
+from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import session_checks
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon, ReceivedBeacon
+from swarmd.broker.core.datagram_limiter import DatagramLimiter
+from swarmd.broker.core.sessions import BELIEVED, SessionOutcome, Sessions
+from swarmd.broker.core.topology import LinkState
 from swarmd.broker.core.traffic import EVERYBODY, Counters
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
 from swarmware.clock import Clock
@@ -22,10 +22,10 @@ from swarmware.errors import SwarmError, WireError
 from swarmware.names import hardware_id
 from swarmware.security import Keys, Opener, Refusal, Sealer
 
-DEAF_TICKS: Final = 20
-"""Ticks of ours that the group did not bring back, with nobody heard over it: multicast is missing here."""
-PROBE_TICKS: Final = 20
-"""Then only every so manieth tick still tries the group."""
+UNRETURNED_MAX: Final = 20
+"""Beacons of ours that the group did not bring back, with nobody heard over it: multicast is missing here."""
+PROBE_EVERY: Final = 20
+"""Then only every so manieth beacon still tries the group."""
 CLAIMANTS_MAX: Final = 16
 CLAIMANT_NS: Final = 3_000_000_000
 SEEDS_S: Final = 30.0
@@ -40,14 +40,14 @@ FAULTS: Final = (
     struct.error,
     SwarmError,
 )
-"""A fault of our own code on what others sent: it costs that datagram, or that tick, and never the broker."""
+"""A fault of our own code on bytes from outside: it costs one datagram or one beacon, never the broker."""
 FAULTS_LOGGED: Final = 5
 """With their traceback; the others are counted only."""
 
 log = logging.getLogger("swarm.broker")
 
 
-class Datagrams:
+class BeaconTransport:
     """Seals and sends what the station says, opens and hands on what others say."""
 
     def __init__(
@@ -56,37 +56,37 @@ class Datagrams:
         keys: Keys,
         session: int,
         clock: Clock,
-        station: Station,
+        protocol: BeaconProtocol,
         counters: Counters,
         sessions: Sessions,
-        on_arrival: Callable[[Arrival], None],
-        on_outcome: Callable[[int, Outcome], None],
-        keep_slowest: Callable[[int], None],
+        on_received: Callable[[ReceivedBeacon], None],
+        on_outcome: Callable[[int, SessionOutcome], None],
+        keep_period: Callable[[int], None],
     ) -> None:
         """Raises: ConfigError when an address or port cannot be used."""
         self._sessions = sessions
         self._on_outcome = on_outcome
-        self._keep_slowest = keep_slowest
+        self._keep_period = keep_period
         self._claimants: dict[Address, int] = {}
-        """Who wrote to us alone and is not believed yet, and until when our ticks go there."""
+        """Who wrote to us alone and is not believed yet, and until when our beacons go there."""
         self.by_unicast: set[int] = set()
         """Neighbours whose newest datagram did not come over the group."""
         self._config = config
         self._clock = clock
-        self._station = station
+        self._protocol = protocol
         self._counters = counters
-        self._on_arrival = on_arrival
-        self._hardware = station.identity.hw
+        self._on_received = on_received
+        self._hardware = protocol.identity.hw
         self._epoch = keys.group.epoch
         self._session = session
         self._sealer = Sealer(keys.group, self._hardware, session)
         self._opener = Opener(keys.group)
         members = None if keys.roster is None else keys.roster.valid()
-        self._admission = Admission(
+        self._limiter = DatagramLimiter(
             None if members is None else {hardware_id(member.platform) for member in members}
         )
         self._hear = frozenset(hardware_id(name) for name in config.hear_only) or None
-        self._deaf_ticks = 0
+        self._unreturned = 0
         self._faults = 0
         self._seeds: dict[str, Address] = {}
         self._loop = asyncio.get_running_loop()
@@ -114,34 +114,34 @@ class Datagrams:
 
     # out
 
-    def tick(self, now_ns: int) -> None:
-        """Composes and sends the next tick; one that cannot be composed is counted and left out."""
+    def send_beacon(self, now_ns: int) -> None:
+        """Composes and sends the next beacon; one that cannot be composed is counted and left out."""
         try:
-            self._station.reserved_bytes = checks.body_bytes(self._sessions.waiting)
-            departure = self._station.compose(now_ns)
-            if departure.slowest_ns:
-                self._keep_slowest(departure.slowest_ns)
+            self._protocol.reserved_bytes = session_checks.body_bytes(self._sessions.waiting)
+            outgoing = self._protocol.compose(now_ns)
+            if outgoing.declared_period_ns:
+                self._keep_period(outgoing.declared_period_ns)
             if self._sessions.waiting:
-                tick = msgspec.structs.replace(departure.tick, checks=self._sessions.due(now_ns))
-                departure = msgspec.structs.replace(departure, tick=tick)
-            self._send(departure, now_ns)
+                beacon = msgspec.structs.replace(outgoing.beacon, checks=self._sessions.due(now_ns))
+                outgoing = msgspec.structs.replace(outgoing, beacon=beacon)
+            self._send(outgoing, now_ns)
         except FAULTS:
             self._counters.failed_ticks += 1
-            self._failed("a tick could not be composed")
+            self._failed("a beacon could not be composed")
 
     def _failed(self, what: str) -> None:
         self._faults += 1
         if self._faults <= FAULTS_LOGGED:
             log.exception("%s; please report this", what)
 
-    def _send(self, departure: Departure, composed_ns: int) -> None:
-        """Sends a tick, stamped as late as possible; `composed_ns`: what its ages and echoes count from."""
-        tick, sequence = departure.tick, departure.sequence
-        body = bytearray(codec.encode(tick))
+    def _send(self, outgoing: OutgoingBeacon, composed_ns: int) -> None:
+        """Sends a beacon, stamped as late as possible; `composed_ns`: what its ages and echoes count from."""
+        beacon, sequence = outgoing.beacon, outgoing.sequence
+        body = bytearray(codec.encode(beacon))
         tx_ns = self._clock.now_ns()
-        if tick.hello is not None and tx_ns // 1000 >> 32 != tick.hello.clock_high:
-            hello = msgspec.structs.replace(tick.hello, clock_high=tx_ns // 1000 >> 32)
-            body = bytearray(codec.encode(msgspec.structs.replace(tick, hello=hello)))
+        if beacon.hello is not None and tx_ns // 1000 >> 32 != beacon.hello.clock_high:
+            hello = msgspec.structs.replace(beacon.hello, clock_high=tx_ns // 1000 >> 32)
+            body = bytearray(codec.encode(msgspec.structs.replace(beacon, hello=hello)))
         codec.shift_echoes(body, tx_ns // 1000 - composed_ns // 1000)
         clear = codec.encode_header(
             codec.Header(
@@ -149,22 +149,22 @@ class Datagrams:
                 self._hardware,
                 sequence,
                 tx_ns // 1000 & 0xFFFF_FFFF,
-                self._session if departure.with_session else None,
+                self._session if outgoing.with_session else None,
             )
         )
         data = clear + self._sealer.seal(sequence, clear, bytes(body))
-        if self._udp.has_group and (self._deaf_ticks < DEAF_TICKS or sequence % PROBE_TICKS == 0):
+        if self._udp.has_group and (self._unreturned < UNRETURNED_MAX or sequence % PROBE_EVERY == 0):
             self._to_group(data)
         for address in self._single_nodes():
             if self._udp.send(data, address):
                 self._counters.datagram_sent(len(data), f"{address[0]}:{address[1]}")
-        self._station.sent(sequence, tx_ns, len(data))
+        self._protocol.sent(sequence, tx_ns, len(data))
 
     def _to_group(self, data: bytes) -> None:
         if self._udp.send_to_all(data):
             self._counters.datagram_sent(len(data), EVERYBODY)
-        self._deaf_ticks += 1
-        if self._deaf_ticks == DEAF_TICKS:
+        self._unreturned += 1
+        if self._unreturned == UNRETURNED_MAX:
             log.warning("multicast does not work here: only seeds and those who write to us are reached")
 
     def _single_nodes(self) -> set[Address]:
@@ -173,7 +173,7 @@ class Datagrams:
             return set()
         single: set[Address] = set()
         by_group: set[Address] = set()
-        for neighbour in self._station.mesh.neighbours.all():
+        for neighbour in self._protocol.topology.neighbours.all():
             if neighbour.state is LinkState.DOWN:
                 continue
             if neighbour.hw in self.by_unicast:
@@ -191,17 +191,17 @@ class Datagrams:
     def receive(self) -> None:
         """Takes what has come by now; otherwise it may wait for a moment in the sockets."""
         self._udp.receive()
-        self._udp.pace(self._station.mesh.neighbours.usual_period_ns())
+        self._udp.set_min_period(self._protocol.topology.neighbours.usual_period_ns())
 
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)
         if sender_hw == self._hardware and self._is_own(data):
-            self._deaf_ticks = 0  # the group brings datagrams back
+            self._unreturned = 0  # the group brings datagrams back
             return
         if self._hear is not None and sender_hw not in self._hear:
             self._counters.refused.unheard += 1
             return
-        if not self._admission.may_open(address, sender_hw, rx_mono_ns):
+        if not self._limiter.may_open(address, sender_hw, rx_mono_ns):
             self._counters.refused.flooded += 1
             return
         try:
@@ -211,24 +211,24 @@ class Datagrams:
             )
             if isinstance(opened, Refusal):
                 if opened is not Refusal.REPLAYED:
-                    self._admission.bad(address)
+                    self._limiter.bad(address)
                 self._refused(sender_hw, opened, len(data))
                 return
-            tick = codec.decode(opened.body)
+            beacon = codec.decode(opened.body)
         except WireError as error:
-            self._admission.bad(address)
+            self._limiter.bad(address)
             self._counters.datagram_received(len(data), _UNKNOWN)
             self._counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
         try:
             rx_ns = self._clock.from_mono_ns(rx_mono_ns)
-            if not self._is_believed(sender_hw, opened.session, tick, address, by_multicast, rx_ns):
+            if not self._is_believed(sender_hw, opened.session, beacon, address, by_multicast, rx_ns):
                 self._counters.datagram_received(len(data), _UNKNOWN)
                 return
-            self._admission.good(address)
+            self._limiter.good(address)
             header.session = opened.session
-            self._take(header, tick, address, rx_ns, by_multicast, len(data))
+            self._take(header, beacon, address, rx_ns, by_multicast, len(data))
         except FAULTS:
             self._counters.refused.failed += 1
             self._failed("a datagram could not be taken")
@@ -236,24 +236,24 @@ class Datagrams:
     def _take(
         self,
         header: codec.Header,
-        tick: codec.Tick,
+        beacon: codec.Beacon,
         address: Address,
         rx_ns: int,
         by_multicast: bool,
         size: int,
     ) -> None:
-        arrival = self._station.on_datagram(header, tick, address, rx_ns)
-        if arrival is None:
+        received = self._protocol.on_datagram(header, beacon, address, rx_ns)
+        if received is None:
             self._counters.datagram_received(size, _UNKNOWN)
             return
         sender_hw = header.sender_hw
-        self._counters.datagram_received(size, self._station.members.platform(sender_hw))
+        self._counters.datagram_received(size, self._protocol.nodes.platform(sender_hw))
         if by_multicast:
-            self._deaf_ticks = 0
+            self._unreturned = 0
             self.by_unicast.discard(sender_hw)
         else:
             self.by_unicast.add(sender_hw)
-        self._on_arrival(arrival)
+        self._on_received(received)
 
     def _is_own(self, data: bytes) -> bool:
         """Whether it is ours come back; without a session nobody can tell."""
@@ -264,9 +264,9 @@ class Datagrams:
         return session in (None, self._session)
 
     def _is_believed(
-        self, hw: int, session: int, tick: codec.Tick, address: Address, by_multicast: bool, now_ns: int
+        self, hw: int, session: int, beacon: codec.Beacon, address: Address, by_multicast: bool, now_ns: int
     ) -> bool:
-        outcome = self._sessions.on_datagram(hw, session, tick.checks, now_ns)
+        outcome = self._sessions.on_datagram(hw, session, beacon.checks, now_ns)
         if outcome is BELIEVED:
             return True
         if outcome.adopted:
@@ -286,9 +286,9 @@ class Datagrams:
 
     def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:
         refused = self._counters.refused
-        known = self._station.mesh.neighbours.get(sender_hw) is not None
+        known = self._protocol.topology.neighbours.get(sender_hw) is not None
         link = self._counters.datagram_received(
-            size, self._station.members.platform(sender_hw) if known else _UNKNOWN
+            size, self._protocol.nodes.platform(sender_hw) if known else _UNKNOWN
         )
         if refusal is Refusal.REPLAYED:
             refused.replayed += 1
