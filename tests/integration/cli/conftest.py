@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,14 +74,33 @@ class Lab(NamedTuple):
     def words(self, command: str) -> list[str]:
         return [sys.executable, "-m", "swarmctl", *shlex.split(command)]
 
+    def node(self, platform: str) -> dict[str, Any]:
+        """What lab.json says of a node."""
+        record = json.loads((self.folder / self.name / "lab.json").read_text())
+        return next(dict(node) for node in record["nodes"] if node["platform"] == platform)
+
     def signal(self, platform: str, number: signal.Signals) -> None:
         """To all processes of a node: its parent, which would start it again, and its daemons."""
-        record = json.loads((self.folder / self.name / "lab.json").read_text())
-        folder = next(str(node["folder"]) for node in record["nodes"] if node["platform"] == platform)
-        found = processes.marked(folder, processes.NODE_MARK)
+        found = processes.marked(self.node(platform)["folder"], processes.NODE_MARK)
         assert found
         for process in found:
             process.send(number)
+
+    @contextmanager
+    def killed(self, platform: str) -> Iterator[None]:
+        """SIGKILL to the daemons of a node; its parent is stopped and starts them again at the end."""
+        node = self.node(platform)
+        parent = processes.identity(node["pid"])
+        parent.send(signal.SIGSTOP)
+        daemons = [p for p in processes.marked(node["folder"], processes.NODE_MARK) if p != parent]
+        try:
+            assert daemons
+            for process in daemons:
+                process.send(signal.SIGKILL)
+            yield
+            assert not any(process.alive() for process in daemons)
+        finally:
+            parent.send(signal.SIGCONT)
 
 
 @pytest.fixture(scope="session")

@@ -1,10 +1,11 @@
 """The operator's hand on single vehicles, answered with what was seen of them."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.integration.cli.conftest import Ctl, Lab
+from tests.integration.cli.conftest import Ctl, Done, Lab
 
 UP = {
     "s": {"type": "Start", "next": "a"},
@@ -15,6 +16,60 @@ UP = {
     "d": {"type": "Disarm", "next": "e"},
     "e": {"type": "End"},
 }
+
+
+MANIFEST = """name = "pair"
+[[roles]]
+name = "first"
+file = "first.json"
+kinds = ["uav"]
+take = 1
+[[roles]]
+name = "second"
+file = "second.json"
+kinds = ["uav"]
+take = 1
+[[roles]]
+name = "control"
+file = "control.json"
+kinds = ["gcs"]
+"""
+
+
+def meet(name: str, after: str) -> dict[str, Any]:
+    return {
+        "type": "Barrier",
+        "id": name,
+        "timeout_s": 90,
+        "next": after,
+        "nextTimeout": "late",
+        "on": {"broken": "l"},
+    }
+
+
+def pair(folder: Path) -> Path:
+    """Two vehicles meet in the air; the second waits at `down`, to which the first comes a minute later."""
+    late = {"late": {"type": "End", "result": "failed"}}
+    flight = UP | {"t": UP["t"] | {"next": "up"}, "w": {"type": "Wait", "s": 4, "next": "mid"}}
+    flight |= {"up": meet("up", "w"), "down": meet("down", "l"), **late}
+    minute = {"type": "Wait", "s": 60, "next": "down"}
+    control: dict[str, Any] = {
+        "s": {"type": "Start", "next": "up"},
+        "up": meet("up", "mid"),
+        "l": {"type": "End"},
+    }
+    control |= {"mid": meet("mid", "down"), "down": meet("down", "l"), **late}
+    missions = {
+        "first": flight | {"mid": meet("mid", "minute"), "minute": minute},
+        "second": flight | {"mid": meet("mid", "down")},
+        "control": control,
+    }
+    folder = folder / "pair"
+    folder.mkdir()
+    (folder / "mission.toml").write_text(MANIFEST)
+    for name, mission in missions.items():
+        (folder / f"{name}.json").write_text(json.dumps({"mission": mission}))
+    return folder
 
 
 def node(ctl: Ctl, name: str) -> dict[str, Any]:
@@ -118,3 +173,35 @@ def test_vehicles_in_the_air_are_held_returned_and_killed_one_by_one(
     while "kill" not in (log := ctl("log query /uav1/vehicle/orders --json").out):
         pass
     assert '"reason":"test"' in log
+
+
+def test_the_others_complete_their_mission_without_the_ground_station_and_without_who_is_aborted(
+    lab: Lab, ctl: Ctl, tmp_path: Path
+) -> None:
+    start = f"mission start {pair(tmp_path)} --member uav1 --member uav2 --member gcs --yes"
+    while (started := ctl(start)).code:  # a flight before this one may still be landing
+        assert "busy" in started.err, started.err
+
+    def until(platform: str, block: str, at: Callable[[str], Done]) -> None:
+        state: dict[str, Any] = {"active": []}
+        while block not in state["active"]:
+            state = at(f"tree get /{platform}/mission/state --json").document["value"]
+            assert state["state"] in {"idle", "ready", "running"}, state
+
+    def there(command: str) -> Done:
+        return ctl(f"--config {lab.node('uav1')['folder']}/etc {command}")
+
+    until("uav1", "w", ctl)
+    with lab.killed("gcs"):
+        # the barrier that the ground station never comes to opens without it, and nobody lands
+        until("uav1", "minute", there)
+        until("uav2", "down", there)
+    while ctl("node ls").code:
+        pass
+    held = ctl("mission abort -n uav1 --then hold --yes")
+    assert held.code == 0, held.err
+    # the barrier breaks for the other one, whose mission then lands and comes to its End
+    while (state := ctl("tree get /uav2/mission/state --json").document["value"])["state"] != "done":
+        assert state["state"] in {"running", "ending"}, state
+    assert ctl("tree get /uav1/mission/state.state").out == "aborted\n"
+    assert ctl("land --all").code == 0
