@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from swarmd.mission.config import Config as MissionConfig
-from swarmd.mission.core.barrier import LATE_NS, PATIENCE, TOLD
+from swarmd.mission.core.barrier import ANNOUNCED, LATE_NS, PATIENCE
 from swarmd.tree.config import Config as TreeConfig
 from swarmd.tree.core import structure
 from swarmd.tree.core.arrivals import AHEAD
@@ -284,7 +284,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"more than {LATE_NS / 1e9} s too late",
         f"silent for {mission.lost_after_s:g} s; while a route to it exists, for"
         f" {PATIENCE * mission.lost_after_s:g} s",
-        f"The newest {['one', 'two', 'three'][TOLD - 1]} are kept",
+        f"The newest {['one', 'two', 'three'][ANNOUNCED - 1]} are kept",
         f"exceeds {LINK_SKEW_LIMIT} per hop, with more than {HOPS_LIMIT} hops",
     ):
         assert words in TEXT, words

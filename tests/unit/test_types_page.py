@@ -10,7 +10,7 @@ import pytest
 
 from swarmware.frame import Codec
 from swarmware.types import registry
-from swarmware.types.mission import STATES, Arrival, Meeting, MissionState
+from swarmware.types.mission import STATES, Arrival, BarrierResult, MissionState
 from swarmware.types.vehicle import Pose
 
 PAGE = (Path(__file__).parents[2] / "share" / "doc" / "types.md").read_text("utf-8")
@@ -72,7 +72,7 @@ def test_a_mission_state_coded_by_the_table_of_the_page_is_the_state() -> None:
         "running",
         ("a",),
         (Arrival("gate", 1),),
-        (Meeting("@start", 1, 5, 0),),
+        (BarrierResult("@start", 1, 5, 0),),
         0.2,
         "flying",
         "formation",

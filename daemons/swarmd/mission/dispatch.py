@@ -9,10 +9,10 @@ import msgspec
 
 from swarmd.mission.checking import Checker, refuse
 from swarmd.mission.config import Config
-from swarmd.mission.store import Store
+from swarmd.mission.store import MissionStore
 from swarmware.clock import utc_ns
 from swarmware.errors import NotFound, SwarmError
-from swarmware.mission.assign import Cast, Part, Platform, assign
+from swarmware.mission.assign import Assignment, MemberAssignment, Platform, assign
 from swarmware.mission.catalogue import VEHICLES
 from swarmware.mission.content import content_hash
 from swarmware.mission.folder import Folder, files_hash, from_files
@@ -45,7 +45,7 @@ class Dispatcher:
         self,
         module: Module,
         config: Config,
-        store: Store,
+        store: MissionStore,
         checker: Checker,
         receipts: BoardWriter[OrderReceipt],
         accept: Accept,
@@ -64,9 +64,9 @@ class Dispatcher:
         Raises: as `task`.
         """
         folder, warnings = await self._checked(task)
-        cast = assign(folder, self._chosen(task, platforms), task.params)
-        left_out = _left_out(task, cast, platforms, absent)
-        return MissionPlan(folder.manifest.name, folder.hash, cast.members, left_out, warnings)
+        assignment = assign(folder, self._chosen(task, platforms), task.params)
+        left_out = _left_out(task, assignment, platforms, absent)
+        return MissionPlan(folder.manifest.name, folder.hash, assignment.members, left_out, warnings)
 
     async def task(
         self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut], instructed_ns: int
@@ -76,11 +76,13 @@ class Dispatcher:
         Raises: MissionError, NotFound, ConfigError; then no order has left.
         """
         folder, warnings = await self._checked(task)
-        cast = assign(folder, self._chosen(task, platforms), task.params)
+        assignment = assign(folder, self._chosen(task, platforms), task.params)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
         # the own order crosses no link: its check waits until the others' orders have left
-        parts = sorted(cast.parts, key=lambda part: part.member.platform == self._module.platform)
-        orders = [(part.member.platform, self._order(folder, cast, part, epoch)) for part in parts]
+        members = sorted(
+            assignment.member_assignments, key=lambda one: one.member.platform == self._module.platform
+        )
+        orders = [(one.member.platform, self._order(folder, assignment, one, epoch)) for one in members]
         with self._module.node.post.together():
             answers = [self._send(order, platform) for platform, order in orders]
         receipts = await asyncio.gather(*answers)
@@ -95,13 +97,13 @@ class Dispatcher:
             await self.abort(
                 tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
             )
-        left_out = _left_out(task, cast, platforms, absent)
+        left_out = _left_out(task, assignment, platforms, absent)
         return TaskAnswer(
             name, folder.hash, epoch, accepted, tuple(receipts), left_out, instructed_ns, warnings
         )
 
     async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
-        """Tells all these platforms to stop; those that did not acknowledge."""
+        """Sends the abort to all these platforms to stop; those that did not acknowledge."""
         outcomes = await asyncio.gather(
             *(
                 self._module.send(
@@ -136,19 +138,21 @@ class Dispatcher:
                 raise NotFound(f"platform {name!r}: not known here; expected some of {', '.join(known)}")
         return [known[name] for name in task.members] if task.members else platforms
 
-    def _order(self, folder: Folder, cast: Cast, part: Part, epoch: int) -> MissionOrder:
-        text = folder.texts[part.file]
+    def _order(
+        self, folder: Folder, assignment: Assignment, member: MemberAssignment, epoch: int
+    ) -> MissionOrder:
+        text = folder.texts[member.file]
         now_ns = self._module.now_ns()
         return MissionOrder(
             mission=folder.manifest.name,
             hash=folder.hash,
             epoch=epoch,
-            role=part.member.role,
-            file=folder.place(part.file),
+            role=member.member.role,
+            file=folder.place(member.file),
             text=text,
             text_hash=content_hash(text),
-            members=cast.members,
-            params=part.binding.params,
+            members=assignment.members,
+            params=member.binding.params,
             issuer=self._module.platform,
             issued_ns=now_ns,
             expires_ns=now_ns + round(self._config.order_expiry_s * 1e9),
@@ -197,13 +201,13 @@ async def _not_sent(error: SwarmError) -> MissionReceipt:
 
 
 def _left_out(
-    task: MissionTask, cast: Cast, platforms: list[Platform], absent: list[LeftOut]
+    task: MissionTask, assignment: Assignment, platforms: list[Platform], absent: list[LeftOut]
 ) -> tuple[LeftOut, ...]:
     """Whoever is known and takes no part; nobody is missed where the instruction names the members."""
     if task.members:
         return ()
     kinds = {platform.name: platform.kind for platform in platforms}
     # a ground station has nothing to fly: nobody misses it
-    spare = [name for name in cast.left_out if kinds[name] in VEHICLES]
+    spare = [name for name in assignment.left_out if kinds[name] in VEHICLES]
     found = [*(LeftOut(name, f"no role for a {kinds[name]}") for name in spare), *absent]
     return tuple(sorted(found, key=lambda left: natural(left.platform)))

@@ -1,20 +1,20 @@
-"""What an order of a stored mission needs is made ready before anybody gives one."""
+"""Reads stored missions before they are ordered, so that an order is accepted at once."""
 
 import asyncio
 from typing import Final
 
 from swarmd.mission.checking import Checker
-from swarmd.mission.store import Store
+from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmware.errors import MissionError
-from swarmware.mission.assign import Part, Platform, assign
+from swarmware.mission.assign import MemberAssignment, Platform, assign
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder
 from swarmware.types import registry
 from swarmware.types.mission import Member, MissionFile, MissionOrder, MissionReceipt, MissionTask
 
 SETTLED_S: Final = 2.0
-"""Platforms come one after the other when a swarm starts: each part is read when no more come."""
+"""Platforms start one after the other: each part is read once no further platform joins."""
 MISSIONS: Final = 16
 """The checker remembers four times as many: a rehearsal drops nothing that was ordered."""
 
@@ -25,7 +25,7 @@ class Rehearsal:
     An order for another ensemble, or of another mission, is read when it comes.
     """
 
-    def __init__(self, platform: str, store: Store, checker: Checker, values: Values) -> None:
+    def __init__(self, platform: str, store: MissionStore, checker: Checker, values: Values) -> None:
         self._platform = platform
         self._store = store
         self._checker = checker
@@ -45,26 +45,26 @@ class Rehearsal:
             if not sound(await self._checker.check(folder)):
                 continue
             try:
-                cast = assign(folder, list(platforms), {})
+                assignment = assign(folder, list(platforms), {})
             except MissionError:
                 continue  # a role stays empty: nobody can order it
-            part = next((part for part in cast.parts if part.member.platform == self._platform), None)
-            if part is not None:
-                await self._read(folder, part, cast.members)
+            for one in assignment.member_assignments:
+                if one.member.platform == self._platform:
+                    await self._read(folder, one, assignment.members)
             await asyncio.sleep(0)
 
-    async def _read(self, folder: Folder, part: Part, members: tuple[Member, ...]) -> None:
-        text, file = folder.texts[part.file], folder.place(part.file)
+    async def _read(self, folder: Folder, own: MemberAssignment, members: tuple[Member, ...]) -> None:
+        text, file = folder.texts[own.file], folder.place(own.file)
         try:
-            mission = await self._checker.load(text, file, part.binding)
+            mission = await self._checker.load(text, file, own.binding)
         except MissionError:
             return  # refused with its reasons when it is ordered
         # what another platform would have to send for it is asked for with the order only
         await self._values.open(path for path in mission.resources() if not path.startswith("/"))
-        task = MissionTask(files=(MissionFile(file, text),), params=part.binding.params)
-        params = part.binding.params
+        task = MissionTask(files=(MissionFile(file, text),), params=own.binding.params)
+        params = own.binding.params
         order = MissionOrder(
-            folder.manifest.name, folder.hash, 0, part.member.role, file, text, "", members, params, "", 0, 0
+            folder.manifest.name, folder.hash, 0, own.member.role, file, text, "", members, params, "", 0, 0
         )
         # the decoders are built at their first use
         for value in (task, order, MissionReceipt(True, 0)):

@@ -8,7 +8,7 @@ from functools import partial
 from swarmd.mission.blocks.context import Context
 from swarmd.mission.blocks.plugins import Plugins
 from swarmd.mission.core.actions import StartBlock
-from swarmd.mission.vehicle import Vehicle
+from swarmd.mission.vehicle import VehicleClient
 from swarmware.mission.model import CANCELLED, ERROR, OK
 from swarmware.mission.plugin import BlockError
 from swarmware.module import Module
@@ -23,11 +23,11 @@ CRASHED = f"{ERROR}:crashed"
 """Outcome of a block that raised what it should not have."""
 
 
-class Runner:
+class BlockRunner:
     """The blocks that run now, by token."""
 
     def __init__(
-        self, module: Module, vehicle: Vehicle | None, plugins: Plugins, ended: Ended, report: Report
+        self, module: Module, vehicle: VehicleClient | None, plugins: Plugins, ended: Ended, report: Report
     ) -> None:
         self._module = module
         self._vehicle = vehicle

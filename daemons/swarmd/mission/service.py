@@ -12,19 +12,19 @@ from swarmd.mission.blocks.plugins import installed
 from swarmd.mission.builtin import built_in
 from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
-from swarmd.mission.core.actions import Action, Announce, CancelBlock, StartBlock, Step
-from swarmd.mission.core.admission import Admission
+from swarmd.mission.core.actions import Action, Announce, CancelBlock, ProgressStep, StartBlock
+from swarmd.mission.core.admission import OrderAdmission
 from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.census import Census
-from swarmd.mission.core.member import MissionCore
-from swarmd.mission.core.phases import REST, Phase
+from swarmd.mission.core.executor import MissionExecutor
+from swarmd.mission.core.phases import REST, MissionPhase
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
-from swarmd.mission.runner import Runner
-from swarmd.mission.store import Store
+from swarmd.mission.runner import BlockRunner
+from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
-from swarmd.mission.vehicle import Vehicle
+from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import Conflict, SwarmError
 from swarmware.mission.assign import Platform
 from swarmware.mission.catalogue import VEHICLES
@@ -34,8 +34,8 @@ from swarmware.security import read_roster
 from swarmware.service import Service
 from swarmware.types.mission import (
     AbortAnswer,
+    BarrierResult,
     LeftOut,
-    Meeting,
     MissionAbort,
     MissionList,
     MissionOrder,
@@ -86,9 +86,9 @@ class Mission(Service):
         self._kind = node.kind
         self._plugins = installed()
         self._checker = Checker(self._plugins.catalogue)
-        self._admission = Admission(module.platform, self._kind)
+        self._admission = OrderAdmission(module.platform, self._kind)
         self._values = Values(module)
-        self._core = MissionCore(
+        self._core = MissionExecutor(
             module.platform,
             built_in(module.platform, self._kind),
             self._values,
@@ -97,9 +97,9 @@ class Mission(Service):
             self._lead_ns,
         )
         self._driver = self.drive(self._core, self._perform)
-        vehicle = await Vehicle.open(module, self.config) if self._kind in VEHICLES else None
-        self._runner = Runner(module, vehicle, self._plugins, self._ended, self._core.report)
-        self._store = Store((node.data_path / "missions", node.share_path / "missions"), self._checker)
+        vehicle = await VehicleClient.open(module, self.config) if self._kind in VEHICLES else None
+        self._runner = BlockRunner(module, vehicle, self._plugins, self._ended, self._core.report)
+        self._store = MissionStore((node.data_path / "missions", node.share_path / "missions"), self._checker)
         self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values)
         self._state: BoardWriter[MissionState] = await module.writer(
             "mission/state",
@@ -200,7 +200,10 @@ class Mission(Service):
 
     def _has_taken(self, order: MissionOrder) -> bool:
         """It is asked again, because the answer was lost or late."""
-        return order.epoch == self._core.epoch and self._core.phase in {Phase.READY, Phase.RUNNING}
+        return order.epoch == self._core.epoch and self._core.phase in {
+            MissionPhase.READY,
+            MissionPhase.RUNNING,
+        }
 
     def _expiry(self, order: MissionOrder, received_ns: int) -> int:
         local_ns = self.module.remote_clocks.to_local(hardware_id(order.issuer), order.expires_ns)
@@ -225,12 +228,12 @@ class Mission(Service):
 
     async def _on_abort(self, order: MissionAbort, meta: Meta) -> AbortAnswer:
         states = {self.module.platform: self._now_state(), **self._present()}
-        told = tuple(name for name, state in states.items() if state.state not in REST)
+        ordered = tuple(name for name, state in states.items() if state.state not in REST)
         if self._core.phase not in REST:
-            told = tuple(member.platform for member in self._core.members)
-        told = told or tuple(states)
-        silent = await self._dispatcher.abort(told, order)
-        return AbortAnswer(tuple(name for name in told if name not in silent), silent)
+            ordered = tuple(member.platform for member in self._core.members)
+        ordered = ordered or tuple(states)
+        silent = await self._dispatcher.abort(ordered, order)
+        return AbortAnswer(tuple(name for name in ordered if name not in silent), silent)
 
     def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:
         core = self._core
@@ -264,19 +267,19 @@ class Mission(Service):
 
     def _hear(self, platforms: Iterable[str]) -> None:
         """Takes in the newest states of these platforms."""
-        states: list[tuple[str, MissionState, tuple[Meeting, ...]]] = []
+        states: list[tuple[str, MissionState, tuple[BarrierResult, ...]]] = []
         now_ns = self.module.now_ns()
         for platform in platforms:
             reader = self._others[platform]
             state, meta = reader.value, reader.meta
             if state is not None and meta is not None:
                 # a board may be what a platform that is long away said last
-                self._census.heard(platform, state, now_ns - round(max(reader.age_s or 0.0, 0.0) * 1e9))
+                self._census.on_state(platform, state, now_ns - round(max(reader.age_s or 0.0, 0.0) * 1e9))
                 meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
                 states.append((platform, state, meetings))
         self._driver.feed(self._core.on_states(states, now_ns))
 
-    def _local(self, meeting: Meeting, meta: Meta, now_ns: int) -> Meeting:
+    def _local(self, meeting: BarrierResult, meta: Meta, now_ns: int) -> BarrierResult:
         """The meeting on this platform's clock."""
         if meeting.leave_ns is None:
             return meeting
@@ -294,9 +297,9 @@ class Mission(Service):
         rates_hz = [n.tick_hz for n in neighbours.neighbours if n.platform in relays] if neighbours else []
         if traffic is not None:
             rates_hz.append(traffic.tick_hz)
-        least_ns = round(self.config.barrier_lead_s * 1e9)
+        min_ns = round(self.config.barrier_lead_s * 1e9)
         hops = max((route.hops for route in ways), default=1)
-        return lead_ns(least_ns, min((hz for hz in rates_hz if hz > 0), default=0.0), hops)
+        return lead_ns(min_ns, min((hz for hz in rates_hz if hz > 0), default=0.0), hops)
 
     async def _watch_links(self) -> None:
         async for _ in self.module.every(HEARTBEAT_NS / 1e9):
@@ -305,7 +308,7 @@ class Mission(Service):
                 now_ns = self.module.now_ns()
                 for route in routes.routes:
                     self._core.on_alive(route.platform, now_ns)
-                    self._census.reached(route.platform, now_ns)
+                    self._census.on_reachable(route.platform, now_ns)
 
     async def _prepare(self) -> None:
         """Verdicts and parts are there before the first instruction, which is then obeyed at once."""
@@ -340,12 +343,12 @@ class Mission(Service):
                 self._runner.start(action)
             case CancelBlock(token):
                 self._runner.cancel(token)
-            case Step():
-                self._tell(action)
+            case ProgressStep():
+                self._report_step(action)
             case Announce(state):
                 self._state.write(msgspec.structs.replace(state, kind=self._kind))
 
-    def _tell(self, step: Step) -> None:
+    def _report_step(self, step: ProgressStep) -> None:
         self._progress.write(
             MissionProgress(
                 step.mission,

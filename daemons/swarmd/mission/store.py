@@ -9,7 +9,7 @@ from swarmware.mission.folder import MANIFEST, Folder, read_folder
 from swarmware.types.mission import StoredMission
 
 
-class Store:
+class MissionStore:
     """Folders with a mission.toml, by the folder's name."""
 
     def __init__(self, places: tuple[Path, ...], checker: Checker) -> None:

@@ -17,7 +17,7 @@ Progress = Callable[[NavStatus], None]
 ARM_PATH = "sys/vehicle/arm"
 
 
-class Vehicle:
+class VehicleClient:
     """Writes `nav/goal`, follows `nav/status`, asks for arming."""
 
     def __init__(
@@ -47,7 +47,7 @@ class Vehicle:
         self._seq = module.now_ns() // 1_000_000 & 0x7FFF_FFFF
 
     @classmethod
-    async def open(cls, module: Module, config: Config) -> "Vehicle":
+    async def open(cls, module: Module, config: Config) -> "VehicleClient":
         """Makes the goal's board and opens the navigator's."""
         goal = await module.writer(
             "nav/goal", Goal, log="all", description="What the navigator shall reach or keep"
@@ -129,20 +129,20 @@ class Vehicle:
         timeouts = NavFaultTimeouts(self._limits_s)
         there_ns: int | None = None
         wait_s = self._config.navigator_timeout_s
-        heard_ns = self._module.now_ns()
+        received_ns = self._module.now_ns()
         while True:
             try:
                 status = await self._status.changed(wait_s)
             except NoAnswer as error:
-                silent_s = (self._module.now_ns() - heard_ns) / 1e9
+                silent_s = (self._module.now_ns() - received_ns) / 1e9
                 raise BlockError("no_navigator", f"no answer to goal {seq} for {silent_s:.1f} s") from error
             now_ns = self._module.now_ns()
             if status.goal_seq > seq:
                 raise BlockError("blocked", f"another goal ({status.goal_seq}) has replaced {seq}")
             if status.goal_seq < seq:
-                wait_s = max(0.0, self._config.navigator_timeout_s - (now_ns - heard_ns) / 1e9)
+                wait_s = max(0.0, self._config.navigator_timeout_s - (now_ns - received_ns) / 1e9)
                 continue
-            heard_ns, wait_s = now_ns, self._config.navigator_timeout_s
+            received_ns, wait_s = now_ns, self._config.navigator_timeout_s
             progress(status)
             if (lost := timeouts.lost(status, now_ns)) is not None:
                 raise BlockError(*lost)

@@ -16,32 +16,32 @@ class Platform(msgspec.Struct, frozen=True):
     kind: str
 
 
-class Part(msgspec.Struct, frozen=True):
-    """One platform's part in a mission."""
+class MemberAssignment(msgspec.Struct, frozen=True):
+    """What one platform plays in a mission."""
 
     member: Member
     file: str
     binding: Binding
 
 
-class Cast(msgspec.Struct, frozen=True):
-    """All parts of a mission."""
+class Assignment(msgspec.Struct, frozen=True):
+    """Which platform plays which role of a mission."""
 
-    parts: tuple[Part, ...]
+    member_assignments: tuple[MemberAssignment, ...]
     """In the order of the roles, then of the platforms: who comes first opens the barriers."""
     left_out: tuple[str, ...]
-    """Platforms that no role wanted."""
+    """Platforms without a role."""
 
     @property
     def members(self) -> tuple[Member, ...]:
         """The ensemble."""
-        return tuple(part.member for part in self.parts)
+        return tuple(assignment.member for assignment in self.member_assignments)
 
 
-def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, ParamValue]) -> Cast:
+def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, ParamValue]) -> Assignment:
     """Fills the roles in their order with platforms in natural order.
 
-    Raises: MissionError when a required role stays empty or an override is no parameter of the mission.
+    Raises: MissionError when a required role stays empty or an override is not a parameter of the mission.
     """
     unknown = sorted(overrides.keys() - folder.param_names())
     if unknown:
@@ -58,12 +58,13 @@ def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, Param
         filled.append((role, taken))
         free = [platform for platform in free if platform not in taken]
     first = {role.name: taken[0].name for role, taken in filled if taken}
-    parts: list[Part] = []
+    assignments: list[MemberAssignment] = []
     for role, taken in filled:
         for index, platform in enumerate(taken):
             params = {**folder.manifest.params, **folder.role_params(role, index), **overrides}
             binding = Binding(
                 platform.name, platform.kind, role.name, folder.manifest.name, name_roles(params, first)
             )
-            parts.append(Part(Member(platform.name, role.name, platform.kind), role.file, binding))
-    return Cast(tuple(parts), tuple(platform.name for platform in free))
+            member = Member(platform.name, role.name, platform.kind)
+            assignments.append(MemberAssignment(member, role.file, binding))
+    return Assignment(tuple(assignments), tuple(platform.name for platform in free))

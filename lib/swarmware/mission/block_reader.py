@@ -32,7 +32,7 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
 
 TIMEOUT_LIMIT_S: Final = 86_400.0
 """Longest time-out of a block: a day."""
-TIMEOUT_LEAST_MS: Final = 1_000.0
+TIMEOUT_MIN_MS: Final = 1_000.0
 """Shortest time-out in the BDL form: less is a number that somebody meant in seconds."""
 
 
@@ -56,7 +56,7 @@ class BlockReader:
         known = catalogue.find(name)
         if known is None:
             message = f"block type {name!r}: unknown; {nearest(name, catalogue.types)}"
-            self._wrong("type", "unknown-block", message)
+            self._report("type", "unknown-block", message)
         self._known = known is not None
         self._spec = known or BlockType(name, "Unknown here.", timeout_s=60.0)
 
@@ -73,7 +73,7 @@ class BlockReader:
             timeout_s += params.lasts_s
         return Block(self._id, self._spec, params, tuple(self._edges.values()), timeout_s, self._pointer)
 
-    def _wrong(self, key: str, rule: str, message: str) -> None:
+    def _report(self, key: str, rule: str, message: str) -> None:
         place = f"{self._pointer}/{key}" if key else self._pointer
         self.remarks.append((place, rule, message))
 
@@ -83,9 +83,9 @@ class BlockReader:
             return self._spec.timeout_s
         key = given[0]
         if len(given) > 1:
-            self._wrong(given[1], "twice", f"a time-out stands at {key!r} already: expected one of them")
+            self._report(given[1], "twice", f"a time-out stands at {key!r} already: expected one of them")
         if not self._spec.can_time_out:
-            self._wrong(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
+            self._report(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
             return None
         value = _number(self._body[key])
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -95,24 +95,24 @@ class BlockReader:
                 return float(value)
             expected = f"seconds, above 0, at most {TIMEOUT_LIMIT_S:g}"
         else:
-            if TIMEOUT_LEAST_MS <= value <= TIMEOUT_LIMIT_S * 1000:
+            if TIMEOUT_MIN_MS <= value <= TIMEOUT_LIMIT_S * 1000:
                 return float(value) / 1000
             expected = (
-                f"milliseconds, as in BDL, from {TIMEOUT_LEAST_MS:g} to {TIMEOUT_LIMIT_S * 1000:.0f}, "
+                f"milliseconds, as in BDL, from {TIMEOUT_MIN_MS:g} to {TIMEOUT_LIMIT_S * 1000:.0f}, "
                 f"or `{_SECONDS}` in seconds"
             )
-        self._wrong(key, "timeout", f"{self._body[key]!r}: expected {expected}")
+        self._report(key, "timeout", f"{self._body[key]!r}: expected {expected}")
         return self._spec.timeout_s
 
     def _successors(self) -> None:
         for key in ("title", "comment"):
             if not isinstance(self._body.get(key, ""), str):
-                self._wrong(key, "shape", f"expected a text, it is {self._body[key]!r}")
+                self._report(key, "shape", f"expected a text, it is {self._body[key]!r}")
         match self._spec.name:
             case "End":
                 for key in ("next", *_ERROR_EDGE, *_TIMEOUT_EDGE, "on"):
                     if key in self._body:
-                        self._wrong(key, "edge", "an End has no successor")
+                        self._report(key, "edge", "an End has no successor")
                 return
             case "Fork":
                 self._fork()
@@ -120,7 +120,7 @@ class BlockReader:
                 self._edge("true", "nextIfTrue")
                 self._edge("false", "nextIfFalse")
                 if "next" in self._body:
-                    self._wrong("next", "edge", "expected `nextIfTrue` and `nextIfFalse`, no `next`")
+                    self._report("next", "edge", "expected `nextIfTrue` and `nextIfFalse`, no `next`")
             case name:
                 if name == "Decision":
                     self._cases()
@@ -137,30 +137,30 @@ class BlockReader:
     def _fork(self) -> None:
         targets = self._body.get("next")
         if not isinstance(targets, list) or not targets or not all(isinstance(t, str) for t in targets):
-            self._wrong("next", "edge", 'expected a list of successors, such as ["b2", "b3"]')
+            self._report("next", "edge", 'expected a list of successors, such as ["b2", "b3"]')
             return
         for index, target in enumerate(targets):
             if target in targets[:index]:
-                self._wrong(f"next/{index}", "edge", f"{target!r} stands there twice: expected each once")
+                self._report(f"next/{index}", "edge", f"{target!r} is given twice: expected each once")
             self._add(f"{OK}:{index}", target, f"next/{index}")
 
     def _cases(self) -> None:
         cases = self._body.get("cases")
         if not isinstance(cases, list) or not cases:
-            self._wrong("cases", "edge", 'expected a list [{"if": "battery < 30 %", "next": "b7"}]')
+            self._report("cases", "edge", 'expected a list [{"if": "battery < 30 %", "next": "b7"}]')
             return
         for index, case in enumerate(cases):
             place = f"cases/{index}"
             if not isinstance(case, dict) or set(case) != {"if", "next"}:
-                self._wrong(place, "edge", 'expected {"if": "<condition>", "next": "<block>"}')
+                self._report(place, "edge", 'expected {"if": "<condition>", "next": "<block>"}')
                 continue
             if not isinstance(case["if"], str) or not isinstance(case["next"], str):
-                self._wrong(place, "edge", "expected texts as condition and successor")
+                self._report(place, "edge", "expected texts as condition and successor")
                 continue
             try:
                 condition = parse_condition(case["if"])
             except MissionError as error:
-                self._wrong(f"{place}/if", "condition", str(error))
+                self._report(f"{place}/if", "condition", str(error))
                 continue
             pointer = f"{self._pointer}/{place}/next"
             outcome = f"case:{index}"
@@ -173,32 +173,32 @@ class BlockReader:
         if isinstance(target, str):
             self._add(outcome, target, key)
         elif target is None:
-            self._wrong("", "edge", f"no `{key}`: expected the block that follows")
+            self._report("", "edge", f"no `{key}`: expected the block that follows")
         else:
-            self._wrong(key, "edge", f"expected one block; only a Fork has several, it is {target!r}")
+            self._report(key, "edge", f"expected one block; only a Fork has several, it is {target!r}")
 
     def _timeout_edge(self, target: Any, key: str) -> None:
         if not self._spec.can_time_out:
-            self._wrong(key, "edge", f"a {self._spec.name} cannot time out: expected no `{key}`")
+            self._report(key, "edge", f"a {self._spec.name} cannot time out: expected no `{key}`")
         elif not isinstance(target, str):
-            self._wrong(key, "edge", f"expected a block, it is {target!r}")
+            self._report(key, "edge", f"expected a block, it is {target!r}")
         else:
             self._add(TIMEOUT, target, key)
 
     def _error_edge(self, outcome: str, target: Any, key: str) -> None:
         if not self._spec.can_fail:
-            self._wrong(key, "edge", f"a {self._spec.name} cannot fail: expected no `{key}`")
+            self._report(key, "edge", f"a {self._spec.name} cannot fail: expected no `{key}`")
         elif not isinstance(target, str):
-            self._wrong(key, "edge", f"expected a block, it is {target!r}")
+            self._report(key, "edge", f"expected a block, it is {target!r}")
         else:
             self._add(outcome, target, key)
 
     def _on(self, others: Any) -> None:
         if not self._spec.can_time_out and not self._spec.can_fail:
-            self._wrong("on", "edge", f"a {self._spec.name} ends in one way only: expected no `on`")
+            self._report("on", "edge", f"a {self._spec.name} ends in one way only: expected no `on`")
             return
         if not isinstance(others, dict):
-            self._wrong("on", "edge", 'expected {"timeout": "b7", "<error kind>": "b8"}')
+            self._report("on", "edge", 'expected {"timeout": "b7", "<error kind>": "b8"}')
             return
         for word, target in others.items():
             place = f"on/{escape(word)}"
@@ -210,7 +210,7 @@ class BlockReader:
             elif self._known and kind not in self._spec.errors:
                 kinds = (*((TIMEOUT,) if self._spec.can_time_out else ()), ERROR, *self._spec.errors)
                 message = f"a {self._spec.name} does not end with {word!r}; expected {', '.join(kinds)}"
-                self._wrong(place, "edge", message)
+                self._report(place, "edge", message)
             else:
                 self._error_edge(f"{ERROR}:{kind}", target, place)
 
@@ -218,7 +218,7 @@ class BlockReader:
         pointer = f"{self._pointer}/{key}"
         if outcome in self._edges:
             first = self._edges[outcome].pointer.removeprefix(f"{self._pointer}/")
-            self._wrong(key, "twice", f"the successor for {outcome!r} stands at `{first}` already")
+            self._report(key, "twice", f"the successor for {outcome!r} stands at `{first}` already")
             return
         self._edges[outcome] = Edge(outcome, target, pointer)
 
@@ -235,7 +235,7 @@ class BlockReader:
                 continue
             name = aliases.get(key, key)
             if name in raw:
-                self._wrong(escape(key), "twice", f"the same as {spelled[name]!r}: expected one of them")
+                self._report(escape(key), "twice", f"the same as {spelled[name]!r}: expected one of them")
             # published missions write numbers as texts: "ms": "500"
             raw[name], spelled[name] = value if name in texts else _number(value), key
         try:
@@ -245,7 +245,7 @@ class BlockReader:
             return Nothing()
         for name, key in spelled.items():
             if not _finite(getattr(params, name)):
-                self._wrong(escape(key), "param", f"{raw[name]!r}: expected a finite number")
+                self._report(escape(key), "param", f"{raw[name]!r}: expected a finite number")
         return params
 
     def _explain(self, text: str, spelled: dict[str, str]) -> None:
@@ -254,7 +254,7 @@ class BlockReader:
             key = unknown["key"]
             hint = nearest(key, names) if names else "it has none"
             message = f"parameter {key!r} of {self._spec.name}: unknown; {hint}"
-            self._wrong(escape(spelled.get(key, key)), "param", message)
+            self._report(escape(spelled.get(key, key)), "param", message)
             return
         where = _WHERE.search(text)
         message = text[: where.start()] if where else text
@@ -263,7 +263,7 @@ class BlockReader:
         place = "/".join([spelled.get(name, name), *steps[1:]])
         value = f", it is {self._body[spelled[name]]!r}" if name in spelled else ""
         subject = f"parameter {spelled.get(name, name)!r} of {self._spec.name}" if name else self._spec.name
-        self._wrong(place, "param", f"{subject}: {message[:1].lower()}{message[1:]}{value}")
+        self._report(place, "param", f"{subject}: {message[:1].lower()}{message[1:]}{value}")
 
 
 @cache

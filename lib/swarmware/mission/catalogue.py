@@ -316,7 +316,7 @@ def built_in() -> Catalogue:
 def installed() -> Catalogue:
     """The built-in blocks and those of installed packages.
 
-    Raises: MissionError when a package's entry point is no block, or takes a name that is in use.
+    Raises: MissionError when a package's entry point is not a block, or takes a name that is in use.
     """
     foreign: list[BlockType] = []
     for point in entry_points(group=GROUP):

@@ -11,7 +11,7 @@ from swarmware.mission import flight, soundness, vocabulary
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import FLYING, Catalogue, built_in, installed
-from swarmware.mission.ensemble import Role, check_meetings, check_roles
+from swarmware.mission.ensemble import EnsembleRole, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
 from swarmware.mission.loader import Reading, read
@@ -97,7 +97,7 @@ def check_folder(
     """A whole ensemble's mission: every role by itself, then all together."""
     budget = budget or Budget()
     findings: list[Finding] = []
-    roles: list[Role] = []
+    roles: list[EnsembleRole] = []
     used: set[str] = set()
     for role in folder.manifest.roles:
         text = folder.texts[role.file]
@@ -107,7 +107,9 @@ def check_folder(
         findings += found if set(role.kinds) == {FLYING} else map(_for_some, found)
         used.update(reading.params)
         if reading.mission is not None:
-            roles.append(Role(role.name, role.kinds, reading.mission, role.take, partial(_line, text, file)))
+            roles.append(
+                EnsembleRole(role.name, role.kinds, reading.mission, role.take, partial(_line, text, file))
+            )
     findings += check_roles(roles)
     manifest = folder.place(MANIFEST)
     for name in sorted(folder.param_names() - used):

@@ -114,7 +114,7 @@ Operand = Literal | Field | Age
 Node = Compare | Not | Both | Either | Literal | Field | Age
 
 
-class Condition(msgspec.Struct, frozen=True):
+class ConditionExpression(msgspec.Struct, frozen=True):
     """A condition and the text it was written as."""
 
     text: str
@@ -129,21 +129,21 @@ class Condition(msgspec.Struct, frozen=True):
         return frozenset(_paths(self.node))
 
 
-def parse(text: str) -> Condition:
+def parse(text: str) -> ConditionExpression:
     """The condition in this text.
 
     Raises: MissionError with the place in the text and what was expected.
     """
     if len(text) > LENGTH_LIMIT:
         raise MissionError(f"condition of {len(text)} characters: expected at most {LENGTH_LIMIT}")
-    reader = _Reader(text)
+    reader = _ConditionParser(text)
     node = reader.either(0)
     if reader.kind != "end":
-        raise reader.wrong("and, or, or the end")
-    return Condition(text, node)
+        raise reader.error("and, or, or the end")
+    return ConditionExpression(text, node)
 
 
-class _Reader:
+class _ConditionParser:
     """Recursive descent over the tokens."""
 
     def __init__(self, text: str) -> None:
@@ -156,7 +156,7 @@ class _Reader:
         self._begin = 0
         self._advance()
 
-    def wrong(self, expected: str) -> MissionError:
+    def error(self, expected: str) -> MissionError:
         place = f"at {self.word!r}" if self.kind != "end" else "at its end"
         return MissionError(f"condition {self._text!r} {place}: expected {expected}")
 
@@ -168,7 +168,7 @@ class _Reader:
         found = _TOKEN.match(self._text, self._at)
         if found is None:
             self.kind, self.word = "?", rest.strip()[:10]
-            raise self.wrong("a number, a resource path, 'text' or a comparison")
+            raise self.error("a number, a resource path, 'text' or a comparison")
         self._at = found.end()
         self._begin = found.start() + len(found[0]) - len(found[0].lstrip())
         self.kind = found.lastgroup or ""
@@ -199,13 +199,13 @@ class _Reader:
 
     def _not(self, depth: int) -> Node:
         if depth > DEPTH_LIMIT:
-            raise self.wrong(f"at most {DEPTH_LIMIT} nested parts")
+            raise self.error(f"at most {DEPTH_LIMIT} nested parts")
         if self._take("path", "not"):
             return Not(self._not(depth + 1))
         if self._take("symbol", "("):
             node = self.either(depth + 1)
             if not self._take("symbol", ")"):
-                raise self.wrong(")")
+                raise self.error(")")
             return node
         left = self._operand()
         if self.kind == "symbol" and self.word in _COMPARE:
@@ -213,13 +213,13 @@ class _Reader:
             self._advance()
             return Compare(symbol, left, self._operand())
         if isinstance(left, Literal) and not isinstance(left.value, bool):
-            raise self.wrong("a comparison")
+            raise self.error("a comparison")
         return left
 
     def _operand(self) -> Operand:
         kind, word, number, percent, begin = self.kind, self.word, self._number, self._percent, self._begin
         if kind not in {"number", "text", "path"} or (kind == "path" and word in {"and", "or", "not"}):
-            raise self.wrong("a number, a resource path or 'text'")
+            raise self.error("a number, a resource path or 'text'")
         self._advance()
         if kind == "number":
             return Literal(number, percent)
@@ -230,16 +230,16 @@ class _Reader:
         if word == "age" and self._take("symbol", "("):
             path, begin = self.word, self._begin
             if self.kind != "path" or not self._resource(path):
-                raise self.wrong("a resource path")
+                raise self.error("a resource path")
             self._advance()
             if not self._take("symbol", ")"):
-                raise self.wrong(")")
+                raise self.error(")")
             return Age(path, begin)
         full = SHORT_NAMES.get(word.lower(), word)
         path, _, field = full.partition(".")
         if not self._resource(path):
             self.kind, self.word = kind, word
-            raise self.wrong(f"a resource path such as power/battery, or one of {', '.join(SHORT_NAMES)}")
+            raise self.error(f"a resource path such as power/battery, or one of {', '.join(SHORT_NAMES)}")
         return Field(path, field, begin)
 
     @staticmethod

@@ -7,14 +7,14 @@ import msgspec
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.finding import Finding, Severity, too_large
-from swarmware.mission.meetings import BROKEN, Part, search
+from swarmware.mission.meetings import BROKEN, Participant, search
 from swarmware.mission.model import TIMEOUT, Block, Mission
 
 COPIES_LIMIT = 3
 """Members of one role that are looked at together; two show all that no quorum above two can do."""
 
 
-class Role(msgspec.Struct, frozen=True):
+class EnsembleRole(msgspec.Struct, frozen=True):
     """A role's mission, bound for one of its platforms."""
 
     name: str
@@ -38,12 +38,12 @@ class Role(msgspec.Struct, frozen=True):
         return Finding(self.mission.file, line, block.pointer, severity, rule, message, trace)
 
 
-def check_roles(roles: list[Role]) -> list[Finding]:
+def check_roles(roles: list[EnsembleRole]) -> list[Finding]:
     """Everything that fits each role but not all together."""
     return [*_capabilities(roles), *_barriers(roles), *_quorums(roles), *_without_successor(roles)]
 
 
-def check_meetings(roles: list[Role], budget: Budget) -> list[Finding]:
+def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
     """Whether members of these roles, each sound by itself, can wait for each other for ever."""
     if not any(role.mission.barriers() for role in roles):
         return []
@@ -56,7 +56,7 @@ def check_meetings(roles: list[Role], budget: Budget) -> list[Finding]:
     return [role.finding(role.mission.blocks[hang.block], "barrier", hang.message, trace=hang.trace)]
 
 
-def _part(role: Role) -> Part:
+def _part(role: EnsembleRole) -> Participant:
     quorums = [
         block.params.quorum
         for block in role.mission.barriers()
@@ -64,10 +64,10 @@ def _part(role: Role) -> Part:
     ]
     station = role.kinds == ("gcs",)
     copies = min(COPIES_LIMIT, max(1 if station else 2, *quorums, 1), role.take or COPIES_LIMIT)
-    return Part(role.name, role.mission, copies, station)
+    return Participant(role.name, role.mission, copies, station)
 
 
-def _quorums(roles: list[Role]) -> list[Finding]:
+def _quorums(roles: list[EnsembleRole]) -> list[Finding]:
     found: list[Finding] = []
     for role in roles:
         for block in role.mission.barriers():
@@ -75,17 +75,17 @@ def _quorums(roles: list[Role]) -> list[Finding]:
             if not isinstance(params, Barrier) or not isinstance(params.quorum, int):
                 continue
             meeting = [other for other in roles if not params.roles or other.name in params.roles]
-            most = sum(other.take for other in meeting)
-            if all(other.take for other in meeting) and params.quorum > most:
+            available = sum(other.take for other in meeting)
+            if all(other.take for other in meeting) and params.quorum > available:
                 message = (
-                    f"barrier {params.id!r}: a quorum of {params.quorum}, but its roles take {most} members; "
-                    f'expected at most {most}, or "all"'
+                    f"barrier {params.id!r}: a quorum of {params.quorum}, but its roles take "
+                    f'{available} members; expected at most {available}, or "all"'
                 )
                 found.append(role.finding(block, "barrier", message))
     return found
 
 
-def _without_successor(roles: list[Role]) -> list[Finding]:
+def _without_successor(roles: list[EnsembleRole]) -> list[Finding]:
     """A barrier breaks when a member is lost: what then?"""
     found: list[Finding] = []
     for role in roles:
@@ -99,7 +99,7 @@ def _without_successor(roles: list[Role]) -> list[Finding]:
     return found
 
 
-def _capabilities(roles: list[Role]) -> list[Finding]:
+def _capabilities(roles: list[EnsembleRole]) -> list[Finding]:
     found: list[Finding] = []
     for role in roles:
         for block in role.mission.blocks.values():
@@ -113,8 +113,8 @@ def _capabilities(roles: list[Role]) -> list[Finding]:
     return found
 
 
-def _barriers(roles: list[Role]) -> list[Finding]:
-    meets: dict[str, dict[str, tuple[Role, Block, Barrier]]] = {}
+def _barriers(roles: list[EnsembleRole]) -> list[Finding]:
+    meets: dict[str, dict[str, tuple[EnsembleRole, Block, Barrier]]] = {}
     for role in roles:
         for block in role.mission.barriers():
             if isinstance(block.params, Barrier):

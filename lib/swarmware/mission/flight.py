@@ -5,7 +5,7 @@ from collections.abc import Callable
 from swarmware.mission.catalogue import End, Goto
 from swarmware.mission.finding import Remark, Severity
 from swarmware.mission.model import OK, Mission
-from swarmware.mission.net import Bits, Marking, Step
+from swarmware.mission.net import Bits, Firing, Marking
 
 Trace = Callable[[], tuple[str, ...]]
 """The way to the state that is looked at; asked for only when there is something to say."""
@@ -30,7 +30,7 @@ def below_ground(mission: Mission) -> list[Remark]:
     ]
 
 
-class Flight:
+class FlightPhases:
     """Follows one more bit in each marking: set while the vehicle is in the air."""
 
     def __init__(self, mission: Mission, bits: Bits, *, flies: bool) -> None:
@@ -47,7 +47,7 @@ class Flight:
         """What was seen."""
         return list(self._found.values())
 
-    def after(self, step: Step, marking: Marking) -> tuple[Marking, ...]:
+    def after(self, step: Firing, marking: Marking) -> tuple[Marking, ...]:
         """The marking after a step, where the vehicle may be then."""
         kind = self._mission.blocks[step.block].type
         if not self._air or kind not in {"Takeoff", "Land"}:

@@ -1,4 +1,4 @@
-"""Blocks that take no time: the player goes through them in one step, so they must come to rest, and soon."""
+"""Blocks that take no time: the player passes them in one step, which must end, after a bounded number."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -8,22 +8,22 @@ from swarmware.mission.finding import Remark
 from swarmware.mission.model import STEPS_LIMIT, Block, Mission
 
 REST_S: Final = 0.01
-"""A pause shorter than this is no rest: a loop of such would keep the processor busy and the log full."""
+"""A shorter pause does not count: a loop of such pauses would keep the processor busy and fill the log."""
 SHOWN_LIMIT: Final = 12
 """Blocks of a loop that are named."""
 
 
 def check(mission: Mission) -> list[Remark]:
-    """Loops that never rest, and more blocks at one moment than the player goes through."""
-    restless = {block.id: block for block in mission.blocks.values() if not _rests(block)}
-    loop = _loop(restless)
+    """Livelocks, and more blocks at one instant than the player passes in one step."""
+    instant_or_short = {block.id: block for block in mission.blocks.values() if not _takes_time(block)}
+    loop = _loop(instant_or_short)
     if loop:
         shown = loop if len(loop) <= SHOWN_LIMIT else (*loop[: SHOWN_LIMIT - 1], "…", loop[-1])
         message = (
-            f"the loop {' → '.join(shown)} never rests: "
+            f"the loop {' → '.join(shown)} is a livelock: "
             f"expected a block in it that takes time, at least {REST_S:g} s"
         )
-        return [Remark(loop[-1], "error", "restless-loop", message)]
+        return [Remark(loop[-1], "error", "livelock", message)]
     instant = {block.id: block for block in mission.blocks.values() if block.spec.instant}
     steps = _steps(instant)
     for block in mission.blocks.values():
@@ -35,18 +35,18 @@ def check(mission: Mission) -> list[Remark]:
                 f"{longest} blocks that take no time follow at once: expected fewer than {STEPS_LIMIT - 1}, "
                 "a Wait between them"
             )
-            return [Remark(block.id, "error", "restless-chain", message)]
+            return [Remark(block.id, "error", "instant-chain", message)]
     return []
 
 
-def _rests(block: Block) -> bool:
+def _takes_time(block: Block) -> bool:
     if isinstance(block.params, Wait):
         return block.params.duration_s >= REST_S
     return not block.spec.instant
 
 
 def _loop(blocks: Mapping[str, Block]) -> tuple[str, ...]:
-    """A way of these blocks that comes back to its first one, which stands there twice."""
+    """A cycle of these blocks; its first one is also the last."""
     done: set[str] = set()
     for root in blocks:
         way: dict[str, int] = {}

@@ -11,11 +11,11 @@ from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding, Unbound, substitute
 from swarmware.mission.block_reader import BlockReader, nearest
 from swarmware.mission.catalogue import Catalogue, built_in
-from swarmware.mission.condition import Condition
+from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.finding import Finding
 from swarmware.mission.model import ON_FAILURE, Block, Mission
-from swarmware.mission.source import Source, SourceError, escape
+from swarmware.mission.source import JsonSource, SourceError, escape
 from swarmware.mission.source import parse as parse_source
 from swarmware.types.mission import ParamValue
 
@@ -69,7 +69,7 @@ class _EnoughMistakes(Exception):
 class _Loader:
     """One pass over one file; remarks are collected, not raised, so that an author sees all at once."""
 
-    def __init__(self, source: Source, binding: Binding, catalogue: Catalogue) -> None:
+    def __init__(self, source: JsonSource, binding: Binding, catalogue: Catalogue) -> None:
         self._source = source
         self._binding = binding
         self._catalogue = catalogue
@@ -86,17 +86,17 @@ class _Loader:
     def _reading(self) -> Reading:
         top = self._source.value
         if not isinstance(top, dict) or not isinstance(top.get("mission"), dict):
-            self._wrong("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
+            self._report("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
             return Reading(None, tuple(self._findings))
         for key in top:
             if key in _RESERVED:
                 message = f"key {key!r}: reserved, not supported yet: {_RESERVED[key]}; expected none"
-                self._wrong(f"/{escape(key)}", "reserved", message)
+                self._report(f"/{escape(key)}", "reserved", message)
             elif key not in _TOP:
-                self._wrong(f"/{escape(key)}", "unknown-key", f"key {key!r}: unknown; {nearest(key, _TOP)}")
+                self._report(f"/{escape(key)}", "unknown-key", f"key {key!r}: unknown; {nearest(key, _TOP)}")
         for key in ("title", "comment", "$schema"):
             if not isinstance(top.get(key, ""), str):
-                self._wrong(f"/{key}", "shape", f"expected a text, it is {top[key]!r}")
+                self._report(f"/{key}", "shape", f"expected a text, it is {top[key]!r}")
         self._declared = self._params(top.get("params", {}))
         bound = {key: self._substituted(key, value) for key, value in top.items()}
         blocks = self._blocks(bound["mission"])
@@ -111,7 +111,7 @@ class _Loader:
         )
         return Reading(mission if starts else None, tuple(self._findings), tuple(self._declared))
 
-    def _wrong(self, pointer: str, rule: str, message: str) -> None:
+    def _report(self, pointer: str, rule: str, message: str) -> None:
         self._findings.append(self._source.finding(pointer, rule, message))
         if len(self._findings) == MISTAKES_LIMIT:
             raise _EnoughMistakes
@@ -127,12 +127,12 @@ class _Loader:
         try:
             return substitute(value, pointer, self._binding, self._declared)
         except Unbound as error:
-            self._wrong(error.pointer, "unbound", str(error))
+            self._report(error.pointer, "unbound", str(error))
             return value
 
     def _params(self, raw: Any) -> dict[str, ParamValue]:
         if not isinstance(raw, dict):
-            self._wrong("/params", "shape", "expected an object of names and default values")
+            self._report("/params", "shape", "expected an object of names and default values")
             return {}
         found: dict[str, ParamValue] = {}
         for name, default in raw.items():
@@ -140,12 +140,12 @@ class _Loader:
             try:
                 value = msgspec.convert(default, ParamValue)
             except msgspec.ValidationError:
-                self._wrong(pointer, "shape", "expected a number, a text, true, false or a list of points")
+                self._report(pointer, "shape", "expected a number, a text, true, false or a list of points")
                 continue
             given = self._binding.params.get(name, value)
             if _sort(given) != _sort(value):
                 message = f"parameter {name!r} was given {given!r}: expected {_sort(value)}, as its default"
-                self._wrong(pointer, "param-type", message)
+                self._report(pointer, "param-type", message)
                 given = value
             found[name] = given
         return found
@@ -155,12 +155,12 @@ class _Loader:
         for block_id, body in raw.items():
             pointer = f"/mission/{escape(block_id)}"
             if not isinstance(body, dict) or not isinstance(body.get("type"), str):
-                self._wrong(pointer, "shape", 'expected a block {"type": "…", "next": "…"}')
+                self._report(pointer, "shape", 'expected a block {"type": "…", "next": "…"}')
                 continue
             reader = BlockReader(block_id, body, pointer, self._catalogue)
             blocks[block_id] = reader.block()
             for place, rule, message in reader.remarks:
-                self._wrong(place, rule, message)
+                self._report(place, rule, message)
         for block in blocks.values():
             for edge in block.edges:
                 self._target(edge.target, edge.pointer, blocks, raw)
@@ -169,37 +169,37 @@ class _Loader:
     def _target(self, target: str, pointer: str, blocks: dict[str, Block], raw: Iterable[str]) -> None:
         if target in blocks:
             if blocks[target].type == "Start":
-                self._wrong(pointer, "into-start", f"leads to {target!r}, the Start: expected another block")
+                self._report(pointer, "into-start", f"leads to {target!r}, the Start: expected another block")
         elif target not in raw:
             near = get_close_matches(target, islice(raw, HINTS_LIMIT), n=1)
             hint = f"did you mean {near[0]!r}?" if near else "expected the name of a block"
-            self._wrong(pointer, "no-such-block", f"block {target!r} does not exist; {hint}")
+            self._report(pointer, "no-such-block", f"block {target!r} does not exist; {hint}")
 
     def _one_start_some_end(self, blocks: dict[str, Block], starts: list[str]) -> None:
         if not starts:
-            self._wrong("/mission", "start", "no Start block: expected exactly one")
+            self._report("/mission", "start", "no Start block: expected exactly one")
         for extra in starts[1:]:
             message = f"a second Start beside {starts[0]!r}: expected exactly one"
-            self._wrong(f"/mission/{escape(extra)}", "start", message)
+            self._report(f"/mission/{escape(extra)}", "start", message)
         if not any(block.type == "End" for block in blocks.values()):
-            self._wrong("/mission", "end", "no End block: expected at least one")
+            self._report("/mission", "end", "no End block: expected at least one")
 
     def _on_failure(self, raw: Any) -> str:
         if raw not in ON_FAILURE:
-            self._wrong("/on_failure", "on-failure", f"{raw!r}: expected one of {', '.join(ON_FAILURE)}")
+            self._report("/on_failure", "on-failure", f"{raw!r}: expected one of {', '.join(ON_FAILURE)}")
             return "land"
         return str(raw)
 
-    def _requires(self, raw: Any) -> tuple[Condition, ...]:
+    def _requires(self, raw: Any) -> tuple[ConditionExpression, ...]:
         if not isinstance(raw, list) or not all(isinstance(item, str) for item in raw):
-            self._wrong("/requires", "shape", 'expected a list of conditions, such as ["battery > 20 %"]')
+            self._report("/requires", "shape", 'expected a list of conditions, such as ["battery > 20 %"]')
             return ()
-        found: list[Condition] = []
+        found: list[ConditionExpression] = []
         for index, text in enumerate(raw):
             try:
                 found.append(parse_condition(text))
             except MissionError as error:
-                self._wrong(f"/requires/{index}", "condition", str(error))
+                self._report(f"/requires/{index}", "condition", str(error))
         return tuple(found)
 
 

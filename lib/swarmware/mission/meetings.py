@@ -15,7 +15,7 @@ import msgspec
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, Mission
-from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Step, build
+from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, build
 from swarmware.mission.reduction import reduce
 
 AHEAD_LIMIT: Final = 3
@@ -30,11 +30,11 @@ _MEMBER: Final = 200
 _MOVE: Final = 100
 """Not memory, but time: a move takes a tenth of what a state does."""
 
-Meeting = tuple[int, int]
+BarrierVisit = tuple[int, int]
 """A barrier by number, and the visit."""
 State = tuple[Marking, tuple[int, ...]]
 """A member: where its mission stands (0: it is through, whatever the result), visits of each barrier."""
-Over = tuple[tuple[Meeting, bool], ...]
+Over = tuple[tuple[BarrierVisit, bool], ...]
 """Meetings that are over while somebody may still come to them, and whether they opened."""
 Everybody = tuple[tuple[tuple[State, ...], ...], Over]
 """Members by role, in order, because those of one role are interchangeable."""
@@ -44,7 +44,7 @@ Move = tuple[dict[Where, tuple[Marking, Marking]], Over, str]
 """Who goes where (marking, barriers that were entered), what is over, how it is called."""
 
 
-class Part(msgspec.Struct, frozen=True):
+class Participant(msgspec.Struct, frozen=True):
     """A role that takes part."""
 
     role: str
@@ -64,7 +64,7 @@ class Hang(msgspec.Struct, frozen=True):
     trace: tuple[str, ...]
 
 
-def search(parts: list[Part], budget: Budget) -> Hang | None:
+def search(parts: list[Participant], budget: Budget) -> Hang | None:
     """The shortest way into a state that hangs; None when there is none, or the budget is spent."""
     return _Ensemble(parts, budget).search()
 
@@ -72,7 +72,7 @@ def search(parts: list[Part], budget: Budget) -> Hang | None:
 class _Role:
     """A role's net, and what follows in it until the next barrier."""
 
-    def __init__(self, part: Part, numbers: Mapping[str, int], budget: Budget) -> None:
+    def __init__(self, part: Participant, numbers: Mapping[str, int], budget: Budget) -> None:
         self.part = part
         # what is played between the barriers counts for its end only, and every End is the same
         gates = [block.id for block in part.mission.barriers()]
@@ -165,7 +165,7 @@ class _Role:
         return found
 
 
-def _fire(marking: Marking, step: Step) -> Marking:
+def _fire(marking: Marking, step: Firing) -> Marking:
     """The marking after the step; 0: the mission has ended."""
     return marking & ~step.inputs | step.outputs if step.outputs else 0
 
@@ -173,7 +173,7 @@ def _fire(marking: Marking, step: Step) -> Marking:
 class _Ensemble:
     """Breadth first over the states of all members together."""
 
-    def __init__(self, parts: list[Part], budget: Budget) -> None:
+    def __init__(self, parts: list[Participant], budget: Budget) -> None:
         self._names = sorted(
             {
                 block.params.id
@@ -223,7 +223,7 @@ class _Ensemble:
                     for result in role.results(marking):
                         yield {(number, index): result}, over, ""
                     return
-        waiting: dict[Meeting, list[tuple[int, int, Marking]]] = {}
+        waiting: dict[BarrierVisit, list[tuple[int, int, Marking]]] = {}
         for number, role in enumerate(self._roles):
             for index, (marking, visits) in enumerate(members[number]):
                 for place in role.gates_of(marking):
@@ -240,7 +240,7 @@ class _Ensemble:
                 yield gone, (*over, (meeting, opened)), f"{self._names[meeting[0]]!r} {label}"
 
     def _decisions(
-        self, now: Everybody, meeting: Meeting, group: list[tuple[int, int, Marking]]
+        self, now: Everybody, meeting: BarrierVisit, group: list[tuple[int, int, Marking]]
     ) -> Iterator[tuple[list[str], bool, str]]:
         """How the meeting may end for those who wait there."""
         members, over = now

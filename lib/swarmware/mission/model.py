@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 
 from swarmware.mission.catalogue import BlockType, Params
-from swarmware.mission.condition import Condition
+from swarmware.mission.condition import ConditionExpression
 
 OK: Final = "ok"
 TIMEOUT: Final = "timeout"
@@ -29,7 +29,7 @@ class Edge(msgspec.Struct, frozen=True):
     """Block that follows."""
     pointer: str
     """Where it stands in the file."""
-    condition: Condition | None = None
+    condition: ConditionExpression | None = None
     """Of a Decision's case."""
 
 
@@ -67,7 +67,7 @@ class Mission(msgspec.Struct, frozen=True):
     blocks: dict[str, Block]
     start: str
     on_failure: str = "land"
-    requires: tuple[Condition, ...] = ()
+    requires: tuple[ConditionExpression, ...] = ()
     """Checked before the start and every second."""
 
     def resources(self) -> frozenset[str]:

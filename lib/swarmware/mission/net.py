@@ -111,7 +111,7 @@ def _can_fail(block: Block) -> bool:
     return any(block.successor(way) is None for way in ways)
 
 
-class Step(msgspec.Struct, frozen=True):
+class Firing(msgspec.Struct, frozen=True):
     """A transition over markings."""
 
     block: str
@@ -136,7 +136,7 @@ class Bits:
         bit = {place: 1 << index for index, place in enumerate(self.places)}
         self.start = bit[net.start]
         # every transition is looked at only where its first input is marked
-        self._by_bit: dict[Marking, list[Step]] = {}
+        self._by_bit: dict[Marking, list[Firing]] = {}
         self._instant = sum(bit[place] for place in net.instant)
         self._ends = sum(bit[place] for place in net.ends())
         for transition in net.transitions:
@@ -147,14 +147,14 @@ class Bits:
                 outputs |= bit[place]
             labels = (transition.label, *transition.path)
             passes = transition.passes | {transition.block}
-            step = Step(transition.block, transition.outcome, labels, inputs, outputs, twice, passes)
+            step = Firing(transition.block, transition.outcome, labels, inputs, outputs, twice, passes)
             self._by_bit.setdefault(inputs & -inputs, []).append(step)
         self.of: dict[str, Marking] = {}
         """Places of each block."""
         for place, block in net.owner.items():
             self.of[block] = self.of.get(block, 0) | bit[place]
 
-    def steps(self, marking: Marking) -> list[Step]:
+    def steps(self, marking: Marking) -> list[Firing]:
         """What can happen next; the player does what takes no time before it looks at anything else.
 
         An End comes last of that, so what is found does not depend on the order of the blocks in the file.
@@ -166,7 +166,7 @@ class Bits:
                 if found := self._enabled(first, marking):
                     return found
                 rest ^= first
-        every: list[Step] = []
+        every: list[Firing] = []
         rest = marking & ~self._instant
         while rest:
             first = rest & -rest
@@ -174,7 +174,7 @@ class Bits:
             rest ^= first
         return every
 
-    def rests(self, steps: list[Step]) -> bool:
+    def rests(self, steps: list[Firing]) -> bool:
         """Whether these, all that can happen next, take time."""
         return not any(step.inputs & self._instant for step in steps)
 
@@ -192,6 +192,6 @@ class Bits:
             yield self.places[(marking & -marking).bit_length() - 1]
             marking &= marking - 1
 
-    def _enabled(self, first: Marking, marking: Marking) -> list[Step]:
+    def _enabled(self, first: Marking, marking: Marking) -> list[Firing]:
         """Steps whose first input is this one; a Join's places are all there or it waits."""
         return [step for step in self._by_bit.get(first, ()) if step.inputs & ~marking == 0]

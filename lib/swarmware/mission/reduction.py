@@ -32,7 +32,7 @@ def reduce(
     budget: Budget,
     kind: Callable[[str], str] = lambda _: "",
 ) -> Net:
-    """The net without what no check can tell apart.
+    """The net without differences that no check can see.
 
     `kept`: blocks of which every state counts. `kind`: of an End block; two of one kind are the same.
     """
@@ -295,7 +295,7 @@ class _Reducer:
         return [self._all[n] for n in sorted(self._from[place])]
 
     def _is_plain(self, place: str) -> bool:
-        """Its transitions take from no other place; it has some, and is no End's."""
+        """Its transitions take from no other place; it has some, and does not belong to an End."""
         after = self._after(place)
         return bool(after) and place not in self._end_kind and all(t.inputs == {place} for t in after)
 
@@ -348,7 +348,7 @@ class _Reducer:
             self._all[number] = msgspec.structs.replace(before, path=before.path + path)
 
     def _narrow(self, number: int, place: str) -> Transition:
-        """The Join waits no more for this place."""
+        """The Join no longer waits for this place."""
         join = self._all[number]
         changed = self._all[number] = msgspec.structs.replace(join, inputs=join.inputs - {place})
         self._budget.pay(_COST)

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import msgspec
 
-from swarmware.mission.block_reader import TIMEOUT_LEAST_MS, TIMEOUT_LIMIT_S
+from swarmware.mission.block_reader import TIMEOUT_LIMIT_S, TIMEOUT_MIN_MS
 from swarmware.mission.catalogue import BlockType, Catalogue, Wait, built_in
 from swarmware.mission.model import ERROR, ON_FAILURE, TIMEOUT
 
@@ -148,7 +148,7 @@ def _successors(block: BlockType, properties: dict[str, Any], groups: list[dict[
 
 
 def _timeouts(block: BlockType, properties: dict[str, Any], groups: list[dict[str, Any]]) -> None:
-    milliseconds = {"type": "number", "minimum": TIMEOUT_LEAST_MS, "maximum": TIMEOUT_LIMIT_S * 1000}
+    milliseconds = {"type": "number", "minimum": TIMEOUT_MIN_MS, "maximum": TIMEOUT_LIMIT_S * 1000}
     seconds = {"type": "number", "exclusiveMinimum": 0, "maximum": TIMEOUT_LIMIT_S}
     properties["timeout"] = {"description": "Milliseconds, as in BDL.", **_lenient(milliseconds)}
     properties["timeout_s"] = {"description": "Seconds.", **_lenient(seconds)}

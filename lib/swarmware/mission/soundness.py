@@ -13,7 +13,7 @@ from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.catalogue import End
 from swarmware.mission.finding import TOO_LARGE, Remark
 from swarmware.mission.model import Mission
-from swarmware.mission.net import PLACES_PER_BYTE, Bits, Marking, Net, Step, build
+from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, Net, build
 from swarmware.mission.reduction import reduce
 
 _STATE: Final = 480
@@ -74,7 +74,7 @@ class _Exploration:
         self._budget = budget
         self._size = len(bits.places) // PLACES_PER_BYTE
         self._width = len(bits.places) // 8 + 1  # the bit for the air included
-        self._flight = flight.Flight(mission, bits, flies=flies)
+        self._flight = flight.FlightPhases(mission, bits, flies=flies)
         self._motions = sum(bits.of[block.id] for block in mission.blocks.values() if block.spec.motion)
         first = self._key(bits.start)
         self._came: dict[Key, tuple[Key, Key | None, tuple[str, ...]]] = {first: (first, None, ())}
@@ -122,7 +122,7 @@ class _Exploration:
                 self._stuck.append(key)
         return True
 
-    def _fire(self, marking: Marking, key: Key, step: Step, after: list[Key], queue: deque[Key]) -> None:
+    def _fire(self, marking: Marking, key: Key, step: Firing, after: list[Key], queue: deque[Key]) -> None:
         self._fired |= step.passes
         if not step.outputs:
             self._ends.add(key)
@@ -155,14 +155,14 @@ class _Exploration:
             _, before, labels = self._came[before]
         return tuple(chain.from_iterable(reversed(steps)))
 
-    def _two_tokens(self, key: Key, step: Step, twice: Marking) -> None:
+    def _two_tokens(self, key: Key, step: Firing, twice: Marking) -> None:
         block = self._bits.blocks(twice)[0]
         if block not in self._unsafe:
             trace = (*self._trace(key), *step.labels)
             message = f"{block!r} is entered again while it still runs: expected a Join before it"
             self._unsafe[block] = Remark(block, "error", "two-tokens", message, trace)
 
-    def _cut_short(self, marking: Marking, key: Key, end: Step) -> None:
+    def _cut_short(self, marking: Marking, key: Key, end: Firing) -> None:
         for block in self._bits.blocks(marking & self._motions & ~end.inputs):
             message = f"the motion {block!r} can be cut short by the End {end.block!r}"
             trace = (*self._trace(key), *end.labels)

@@ -18,14 +18,14 @@ _SCALAR = re.compile(r"[^,\]}\s]+")
 
 
 class SourceError(Exception):
-    """The text is no JSON that a mission may be written in; carries the finding, stays in this package."""
+    """The text is not JSON that a mission may be written in; carries the finding, stays in this package."""
 
     def __init__(self, finding: Finding) -> None:
         super().__init__(str(finding))
         self.finding = finding
 
 
-class Source:
+class JsonSource:
     """One parsed file, and where in it each value stands."""
 
     def __init__(self, text: str, file: str, value: Any) -> None:
@@ -41,7 +41,7 @@ class Source:
         return bisect_left(self._ends, offset) + 1
 
     def column(self, pointer: str, text: str, at: int) -> int:
-        """Column of a character of the text that stands there; of its beginning, if it is escaped."""
+        """Column of a character of the text at it; of its beginning, if it is escaped."""
         offset = self._offset(pointer)
         before = self._text.rfind("\n", 0, offset)
         same = self._text.startswith(f'"{text}"', offset)
@@ -61,7 +61,7 @@ class Source:
         return Finding(self.file, self.line(pointer), pointer, "error", rule, message, trace)
 
 
-def parse(text: str, file: str) -> Source:
+def parse(text: str, file: str) -> JsonSource:
     """The text as JSON.
 
     Raises: SourceError with line and expectation.
@@ -87,7 +87,7 @@ def parse(text: str, file: str) -> Source:
         raise SourceError(_whole(file, f"no JSON: {error}")) from error
     if _too_deep(value):
         raise SourceError(_whole(file, f"nested more than {DEPTH_LIMIT} deep"))
-    return Source(text, file, value)
+    return JsonSource(text, file, value)
 
 
 def escape(key: str) -> str:
@@ -142,14 +142,14 @@ def _line(text: str, offset: int) -> int:
 def _duplicate(text: str, file: str, key: str) -> Finding:
     walk = _Walk(text)
     pointer, offset = walk.duplicate or ("", 0)
-    message = f"key {_printable(key)!r} stands there twice: expected once"
+    message = f"key {_printable(key)!r} is given twice: expected once"
     return Finding(file, _line(text, offset), _printable(pointer), "error", "duplicate-key", message)
 
 
 def _constant(text: str, file: str, name: str) -> Finding:
     walk = _Walk(text)
     offset = walk.constants.get(name, 0)
-    message = f"{name} is no JSON: expected a finite number"
+    message = f"{name} is not JSON: expected a finite number"
     pointer = _printable(walk.pointer_at(offset))
     return Finding(file, _line(text, offset), pointer, "error", "syntax", message)
 

@@ -15,7 +15,7 @@ from swarmware.mission.condition import (
     Age,
     Both,
     Compare,
-    Condition,
+    ConditionExpression,
     Either,
     Field,
     Literal,
@@ -36,7 +36,7 @@ _EQUAL: Final = ("==", "!=")
 _VALUELESS: Final = {
     Kind.BRANCH: "a branch, which has no value",
     Kind.COMMAND: "a command, which has no value",
-    Kind.FILE: "a file, whose value is no number",
+    Kind.FILE: "a file, whose value is not a number",
     Kind.STREAM: "a stream, which has no present value",
 }
 
@@ -65,9 +65,9 @@ class _Value(msgspec.Struct, frozen=True):
     """Least and greatest number that it can be."""
 
 
-_Said = tuple[int, Severity, str]
+_Statement = tuple[int, Severity, str]
 """Where in the condition, how bad, what."""
-_Looking = Generator[_Said, None, _Value | None]
+_Looking = Generator[_Statement, None, _Value | None]
 
 
 _Known = dict[str, dict[str, Resource]]
@@ -99,12 +99,12 @@ class Vocabulary:
             if edge.condition
         ]
         players = tuple(kinds)
-        readers = [_Reader(self._known, players, kind, own) for kind in players or ("",)]
+        readers = [_TemplateReader(self._known, players, kind, own) for kind in players or ("",)]
         found = [problem for where in conditions for reader in readers for problem in reader.problems(*where)]
         return list(dict.fromkeys(found))
 
 
-class _Reader:
+class _TemplateReader:
     """One look at a condition: what it means on a platform of one kind."""
 
     def __init__(self, known: _Known, kinds: tuple[str, ...], kind: str, own: str) -> None:
@@ -114,12 +114,12 @@ class _Reader:
         self._kind = kind
         self._own = own
 
-    def problems(self, pointer: str, condition: Condition) -> Iterator[Problem]:
+    def problems(self, pointer: str, condition: ConditionExpression) -> Iterator[Problem]:
         """What one condition cannot mean."""
         for at, severity, message in self._truth(condition.node):
             yield Problem(pointer, condition.text, at, severity, f"condition {condition.text!r}: {message}")
 
-    def _truth(self, node: Node) -> Iterator[_Said]:
+    def _truth(self, node: Node) -> Iterator[_Statement]:
         if isinstance(node, Both | Either):
             yield from self._truth(node.left)
             yield from self._truth(node.right)
@@ -136,7 +136,7 @@ class _Reader:
                     f"{value.name} is {value.sort}: expected a comparison with {value.sort}",
                 )
 
-    def _compare(self, node: Compare) -> Iterator[_Said]:
+    def _compare(self, node: Compare) -> Iterator[_Statement]:
         left = yield from self._operand(node.left)
         right = yield from self._operand(node.right)
         if left is None or right is None or not left.sort or not right.sort:
@@ -190,7 +190,7 @@ class _Reader:
             return _Value(node.path)
         return (yield from self._field(node, resource, cls))
 
-    def _lacking(self, node: Age | Field, having: dict[str, Resource]) -> Iterator[_Said]:
+    def _lacking(self, node: Age | Field, having: dict[str, Resource]) -> Iterator[_Statement]:
         """A resource that a platform of some of the kinds does not have."""
         lacking = [] if "" in having else [kind for kind in self._kinds if kind not in having]
         if lacking:
@@ -222,7 +222,7 @@ class _Reader:
             yield (
                 node.at,
                 "error",
-                f"{node.path}.{name} is no single value: expected a number, a text or a truth",
+                f"{node.path}.{name} is not a single value: expected a number, a text or a truth",
             )
             return None
         if name.endswith(_RATIO):
@@ -249,7 +249,7 @@ def shipped() -> Vocabulary:
     return found
 
 
-def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Said]:
+def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Statement]:
     """A value compared with one that stands in the text."""
     if isinstance(literal.value, str):
         if value.choices and literal.value not in value.choices:
@@ -258,7 +258,7 @@ def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Said]:
     elif not isinstance(literal.value, bool):
         share = value.span == (0.0, 1.0)
         if literal.percent and not share and not value.name[:1].isdigit():
-            yield at, "error", f"{value.name} is no share: expected a number without %"
+            yield at, "error", f"{value.name} is not a share: expected a number without %"
         elif value.span and not value.span[0] <= literal.value <= value.span[1]:
             low, high = value.span
             hint = f", or {literal.value:g} %" if share and 1 < literal.value <= 100 else ""

@@ -12,7 +12,7 @@ STATES: Final = ("idle", "ready", "running", "ending", "recovering", "done", "fa
 """States of a mission, in the order in which they are numbered on the wire."""
 KINDS: Final = ("", "uav", "ugv", "usv", "gcs")
 HASH_DIGITS: Final = 8
-"""Of a mission's hash, on its board: enough to tell the versions of one mission apart."""
+"""Of a mission's hash, on its board: enough to distinguish the versions of one mission."""
 
 _HEAD_PARTS: Final = (
     Part("epoch", "u32", "epoch"),
@@ -166,7 +166,7 @@ class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class AbortAnswer(msgspec.Struct, frozen=True):
-    """Who was told to abort."""
+    """Which platforms were ordered to abort."""
 
     told: tuple[str, ...]
     silent: tuple[str, ...]
@@ -175,7 +175,7 @@ class AbortAnswer(msgspec.Struct, frozen=True):
 
 @register
 class Arrival(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """I wait at this barrier."""
+    """The platform waits at this barrier."""
 
     barrier: str
     visit: int
@@ -183,15 +183,15 @@ class Arrival(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
-class Meeting(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What became of a barrier."""
+class BarrierResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """The result of one visit of a barrier."""
 
     barrier: str
     visit: int
     leave_ns: int | None
     """When all leave, on the clock of the platform whose board this stands on; None: it is broken."""
     by: int = 0
-    """Who said so first, by its place among the members: an instant that is passed on has converted twice."""
+    """Index of the member that decided it: an instant that another member relays was converted twice."""
 
 
 @register
@@ -209,9 +209,9 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     active: tuple[str, ...] = ()
     """Blocks that hold a token."""
     arrivals: tuple[Arrival, ...] = ()
-    """Barriers at which I wait."""
-    meetings: tuple[Meeting, ...] = ()
-    """Newest outcomes of barriers, as I know them."""
+    """Barriers at which the platform waits."""
+    meetings: tuple[BarrierResult, ...] = ()
+    """Newest barrier results that the platform knows."""
     progress_ratio: float = 0.0
     """Share of the mission's blocks that were entered, or what the moving block reports."""
     text: str = ""
@@ -270,7 +270,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
 class _Tail(msgspec.Struct, frozen=True, array_like=True, gc=False):
     active: tuple[str, ...]
     arrivals: tuple[Arrival, ...]
-    meetings: tuple[Meeting, ...]
+    meetings: tuple[BarrierResult, ...]
     text: str
     mission: str
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from tests.integration.cli.conftest import Ctl, Done, Lab
 
-UP = {
+UP: dict[str, dict[str, Any]] = {
     "s": {"type": "Start", "next": "a"},
     "a": {"type": "Arm", "next": "t"},
     "t": {"type": "Takeoff", "altitude_m": 3, "speed_m_s": 2, "next": "w"},

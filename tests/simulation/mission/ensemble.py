@@ -9,15 +9,15 @@ from typing import Any
 import msgspec
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.actions import Action, Announce, CancelBlock, StartBlock, Step
+from swarmd.mission.core.actions import Action, Announce, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.core.barrier import lead_ns
-from swarmd.mission.core.member import START, MissionCore
+from swarmd.mission.core.executor import START, MissionExecutor
 from swarmd.mission.core.run import Run
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
 from swarmware.mission.model import Block, Mission
-from swarmware.types.mission import Meeting, Member, MissionState
+from swarmware.types.mission import BarrierResult, Member, MissionState
 
 S = 1_000_000_000
 BUILT_IN = {
@@ -74,7 +74,7 @@ class Node:
     def __init__(self, member: Member, chance: Random, beacon_hz: float) -> None:
         self.name = member.platform
         built_in = {} if member.kind == "gcs" else BUILT_IN
-        self.core = MissionCore(
+        self.core = MissionExecutor(
             member.platform,
             built_in,
             Nothing(),
@@ -173,9 +173,9 @@ class Ensemble:
                 case CancelBlock(token):
                     if node.running.get(token, (None, False))[1]:
                         self.at(self.now_ns + S // 50, lambda t=token: self._ended(node, t, "cancelled"))  # type: ignore[misc]  # the default binds the value now
-                case Step(block, "Barrier", outcome) if outcome != "started":
+                case ProgressStep(block, "Barrier", outcome) if outcome != "started":
                     self.passages.append(Passage(node.name, block, outcome, self.now_ns))
-                case Step("", _, "state:running"):
+                case ProgressStep("", _, "state:running"):
                     self.passages.append(Passage(node.name, START, "ok", self.now_ns))
                 case Announce(state):
                     self._broadcast(node, state)
@@ -205,7 +205,7 @@ class Ensemble:
             return
         error = self.world.conversion_error_us * 1000
         meetings = tuple(
-            Meeting(
+            BarrierResult(
                 m.barrier,
                 m.visit,
                 None

@@ -86,6 +86,6 @@ def test_the_example_of_the_documentation_checks_and_starts_as_a_file(tmp_path: 
     assert (verdict.sound, verdict.findings) == (True, [])
     folder = sent(tmp_path / "look.json")
     changed: dict[str, Any] = {"height_m": 8.0}
-    (part,) = assign(folder, SWARM, changed).parts
+    (part,) = assign(folder, SWARM, changed).member_assignments
     assert part.member.platform == "uav1"
     assert part.binding.params == changed

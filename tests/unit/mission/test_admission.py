@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from tests.unit.mission.nets import net
 
 from swarmd.mission.checking import Checker
-from swarmd.mission.core.admission import Admission
+from swarmd.mission.core.admission import OrderAdmission
 from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError, WireError
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.content import content_hash
 from swarmware.types import registry
-from swarmware.types.mission import Arrival, Meeting, Member, MissionOrder, MissionState
+from swarmware.types.mission import Arrival, BarrierResult, Member, MissionOrder, MissionState
 
 TEXT = net(
     s="Start>t",
@@ -31,7 +31,7 @@ STATE = MissionState(
     "running",
     ("advance",),
     (Arrival("course", 1),),
-    (Meeting("formed", 1, -5_000_000_000, 0), Meeting("airborne", 1, None, 2)),
+    (BarrierResult("formed", 1, -5_000_000_000, 0), BarrierResult("airborne", 1, None, 2)),
     0.5,
     "advance: 0.1 m off its slot",
     "formation",
@@ -59,7 +59,7 @@ def order(text: str = TEXT, **changed: object) -> MissionOrder:
 
 def admit(order: MissionOrder, now_ns: int = S, kind: str = "uav") -> Run:
     """The order as the daemon takes it."""
-    desk = Admission("uav1", kind)
+    desk = OrderAdmission("uav1", kind)
     binding = desk.verify(order, now_ns, 10 * S)
     checker = Checker(built_in())
     return desk.run(order, asyncio.run(checker.load(order.text, order.file, binding)))
@@ -77,7 +77,7 @@ def test_a_good_order_becomes_a_run_with_its_parameters() -> None:
         ({"text_hash": "0"}, "hash differs"),
         ({"text_hash": content_hash(TEXT + " ")}, "hash differs"),
         ({"members": (Member("uav2", "air", "uav"),)}, "uav1 is not among its members"),
-        ({"members": (Member("uav1", "air", "uav"),) * 2}, "stands there twice"),
+        ({"members": (Member("uav1", "air", "uav"),) * 2}, "is listed twice"),
         ({"params": {"height": "high"}}, "/params/height"),
         ({"params": {"height": -3.0}}, "/mission/t/alt"),
     ],
@@ -98,8 +98,8 @@ def test_an_order_in_the_name_of_another_platform_is_refused(sender: str) -> Non
     with pytest.raises(
         MissionError, match=f"order of gcs: sent by {sender}; expected it from its issuer itself"
     ):
-        Admission("uav1", "uav").verify(order(), S, 10 * S, sender)
-    Admission("uav1", "uav").verify(order(), S, 10 * S, "gcs")
+        OrderAdmission("uav1", "uav").verify(order(), S, 10 * S, sender)
+    OrderAdmission("uav1", "uav").verify(order(), S, 10 * S, "gcs")
 
 
 def test_an_unsound_mission_is_refused_with_the_place() -> None:

@@ -2,14 +2,14 @@
 
 import pytest
 
-from swarmd.mission.core.barrier import Barriers, Gate, Passed, lead_ns
-from swarmware.types.mission import Arrival, Meeting, Member, MissionState
+from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed, lead_ns
+from swarmware.types.mission import Arrival, BarrierResult, Member, MissionState
 
 S = 1_000_000_000
 LEAD = S // 4
 NAMES = ("a", "b", "c")
 MEMBERS = tuple(Member(name, "role", "uav") for name in NAMES)
-GATE = Gate("x", 1, timeout_s=10.0)
+GATE = BarrierSpec("x", 1, timeout_s=10.0)
 
 
 class Ensemble:
@@ -22,7 +22,7 @@ class Ensemble:
 
     def board(self, name: str, state: str = "running") -> MissionState:
         barriers = self.of[name]
-        return MissionState(7, "h", state, (), barriers.arrivals, barriers.meetings)
+        return MissionState(7, "h", state, (), barriers.arrivals, barriers.results)
 
     def talk(self, now_ns: int, silent: tuple[str, ...] = (), **states: str) -> dict[str, list[Passed]]:
         """Everybody hears everybody; returns who passed."""
@@ -30,10 +30,10 @@ class Ensemble:
         for hearer, barriers in self.of.items():
             for name, board in boards.items():
                 if name != hearer and name not in silent:
-                    barriers.heard(name, board, board.meetings, now_ns)
+                    barriers.on_state(name, board, board.meetings, now_ns)
         return {name: barriers.on_timer(now_ns) for name, barriers in self.of.items()}
 
-    def arrive(self, *names: str, gate: Gate = GATE, now_ns: int = 0) -> None:
+    def arrive(self, *names: str, gate: BarrierSpec = GATE, now_ns: int = 0) -> None:
         for name in names:
             self.of[name].arrive(1, gate, now_ns)
 
@@ -62,7 +62,7 @@ def test_all_leave_at_the_time_the_first_member_names() -> None:
     e = Ensemble()
     e.arrive("a", "b", "c")
     assert outcomes(e.talk(S)) == {}
-    assert e.of["a"].meetings == (Meeting("x", 1, S + LEAD, 0),)
+    assert e.of["a"].results == (BarrierResult("x", 1, S + LEAD, 0),)
     assert outcomes(e.talk(S + 1)) == {}
     assert {b.deadline_ns() for b in e.of.values()} == {S + LEAD}
     assert all(b.on_timer(S + LEAD - 1) == [] for b in e.of.values())
@@ -73,13 +73,13 @@ def test_nobody_leaves_before_all_are_there() -> None:
     e = Ensemble()
     e.arrive("a", "b")
     e.talk(S)
-    assert e.of["a"].meetings == ()
+    assert e.of["a"].results == ()
     assert e.of["a"].missing(S) == ("c",)
 
 
 def test_a_quorum_opens_the_barrier_and_latecomers_pass() -> None:
     e = Ensemble()
-    gate = Gate("x", 1, quorum=2, timeout_s=10.0)
+    gate = BarrierSpec("x", 1, quorum=2, timeout_s=10.0)
     e.arrive("b", "c", gate=gate)
     e.talk(S)
     e.talk(S + 1)
@@ -91,7 +91,7 @@ def test_a_quorum_opens_the_barrier_and_latecomers_pass() -> None:
 def test_only_the_named_roles_meet() -> None:
     members = (Member("a", "lead", "ugv"), Member("b", "air", "uav"), Member("c", "air", "uav"))
     e = Ensemble(members)
-    e.arrive("b", "c", gate=Gate("x", 1, roles=("air",)))
+    e.arrive("b", "c", gate=BarrierSpec("x", 1, roles=("air",)))
     e.talk(S)
     e.talk(S + 1)
     assert outcomes(e.talk(S + LEAD)) == {"b": "ok", "c": "ok"}
@@ -122,8 +122,8 @@ def test_a_member_whose_computer_is_alive_gets_three_times_as_long() -> None:
     e = Ensemble()
     e.arrive("a", "b")
     for second in range(1, 9):
-        e.of["a"].alive("c", second * S)
-        e.of["b"].alive("c", second * S)
+        e.of["a"].on_alive("c", second * S)
+        e.of["b"].on_alive("c", second * S)
         assert outcomes(e.talk(second * S, silent=("c",))) == {}
     assert e.of["a"].on_timer(9 * S) == []
     assert outcomes({"a": e.of["a"].on_timer(9 * S + 1)}) == {"a": "error:broken"}
@@ -143,22 +143,22 @@ def test_a_member_that_started_anew_breaks_the_barrier() -> None:
     e.talk(S)
     e.arrive("a", "b")
     for name in ("a", "b"):
-        e.of[name].heard("c", MissionState(0, "", "idle"), (), 2 * S)
+        e.of[name].on_state("c", MissionState(0, "", "idle"), (), 2 * S)
     assert outcomes({n: e.of[n].on_timer(2 * S) for n in ("a", "b")}) == dict.fromkeys("ab", "error:broken")
 
 
 def test_the_state_of_another_run_is_no_arrival() -> None:
     e = Ensemble()
     e.arrive("a", "b")
-    old = MissionState(6, "h", "running", (), (Arrival("x", 1),), (Meeting("x", 1, 5, 0),))
-    e.of["a"].heard("c", old, old.meetings, S)
+    old = MissionState(6, "h", "running", (), (Arrival("x", 1),), (BarrierResult("x", 1, 5, 0),))
+    e.of["a"].on_state("c", old, old.meetings, S)
     e.talk(S, silent=("c",))
-    assert e.of["a"].meetings == ()
+    assert e.of["a"].results == ()
 
 
 def test_the_next_member_opens_when_the_first_is_lost_after_a_quorum_came() -> None:
     e = Ensemble()
-    gate = Gate("x", 1, quorum=2)
+    gate = BarrierSpec("x", 1, quorum=2)
     e.arrive("b", "c", gate=gate)
     e.talk(S, a="failed")
     e.talk(S + 1)
@@ -170,10 +170,10 @@ def test_a_late_hearer_learns_the_time_from_whoever_knows_it() -> None:
     e.arrive("a", "b", "c")
     e.talk(S, silent=())
     board = e.board("a")
-    e.of["b"].heard("a", board, board.meetings, S)
+    e.of["b"].on_state("a", board, board.meetings, S)
     told = e.board("b")
-    assert told.meetings == (Meeting("x", 1, S + LEAD, 0),)
-    e.of["c"].heard("b", told, told.meetings, S + 2)
+    assert told.meetings == (BarrierResult("x", 1, S + LEAD, 0),)
+    e.of["c"].on_state("b", told, told.meetings, S + 2)
     assert e.of["c"].deadline_ns() == S + LEAD
 
 
@@ -181,15 +181,15 @@ def test_what_the_first_member_says_at_first_hand_wins() -> None:
     e = Ensemble()
     c = e.of["c"]
     c.arrive(1, GATE, 0)
-    c.heard("b", e.board("b"), (Meeting("x", 1, 500, 1),), 1)
+    c.on_state("b", e.board("b"), (BarrierResult("x", 1, 500, 1),), 1)
     assert c.deadline_ns() == 500
-    c.heard("b", e.board("b"), (Meeting("x", 1, 600, 0),), 2)
+    c.on_state("b", e.board("b"), (BarrierResult("x", 1, 600, 0),), 2)
     assert c.deadline_ns() == 600
-    c.heard("a", e.board("a"), (Meeting("x", 1, 601, 0),), 3)
+    c.on_state("a", e.board("a"), (BarrierResult("x", 1, 601, 0),), 3)
     assert c.deadline_ns() == 601
-    c.heard("b", e.board("b"), (Meeting("x", 1, 700, 0),), 4)
+    c.on_state("b", e.board("b"), (BarrierResult("x", 1, 700, 0),), 4)
     assert c.deadline_ns() == 601
-    c.heard("b", e.board("b"), (Meeting("x", 1, None, 1),), 5)
+    c.on_state("b", e.board("b"), (BarrierResult("x", 1, None, 1),), 5)
     assert c.on_timer(5) == [Passed(1, "error:broken", "without a, b")]
 
 
@@ -197,7 +197,7 @@ def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
     e = Ensemble()
     for visit in (1, 2):
         now = visit * 10 * S
-        e.arrive(*NAMES, gate=Gate("x", visit), now_ns=now)
+        e.arrive(*NAMES, gate=BarrierSpec("x", visit), now_ns=now)
         e.talk(now)
         e.talk(now + 1)
         assert outcomes(e.talk(now + LEAD)) == dict.fromkeys(NAMES, "ok")
@@ -212,7 +212,7 @@ def test_a_member_alone_does_not_wait() -> None:
 def test_a_stranger_is_not_listened_to() -> None:
     e = Ensemble()
     e.arrive("a")
-    e.of["a"].heard("z", MissionState(7, "h", "running"), (Meeting("x", 1, 5, 0),), 5)
+    e.of["a"].on_state("z", MissionState(7, "h", "running"), (BarrierResult("x", 1, 5, 0),), 5)
     assert e.of["a"].on_timer(6) == []
 
 
@@ -230,7 +230,7 @@ def test_a_ground_station_that_is_there_is_waited_for() -> None:
     e.arrive("a", "b")
     assert outcomes(e.talk(S)) == {}
     assert e.of["a"].missing(S) == ("c",)
-    assert e.of["a"].meetings == ()
+    assert e.of["a"].results == ()
 
 
 def test_a_ground_station_that_vanished_is_not_needed() -> None:
@@ -260,11 +260,11 @@ def test_an_abort_at_the_ground_station_holds_for_all() -> None:
 def test_what_a_ground_station_gave_up_waiting_for_is_not_broken() -> None:
     e = with_a_station()
     c = e.of["c"]
-    c.arrive(1, Gate("x", 1, timeout_s=5.0), 0)
+    c.arrive(1, BarrierSpec("x", 1, timeout_s=5.0), 0)
     for name in ("a", "b"):
-        c.alive(name, 5 * S)
+        c.on_alive(name, 5 * S)
     assert c.on_timer(5 * S)[0].outcome in {"timeout", "error:broken"}
-    assert c.meetings[0].leave_ns is None
+    assert c.results[0].leave_ns is None
     e.arrive("a", "b", now_ns=5 * S)
     for now in (5 * S, 5 * S + 1):
         assert outcomes(e.talk(now, c="failed")) == {}
@@ -282,9 +282,9 @@ def test_where_a_barrier_names_the_ground_station_its_loss_breaks_it() -> None:
 def test_a_loss_that_broke_nothing_is_no_deadline_any_more() -> None:
     e = with_a_station()
     a = e.of["a"]
-    a.arrive(1, Gate("x", 1), 0)
+    a.arrive(1, BarrierSpec("x", 1), 0)
     for second in range(1, 6):
-        a.heard("b", e.board("b"), (), second * S)
+        a.on_state("b", e.board("b"), (), second * S)
     assert a.on_timer(5 * S) == []
     deadline = a.deadline_ns()
     assert deadline is not None
@@ -298,15 +298,15 @@ def test_a_member_that_hears_of_the_opening_half_a_second_late_takes_the_alterna
     opening = e.board("a")
     # the others do not know yet
     assert outcomes({n: b.on_timer(S + LEAD) for n, b in e.of.items()}) == {"a": "ok"}
-    e.of["b"].heard("a", opening, opening.meetings, S + LEAD)
+    e.of["b"].on_state("a", opening, opening.meetings, S + LEAD)
     assert e.of["b"].on_timer(S + LEAD + S // 2) == [Passed(1, "ok")]
-    e.of["c"].heard("a", opening, opening.meetings, 2 * S)
+    e.of["c"].on_state("a", opening, opening.meetings, 2 * S)
     assert e.of["c"].on_timer(2 * S) == [Passed(1, "error:broken", "the others left 0.8 s ago")]
 
 
 def test_a_meeting_that_everybody_has_forgotten_is_over_for_one_who_comes_to_it_now() -> None:
     e = Ensemble()
-    gates = [Gate("x", visit, quorum=2) for visit in range(1, 30)]
+    gates = [BarrierSpec("x", visit, quorum=2) for visit in range(1, 30)]
     for visit, gate in enumerate(gates, 1):
         e.arrive("b", "c", gate=gate, now_ns=visit * S)
         e.talk(visit * S)
@@ -318,6 +318,6 @@ def test_a_meeting_that_everybody_has_forgotten_is_over_for_one_who_comes_to_it_
 
 def test_a_member_at_a_later_visit_ends_the_wait_of_those_at_an_earlier_one() -> None:
     e = Ensemble()
-    e.arrive("a", gate=Gate("x", 2))
-    e.arrive("b", "c", gate=Gate("x", 1))
+    e.arrive("a", gate=BarrierSpec("x", 2))
+    e.arrive("b", "c", gate=BarrierSpec("x", 1))
     assert outcomes(e.talk(S)) == {"b": "error:broken", "c": "error:broken"}

@@ -15,29 +15,29 @@ def why(census: Census, now_ns: int) -> dict[str, str]:
 
 def test_who_was_heard_lately_is_present() -> None:
     census = Census("gcs", 3 * S)
-    census.heard("uav1", IDLE, 10 * S)
+    census.on_state("uav1", IDLE, 10 * S)
     assert census.present(13 * S) == {"uav1": IDLE}
     assert census.absent(13 * S) == []
 
 
 def test_a_way_to_a_platform_keeps_it_present() -> None:
     census = Census("gcs", 3 * S)
-    census.heard("uav1", IDLE, 10 * S)
-    census.reached("uav1", 20 * S)
+    census.on_state("uav1", IDLE, 10 * S)
+    census.on_reachable("uav1", 20 * S)
     assert census.present(22 * S) == {"uav1": IDLE}
 
 
 def test_who_fell_silent_is_lost_and_said_to_be_since_when() -> None:
     census = Census("gcs", 3 * S)
-    census.heard("uav1", IDLE, 10 * S)
-    census.reached("uav1", 12 * S)
+    census.on_state("uav1", IDLE, 10 * S)
+    census.on_reachable("uav1", 12 * S)
     assert census.present(15 * S + 1) == {}
     assert why(census, 32 * S) == {"uav1": "lost: not heard of for 20 s"}
 
 
 def test_who_is_reached_but_has_no_mission_daemon_is_said_so() -> None:
     census = Census("gcs", 3 * S)
-    census.reached("relay", 10 * S)
+    census.on_reachable("relay", 10 * S)
     assert why(census, 11 * S) == {"relay": "no mission daemon is heard of there"}
     assert why(census, 20 * S) == {"relay": "out of reach"}
 
@@ -46,5 +46,5 @@ def test_who_is_reached_but_has_no_mission_daemon_is_said_so() -> None:
 def test_who_is_only_on_the_roster_is_known_too(heard: bool) -> None:
     census = Census("gcs", 3 * S, frozenset({"gcs", "uav1"}))
     if heard:
-        census.heard("uav1", IDLE, 10 * S)
+        census.on_state("uav1", IDLE, 10 * S)
     assert list(why(census, 11 * S)) == ([] if heard else ["uav1"])

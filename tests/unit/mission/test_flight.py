@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.unit.mission.nets import choice, net
 
-from swarmd.mission.blocks.goto import Goto
+from swarmd.mission.blocks.goto import GotoBlock
 from swarmware.mission import catalogue
 from swarmware.mission.binding import Binding
 from swarmware.mission.check import check_folder, check_text
@@ -150,13 +150,13 @@ def test_a_goto_without_a_height_keeps_the_height(
     z_m: float | None, vehicle: Vehicle, expected: float
 ) -> None:
     params = catalogue.Goto(x_m=1, y_m=2, z_m=z_m)
-    asyncio.run(Goto().run(Context(vehicle, params)))  # type: ignore[arg-type]  # as much of a context as it needs
+    asyncio.run(GotoBlock().run(Context(vehicle, params)))  # type: ignore[arg-type]  # as much of a context as it needs
     assert [goal["z_m"] for goal in vehicle.goals] == [expected]
 
 
 def test_a_goto_without_a_height_fails_when_nobody_knows_the_height() -> None:
     vehicle = Vehicle(None)
     with pytest.raises(BlockError) as caught:
-        asyncio.run(Goto().run(Context(vehicle, catalogue.Goto(x_m=1, y_m=2))))  # type: ignore[arg-type]  # as above
+        asyncio.run(GotoBlock().run(Context(vehicle, catalogue.Goto(x_m=1, y_m=2))))  # type: ignore[arg-type]  # as above
     assert caught.value.kind == "no_position"
     assert vehicle.goals == []

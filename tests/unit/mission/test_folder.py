@@ -83,7 +83,7 @@ def test_roles_are_filled_in_their_order_with_platforms_in_natural_order() -> No
 
 def test_every_platform_gets_its_own_parameters() -> None:
     cast = assign(from_files(files(), ""), SWARM, {})
-    params = {p.member.platform: p.binding.params for p in cast.parts}
+    params = {p.member.platform: p.binding.params for p in cast.member_assignments}
     assert params["uav2"] == {"head": "ugv1", "height": 5.0}
     assert params["uav10"] == {"head": "ugv1", "height": 6.5}
 
@@ -91,7 +91,7 @@ def test_every_platform_gets_its_own_parameters() -> None:
 def test_the_operator_may_give_other_parameters() -> None:
     folder = from_files(files(), "")
     cast = assign(folder, SWARM, {"height": 9.0})
-    assert cast.parts[1].binding.params["height"] == 9.0
+    assert cast.member_assignments[1].binding.params["height"] == 9.0
     with pytest.raises(MissionError, match="'hight': unknown in relay; expected head, height"):
         assign(folder, SWARM, {"hight": 9.0})
 
@@ -100,7 +100,7 @@ def test_a_required_role_without_a_platform_is_named() -> None:
     folder = from_files(files(), "")
     with pytest.raises(MissionError, match="role 'leader': no ugv"):
         assign(folder, [Platform("uav1", "uav"), Platform("gcs", "gcs")], {})
-    assert len(assign(folder, [Platform("uav1", "uav"), Platform("ugv1", "ugv")], {}).parts) == 2
+    assert len(assign(folder, [Platform("uav1", "uav"), Platform("ugv1", "ugv")], {}).member_assignments) == 2
 
 
 def test_the_hash_is_of_all_names_and_contents() -> None:

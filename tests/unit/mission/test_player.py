@@ -6,7 +6,14 @@ from typing import Any
 import pytest
 from tests.unit.mission.nets import choice, net
 
-from swarmd.mission.core.actions import CancelBlock, Ended, EnterBarrier, LeaveBarrier, StartBlock, Step
+from swarmd.mission.core.actions import (
+    CancelBlock,
+    EnterBarrier,
+    LeaveBarrier,
+    PlayEnded,
+    ProgressStep,
+    StartBlock,
+)
 from swarmd.mission.core.player import CANCEL_NS, Player
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
@@ -45,13 +52,13 @@ def short(actions: list[Any]) -> list[str]:
                 found.append(f"barrier {block.id} {token} {visit}")
             case LeaveBarrier(token):
                 found.append(f"leave {token}")
-            case Ended(result, reason):
+            case PlayEnded(result, reason):
                 found.append(f"{result}: {reason}" if reason else result)
     return found
 
 
 def steps(actions: list[Any]) -> list[str]:
-    return [f"{a.block} {a.event}" for a in actions if isinstance(a, Step)]
+    return [f"{a.block} {a.event}" for a in actions if isinstance(a, ProgressStep)]
 
 
 ARM = {"type": "Arm", "next": "e"}

@@ -271,7 +271,7 @@ def test_members_hang_in_reduced_nets_where_they_hang_in_whole_ones(monkeypatch:
         missions = [author(chance) for _ in range(chance.randint(1, 2))]
         if any(remark.severity != "warning" for m in missions for remark in soundness.check(m)):
             continue
-        parts = [meetings.Part(f"r{n}", m, chance.randint(1, 2)) for n, m in enumerate(missions)]
+        parts = [meetings.Participant(f"r{n}", m, chance.randint(1, 2)) for n, m in enumerate(missions)]
         budget = Budget(1 << 20)
         with monkeypatch.context() as patched:
             patched.setattr(meetings, "reduce", whole_net)

@@ -8,7 +8,7 @@ from tests.unit.mission.nets import net
 from swarmd.mission import checking
 from swarmd.mission.checking import Checker
 from swarmd.mission.rehearsal import Rehearsal
-from swarmd.mission.store import Store
+from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmware.mission.assign import Platform, assign
 from swarmware.mission.catalogue import built_in
@@ -43,14 +43,14 @@ AIR = net(
 )
 
 
-def store(root: Path, checker: Checker, **missions: str) -> Store:
+def store(root: Path, checker: Checker, **missions: str) -> MissionStore:
     for name, air in missions.items():
         folder = root / "missions" / name
         folder.mkdir(parents=True)
         (folder / "mission.toml").write_text(MANIFEST, "utf-8")
         (folder / "air.json").write_text(air, "utf-8")
         (folder / "control.json").write_text(net(s="Start>e", e="End"), "utf-8")
-    return Store((root / "missions",), checker)
+    return MissionStore((root / "missions",), checker)
 
 
 async def test_a_part_is_read_when_the_same_platforms_are_there_twice_and_only_once(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ async def test_an_order_of_a_stored_mission_is_answered_from_memory(
 
         monkeypatch.setattr(checking, "check_text", seen)
         folder = missions.folder("climb")
-        first, second, _ = assign(folder, [GCS, UAV1, UAV2], {}).parts
+        first, second, _ = assign(folder, [GCS, UAV1, UAV2], {}).member_assignments
         mission = await checker.load(AIR, "as the station calls it", second.binding)
         assert (read, mission.file) == ([], "as the station calls it")
         assert mission.blocks["t"].params.altitude_m == 7.0  # type: ignore[attr-defined]  # of a Takeoff

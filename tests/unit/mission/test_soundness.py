@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.unit.mission.nets import choice, lattice, net
 
-from swarmd.mission.core.actions import Ended
+from swarmd.mission.core.actions import PlayEnded
 from swarmd.mission.core.player import Player
 from swarmware.mission import soundness
 from swarmware.mission.binding import Binding
@@ -105,7 +105,7 @@ def test_two_tokens_in_one_block_are_found() -> None:
 
 def test_a_loop_that_never_rests_is_found() -> None:
     text = net(s="Start>d", d=choice("g", "e"), g=choice("d", "e"), e="End")
-    assert [r.rule for r in remarks(text)] == ["restless-loop"]
+    assert [r.rule for r in remarks(text)] == ["livelock"]
     assert "d → g → d" in remarks(text)[0].message
 
 
@@ -117,17 +117,17 @@ def decisions(count: int, last: str) -> dict[str, Any]:
 def test_a_loop_of_decisions_and_empty_pauses_never_rests(pause: dict[str, Any]) -> None:
     text = net(s="Start>w", w={"type": "Wait", **pause, "next": "d"}, d=choice("w", "e"), e="End")
     (remark,) = remarks(text)
-    assert remark.rule == "restless-loop"
+    assert remark.rule == "livelock"
     assert "w → d → w" in remark.message
     assert remarks(text.replace(json.dumps(pause)[1:-1], '"ms": 10')) == []
 
 
 def test_more_instant_blocks_than_the_player_goes_through_are_found() -> None:
     text = net(s="Start>w", w="Wait>d0", **decisions(1_500, "e"), e="End")
-    assert [(r.rule, r.block) for r in remarks(text)] == [("restless-chain", "w")]
+    assert [(r.rule, r.block) for r in remarks(text)] == [("instant-chain", "w")]
     wide = {f"w{n}": "Wait>e" for n in range(1_500)}
     text = net(s="Start>f", f="Fork>" + ",".join(wide), **wide, e="End")
-    assert remarks(text, Budget(0))[0].rule == "restless-chain"
+    assert remarks(text, Budget(0))[0].rule == "instant-chain"
 
 
 def test_what_the_check_lets_through_the_player_goes_through() -> None:
@@ -135,9 +135,9 @@ def test_what_the_check_lets_through_the_player_goes_through() -> None:
     assert remarks(fits) == []
     player = Player(load(fits, "m.json", HERE), None, lambda: 0.4, count(1))  # type: ignore[arg-type]  # no conditions
     player.start(0)
-    assert player.on_timer(1_000_000_000)[-1] == Ended("done")
+    assert player.on_timer(1_000_000_000)[-1] == PlayEnded("done")
     assert [r.rule for r in remarks(net(s="Start>w", w="Wait>d0", **decisions(998, "e"), e="End"))] == [
-        "restless-chain"
+        "instant-chain"
     ]
 
 

@@ -10,9 +10,9 @@ from tests.unit.mission.nets import choice, net
 
 from swarmd.mission.core.actions import (
     CancelBlock,
-    Ended,
     EnterBarrier,
     LeaveBarrier,
+    PlayEnded,
     PlayerAction,
     StartBlock,
 )
@@ -106,7 +106,7 @@ def play(mission: Mission, chance: Random) -> str:
                     cancelled.append(token)
                 case LeaveBarrier(token):
                     running.pop(token, None)
-                case Ended(result, reason):
+                case PlayEnded(result, reason):
                     return f"{result}: {reason}"
         if cancelled:
             token = cancelled.pop()

@@ -55,11 +55,11 @@ def test_what_can_be_meant_is_sound(condition: str) -> None:
         ("health/state.level < 'error'", "expected == or !=, not <", 1),
         ("health/state.level == 'eror'", "is never 'eror': expected one of ", 1),
         ("battery < 80", "is never 80: expected 0 to 1, or 80 %", 1),
-        ("altitude > 50 %", "nav/pose.z_m is no share: expected a number without %", 1),
-        ("age(nav/pose) > 5 %", "age(nav/pose) is no share", 5),
+        ("altitude > 50 %", "nav/pose.z_m is not a share: expected a number without %", 1),
+        ("age(nav/pose) > 5 %", "age(nav/pose) is not a share", 5),
         ("age(nav) < 1", "'nav' is a branch", 0),
         ("sys/vehicle/arm.armed", "is a command, which has no value", 1),
-        ("health/state.faults == 'x'", "is no single value", 1),
+        ("health/state.faults == 'x'", "is not a single value", 1),
     ],
 )
 def test_what_can_never_be_meant_is_refused_with_its_place(condition: str, said: str, column: int) -> None:

@@ -3,7 +3,7 @@
 from swarmd.mission.blocks.context import Context, spec
 
 
-class Arm:
+class ArmBlock:
     """Arms the motors."""
 
     spec = spec("Arm")
@@ -13,7 +13,7 @@ class Arm:
         await context.vehicle.arm(True)
 
 
-class Disarm:
+class DisarmBlock:
     """Disarms the motors."""
 
     spec = spec("Disarm")

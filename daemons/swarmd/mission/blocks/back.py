@@ -6,11 +6,11 @@ from swarmware.mission import catalogue
 from swarmware.mission.plugin import BlockError
 from swarmware.types.vehicle import NavStatus
 
-LEAST_HEIGHT_M = 2.0
+MIN_HEIGHT_M = 2.0
 """A vehicle that is lower climbs to this before it goes: between is what it did not fly over."""
 
 
-class Return:
+class ReturnBlock:
     """Moves to where it was armed."""
 
     spec = spec("Return")
@@ -35,7 +35,7 @@ class Return:
             progress,
             x_m=home.x_m,
             y_m=home.y_m,
-            z_m=max(vehicle.height_m, LEAST_HEIGHT_M) if vehicle.flies else home.z_m,
+            z_m=max(vehicle.height_m, MIN_HEIGHT_M) if vehicle.flies else home.z_m,
             speed_m_s=params.speed_m_s,
         )
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from swarmd.mission.vehicle import Vehicle
+from swarmd.mission.vehicle import VehicleClient
 from swarmware.mission.catalogue import BLOCKS, BlockType, Params
 from swarmware.mission.plugin import BlockError
 from swarmware.module import Module
@@ -15,7 +15,7 @@ class Context:
     def __init__(
         self,
         module: Module,
-        vehicle: Vehicle | None,
+        vehicle: VehicleClient | None,
         block_id: str,
         params: Params,
         report: Callable[[float, str], None],
@@ -27,13 +27,13 @@ class Context:
         self._report = report
 
     @property
-    def vehicle(self) -> Vehicle:
+    def vehicle(self) -> VehicleClient:
         """The platform's vehicle.
 
         Raises: BlockError when it has none.
         """
         if self._vehicle is None:
-            raise BlockError("no_vehicle", f"{self.module.platform} is no vehicle")
+            raise BlockError("no_vehicle", f"{self.module.platform} is not a vehicle")
         return self._vehicle
 
     def report(self, ratio: float, text: str) -> None:

@@ -7,7 +7,7 @@ from swarmware.mission import catalogue
 from swarmware.types.vehicle import NavStatus
 
 
-class Formation:
+class FormationBlock:
     """Takes a slot; with `advance`, keeps it to the end of the course."""
 
     spec = spec("Formation")

@@ -6,7 +6,7 @@ from swarmware.mission import catalogue
 from swarmware.types.vehicle import NavStatus
 
 
-class Goto:
+class GotoBlock:
     """Moves to a position."""
 
     spec = spec("Goto")

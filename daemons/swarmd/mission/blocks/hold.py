@@ -7,7 +7,7 @@ from swarmware.mission import catalogue
 from swarmware.types.vehicle import NavStatus
 
 
-class Hold:
+class HoldBlock:
     """Stays where it is, for a while or for good."""
 
     spec = spec("Hold")

@@ -6,7 +6,7 @@ from swarmware.mission import catalogue
 from swarmware.types.vehicle import NavStatus
 
 
-class Land:
+class LandBlock:
     """Lands where it is."""
 
     spec = spec("Land")

@@ -4,17 +4,26 @@ from collections.abc import Mapping
 from importlib.metadata import entry_points
 from typing import Final
 
-from swarmd.mission.blocks.arm import Arm, Disarm
-from swarmd.mission.blocks.back import Return
-from swarmd.mission.blocks.formation import Formation
-from swarmd.mission.blocks.goto import Goto
-from swarmd.mission.blocks.hold import Hold
-from swarmd.mission.blocks.land import Land
-from swarmd.mission.blocks.takeoff import Takeoff
+from swarmd.mission.blocks.arm import ArmBlock, DisarmBlock
+from swarmd.mission.blocks.back import ReturnBlock
+from swarmd.mission.blocks.formation import FormationBlock
+from swarmd.mission.blocks.goto import GotoBlock
+from swarmd.mission.blocks.hold import HoldBlock
+from swarmd.mission.blocks.land import LandBlock
+from swarmd.mission.blocks.takeoff import TakeoffBlock
 from swarmware.mission.catalogue import BLOCKS, GROUP, BlockType, Catalogue
 from swarmware.mission.plugin import FunctionalBlock
 
-BUILT_IN: Final[tuple[type, ...]] = (Arm, Disarm, Takeoff, Land, Goto, Return, Formation, Hold)
+BUILT_IN: Final[tuple[type, ...]] = (
+    ArmBlock,
+    DisarmBlock,
+    TakeoffBlock,
+    LandBlock,
+    GotoBlock,
+    ReturnBlock,
+    FormationBlock,
+    HoldBlock,
+)
 
 
 class Plugins:

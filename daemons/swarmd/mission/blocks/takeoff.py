@@ -6,7 +6,7 @@ from swarmware.mission import catalogue
 from swarmware.types.vehicle import NavStatus
 
 
-class Takeoff:
+class TakeoffBlock:
     """Climbs to an altitude."""
 
     spec = spec("Takeoff")

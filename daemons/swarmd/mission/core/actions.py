@@ -34,7 +34,7 @@ class LeaveBarrier(msgspec.Struct, frozen=True):
     token: int
 
 
-class Step(msgspec.Struct, frozen=True):
+class ProgressStep(msgspec.Struct, frozen=True):
     """Something happened that an operator and the log want to know."""
 
     block: str
@@ -46,7 +46,7 @@ class Step(msgspec.Struct, frozen=True):
     """What is played: the mission, or a built-in one."""
 
 
-class Ended(msgspec.Struct, frozen=True):
+class PlayEnded(msgspec.Struct, frozen=True):
     """The play is over and nothing of it runs any more."""
 
     result: str
@@ -60,6 +60,6 @@ class Announce(msgspec.Struct, frozen=True):
     state: MissionState
 
 
-PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | Step | Ended
-Action = StartBlock | CancelBlock | Step | Announce
+PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | ProgressStep | PlayEnded
+Action = StartBlock | CancelBlock | ProgressStep | Announce
 """What leaves the mission core: barriers and ends are its own business."""

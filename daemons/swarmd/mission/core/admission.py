@@ -1,4 +1,4 @@
-"""May this order be played here? Everything that can be checked is, before anything moves (S2.31)."""
+"""Checks an order completely before anything moves (S2.31)."""
 
 from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError
@@ -8,7 +8,7 @@ from swarmware.mission.model import Mission
 from swarmware.types.mission import MissionOrder
 
 
-class Admission:
+class OrderAdmission:
     """Checks orders: first what came with the mission, then, when it is read, what this platform can do."""
 
     def __init__(self, platform: str, kind: str) -> None:
@@ -35,7 +35,7 @@ class Admission:
         if not any(member.platform == self._platform for member in order.members):
             raise MissionError(f"order of {order.issuer}: {self._platform} is not among its members")
         if len({member.platform for member in order.members}) != len(order.members):
-            raise MissionError(f"order of {order.issuer}: a member stands there twice")
+            raise MissionError(f"order of {order.issuer}: a member is listed twice")
         return Binding(self._platform, self._kind, order.role, order.mission, order.params)
 
     def run(self, order: MissionOrder, mission: Mission) -> Run:

@@ -20,15 +20,15 @@ class Announcer:
     """Decides about writes; the state itself is the caller's."""
 
     def __init__(self) -> None:
-        self._told: MissionState | None = None
+        self._announced: MissionState | None = None
         self._left = 0
         self._last_ns: int | None = None
 
     def due(self, state: MissionState, now_ns: int) -> bool:
         """Whether to write this state now."""
         key = msgspec.structs.replace(state, **_QUIET)
-        if key != self._told:
-            self._told, self._left = key, REPEATS
+        if key != self._announced:
+            self._announced, self._left = key, REPEATS
         at_ns = self.deadline_ns()
         if at_ns is not None and at_ns > now_ns:
             return False

@@ -12,7 +12,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.types.mission import Arrival, Meeting, Member, MissionState
+from swarmware.types.mission import Arrival, BarrierResult, Member, MissionState
 
 OVER: Final = frozenset({"idle", "ending", "recovering", "done", "failed", "aborted"})
 """States of a member that will come to no barrier any more."""
@@ -21,11 +21,11 @@ STATION: Final = "gcs"
 ORDERED: Final = frozenset({"aborted"})
 """States into which only an instruction brings a ground station: they hold for everybody."""
 PATIENCE: Final = 3
-"""A member whose mission is silent but whose computer is heard of gets so many times longer."""
+"""A member whose mission is silent but whose computer still sends gets so many times longer."""
 MEMORY: Final = 16
 """Outcomes of barriers that a member remembers."""
-TOLD: Final = 3
-"""Of these it keeps telling the newest, for those who come late."""
+ANNOUNCED: Final = 3
+"""Of these it keeps announcing the newest, for members that come late."""
 
 LEAD_BEACONS: Final = 2.5
 """The news of an opened barrier crosses a hop with the next beacon, or with the one after if that is lost."""
@@ -36,14 +36,14 @@ LATE_NS: Final = 500_000_000
 Key = tuple[str, int]
 
 
-def lead_ns(least_ns: int, beacon_hz: float, hops: int) -> int:
+def lead_ns(min_ns: int, beacon_hz: float, hops: int) -> int:
     """From the opening of a barrier to the common time, with members so many hops away."""
     if beacon_hz <= 0:
-        return least_ns
-    return max(least_ns, min(round(LEAD_BEACONS * max(hops, 1) * 1e9 / beacon_hz), LEAD_MAX_NS))
+        return min_ns
+    return max(min_ns, min(round(LEAD_BEACONS * max(hops, 1) * 1e9 / beacon_hz), LEAD_MAX_NS))
 
 
-class Gate(msgspec.Struct, frozen=True):
+class BarrierSpec(msgspec.Struct, frozen=True):
     """A barrier as one member's mission has it."""
 
     barrier: str
@@ -64,20 +64,20 @@ class Passed(msgspec.Struct, frozen=True):
     text: str = ""
 
 
-class _Peer(msgspec.Struct):
-    """Another member, as heard."""
+class _OtherMember(msgspec.Struct):
+    """What is known about another member."""
 
     state: MissionState | None = None
-    """In this run; None: not heard of yet."""
-    heard_ns: int = 0
+    """Its newest state in this run; None: none was received yet."""
+    received_ns: int = 0
     alive_ns: int = 0
-    """When something else was heard of its computer."""
+    """When anything else was last received from its computer."""
     left: bool = False
-    """It took part and now plays something else, or started anew."""
+    """It took part and now plays something else, or was restarted."""
 
 
 class _Waiting(msgspec.Struct):
-    gate: Gate
+    spec: BarrierSpec
     since_ns: int
     deadline_ns: int | None
 
@@ -119,7 +119,7 @@ class Barriers:
         self._lost_after_ns = lost_after_ns
         self._lead = lead if len(members) > 1 else lambda: 0
         self._rank = {member.platform: rank for rank, member in enumerate(members)}
-        self._peers = {member.platform: _Peer() for member in members if member.platform != me}
+        self._peers = {member.platform: _OtherMember() for member in members if member.platform != me}
         self._waiting: dict[int, _Waiting] = {}
         self._known: OrderedDict[Key, _Known] = OrderedDict()
         self._expected = False
@@ -128,45 +128,47 @@ class Barriers:
     @property
     def arrivals(self) -> tuple[Arrival, ...]:
         """Where this member waits, for its board."""
-        return tuple(Arrival(w.gate.barrier, w.gate.visit) for w in self._waiting.values())
+        return tuple(Arrival(w.spec.barrier, w.spec.visit) for w in self._waiting.values())
 
     @property
-    def meetings(self) -> tuple[Meeting, ...]:
+    def results(self) -> tuple[BarrierResult, ...]:
         """Outcomes of barriers, on this member's clock, for its board."""
-        newest = list(self._known.items())[-TOLD:]
-        return tuple(Meeting(*key, known.leave_ns, known.by) for key, known in newest)
+        newest = list(self._known.items())[-ANNOUNCED:]
+        return tuple(BarrierResult(*key, known.leave_ns, known.by) for key, known in newest)
 
     def expect_all(self, now_ns: int) -> None:
         """From now on a member's silence means that it is lost."""
         self._expected = True
         for peer in self._peers.values():
-            peer.heard_ns = peer.alive_ns = now_ns
+            peer.received_ns = peer.alive_ns = now_ns
 
-    def alive(self, platform: str, now_ns: int) -> None:
+    def on_alive(self, platform: str, now_ns: int) -> None:
         """Another sign of life of a member: its datagrams arrive, even if its mission's was lost."""
         peer = self._peers.get(platform)
         if peer is not None:
             peer.alive_ns = max(peer.alive_ns, now_ns)
 
-    def heard(self, platform: str, state: MissionState, meetings: tuple[Meeting, ...], now_ns: int) -> None:
-        """Another member's state; its meetings are given on the clock of this one."""
+    def on_state(
+        self, platform: str, state: MissionState, results: tuple[BarrierResult, ...], now_ns: int
+    ) -> None:
+        """Takes in another member's state; `results` are its barrier results on the clock of this member."""
         peer = self._peers.get(platform)
         if peer is None:
             return
         if state.epoch != self._epoch:
             peer.left = peer.left or peer.state is not None
             return
-        peer.state, peer.heard_ns, peer.left = state, now_ns, False
-        for meeting in meetings:
-            if meeting.leave_ns is None and self._gave_up(meeting):
+        peer.state, peer.received_ns, peer.left = state, now_ns, False
+        for result in results:
+            if result.leave_ns is None and self._is_from_dispensable(result):
                 continue
-            relayed = meeting.by != self._rank[platform]
-            self._learn((meeting.barrier, meeting.visit), meeting.leave_ns, meeting.by, relayed, now_ns)
+            relayed = result.by != self._rank[platform]
+            self._learn((result.barrier, result.visit), result.leave_ns, result.by, relayed, now_ns)
 
-    def arrive(self, token: int, gate: Gate, now_ns: int) -> None:
+    def arrive(self, token: int, spec: BarrierSpec, now_ns: int) -> None:
         """This member has come to a barrier."""
-        deadline_ns = None if gate.timeout_s is None else now_ns + round(gate.timeout_s * 1e9)
-        self._waiting[token] = _Waiting(gate, now_ns, deadline_ns)
+        deadline_ns = None if spec.timeout_s is None else now_ns + round(spec.timeout_s * 1e9)
+        self._waiting[token] = _Waiting(spec, now_ns, deadline_ns)
 
     def withdraw(self, token: int) -> None:
         """This member waits there no longer."""
@@ -187,7 +189,7 @@ class Barriers:
         """When `on_timer` must be called."""
         instants: list[int] = []
         for waiting in self._waiting.values():
-            known = self._known.get((waiting.gate.barrier, waiting.gate.visit))
+            known = self._known.get((waiting.spec.barrier, waiting.spec.visit))
             if known is not None:
                 # a broken one is over at once, that is: at the next call
                 instants.append(-(1 << 63) if known.leave_ns is None else known.leave_ns)
@@ -195,10 +197,10 @@ class Barriers:
             if waiting.deadline_ns is not None:
                 instants.append(waiting.deadline_ns)
             if self._expected:
-                # a loss that was judged already, and broke nothing, is no event any more
+                # a loss that was judged already, and broke nothing, is not an event any more
                 instants += [
                     lost_ns + 1
-                    for name in self._participants(waiting.gate)
+                    for name in self._participants(waiting.spec)
                     if name != self._me
                     and not self._peers[name].left
                     and (lost_ns := self._lost_ns(self._peers[name])) >= self._judged_ns
@@ -210,13 +212,13 @@ class Barriers:
         return tuple(
             name
             for waiting in self._waiting.values()
-            for name in self._needed(waiting.gate, now_ns)
-            if not self._is_there(name, waiting.gate, now_ns)
+            for name in self._needed(waiting.spec, now_ns)
+            if not self._is_there(name, waiting.spec, now_ns)
         )
 
     def _result(self, waiting: _Waiting, now_ns: int) -> tuple[str, str] | None:
-        gate = waiting.gate
-        key = (gate.barrier, gate.visit)
+        spec = waiting.spec
+        key = (spec.barrier, spec.visit)
         if key not in self._known:
             self._judge(waiting, now_ns)
         known = self._known.get(key)
@@ -224,25 +226,25 @@ class Barriers:
             return None
         if known.leave_ns is None:
             if waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
-                return "timeout", self._why(gate, now_ns)
-            return "error:broken", self._why(gate, now_ns)
+                return "timeout", self._why(spec, now_ns)
+            return "error:broken", self._why(spec, now_ns)
         if known.leave_ns > now_ns:
             return None
         known.passed = True
         # who comes after a quorum has left passes; who waited for all and was cut off must not follow alone
         late = known.since_ns - known.leave_ns > LATE_NS
-        if late and gate.quorum is None and waiting.since_ns <= known.leave_ns:
+        if late and spec.quorum is None and waiting.since_ns <= known.leave_ns:
             return "error:broken", f"the others left {(now_ns - known.leave_ns) / 1e9:.1f} s ago"
         return "ok", ""
 
     def _judge(self, waiting: _Waiting, now_ns: int) -> None:
         """Opens or breaks the barrier, if that is this member's part now."""
-        gate = waiting.gate
-        participants = self._needed(gate, now_ns)
-        there = [name for name in participants if self._is_there(name, gate, now_ns)]
+        spec = waiting.spec
+        participants = self._needed(spec, now_ns)
+        there = [name for name in participants if self._is_there(name, spec, now_ns)]
         gone = sum(1 for name in participants if name not in there and self._is_gone(name, now_ns))
-        needed = len(participants) if gate.quorum is None else min(gate.quorum, len(participants))
-        key = (gate.barrier, gate.visit)
+        needed = len(participants) if spec.quorum is None else min(spec.quorum, len(participants))
+        key = (spec.barrier, spec.visit)
         if len(there) >= needed:
             if there[0] == self._me:
                 self._learn(key, now_ns + self._lead(), self._rank[self._me], relayed=False, now_ns=now_ns)
@@ -251,15 +253,15 @@ class Barriers:
         elif (
             len(participants) - gone < needed
             or (waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns)
-            or self._is_history(gate)
+            or self._is_history(spec)
         ):
             self._learn(key, None, self._rank[self._me], relayed=False, now_ns=now_ns)
 
-    def _is_history(self, gate: Gate) -> bool:
+    def _is_history(self, spec: BarrierSpec) -> bool:
         """Somebody is at a later visit of it: how this one went is remembered by nobody any more."""
-        here = Arrival(gate.barrier, gate.visit)
-        return any(barrier == gate.barrier and visit > gate.visit for barrier, visit in self._known) or any(
-            arrival.barrier == gate.barrier and arrival.visit > gate.visit
+        here = Arrival(spec.barrier, spec.visit)
+        return any(barrier == spec.barrier and visit > spec.visit for barrier, visit in self._known) or any(
+            arrival.barrier == spec.barrier and arrival.visit > spec.visit
             for peer in self._peers.values()
             if peer.state is not None and here not in peer.state.arrivals
             for arrival in peer.state.arrivals
@@ -277,15 +279,15 @@ class Barriers:
         elif leave_ns is None or (by, relayed) < (known.by, known.relayed):
             known.leave_ns, known.by, known.relayed = leave_ns, by, relayed
 
-    def _participants(self, gate: Gate) -> list[str]:
-        return [m.platform for m in self._members if not gate.roles or m.role in gate.roles]
+    def _participants(self, spec: BarrierSpec) -> list[str]:
+        return [m.platform for m in self._members if not spec.roles or m.role in spec.roles]
 
-    def _needed(self, gate: Gate, now_ns: int) -> list[str]:
+    def _needed(self, spec: BarrierSpec, now_ns: int) -> list[str]:
         """Participants without the ground stations that are gone, where these may be."""
         return [
             name
-            for name in self._participants(gate)
-            if not (self._dispensable(name, gate.barrier) and self._is_gone(name, now_ns))
+            for name in self._participants(spec)
+            if not (self._dispensable(name, spec.barrier) and self._is_gone(name, now_ns))
         ]
 
     def _dispensable(self, name: str, barrier: str) -> bool:
@@ -295,19 +297,19 @@ class Barriers:
         state = self._peers[name].state
         return state is None or state.state not in ORDERED
 
-    def _gave_up(self, meeting: Meeting) -> bool:
+    def _is_from_dispensable(self, result: BarrierResult) -> bool:
         """A ground station that saw a barrier break: it had lost the others, or its patience."""
-        if not 0 <= meeting.by < len(self._members):
+        if not 0 <= result.by < len(self._members):
             return False
-        return self._dispensable(self._members[meeting.by].platform, meeting.barrier)
+        return self._dispensable(self._members[result.by].platform, result.barrier)
 
-    def _is_there(self, name: str, gate: Gate, now_ns: int) -> bool:
+    def _is_there(self, name: str, spec: BarrierSpec, now_ns: int) -> bool:
         if name == self._me:
             return True
         state = self._peers[name].state
         if state is None or self._is_gone(name, now_ns):
             return False
-        return Arrival(gate.barrier, gate.visit) in state.arrivals
+        return Arrival(spec.barrier, spec.visit) in state.arrivals
 
     def _is_gone(self, name: str, now_ns: int) -> bool:
         peer = self._peers.get(name)
@@ -317,12 +319,12 @@ class Barriers:
             return True
         return self._expected and now_ns > self._lost_ns(peer)
 
-    def _lost_ns(self, peer: _Peer) -> int:
-        """When it counts as lost, if nothing more is heard."""
-        heard_ns = peer.heard_ns
-        last_ns = min(max(heard_ns, peer.alive_ns), heard_ns + (PATIENCE - 1) * self._lost_after_ns)
+    def _lost_ns(self, peer: _OtherMember) -> int:
+        """When it counts as lost, if nothing more is received."""
+        received_ns = peer.received_ns
+        last_ns = min(max(received_ns, peer.alive_ns), received_ns + (PATIENCE - 1) * self._lost_after_ns)
         return last_ns + self._lost_after_ns
 
-    def _why(self, gate: Gate, now_ns: int) -> str:
-        names = [n for n in self._needed(gate, now_ns) if not self._is_there(n, gate, now_ns)]
+    def _why(self, spec: BarrierSpec, now_ns: int) -> str:
+        names = [n for n in self._needed(spec, now_ns) if not self._is_there(n, spec, now_ns)]
         return f"without {', '.join(names)}" if names else ""

@@ -1,52 +1,52 @@
-"""Which other platforms are known: heard of lately, heard of before, or only on the roster."""
+"""Which other platforms are known: present, lost, or only on the roster."""
 
 import msgspec
 
 from swarmware.types.mission import LeftOut, MissionState
 
 
-class _Heard(msgspec.Struct):
+class _ReceivedState(msgspec.Struct):
     state: MissionState
     at_ns: int
 
 
 class Census:
-    """Takes in what was heard of whom; says who could take part in a mission, and who could not."""
+    """Collects the states of other platforms; lists who can take part in a mission, and who cannot."""
 
     def __init__(self, me: str, lost_after_ns: int, roster: frozenset[str] = frozenset()) -> None:
         self._me = me
         self._lost_after_ns = lost_after_ns
         self._roster = roster
-        self._heard: dict[str, _Heard] = {}
+        self._received: dict[str, _ReceivedState] = {}
         self._reached: dict[str, int] = {}
 
-    def heard(self, platform: str, state: MissionState, at_ns: int) -> None:
+    def on_state(self, platform: str, state: MissionState, at_ns: int) -> None:
         """The state of its mission, which it wrote at this instant."""
-        self._heard[platform] = _Heard(state, at_ns)
+        self._received[platform] = _ReceivedState(state, at_ns)
 
-    def reached(self, platform: str, now_ns: int) -> None:
+    def on_reachable(self, platform: str, now_ns: int) -> None:
         """There is a way to it now."""
         self._reached[platform] = now_ns
 
     def present(self, now_ns: int) -> dict[str, MissionState]:
-        """Platforms with a mission daemon that were heard of lately."""
+        """Platforms whose mission daemon was received lately."""
         oldest_ns = now_ns - self._lost_after_ns
         return {
-            name: heard.state
-            for name, heard in self._heard.items()
-            if max(heard.at_ns, self._reached.get(name, heard.at_ns)) >= oldest_ns
+            name: received.state
+            for name, received in self._received.items()
+            if max(received.at_ns, self._reached.get(name, received.at_ns)) >= oldest_ns
         }
 
     def absent(self, now_ns: int) -> list[LeftOut]:
         """Platforms that are known and could take no part now."""
-        known = {*self._heard, *self._reached, *self._roster} - {*self.present(now_ns), self._me}
+        known = {*self._received, *self._reached, *self._roster} - {*self.present(now_ns), self._me}
         return [LeftOut(name, self._why(name, now_ns)) for name in sorted(known)]
 
     def _why(self, name: str, now_ns: int) -> str:
-        heard = self._heard.get(name)
+        received = self._received.get(name)
         reached_ns = self._reached.get(name)
-        if heard is not None:
-            silent_s = (now_ns - max(heard.at_ns, reached_ns or heard.at_ns)) / 1e9
+        if received is not None:
+            silent_s = (now_ns - max(received.at_ns, reached_ns or received.at_ns)) / 1e9
             return f"lost: not heard of for {silent_s:.0f} s"
         if reached_ns is not None and now_ns - reached_ns <= self._lost_after_ns:
             return "no mission daemon is heard of there"

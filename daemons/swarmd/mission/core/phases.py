@@ -6,7 +6,7 @@ from typing import Final
 from swarmware.errors import Conflict
 
 
-class Phase(StrEnum):
+class MissionPhase(StrEnum):
     """Where a platform stands in its mission."""
 
     IDLE = "idle"
@@ -22,11 +22,11 @@ class Phase(StrEnum):
     ABORTED = "aborted"
 
 
-REST: Final = frozenset({Phase.IDLE, Phase.DONE, Phase.FAILED, Phase.ABORTED})
+REST: Final = frozenset({MissionPhase.IDLE, MissionPhase.DONE, MissionPhase.FAILED, MissionPhase.ABORTED})
 """Nothing is played."""
 
 
-class Event(StrEnum):
+class PhaseEvent(StrEnum):
     """What moves it on."""
 
     ORDER = "order"
@@ -40,28 +40,28 @@ class Event(StrEnum):
     """The order is taken back before anybody has begun."""
 
 
-TRANSITIONS: Final[dict[tuple[Phase, Event], Phase]] = {
-    (Phase.IDLE, Event.ORDER): Phase.READY,
-    (Phase.DONE, Event.ORDER): Phase.READY,
-    (Phase.FAILED, Event.ORDER): Phase.READY,
-    (Phase.ABORTED, Event.ORDER): Phase.READY,
-    (Phase.READY, Event.BEGIN): Phase.RUNNING,
-    (Phase.READY, Event.WITHDRAWN): Phase.IDLE,
-    (Phase.RUNNING, Event.STOP): Phase.ENDING,
-    (Phase.RECOVERING, Event.STOP): Phase.ENDING,
-    (Phase.ENDING, Event.DONE): Phase.DONE,
-    (Phase.ENDING, Event.FAILED): Phase.FAILED,
-    (Phase.ENDING, Event.ABORTED): Phase.ABORTED,
-    (Phase.ENDING, Event.RECOVER): Phase.RECOVERING,
+TRANSITIONS: Final[dict[tuple[MissionPhase, PhaseEvent], MissionPhase]] = {
+    (MissionPhase.IDLE, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.DONE, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.FAILED, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.ABORTED, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.READY, PhaseEvent.BEGIN): MissionPhase.RUNNING,
+    (MissionPhase.READY, PhaseEvent.WITHDRAWN): MissionPhase.IDLE,
+    (MissionPhase.RUNNING, PhaseEvent.STOP): MissionPhase.ENDING,
+    (MissionPhase.RECOVERING, PhaseEvent.STOP): MissionPhase.ENDING,
+    (MissionPhase.ENDING, PhaseEvent.DONE): MissionPhase.DONE,
+    (MissionPhase.ENDING, PhaseEvent.FAILED): MissionPhase.FAILED,
+    (MissionPhase.ENDING, PhaseEvent.ABORTED): MissionPhase.ABORTED,
+    (MissionPhase.ENDING, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
     # without a mission the operator may still ask for a built-in one: land, hold
-    (Phase.IDLE, Event.RECOVER): Phase.RECOVERING,
-    (Phase.DONE, Event.RECOVER): Phase.RECOVERING,
-    (Phase.FAILED, Event.RECOVER): Phase.RECOVERING,
-    (Phase.ABORTED, Event.RECOVER): Phase.RECOVERING,
+    (MissionPhase.IDLE, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+    (MissionPhase.DONE, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+    (MissionPhase.FAILED, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+    (MissionPhase.ABORTED, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
 }
 
 
-def follow(phase: Phase, event: Event) -> Phase:
+def follow(phase: MissionPhase, event: PhaseEvent) -> MissionPhase:
     """The phase after an event.
 
     Raises: Conflict when the event does not belong there.

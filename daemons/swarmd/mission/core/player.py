@@ -7,12 +7,12 @@ import msgspec
 
 from swarmd.mission.core.actions import (
     CancelBlock,
-    Ended,
     EnterBarrier,
     LeaveBarrier,
+    PlayEnded,
     PlayerAction,
+    ProgressStep,
     StartBlock,
-    Step,
 )
 from swarmware.mission.catalogue import Barrier, DecisionRandom, End, Wait
 from swarmware.mission.condition import Lookup
@@ -125,7 +125,7 @@ class Player:
                 continue  # an earlier one of this round has ended the mission
             if running.outcome:
                 del self._running[running.token]
-                actions.append(Step(running.block.id, running.block.type, "abandoned"))
+                actions.append(ProgressStep(running.block.id, running.block.type, "abandoned"))
                 self._leave(running, "abandoned", "", now_ns, actions)
             elif running.block.type == "Wait":
                 del self._running[running.token]
@@ -152,7 +152,7 @@ class Player:
             self._entered.add(target)
             match block.type:
                 case "End":
-                    actions.append(Step(block.id, block.type, OK))
+                    actions.append(ProgressStep(block.id, block.type, OK))
                     result = block.params.result if isinstance(block.params, End) else "done"
                     why = f": {self._cause}" if self._cause else ""
                     self._end(result, "" if result == "done" else f"came to {block.id}{why}", now_ns, actions)
@@ -177,7 +177,9 @@ class Player:
                     self._begin(block, now_ns, actions)
                     continue
             if block.type != "Start":
-                actions.append(Step(block.id, block.type, OK if block.type == "Fork" else outcomes[0]))
+                actions.append(
+                    ProgressStep(block.id, block.type, OK if block.type == "Fork" else outcomes[0])
+                )
             for outcome in reversed(outcomes):
                 follower = block.successor(outcome)
                 if follower is None:
@@ -203,7 +205,7 @@ class Player:
         token = next(self._tokens)
         seconds = block.params.duration_s if isinstance(block.params, Wait) else block.timeout_s
         deadline_ns = None if seconds is None else now_ns + round(seconds * 1e9)
-        actions.append(Step(block.id, block.type, "started"))
+        actions.append(ProgressStep(block.id, block.type, "started"))
         if block.type == "Barrier":
             # its time-out is the ensemble's business: all members must hear of it
             # one barrier per id, whatever the block: the second block of that id is the second meeting
@@ -221,7 +223,7 @@ class Player:
     ) -> None:
         block = running.block
         outcome = running.outcome or outcome
-        actions.append(Step(block.id, block.type, outcome, text))
+        actions.append(ProgressStep(block.id, block.type, outcome, text))
         if self._phase == "ending":
             self._check_empty(actions)
             return
@@ -237,7 +239,7 @@ class Player:
     def _cancel(self, running: _Running, outcome: str, now_ns: int, actions: list[PlayerAction]) -> None:
         if running.block.type in {"Wait", "Barrier"}:
             del self._running[running.token]
-            actions.append(Step(running.block.id, running.block.type, outcome))
+            actions.append(ProgressStep(running.block.id, running.block.type, outcome))
             if running.block.type == "Barrier":
                 actions.append(LeaveBarrier(running.token))
             return
@@ -257,4 +259,4 @@ class Player:
     def _check_empty(self, actions: list[PlayerAction]) -> None:
         if not self._running and self._phase == "ending":
             self._move("empty")
-            actions.append(Ended(*self._result))
+            actions.append(PlayEnded(*self._result))

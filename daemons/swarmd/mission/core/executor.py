@@ -10,15 +10,15 @@ from swarmd.mission.config import Config
 from swarmd.mission.core.actions import (
     Action,
     Announce,
-    Ended,
     EnterBarrier,
     LeaveBarrier,
+    PlayEnded,
     PlayerAction,
-    Step,
+    ProgressStep,
 )
 from swarmd.mission.core.announce import Announcer
-from swarmd.mission.core.barrier import Barriers, Gate
-from swarmd.mission.core.phases import Event, Phase, follow
+from swarmd.mission.core.barrier import Barriers, BarrierSpec
+from swarmd.mission.core.phases import MissionPhase, PhaseEvent, follow
 from swarmd.mission.core.player import Player
 from swarmd.mission.core.run import Run
 from swarmware.errors import Conflict
@@ -26,7 +26,7 @@ from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
 from swarmware.mission.model import ERROR, TIMEOUT, Block, Mission
 from swarmware.runtime.core import AT_ONCE
-from swarmware.types.mission import HASH_DIGITS, Meeting, Member, MissionState
+from swarmware.types.mission import HASH_DIGITS, BarrierResult, Member, MissionState
 
 START: Final = "@start"
 """The barrier before Start: nobody begins unless all have accepted."""
@@ -35,11 +35,13 @@ CHECK_NS: Final = 1_000_000_000
 REQUIREMENT_MISSES: Final = 3
 """Checks in a row in which a requirement cannot be evaluated before it counts as unmet."""
 
-_PLAYING: Final = frozenset({Phase.RUNNING, Phase.RECOVERING})
-_BUSY: Final = frozenset({Phase.READY, Phase.RUNNING, Phase.ENDING, Phase.RECOVERING})
+_PLAYING: Final = frozenset({MissionPhase.RUNNING, MissionPhase.RECOVERING})
+_BUSY: Final = frozenset(
+    {MissionPhase.READY, MissionPhase.RUNNING, MissionPhase.ENDING, MissionPhase.RECOVERING}
+)
 
 
-class MissionCore:
+class MissionExecutor:
     """Decides everything about this platform's mission; the shell runs blocks, writes and listens."""
 
     def __init__(
@@ -61,17 +63,17 @@ class MissionCore:
         self._announcer = Announcer()
         self._lead = lead
         self._tokens = count(1)
-        self._phase = Phase.IDLE
+        self._phase = MissionPhase.IDLE
         self._since_ns = 0
         self._run: Run | None = None
         self._player: Player | None = None
         self._playing = ""
         self._title = ""
-        """What the end is told of: the mission, or the built-in one that was asked for by itself."""
+        """Name that the end reports: the mission, or the built-in one that was ordered by itself."""
         self._barriers: Barriers | None = None
         self._blocks: dict[int, Block] = {}
         """Barriers at which the mission waits, by token."""
-        self._verdict: Event = Event.DONE
+        self._verdict: PhaseEvent = PhaseEvent.DONE
         self._reason = ""
         self._recovery = ""
         self._recovering = False
@@ -82,7 +84,7 @@ class MissionCore:
         self._unmet: tuple[str, ...] = ()
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> MissionPhase:
         """Where the mission stands."""
         return self._phase
 
@@ -123,8 +125,8 @@ class MissionCore:
             state=self._phase.value,
             active=player.active if player else (),
             arrivals=barriers.arrivals if barriers else (),
-            meetings=barriers.meetings if barriers else (),
-            progress_ratio=1.0 if self._phase is Phase.DONE else round(ratio, 3),
+            meetings=barriers.results if barriers else (),
+            progress_ratio=1.0 if self._phase is MissionPhase.DONE else round(ratio, 3),
             text=self._text,
             mission=self._playing,
         )
@@ -155,34 +157,34 @@ class MissionCore:
             lambda: self._lead(others),
             strict=frozenset({START, *run.strict_barriers()}),
         )
-        self._barriers.arrive(0, Gate(START, 1, timeout_s=self._config.start_timeout_s), now_ns)
+        self._barriers.arrive(0, BarrierSpec(START, 1, timeout_s=self._config.start_timeout_s), now_ns)
         self._text = "ready"
         actions: list[Action] = []
-        self._move(Event.ORDER, now_ns, actions)
+        self._move(PhaseEvent.ORDER, now_ns, actions)
         self._settle(now_ns, actions)
         return self._done(now_ns, actions)
 
     def on_state(
-        self, platform: str, state: MissionState, meetings: tuple[Meeting, ...], now_ns: int
+        self, platform: str, state: MissionState, meetings: tuple[BarrierResult, ...], now_ns: int
     ) -> list[Action]:
         """Another platform's state; its meetings on this platform's clock."""
         return self.on_states([(platform, state, meetings)], now_ns)
 
     def on_states(
-        self, states: Iterable[tuple[str, MissionState, tuple[Meeting, ...]]], now_ns: int
+        self, states: Iterable[tuple[str, MissionState, tuple[BarrierResult, ...]]], now_ns: int
     ) -> list[Action]:
         """States of several platforms that are known at the same instant."""
         actions: list[Action] = []
         if self._barriers is not None:
             for platform, state, meetings in states:
-                self._barriers.heard(platform, state, meetings, now_ns)
+                self._barriers.on_state(platform, state, meetings, now_ns)
             self._settle(now_ns, actions)
         return self._done(now_ns, actions)
 
     def on_alive(self, platform: str, now_ns: int) -> list[Action]:
         """Another sign of life of a platform."""
         if self._barriers is not None:
-            self._barriers.alive(platform, now_ns)
+            self._barriers.on_alive(platform, now_ns)
         return []
 
     def on_ended(self, token: int, outcome: str, text: str, now_ns: int) -> list[Action]:
@@ -216,7 +218,7 @@ class MissionCore:
         actions: list[Action] = []
         if self._player is not None:
             self._apply(self._player.on_timer(now_ns), now_ns, actions)
-        if self._phase is Phase.RUNNING and self._check_ns is not None and self._check_ns <= now_ns:
+        if self._phase is MissionPhase.RUNNING and self._check_ns is not None and self._check_ns <= now_ns:
             self._check_ns += CHECK_NS * max(1, (now_ns - self._check_ns) // CHECK_NS)
             self._check(now_ns, actions)
         self._settle(now_ns, actions)
@@ -227,7 +229,7 @@ class MissionCore:
         instants = [
             self._player.deadline_ns() if self._player else None,
             self._barriers.deadline_ns() if self._barriers else None,
-            self._check_ns if self._phase is Phase.RUNNING else None,
+            self._check_ns if self._phase is MissionPhase.RUNNING else None,
             self._announcer.deadline_ns() or AT_ONCE,
         ]
         return min(instant for instant in instants if instant is not None)
@@ -238,10 +240,10 @@ class MissionCore:
             actions.append(Announce(state))
         return actions
 
-    def _move(self, event: Event, now_ns: int, actions: list[Action], text: str = "") -> None:
+    def _move(self, event: PhaseEvent, now_ns: int, actions: list[Action], text: str = "") -> None:
         self._phase = follow(self._phase, event)
         self._since_ns = now_ns
-        actions.append(Step("", "Mission", f"state:{self._phase}", text, self._playing))
+        actions.append(ProgressStep("", "Mission", f"state:{self._phase}", text, self._playing))
 
     def _settle(self, now_ns: int, actions: list[Action]) -> None:
         """Follows barriers that have opened or broken until nothing changes any more."""
@@ -258,7 +260,7 @@ class MissionCore:
                     continue  # another barrier of this round has ended the mission
                 outcome = wait.outcome
                 if outcome == f"{ERROR}:broken" and not any(e.outcome == outcome for e in block.edges):
-                    # a broken barrier is a time-out that came early, unless the mission tells them apart
+                    # a broken barrier is a time-out that came early, unless the block has an edge for it
                     outcome = TIMEOUT if block.successor(TIMEOUT) else outcome
                 if self._player is not None:
                     steps = self._player.on_outcome(wait.token, outcome, now_ns, wait.text)
@@ -266,13 +268,13 @@ class MissionCore:
 
     def _start(self, outcome: str, text: str, now_ns: int, actions: list[Action]) -> None:
         run, barriers = self._run, self._barriers
-        if run is None or barriers is None or self._phase is not Phase.READY:
+        if run is None or barriers is None or self._phase is not MissionPhase.READY:
             return
         if outcome != "ok":
             reason = f"not all members stand ready: {text}" if text else "not all members stand ready"
             self._withdraw(reason, now_ns, actions)
             return
-        self._move(Event.BEGIN, now_ns, actions)
+        self._move(PhaseEvent.BEGIN, now_ns, actions)
         barriers.expect_all(now_ns)
         self._check_ns = now_ns + CHECK_NS
         self._text = "running"
@@ -286,7 +288,7 @@ class MissionCore:
 
     def _apply(self, steps: list[PlayerAction], now_ns: int, actions: list[Action]) -> None:
         if self._player is not None and self._player.stopping and self._phase in _PLAYING:
-            self._move(Event.STOP, now_ns, actions)
+            self._move(PhaseEvent.STOP, now_ns, actions)
         for step in steps:
             match step:
                 case EnterBarrier(token, block, visit):
@@ -295,9 +297,9 @@ class MissionCore:
                     self._blocks.pop(token, None)
                     if self._barriers is not None:
                         self._barriers.withdraw(token)
-                case Ended(result, reason):
+                case PlayEnded(result, reason):
                     self._end(result, reason, now_ns, actions)
-                case Step():
+                case ProgressStep():
                     if step.event == "started":
                         self._text = f"{step.block}: {step.type}"
                     actions.append(msgspec.structs.replace(step, mission=self._playing))
@@ -310,26 +312,28 @@ class MissionCore:
             return
         quorum = params.quorum if isinstance(params.quorum, int) else None
         self._blocks[token] = block
-        self._barriers.arrive(token, Gate(params.id, visit, quorum, params.roles, block.timeout_s), now_ns)
+        self._barriers.arrive(
+            token, BarrierSpec(params.id, visit, quorum, params.roles, block.timeout_s), now_ns
+        )
 
     def _stop(
         self, result: Literal["failed", "aborted"], reason: str, then: str, now_ns: int, actions: list[Action]
     ) -> None:
         """From whatever it does to the built-in mission, or to rest."""
-        if self._phase is Phase.RECOVERING and then in {"", self._playing}:
+        if self._phase is MissionPhase.RECOVERING and then in {"", self._playing}:
             return  # it is doing that already
         if self._phase in _PLAYING and self._player is not None:
             self._recovery = then
             self._apply(self._player.stop(result, reason, now_ns), now_ns, actions)
             return
-        if self._phase is Phase.ENDING:
+        if self._phase is MissionPhase.ENDING:
             self._recovery = then or self._recovery
             return
-        if self._phase is Phase.READY:
+        if self._phase is MissionPhase.READY:
             self._withdraw(reason, now_ns, actions)
         if then in self._built_in:
             # no mission runs that this could abort: the built-in one is all there is
-            self._verdict, self._reason, self._title = Event.DONE, reason, then
+            self._verdict, self._reason, self._title = PhaseEvent.DONE, reason, then
             self._recover(then, reason, now_ns, actions)
 
     def _withdraw(self, reason: str, now_ns: int, actions: list[Action]) -> None:
@@ -337,7 +341,7 @@ class MissionCore:
         if self._barriers is not None:
             self._barriers.withdraw(0)
         self._text = f"{self._playing} was not started: {reason}"
-        self._move(Event.WITHDRAWN, now_ns, actions, reason)
+        self._move(PhaseEvent.WITHDRAWN, now_ns, actions, reason)
         self._playing = ""
 
     def _end(self, result: str, reason: str, now_ns: int, actions: list[Action]) -> None:
@@ -346,20 +350,23 @@ class MissionCore:
         recovery, self._recovery = self._recovery, ""
         self._ratios = {}
         if not recovering:
-            self._verdict, self._reason = Event(result), reason or result
+            self._verdict, self._reason = PhaseEvent(result), reason or result
             recovery = recovery or (self._run.mission.on_failure if self._run and result != "done" else "")
         if recovery in self._built_in:
             self._recover(recovery, reason, now_ns, actions)
             return
         if recovering and result != "done":
             # a vehicle that could not be brought to safety: the worst there is to say
-            self._verdict, self._reason = Event.FAILED, f"{self._playing}: {reason}; before: {self._reason}"
+            self._verdict, self._reason = (
+                PhaseEvent.FAILED,
+                f"{self._playing}: {reason}; before: {self._reason}",
+            )
         self._text = self._reason
         self._playing = self._title
         self._move(self._verdict, now_ns, actions, self._text)
 
     def _recover(self, name: str, reason: str, now_ns: int, actions: list[Action]) -> None:
-        self._move(Event.RECOVER, now_ns, actions, f"{name}: {reason}")
+        self._move(PhaseEvent.RECOVER, now_ns, actions, f"{name}: {reason}")
         self._recovering = True
         self._play(self._built_in[name], name, now_ns, actions)
 

@@ -6,9 +6,9 @@ import pytest
 from tests.unit.mission.nets import net
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.actions import CancelBlock, StartBlock, Step
+from swarmd.mission.core.actions import CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.core.announce import Announcer
-from swarmd.mission.core.member import MissionCore
+from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.run import Run
 from swarmware.errors import Conflict
 from swarmware.mission.binding import Binding
@@ -42,7 +42,7 @@ class Member1:
     def __init__(self, kind: str = "uav") -> None:
         self.values = Values()
         built_in = {"land": LAND, "hold": HOLD} if kind != "gcs" else {}
-        self.core = MissionCore("a", built_in, self.values, lambda: 0.0, Config(), lambda _: S // 4)
+        self.core = MissionExecutor("a", built_in, self.values, lambda: 0.0, Config(), lambda _: S // 4)
 
     def order(
         self, text: str = ARM, members: tuple[Member, ...] = (A,), now: int = 0, **top: Any
@@ -63,12 +63,12 @@ def words(actions: list[Any]) -> list[str]:
                 found.append(f"start {block.id} {token}")
             case CancelBlock(token):
                 found.append(f"cancel {token}")
-            case Step("", _, event):
+            case ProgressStep("", _, event):
                 found.append(event)
     return found
 
 
-def until(core: MissionCore, end_ns: int) -> int:
+def until(core: MissionExecutor, end_ns: int) -> int:
     """Nothing but announcements of the state is due before this instant."""
     while (deadline_ns := core.deadline_ns()) < end_ns:
         assert words(core.on_timer(max(deadline_ns, 0))) == []
