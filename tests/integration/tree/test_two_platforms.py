@@ -1,6 +1,7 @@
 """Two real nodes: the tree of the other appears, values go both ways, either side may start again."""
 
 import asyncio
+import contextlib
 import signal
 from pathlib import Path
 
@@ -354,6 +355,9 @@ async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_stream
         stopped = await uav.probe.reader("net/limits", ChannelLimits)
         assert "sensor/scan" in (await limit("**", 0.0)).unlimited
         await until(stopped, lambda limits: [one.max_hz for one in limits.limits] == [0.0])
+        board.write(Float(0.85))
+        with contextlib.suppress(NoAnswer):
+            await fuel.changed(1.0)  # the tree may read the limit a turn of the loop after this test has
         board.write(Float(0.8))
         with pytest.raises(NoAnswer):
             await fuel.changed(1.0)
