@@ -222,7 +222,8 @@ class FrameGateway:
 
     def _path_of(self, data_id: int) -> str | None:
         path = self._table.path_of(data_id)
-        if path is None and self._table.refresh():
+        if path is None:
+            self._table.refresh()
             path = self._table.path_of(data_id)
         return path
 

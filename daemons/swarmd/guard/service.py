@@ -17,11 +17,9 @@ from swarmd.guard.core import (
     WatchProcess,
 )
 from swarmd.guard.supervisor import InProcessSupervisor, ProcessSupervisor, Supervisor, SystemdSupervisor
-from swarmware.appfile import AppTable
 from swarmware.errors import NotFound
 from swarmware.module import BoardReader, BoardWriter, Meta, Module
 from swarmware.names import segment
-from swarmware.node.node import APPS_TABLE
 from swarmware.service import Service
 from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
 from swarmware.types.rpc import Empty
@@ -42,8 +40,7 @@ class Guard(Service):
         node = module.node.config
         names = tuple(name for name in node.services if name != self.name)
         self._node = module.node
-        # a table of its own: `refresh` reports a change only to its first caller
-        self._table = AppTable(module.node.run_dir)
+        self._table = module.node.table
         self._supervisor = self._choose()
         self._core = GuardCore(names, self._supervisor.kind, config)
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
@@ -85,16 +82,14 @@ class Guard(Service):
             reply=GuardStatus,
             description="Restart a service",
         )
-        self._node.listen(self._node.shm_dir / APPS_TABLE)
-        self._node.watch(self)
+        changes = self._node.applications.subscribe(lambda _: self._read_heartbeats())
         # before a service is started: the next guard reads this board to restore its counters
         self._publish_status()
         try:
             self._begin()
             await self._driver.run()
         finally:
-            self._node.unwatch(self)
-            self._node.unlisten(self._node.shm_dir / APPS_TABLE)
+            changes.close()
             self._supervisor.close()
 
     async def stop(self) -> None:
@@ -103,11 +98,6 @@ class Guard(Service):
             return
         self._driver.feed(self._core.on_stop(self.module.now_ns()))
         await self._stopped.wait()
-
-    def poll(self) -> None:
-        """Read heartbeats when an application file has changed."""
-        if self._table.refresh():
-            self._read_heartbeats()
 
     # -- events
 

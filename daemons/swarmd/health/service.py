@@ -21,13 +21,13 @@ from swarmd.health.core.monitor import (
 )
 from swarmd.health.journal import JournalFile
 from swarmware import template
-from swarmware.appfile import AppEntry, AppTable
+from swarmware.appfile import AppEntry
 from swarmware.appfile.trace import died
 from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
 from swarmware.names import Pattern, segment
-from swarmware.node.node import APPS_TABLE
+from swarmware.node.applications import ApplicationEvent, Change
 from swarmware.runtime.processes import ProcessWatcher
 from swarmware.service import Service
 from swarmware.types import registry
@@ -69,7 +69,6 @@ class Health(Service):
         self._unannounced: list[Fault] = []
         """Changes that are not in the journal and not announced."""
         self._unsaved = False
-        self._table = AppTable(node.run_dir)  # own table: `refresh` reports a change only once
         self._entries: dict[str, AppEntry] = {}
         self._types: dict[str, str] = {}
         self._boards: dict[str, BoardReader[Any]] = {}
@@ -118,18 +117,16 @@ class Health(Service):
         if self._required_platforms:
             self._routes = await module.reader("net/routes", Routes)
         inbox = await module.inbox(ADDRESS, CheckRegistration, description="Registers a check of a module")
-        node.listen(node.shm_dir / APPS_TABLE)
-        node.watch(self)
+        changes = node.applications.subscribe(self._on_applications)
         try:
-            self.poll()
+            self._on_applications([ApplicationEvent(Change.JOINED, entry) for entry in node.table])
             self._guard_board = await module.reader("guard/status", GuardStatus)
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="health: driver")
                 group.create_task(self._read_inputs(), name="health: look")
                 group.create_task(self._take_registrations(inbox), name="health: registrations")
         finally:
-            node.unwatch(self)
-            node.unlisten(node.shm_dir / APPS_TABLE)
+            changes.close()
             self._process_watcher.close()
 
     def _load_template(self) -> None:
@@ -148,27 +145,20 @@ class Health(Service):
 
     # -- applications
 
-    def poll(self) -> None:
-        """Read the application files if one has changed."""
-        if self._table.refresh():
-            self._on_applications()
-
-    def _on_applications(self) -> None:
+    def _on_applications(self, events: list[ApplicationEvent]) -> None:
         now_ns = self.module.now_ns()
         actions: list[Action] = []
-        present = {entry.id: entry for entry in self._table}
-        for app_id, entry in list(self._entries.items()):
-            if app_id not in present:
-                actions += self._on_end(entry, now_ns)
-        for app_id, entry in present.items():
-            known = self._entries.get(app_id)
-            if known is not None and known.pid != entry.pid:
-                actions += self._on_end(known, now_ns)  # it restarted before its end was detected
-            self._entries[app_id] = entry
-            self._types |= {one.path: one.type for one in entry.provides}
-            found = RunningApp(app_id, entry.name, entry.pid, entry.started_ns, entry.provides)
-            actions += self._core.on_running(found, now_ns)
-        self._process_watcher.watch({entry.pid for entry in present.values()})
+        for change, entry in events:
+            if change in {Change.LEFT, Change.DIED}:
+                known = self._entries.get(entry.id)
+                if known is not None and known.pid == entry.pid:  # else the end of its process was seen before
+                    actions += self._on_end(entry, now_ns)
+            else:
+                self._entries[entry.id] = entry
+                self._types |= {one.path: one.type for one in entry.provides}
+                found = RunningApp(entry.id, entry.name, entry.pid, entry.started_ns, entry.provides)
+                actions += self._core.on_running(found, now_ns)
+        self._process_watcher.watch({entry.pid for entry in self._entries.values()})
         self._driver.feed(actions)
 
     def _on_death(self, pid: int) -> None:
@@ -191,8 +181,7 @@ class Health(Service):
     async def _read_inputs(self) -> None:
         while True:
             look = await self._read_request.get()
-            if self._table.refresh():
-                self._on_applications()
+            self.module.node.applications.refresh()
             await self._open_boards()
             now_ns = self.module.now_ns()
             actions = self._read_applications(now_ns)

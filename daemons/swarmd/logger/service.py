@@ -13,7 +13,6 @@ from swarmd.logger.core import Plan, Track
 from swarmd.logger.taps import Tap
 from swarmd.logger.upload import Upload
 from swarmware import template
-from swarmware.appfile import AppTable
 from swarmware.clock import utc_ns
 from swarmware.delivery import sender_of
 from swarmware.frame import Frame
@@ -42,8 +41,8 @@ class Logger(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         self._node = module.node
-        # a table of its own: the one of the process tells its changes only to who asks first
-        self._table = AppTable(self._node.run_dir)
+        self._table = self._node.table
+        self._table_version = -1
         self._plan = Plan()
         self._taps: dict[str, Tap] = {}
         self._batch = Batch()
@@ -143,9 +142,10 @@ class Logger(Service):
                 stats.write(await self._stats(book))
 
     def _follow_table(self) -> None:
-        changed = self._table.refresh()
-        if not changed and self._taps:
+        self._table.refresh()
+        if self._table.version == self._table_version:
             return
+        self._table_version = self._table.version
         for tap in self._taps.values():
             tap.look_again()
         assert self._book is not None

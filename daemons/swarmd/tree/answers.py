@@ -6,7 +6,6 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.applications import Applications
 from swarmd.tree.core.action import Action
 from swarmd.tree.core.index import Index, Leaf
 from swarmd.tree.core.quality import Quality, quality
@@ -20,6 +19,7 @@ from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.frame import Frame
 from swarmware.module import BoardWriter, Meta, Module
 from swarmware.names import Pattern
+from swarmware.node.applications import Applications
 from swarmware.resource import Kind, Resource
 from swarmware.types import registry
 from swarmware.types.tree import (

@@ -10,7 +10,6 @@ from typing import Final
 
 from swarmd.tree import config as own
 from swarmd.tree.answers import Answers
-from swarmd.tree.applications import Applications
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import (
     Action,
@@ -33,6 +32,7 @@ from swarmd.tree.taps import Peek, Tap
 from swarmware import names, template
 from swarmware.errors import ConfigError, Denied, SwarmError
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
+from swarmware.node.applications import Applications
 from swarmware.resource import Resource
 from swarmware.service import Service
 from swarmware.types.mission import MissionState
@@ -107,8 +107,8 @@ class Tree(Service):
             mission = await module.reader("mission/state", MissionState)
             limits = await module.reader("net/limits", ChannelLimits)
             news = asyncio.Event()
-            applications = Applications(module.node, news.set)
-            stack.callback(applications.close)
+            applications = module.node.applications
+            stack.callback(applications.subscribe(lambda _: news.set()).close)
             self._answers = Answers(
                 module,
                 self._tree,
@@ -177,7 +177,7 @@ class Tree(Service):
         mission: BoardReader[MissionState],
     ) -> None:
         async for _ in self.module.every(PROBE_S):
-            applications.probe()
+            applications.refresh(probe=True)
             state = mission.value
             digest = _digest(state.hash) if state is not None else 0
             if digest != self._mission:

@@ -1,7 +1,7 @@
 """The living applications of this node, read from their files."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from swarmware.appfile.entry import AppEntry, Served, decode
@@ -24,7 +24,9 @@ class AppTable:
         self._served: dict[int, tuple[AppEntry, Served]] = {}
         self._by_id: dict[int, AppEntry] = {}
         self.version = 0
-        """Another number after every change: for those who share the table."""
+        """Changes so far, for those who share the table."""
+        self.on_change: Callable[[], None] | None = None
+        """Called after every change, whoever had the table refreshed."""
 
     def __iter__(self) -> Iterator[AppEntry]:
         return iter(self._by_id.values())
@@ -32,23 +34,23 @@ class AppTable:
     def __len__(self) -> int:
         return len(self._by_id)
 
-    def refresh(self, *, probe: bool = False) -> bool:
-        """Look for changes; with `probe` also for applications that died. True: something is different."""
+    def refresh(self, *, probe: bool = False) -> None:
+        """Look for changes; with `probe` also for applications that died."""
         try:
             folder_ns = os.stat(self._folder_name).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
         except FileNotFoundError:
             folder_ns = 0
         if folder_ns == self._folder_ns and not probe:
-            return False
+            return
         before = list(self._files.values())
         self._folder_ns = folder_ns
         self._files = dict(self._read())
         self._by_id = {entry.app_id: entry for _, entry in self._files.values()}
         self._served = {item.data_id: (entry, item) for entry in self for item in entry.serves}
-        if before == list(self._files.values()):
-            return False
-        self.version += 1
-        return True
+        if before != list(self._files.values()):
+            self.version += 1
+            if self.on_change is not None:
+                self.on_change()
 
     def _read(self) -> Iterator[tuple[str, tuple[_Stamp, AppEntry]]]:
         try:

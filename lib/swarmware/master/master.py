@@ -64,6 +64,7 @@ class NodeServices(Protocol):
     hardware: int
     clock: Clock
     doorbells: DoorbellSenders
+    table: AppTable
 
     def listen(self, readers: Path) -> None: ...
     def unlisten(self, readers: Path) -> None: ...
@@ -85,7 +86,8 @@ class Master:
         self._master_table = node.shm_dir / MASTER_TABLE
         self._bells = ReaderNotifier(self._master_table, node.doorbells)
         self._loop = asyncio.get_running_loop()
-        self._apps = AppTable(node.run_dir)
+        self._apps = node.table
+        self._apps_version = -1
         self._board: Board | None = None
         self._listening = False
         self._processes = ProcessWatcher(self._died)
@@ -134,8 +136,10 @@ class Master:
         if self._role is None:
             return
         self._role.poll()
-        if self._role.holding and self._apps.refresh():
-            self._changed()
+        if self._role.holding:
+            self._apps.refresh()
+            if self._apps.version != self._apps_version:
+                self._changed()
 
     def table(self, *, full: bool) -> ApplicationTable:
         """The register of this computer; `full`: with endpoints and served paths, as it is not published."""
@@ -185,6 +189,7 @@ class Master:
             self._board = None
 
     def _changed(self) -> None:
+        self._apps_version = self._apps.version
         self._watched = {entry.id: entry.pid for entry in self._apps}
         self._processes.watch(set(self._watched.values()))
         if self._timer is None:

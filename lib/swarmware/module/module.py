@@ -359,15 +359,13 @@ class Module:
         reply: str,
         description: str,
     ) -> Served:
-        self.node.table.refresh()
-        other = self.node.table.serving_path(path)
-        if (
-            other is None
-            or other[0].id == self.id
-            or (self.node.table.refresh(probe=True) and self.node.table.serving_path(path) is None)
-        ):
-            pass
-        else:
+        table = self.node.table
+        table.refresh()
+        other = table.serving_path(path)
+        if other is not None and other[0].id != self.id:
+            table.refresh(probe=True)  # it may have died
+            other = table.serving_path(path)
+        if other is not None and other[0].id != self.id:
             raise Conflict(f"{path}: served by {other[0].id} already; expected one application only")
         served = Served(path=path, type=registry.type_name(cls), kind=kind)
         self._serves[path] = served

@@ -6,7 +6,7 @@ import logging
 import os
 from collections import Counter
 from pathlib import Path
-from typing import ClassVar, Final, Protocol, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
 from weakref import WeakSet
 
 from swarmware.appfile import AppTable
@@ -23,6 +23,9 @@ from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import ring_file
 from swarmware.shm.notifier import ReaderNotifier
 from swarmware.shm.reap import BELLS_FOLDER
+
+if TYPE_CHECKING:
+    from swarmware.node.applications import Applications
 
 APPS_TABLE: Final = "apps.readers"
 """Doorbells of the processes that are woken when applications join, leave or change."""
@@ -82,6 +85,7 @@ class Node:
         self.host: Services | None = None
         """What runs the services of this process; None in a program that only has modules."""
         self._users = 0
+        self._applications: Applications | None = None
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
         self._complained = ""
@@ -109,6 +113,15 @@ class Node:
             self, config.unit, self.shm_dir / APPS_TABLE, candidate=not self._incarnation.guest
         )
         self.watch(self.master)
+
+    @property
+    def applications(self) -> "Applications":
+        """The applications of this node, with events for all who follow them."""
+        if self._applications is None:
+            from swarmware.node.applications import Applications  # it follows a node
+
+            self._applications = Applications(self)
+        return self._applications
 
     @classmethod
     async def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:

@@ -77,6 +77,7 @@ class Post:
         """What happened: wire_errors, expired, unanswerable, no_answerer, answer_too_large."""
         self._clock = clock
         self._table = table
+        self._table_version = table.version
         self._loop = asyncio.get_running_loop()
         self._wire = Wire(socket_path, self._on_data)
         self.endpoint = self._wire.endpoint
@@ -225,7 +226,9 @@ class Post:
             self._refresh(probe=True)
 
     def _refresh(self, *, probe: bool = False) -> None:
-        if self._table.refresh(probe=probe):
+        self._table.refresh(probe=probe)
+        if self._table.version != self._table_version:
+            self._table_version = self._table.version
             self._wire.keep_only({entry.endpoint for entry in self._table})
 
     # -- routing

@@ -5,11 +5,10 @@ import logging
 from contextlib import suppress
 from typing import Final
 
-from swarmware.appfile import AppEntry, AppTable
+from swarmware.appfile import AppEntry
 from swarmware.appfile.trace import died, last_of
 from swarmware.errors import NotFound, SwarmError
 from swarmware.node import Node
-from swarmware.node.node import APPS_TABLE
 from swarmware.runtime.processes import process_end
 from swarmware.service.restart_policy import PAUSES_S, RestartPolicy
 from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
@@ -28,25 +27,17 @@ class GuardWatchdog:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._table = AppTable(node.run_dir)
         self._changed = asyncio.Event()
         self._restart_policy = RestartPolicy(settled_s=SETTLED_S)
         self._process: SupervisedProcess | None = None
 
-    def poll(self) -> None:
-        """An application file has changed: look for the guard."""
-        self._changed.set()
-
     async def run(self) -> None:
         """Watch until cancelled."""
-        node = self._node
-        node.listen(node.shm_dir / APPS_TABLE)
-        node.watch(self)
+        changes = self._node.applications.subscribe(lambda _: self._changed.set())
         try:
             await self._keep()
         finally:
-            node.unwatch(self)
-            node.unlisten(node.shm_dir / APPS_TABLE)
+            changes.close()
             if self._process is not None:
                 self._process.close()
 
@@ -71,8 +62,9 @@ class GuardWatchdog:
             await self._wait(LOOK_S if missed else None)
 
     def _find(self) -> AppEntry | None:
-        self._table.refresh(probe=True)
-        return self._table.named(GUARD)
+        table = self._node.table
+        table.refresh(probe=True)
+        return table.named(GUARD)
 
     def _died_before(self) -> bool:
         """Whether a guard died before this process started."""

@@ -20,10 +20,8 @@ from tests.integration.swarm.swarm import (
 )
 
 from swarmctl.labs import LabState
-from swarmware.appfile import AppTable
 from swarmware.errors import SwarmError
 from swarmware.module import BoardReader, Module
-from swarmware.node.node import APPS_TABLE
 from swarmware.types.health import WatchedService
 from swarmware.types.net import Neighbours, Routes
 from swarmware.types.system import AppStatus
@@ -44,27 +42,19 @@ class Joined:
 
     def __init__(self, module: Module) -> None:
         self._node = module.node
-        self._table = AppTable(module.node.run_dir)
         self._changed = asyncio.Event()
 
     def __enter__(self) -> "Joined":
-        self._node.listen(self._node.shm_dir / APPS_TABLE)
-        self._node.watch(self)
+        self._changes = self._node.applications.subscribe(lambda _: self._changed.set())
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._node.unwatch(self)
-        self._node.unlisten(self._node.shm_dir / APPS_TABLE)
-
-    def poll(self) -> None:
-        """The doorbell has rung."""
-        if self._table.refresh():
-            self._changed.set()
+        self._changes.close()
 
     def pid(self, name: str) -> int:
         """Process of the application; 0: it does not run."""
-        self._table.refresh(probe=True)
-        entry = self._table.named(name)
+        self._node.table.refresh(probe=True)
+        entry = self._node.table.named(name)
         return 0 if entry is None else entry.pid
 
     async def another(self, name: str, dead_pid: int) -> int:

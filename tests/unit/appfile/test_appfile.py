@@ -44,15 +44,19 @@ def test_a_name_that_is_none_is_refused(tmp_path: Path) -> None:
 def test_the_table_shows_the_living_only(tmp_path: Path) -> None:
     first, second = join(tmp_path, "a"), join(tmp_path, "b")
     table = AppTable(tmp_path)
-    assert table.refresh()
-    assert not table.refresh()
+    changes: list[int] = []
+    table.on_change = lambda: changes.append(table.version)
+    table.refresh()
+    table.refresh()
+    assert changes == [1]
     assert [item.id for item in table] == ["a#1", "b#1"]
     os.close(first._fd)  # as the kernel does at the end of a process
-    assert table.refresh(probe=True)
+    table.refresh(probe=True)
     assert [item.id for item in table] == ["b#1"]
     second.close()
-    assert table.refresh()
+    table.refresh()
     assert scan(tmp_path) == []
+    assert changes == [1, 2, 3]
 
 
 def test_a_file_rewritten_in_place_is_seen(tmp_path: Path) -> None:
@@ -76,7 +80,8 @@ def test_a_file_rewritten_in_place_is_seen(tmp_path: Path) -> None:
         )
     )
     assert len(told) == 2
-    assert table.refresh()
+    table.refresh()
+    assert table.version == 2
     found = table.serving(served.data_id)
     assert found is not None
     assert found.provides[0].rate_hz == 20.0

@@ -127,7 +127,7 @@ def test_a_rewritten_file_of_a_member_is_read_again(place: Callable[[int], Place
             with member():
                 tool.write(msgspec.structs.replace(tool.entry, reads=reads))
             with owner():
-                assert table.refresh()
+                table.refresh()
                 assert [entry.reads for entry in table] == [reads]
     finally:
         with member():

@@ -1,0 +1,118 @@
+"""The applications of a node, with events for all in this process who follow them: one table, read once."""
+
+import asyncio
+from collections.abc import Callable
+from enum import Enum
+from typing import NamedTuple
+
+from swarmware.appfile import AppEntry, AppTable
+from swarmware.appfile.trace import died
+from swarmware.node.node import APPS_TABLE, Node
+
+
+class Change(Enum):
+    """What happened to an application."""
+
+    JOINED = "joined"
+    LEFT = "left"
+    """It took its file away, or another process had its name before anybody looked."""
+    DIED = "died"
+    CHANGED = "changed"
+
+
+class ApplicationEvent(NamedTuple):
+    """One change of one application; `entry`: the new content of its file, the last one if it is gone."""
+
+    change: Change
+    entry: AppEntry
+
+
+OnEvents = Callable[[list[ApplicationEvent]], None]
+
+
+class ApplicationSubscription:
+    """One subscriber; `close` ends it."""
+
+    def __init__(self, applications: "Applications", on_events: OnEvents) -> None:
+        self._applications = applications
+        self.on_events = on_events
+        self.pending: list[ApplicationEvent] = []
+
+    def close(self) -> None:
+        """End the subscription; events that were not delivered yet are dropped."""
+        self.pending.clear()
+        self._applications.unsubscribe(self)
+
+
+class Applications:
+    """Compares the node's table of applications with what subscribers know, whoever had it refreshed."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._loop = asyncio.get_running_loop()
+        self._subscriptions: list[ApplicationSubscription] = []
+        self._known: dict[str, AppEntry] = {}
+        self._comes = False
+        self.table: AppTable = node.table
+
+    def subscribe(self, on_events: OnEvents) -> ApplicationSubscription:
+        """Have `on_events` called with each change from now on; `table` holds what is there now."""
+        if not self._subscriptions:
+            self._node.listen(self._node.shm_dir / APPS_TABLE)
+            self._node.watch(self)
+            self.table.on_change = self._on_change
+            self._known = {entry.id: entry for entry in self.table}
+        self.refresh(probe=True)
+        made = ApplicationSubscription(self, on_events)
+        self._subscriptions.append(made)
+        return made
+
+    def unsubscribe(self, subscription: ApplicationSubscription) -> None:
+        """Undo `subscribe`."""
+        if subscription in self._subscriptions:
+            self._subscriptions.remove(subscription)
+            if not self._subscriptions:
+                self.table.on_change = None
+                self._node.unwatch(self)
+                self._node.unlisten(self._node.shm_dir / APPS_TABLE)
+
+    def poll(self) -> None:
+        """The doorbell has rung, perhaps for a change."""
+        self.refresh()
+
+    def refresh(self, *, probe: bool = False) -> None:
+        """Look for changes, and deliver them; `probe`: also look for applications that died."""
+        self.table.refresh(probe=probe)
+        self._deliver()
+
+    def _on_change(self) -> None:
+        """The table has changed, perhaps in the middle of something: deliver in a turn of the loop's own."""
+        present = {entry.id: entry for entry in self.table}
+        known, self._known = self._known, present
+        events = [
+            ApplicationEvent(self._end(entry), entry) for app, entry in known.items() if app not in present
+        ]
+        for app, entry in present.items():
+            before = known.get(app)
+            if before is None:
+                events.append(ApplicationEvent(Change.JOINED, entry))
+            elif (before.pid, before.pid_start) != (entry.pid, entry.pid_start):
+                events.append(ApplicationEvent(Change.LEFT, before))
+                events.append(ApplicationEvent(Change.JOINED, entry))
+            elif before != entry:
+                events.append(ApplicationEvent(Change.CHANGED, entry))
+        for subscription in self._subscriptions:
+            subscription.pending += events
+        if events and not self._comes:
+            self._comes = True
+            self._loop.call_soon(self._deliver)
+
+    def _end(self, entry: AppEntry) -> Change:
+        return Change.DIED if died(self._node.run_dir, entry) else Change.LEFT
+
+    def _deliver(self) -> None:
+        self._comes = False
+        for subscription in tuple(self._subscriptions):
+            events, subscription.pending = subscription.pending, []
+            if events:
+                subscription.on_events(events)
