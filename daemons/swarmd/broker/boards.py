@@ -8,10 +8,10 @@ from swarmd.broker.core.published_boards import PublishedBoard, PublishedBoards
 from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import NotFound, SwarmError, WireError
-from swarmware.frame import HEADER_BYTES, Codec, Frame, Kind, decode, encode, restamp
+from swarmware.frame import HEADER_BYTES, Codec, Frame, Kind, encode, restamp
 from swarmware.node import Node, Publication
+from swarmware.node.follower import RingFollower
 from swarmware.shm.layout import ring_file
-from swarmware.shm.ring import RingReader
 from swarmware.types import registry
 from swarmware.types.net import BoardSubscription
 
@@ -30,56 +30,44 @@ class OwnBoards:
         self._node = node
         self._published = published
         self._counters = counters
-        self._rings: dict[int, RingReader] = {}
-        self._at: dict[int, int] = {}
+        self._followers: dict[int, RingFollower] = {}
+        self._seen: dict[int, int] = {}
+        """Position of each board's newest value that was taken."""
         self._look_ns = NEVER_NS
         self._too_large: set[str] = set()
 
     def poll(self, now_ns: int) -> None:
-        """Puts values that changed since the last beacon into the bulletin."""
+        """Puts values that changed since the last beacon into the published boards."""
         boards = self._published.boards
-        for data_id in [known for known in self._rings if known not in boards]:
-            self._rings.pop(data_id).close()
+        for data_id in [known for known in self._followers if known not in boards]:
+            self._followers.pop(data_id).close()
+            del self._seen[data_id]
         look = now_ns >= self._look_ns
         if look:
             self._look_ns = now_ns + LOOK_AGAIN_NS
         for data_id, board in boards.items():
-            ring = self._rings.get(data_id)
-            if (ring is None and look) or (ring is not None and ring.moved):
-                ring = self._open(data_id, board)
-            if ring is not None and ring.sequence != self._at[data_id]:
-                self._take(ring, board)
+            follower = self._followers.get(data_id)
+            if follower is None:
+                follower = self._followers[data_id] = RingFollower(
+                    ring_file(self._node.shm_dir, board.path), name=f"board {board.path}", data_id=data_id
+                )
+                self._seen[data_id] = 0
+            ring = follower.ring
+            if look if ring is None else not ring.unchanged:
+                self._take(follower, board)
 
-    def _open(self, data_id: int, board: PublishedBoard) -> RingReader | None:
-        old = self._rings.get(data_id)
+    def _take(self, follower: RingFollower, board: PublishedBoard) -> None:
+        frame = follower.newest()
+        if frame is None:
+            return
+        before, self._seen[board.data_id] = self._seen[board.data_id], follower.given
         try:
-            ring = RingReader(ring_file(self._node.shm_dir, board.path))
-        except NotFound:
-            return old
-        except SwarmError as error:
-            log.debug("board %s: %s", board.path, error)
-            return old
-        if old is not None:
-            old.close()
-        self._rings[data_id] = ring
-        self._at[data_id] = 0
-        return ring
-
-    def _take(self, ring: RingReader, board: PublishedBoard) -> None:
-        before = self._at[board.data_id]
-        self._at[board.data_id] = ring.sequence
-        try:
-            data = ring.newest()
-            if data is None:
-                return
-            self._at[board.data_id] = ring.seen
-            frame = decode(data)
             payload, packed = _wire_form(board.type, frame)
         except WireError as error:
-            log.debug("board %s: %s", board.path, error)
+            follower.refuse(error)
             return
         channel = self._counters.channel(board.path)
-        changes = max(1, ring.seen - before) if before else 1
+        changes = max(1, follower.given - before) if before else 1
         channel.offered_frames += changes
         channel.offered_bytes += changes * len(payload)
         if value_bytes(payload) > VALUE_LIMIT:
@@ -92,9 +80,9 @@ class OwnBoards:
 
     def close(self) -> None:
         """Stops reading."""
-        for ring in self._rings.values():
-            ring.close()
-        self._rings.clear()
+        for follower in self._followers.values():
+            follower.close()
+        self._followers.clear()
 
 
 def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:

@@ -7,7 +7,6 @@ import msgspec
 
 from swarmd.logger.config import Config
 from swarmd.logger.core import Track
-from swarmd.logger.taps import payload
 from swarmware.errors import SwarmError
 from swarmware.frame import Frame
 from swarmware.record.ring import LogRing, Repairs
@@ -85,7 +84,7 @@ class Book:
         totals = self.totals
         for track, frame, utc_ns, sender in batch.frames:
             try:
-                data = payload(frame, track.type)
+                data = registry.messagepack(track.type, frame.payload, frame.codec)
             except SwarmError:
                 data = bytes(frame.payload)
             channel = self._channel(track, sender)

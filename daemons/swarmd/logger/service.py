@@ -10,7 +10,7 @@ from typing import Final
 from swarmd.logger import config as settings
 from swarmd.logger.book import GAPS, Batch, Book
 from swarmd.logger.core import Plan, Track
-from swarmd.logger.taps import Tap
+from swarmd.logger.taps import LogTap
 from swarmd.logger.upload import Upload
 from swarmware import template
 from swarmware.clock import utc_ns
@@ -44,7 +44,7 @@ class Logger(Service):
         self._table = self._node.table
         self._table_version = -1
         self._plan = Plan()
-        self._taps: dict[str, Tap] = {}
+        self._taps: dict[str, LogTap] = {}
         self._batch = Batch()
         self._book: Book | None = None
         self._complete_utc_ns = 0
@@ -160,7 +160,7 @@ class Logger(Service):
             # a stamp from the future is one of another boot, whose clock began elsewhere
             last_ns = self._book.last_stamps.get(track.path)
             after_ns = last_ns if last_ns is not None and last_ns <= now_ns else None
-            self._taps[track.path] = Tap(self._node.shm_dir, track, after_ns)
+            self._taps[track.path] = LogTap(self._node.shm_dir, track, after_ns)
 
     def _resources(self) -> list[Resource]:
         """The template's resources and those that modules added; the template says how they are logged."""
@@ -184,7 +184,7 @@ class Logger(Service):
             elif self._plan.due(track.path, now_ns) and (frame := tap.newest()) is not None:
                 self._batch.frames.append((track, frame, wall_ns, ""))
 
-    def _take_all(self, tap: Tap) -> None:
+    def _take_all(self, tap: LogTap) -> None:
         frames, lost = tap.all()
         wall_ns = utc_ns()
         self._batch.frames += [

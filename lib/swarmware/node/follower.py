@@ -50,6 +50,11 @@ class RingFollower:
         return -1 if ring is None else self.before + ring.sequence
 
     @property
+    def given(self) -> int:
+        """Position of the frame that `newest()` gave last; 0: none yet."""
+        return 0 if self.ring is None else self.before + self.ring.seen
+
+    @property
     def present(self) -> bool:
         """Whether the ring that was read last is the one at the path."""
         return self.ring is not None and not self.ring.moved

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.logger.core import Track, track
-from swarmd.logger.taps import Tap
+from swarmd.logger.taps import LogTap
 from swarmware.frame import Frame, Kind, encode
 from swarmware.resource import Kind as ResourceKind
 from swarmware.resource import Resource
@@ -37,7 +37,7 @@ def write(ring: RingWriter, *numbers: int) -> None:
         ring.write(encode(frame))
 
 
-def taken(tap: Tap) -> tuple[list[int], int]:
+def taken(tap: LogTap) -> tuple[list[int], int]:
     frames, lost = tap.all()
     return [frame.sequence for frame in frames], lost
 
@@ -45,7 +45,7 @@ def taken(tap: Tap) -> tuple[list[int], int]:
 def test_each_event_is_taken_once_and_those_overwritten_unseen_are_counted_once(
     tmp_path: Path, ring: RingWriter
 ) -> None:
-    tap = Tap(tmp_path, events(), None)
+    tap = LogTap(tmp_path, events(), None)
     write(ring, 1, 2, 3)
     assert not tap.still(0)
     assert taken(tap) == ([1, 2, 3], 0)
@@ -65,7 +65,7 @@ def test_a_logger_that_was_restarted_takes_only_what_it_had_not_logged(
     tmp_path: Path, ring: RingWriter
 ) -> None:
     write(ring, *range(1, 20))
-    tap = Tap(tmp_path, events(), 17)
+    tap = LogTap(tmp_path, events(), 17)
     assert taken(tap) == ([18, 19], 0), "what went before them is logged, not lost"
     write(ring, 20)
     assert taken(tap) == ([20], 0)
@@ -75,7 +75,7 @@ def test_a_logger_that_was_restarted_takes_only_what_it_had_not_logged(
 def test_a_ring_that_comes_later_is_found_and_one_that_is_missed_is_not_looked_for_all_the_time(
     tmp_path: Path,
 ) -> None:
-    tap = Tap(tmp_path, events(), None)
+    tap = LogTap(tmp_path, events(), None)
     assert not tap.still(0)
     assert taken(tap) == ([], 0)
     assert tap.still(1)

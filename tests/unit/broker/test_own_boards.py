@@ -1,0 +1,89 @@
+"""Own boards: the newest value of each goes into the published boards once; what it stands for is counted."""
+
+import asyncio
+from pathlib import Path
+from typing import Final
+
+from swarmd.broker.boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
+from swarmd.broker.core.published_boards import PublishedBoards
+from swarmd.broker.core.channel import Channels
+from swarmd.broker.core.traffic import Counters
+from swarmware.frame import Frame, Kind, encode
+from swarmware.names import data_id
+from swarmware.node import Node
+from swarmware.testing import tmp_node
+from swarmware.types.net import Offer
+
+PATH: Final = "plan/note"
+NOTE: Final = data_id(PATH, "Note")
+
+
+class Rig:
+    """The boards of a node, and one that another module writes."""
+
+    def __init__(self, node: Node) -> None:
+        self.published = PublishedBoards()
+        self.published.offer((Offer(PATH, NOTE, "Note"),), Channels().max_hz)
+        self.counters = Counters()
+        self.boards = OwnBoards(node, self.published, self.counters)
+        self.writer = node.publication(PATH, slots=8, slot_bytes=256)
+
+    def write(self, payload: bytes, *, identity: int = NOTE) -> None:
+        self.writer.publish(encode(Frame(Kind.BOARD, identity, 1, stamp_ns=5, payload=payload)))
+
+    def sent(self) -> list[bytes]:
+        return [value.payload for value in self.published.values(10, 1000, 100_000_000)]
+
+    def counted(self) -> tuple[int, int]:
+        channel = self.counters.channel(PATH)
+        return channel.offered_frames, channel.dropped
+
+
+async def test_the_newest_value_is_taken_and_every_value_written_is_counted(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        rig = Rig(node)
+        rig.write(b"one")
+        rig.boards.poll(0)
+        assert (rig.sent(), rig.counted()) == ([b"one"], (1, 0))
+        for text in (b"two", b"three", b"four"):
+            rig.write(text)
+        rig.boards.poll(1)
+        rig.boards.poll(2)
+        assert rig.counted() == (4, 0)
+        rig.boards.close()
+        rig.writer.close()
+
+
+async def test_a_value_that_does_not_fit_or_is_of_another_type_is_not_sent(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        rig = Rig(node)
+        rig.write(bytes(VALUE_LIMIT + 1))
+        rig.boards.poll(0)
+        assert (rig.sent(), rig.counted()) == ([], (1, 1))
+        rig.write(b"of another type", identity=NOTE + 1)
+        rig.boards.poll(1)
+        assert (rig.sent(), rig.counted()) == ([], (1, 1))
+        rig.boards.close()
+        rig.writer.close()
+
+
+async def test_a_board_whose_writer_comes_later_is_found_and_one_not_offered_is_left(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        rig = Rig(node)
+        rig.writer.close()
+        rig.boards.poll(0)
+        rig.writer = node.publication(PATH, slots=8, slot_bytes=256)
+        rig.write(b"later")
+        rig.boards.poll(LOOK_AGAIN_NS)
+        assert rig.sent() == [b"later"]
+        rig.published.offer((), Channels().max_hz)
+        rig.boards.poll(LOOK_AGAIN_NS + 1)
+        assert await asyncio.to_thread(maps, node) == 1, "only the writer's"
+        rig.boards.close()
+        rig.writer.close()
+
+
+def maps(node: Node) -> int:
+    """How often this process has the board's ring mapped."""
+    name = str(node.shm_dir / "plan.note.ring")
+    return sum(name in line for line in Path("/proc/self/maps").read_text().splitlines())
