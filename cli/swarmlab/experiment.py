@@ -22,7 +22,7 @@ from swarmlab.provisioning import RADIUS_M, LabSpec
 from swarmlab.run_metadata import NodeMetadata, RunMetadata, failure
 from swarmlab.running import RunningLab, exit_description
 from swarmlab.watch import ENDED, SwarmWatch
-from swarmware import __version__, document
+from swarmware import __version__, document, paths
 from swarmware.config import share_dir
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.mission.folder import MANIFEST
@@ -234,7 +234,7 @@ def _keep_logs(lab: LabState, out_dir: Path) -> None:
     for node in lab.nodes:
         target = out_dir / LOGS / node.platform
         target.mkdir(parents=True, exist_ok=True)
-        for path in [node.log_file, *(node.data_dir / "log").glob("*.mcap")]:
+        for path in [node.log_file, *paths.log(node.data_dir).glob("*.mcap")]:
             if path.exists():
                 shutil.copy2(path, target / path.name)
 

@@ -17,9 +17,9 @@ from swarmd.guard.core import (
     WatchProcess,
 )
 from swarmd.guard.supervisor import InProcessSupervisor, ProcessSupervisor, Supervisor, SystemdSupervisor
+from swarmware import paths
 from swarmware.errors import NotFound
 from swarmware.module import BoardReader, BoardWriter, Meta, Module
-from swarmware.names import segment
 from swarmware.service import Service
 from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
 from swarmware.types.rpc import Empty
@@ -73,7 +73,7 @@ class Guard(Service):
             "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
         )
         for name in self._names:
-            self._status_boards[name] = await module.reader(f"app/{segment(name)}/status", AppStatus)
+            self._status_boards[name] = await module.reader(paths.status(name), AppStatus)
         await module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
         await module.serve(
             "sys/guard/restart",

@@ -20,13 +20,13 @@ from swarmd.health.core.monitor import (
     RunningApp,
 )
 from swarmd.health.journal import JournalFile
-from swarmware import template
+from swarmware import paths, template
 from swarmware.appfile import AppEntry
 from swarmware.appfile.trace import died
 from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
 from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
-from swarmware.names import Pattern, segment
+from swarmware.names import Pattern
 from swarmware.node.applications import ApplicationEvent, Change
 from swarmware.runtime.processes import ProcessWatcher
 from swarmware.service import Service
@@ -198,7 +198,7 @@ class Health(Service):
         """Open one reader for each resource that is monitored."""
         wanted = {age.path for age in self._core.ages()} | {rule.path for rule in self._core.limits()}
         for entry in self._entries.values():
-            wanted.add(_status_path(entry.name))
+            wanted.add(paths.status(entry.name))
             wanted |= {one.path for one in entry.provides if one.type == CheckReports.__name__}
         for path in wanted - self._boards.keys():
             try:
@@ -210,7 +210,7 @@ class Health(Service):
             self._boards.pop(path).close()
 
     def _status(self, name: str) -> AppStatus | None:
-        board = self._boards.get(_status_path(name))
+        board = self._boards.get(paths.status(name))
         value = None if board is None else board.value
         return value if isinstance(value, AppStatus) else None
 
@@ -335,7 +335,3 @@ class Health(Service):
         if query.cleared:
             faults += self._core.faults.cleared()
         return FaultList(self.module.platform, self.module.now_ns(), faults)
-
-
-def _status_path(name: str) -> str:
-    return f"app/{segment(name)}/status"

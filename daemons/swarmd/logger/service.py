@@ -12,7 +12,7 @@ from swarmd.logger.book import GAPS, Batch, Book
 from swarmd.logger.core import Plan, Track
 from swarmd.logger.taps import LogTap
 from swarmd.logger.upload import Upload
-from swarmware import template
+from swarmware import paths, template
 from swarmware.clock import utc_ns
 from swarmware.delivery import sender_of
 from swarmware.frame import Frame
@@ -56,7 +56,7 @@ class Logger(Service):
     @property
     def directory(self) -> Path:
         """Where the segments are."""
-        return self._node.config.data_path / "log"
+        return paths.log(self._node.config.data_path)
 
     async def run(self) -> None:
         """Samples, writes and forwards until cancelled."""

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from swarmware import paths
 from swarmware.appfile import trace
 from swarmware.appfile.entry import AppEntry, decode, encode
-from swarmware.appfile.trace import folder
 from swarmware.clock import utc_ns
 from swarmware.errors import Conflict, Denied, WireError
 from swarmware.names import check_application
@@ -43,7 +43,7 @@ class AppFile:
         announce: Callable[[], None] = lambda: None,
     ) -> None:
         check_application(name)
-        self._folder = folder(run_dir)
+        self._folder = paths.applications(run_dir)
         make_folder(self._folder, run_dir)
         self._announce = announce
         self._fd, self.path, number = self._claim(name, instance)

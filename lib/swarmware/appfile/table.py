@@ -4,8 +4,8 @@ import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from swarmware import paths
 from swarmware.appfile.entry import AppEntry, Served, decode
-from swarmware.appfile.trace import folder
 from swarmware.errors import WireError
 from swarmware.names import natural
 from swarmware.shm.lock import held_by_other
@@ -17,7 +17,7 @@ class AppTable:
     """The application files, read again only when something has changed."""
 
     def __init__(self, run_dir: Path) -> None:
-        self._folder = folder(run_dir)
+        self._folder = paths.applications(run_dir)
         self._folder_name = str(self._folder)
         self._folder_ns = 0
         self._files: dict[str, tuple[_Stamp, AppEntry]] = {}

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Final
 
+from swarmware import paths
 from swarmware.appfile.entry import AppEntry, decode
 from swarmware.errors import WireError
 from swarmware.shm.lock import lock_within
@@ -15,11 +16,6 @@ from swarmware.shm.lock import lock_within
 DEAD_SUFFIX: Final = ".dead"
 MOMENT_S: Final = 0.02
 """A living application holds its file for good, everybody else for some ten microseconds."""
-
-
-def folder(run_dir: Path) -> Path:
-    """Where the application files of a node are."""
-    return run_dir / "apps"
 
 
 def forget(path: Path) -> None:
@@ -50,7 +46,7 @@ def _left(run_dir: Path, stem: str) -> list[AppEntry]:
     """Entries that nobody holds."""
     found = []
     for suffix in (".toml", DEAD_SUFFIX):
-        path = folder(run_dir) / f"{stem}{suffix}"
+        path = paths.applications(run_dir) / f"{stem}{suffix}"
         try:
             fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
         except OSError:

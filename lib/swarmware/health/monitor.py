@@ -8,12 +8,12 @@ from typing import Any, Final, Generic, TypeVar
 
 import msgspec
 
+from swarmware import paths
 from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, SwarmError
 from swarmware.health.debouncer import Debouncer
 from swarmware.health.reported_condition import ReportedCondition
 from swarmware.module import BoardWriter, Module
-from swarmware.names import segment
 from swarmware.types.health import (
     OK_STATE,
     CheckRegistration,
@@ -219,9 +219,8 @@ class HealthMonitor:
     async def _repeat_reports(self) -> None:
         """Open the board and write a report every period: silence is a fault."""
         module = self._module
-        suffix = "" if module.instance == 1 else f"_{module.instance}"
         self._board = await module.writer(
-            f"health/checks/{segment(module.name)}{suffix}",
+            paths.checks(module.name, module.instance),
             CheckReports,
             rate_hz=1 / REPORT_S,
             link="request",

@@ -7,8 +7,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, Protocol
 
+from swarmware import paths
 from swarmware.appfile import AppEntry, AppTable
-from swarmware.appfile.trace import folder, set_aside
+from swarmware.appfile.trace import set_aside
 from swarmware.clock import Clock
 from swarmware.errors import Conflict, Denied
 from swarmware.frame import Frame, Kind, encode
@@ -20,13 +21,10 @@ from swarmware.runtime.processes import ProcessWatcher
 from swarmware.shm.doorbell import DoorbellSenders, folder_lock
 from swarmware.shm.lock import stands_at, try_lock
 from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import BELLS_FOLDER
 from swarmware.shm.ticks import start_ticks
 from swarmware.types import registry
 from swarmware.types.register import Application, ApplicationTable
 
-MASTER_TABLE: Final = "master.readers"
-"""Doorbells of all processes of the node: rung when the role changes hands."""
 PATH: Final = "register/apps"
 APPLICATIONS_LIMIT: Final = 64
 """More than three times what a platform runs: the board stays under 3 kB."""
@@ -83,7 +81,7 @@ class Master:
         self._node = node
         self._unit = unit
         self._apps_table = apps_table
-        self._master_table = node.shm_dir / MASTER_TABLE
+        self._master_table = paths.master_watchers(node.shm_dir)
         self._bells = ReaderNotifier(self._master_table, node.doorbells)
         self._loop = asyncio.get_running_loop()
         self._apps = node.table
@@ -232,9 +230,9 @@ class Master:
         """Remove its socket and doorbells, so that restarts over months do not fill the folders."""
         if start_ticks(pid):
             return  # the number has a new owner already
-        for path in (self._node.run_dir / "p").glob(f"{pid}-*.sock"):
+        for path in paths.sockets(self._node.run_dir).glob(f"{pid}-*.sock"):
             path.unlink(missing_ok=True)
-        bells = self._node.run_dir / BELLS_FOLDER
+        bells = paths.doorbells(self._node.run_dir)
         with suppress(Conflict, FileNotFoundError), folder_lock(bells):
             for path in bells.glob(f"{pid}-*"):
                 path.unlink(missing_ok=True)
@@ -242,7 +240,7 @@ class Master:
     def _tidy(self) -> bool:
         """Set the files of dead applications aside; True when there were some."""
         removed = False
-        for path in folder(self._node.run_dir).glob("*.toml"):
+        for path in paths.applications(self._node.run_dir).glob(paths.APPLICATION_PATTERN):
             try:
                 fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
             except OSError:

@@ -6,12 +6,12 @@ from typing import Generic, TypeVar
 
 import msgspec
 
+from swarmware import paths
 from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.module.board import BoardReader
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.names import Pattern, check_path
 from swarmware.node import Node
-from swarmware.node.node import MIRRORS_TABLE
 from swarmware.shm.layout import ring_file
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -88,7 +88,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         deadline = Deadline(timeout_s)
         if not self._listening:
             self._listening = True
-            self._node.listen(self._node.shm_dir / MIRRORS_TABLE)
+            self._node.listen(paths.mirrors_watchers(self._node.shm_dir))
             self._node.watch(self)
         while True:
             fresh = []
@@ -109,7 +109,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         if self._listening:
             self._listening = False
             self._node.unwatch(self)
-            self._node.unlisten(self._node.shm_dir / MIRRORS_TABLE)
+            self._node.unlisten(paths.mirrors_watchers(self._node.shm_dir))
         for reader in self._readers.values():
             reader.close()
         self._readers.clear()

@@ -5,9 +5,10 @@ from collections.abc import Callable
 from enum import Enum
 from typing import NamedTuple
 
+from swarmware import paths
 from swarmware.appfile import AppEntry, AppTable
 from swarmware.appfile.trace import died
-from swarmware.node.node import APPS_TABLE, Node
+from swarmware.node.node import Node
 
 
 class Change(Enum):
@@ -58,7 +59,7 @@ class Applications:
     def subscribe(self, on_events: OnEvents) -> ApplicationSubscription:
         """Have `on_events` called with each change from now on; `table` holds what is there now."""
         if not self._subscriptions:
-            self._node.listen(self._node.shm_dir / APPS_TABLE)
+            self._node.listen(paths.applications_watchers(self._node.shm_dir))
             self._node.watch(self)
             self.table.on_change = self._on_change
             self._known = {entry.id: entry for entry in self.table}
@@ -74,7 +75,7 @@ class Applications:
             if not self._subscriptions:
                 self.table.on_change = None
                 self._node.unwatch(self)
-                self._node.unlisten(self._node.shm_dir / APPS_TABLE)
+                self._node.unlisten(paths.applications_watchers(self._node.shm_dir))
 
     def poll(self) -> None:
         """The doorbell has rung, perhaps for a change."""

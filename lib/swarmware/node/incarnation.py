@@ -8,6 +8,7 @@ import fcntl
 import os
 from pathlib import Path
 
+from swarmware import paths
 from swarmware.appfile.trace import DEAD_SUFFIX
 from swarmware.clock import utc_ns
 from swarmware.errors import Denied
@@ -52,9 +53,13 @@ class NodeIncarnation:
 
     def _sweep(self) -> None:
         reap(self._shm_dir, self._run_dir)
-        for folder, pattern in (("apps", "*.toml"), ("apps", f"*{DEAD_SUFFIX}"), ("p", "*.sock")):
-            for path in (self._run_dir / folder).glob(pattern):
-                path.unlink(missing_ok=True)
+        applications, sockets = paths.applications(self._run_dir), paths.sockets(self._run_dir)
+        for path in (
+            *applications.glob(paths.APPLICATION_PATTERN),
+            *applications.glob(f"*{DEAD_SUFFIX}"),
+            *sockets.glob(paths.SOCKET_PATTERN),
+        ):
+            path.unlink(missing_ok=True)
 
     def leave(self) -> None:
         """This process has closed everything; the last one removes what is left."""

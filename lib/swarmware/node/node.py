@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
 from weakref import WeakSet
 
+from swarmware import paths
 from swarmware.appfile import AppTable
 from swarmware.clock import Clock, utc_ns
 from swarmware.config import NodeConfig, find_config_dir, load_node
@@ -22,15 +23,10 @@ from swarmware.post import Post
 from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import ring_file
 from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import BELLS_FOLDER
 
 if TYPE_CHECKING:
     from swarmware.node.applications import Applications
 
-APPS_TABLE: Final = "apps.readers"
-"""Doorbells of the processes that are woken when applications join, leave or change."""
-MIRRORS_TABLE: Final = "mirrors.readers"
-"""Doorbells of the processes that are woken when a mirror of another platform's resource appears."""
 TEND_S: Final = 1.0
 """How often a process looks whether its files in shared memory are as it made them."""
 MIRROR_SLOTS: Final = 4
@@ -95,22 +91,25 @@ class Node:
         self.started_ns = self.clock.now_ns()
         self.ending = Ending()
         self.table = AppTable(self.run_dir)
-        self.doorbells = DoorbellSenders(self.run_dir / BELLS_FOLDER)
-        self.doorbell = Doorbell(self.run_dir / BELLS_FOLDER)
+        self.doorbells = DoorbellSenders(paths.doorbells(self.run_dir))
+        self.doorbell = Doorbell(paths.doorbells(self.run_dir))
         self.post = Post(
             platform=self.platform,
             hardware=self.hardware,
             clock=self.clock,
-            socket_path=self.run_dir / "p" / f"{self.doorbell.name}.sock",
+            socket_path=paths.socket(self.run_dir, self.doorbell.name),
             table=self.table,
         )
-        self._apps_watchers = ReaderNotifier(self.shm_dir / APPS_TABLE, self.doorbells)
-        self._mirror_watchers = ReaderNotifier(self.shm_dir / MIRRORS_TABLE, self.doorbells)
+        self._apps_watchers = ReaderNotifier(paths.applications_watchers(self.shm_dir), self.doorbells)
+        self._mirror_watchers = ReaderNotifier(paths.mirrors_watchers(self.shm_dir), self.doorbells)
         self._publications: WeakSet[Publication] = WeakSet()
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
         self._tending = self._loop.call_later(TEND_S, self._tend)
         self.master = Master(
-            self, config.unit, self.shm_dir / APPS_TABLE, candidate=not self._incarnation.guest
+            self,
+            config.unit,
+            paths.applications_watchers(self.shm_dir),
+            candidate=not self._incarnation.guest,
         )
         self.watch(self.master)
 

@@ -7,9 +7,9 @@ import os
 import time
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from swarmware import paths
 from swarmware.errors import SwarmError
 from swarmware.module.ticker import Lateness, Ticker
-from swarmware.names import segment
 from swarmware.types.system import AppStatus
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Reporter:
     async def open(cls, module: Module, restarts: int) -> Reporter:
         """Open the board and write the first report."""
         writer = await module.writer(
-            f"app/{segment(module.name)}/status",
+            paths.status(module.name),
             AppStatus,
             rate_hz=1 / PERIOD_S,
             description="Beat of the application",

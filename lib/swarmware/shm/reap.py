@@ -10,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 
+from swarmware import paths
 from swarmware.errors import Conflict, Denied, NotFound, WireError
 from swarmware.shm import layout
 from swarmware.shm.doorbell import folder_lock, open_sender
@@ -17,8 +18,6 @@ from swarmware.shm.lock import try_lock
 from swarmware.shm.readers import remove_readers
 from swarmware.shm.ringfile import unlink_ring
 
-BELLS_FOLDER = "bells"
-"""Folder of the doorbells in the run directory of a node."""
 _UNFINISHED = layout.RING_SUFFIX + layout.UNFINISHED_SUFFIX
 _MARK = layout.MAGIC.to_bytes(8, "little")
 
@@ -33,12 +32,12 @@ class Reaped(msgspec.Struct, frozen=True):
 
 def reap(shm_dir: Path, run_dir: Path) -> Reaped:
     """Remove rings, tables and doorbells that no living process uses; missing folders count as empty."""
-    return _sweep(shm_dir, run_dir / BELLS_FOLDER, even_used=False)
+    return _sweep(shm_dir, paths.doorbells(run_dir), even_used=False)
 
 
 def remove_all(shm_dir: Path, run_dir: Path) -> Reaped:
     """Remove all rings, tables of readers and doorbells, used or not, and the folders left empty."""
-    bells_dir = run_dir / BELLS_FOLDER
+    bells_dir = paths.doorbells(run_dir)
     reaped = _sweep(shm_dir, bells_dir, even_used=True)
     for folder in (*_folders(shm_dir)[1:], shm_dir, bells_dir):
         with contextlib.suppress(OSError):  # it holds something that is not ours, or is gone
@@ -47,11 +46,11 @@ def remove_all(shm_dir: Path, run_dir: Path) -> Reaped:
 
 
 def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
-    paths = [path for folder in _folders(shm_dir) for path in _entries(folder)]
+    found = [path for folder in _folders(shm_dir) for path in _entries(folder)]
     rings = [
-        path for path in paths if path.name.endswith((layout.RING_SUFFIX, _UNFINISHED)) and _is_file(path)
+        path for path in found if path.name.endswith((layout.RING_SUFFIX, _UNFINISHED)) and _is_file(path)
     ]
-    tables = [path for path in paths if _is_table(path)]
+    tables = [path for path in found if _is_table(path)]
     removed: list[Path] = []
     denied: list[Path] = []
     # tables after rings: a ring still there then has a living writer

@@ -19,11 +19,12 @@ from collections.abc import Callable
 from pathlib import Path
 from types import CodeType, FrameType
 
+from swarmware import paths
 from swarmware.errors import NotFound
 from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import CHECKED_SLOT_BYTES, readers_folder, ring_file
 from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import BELLS_FOLDER, reap, remove_all
+from swarmware.shm.reap import reap, remove_all
 from swarmware.shm.ring import RingReader, RingWriter
 
 LIBRARY = str(Path(sys.modules[RingWriter.__module__].__file__ or "").parent)
@@ -37,7 +38,7 @@ class Case:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.path = ring_file(folder, "nav/pose")
-        self.doorbells = DoorbellSenders(folder / BELLS_FOLDER)
+        self.doorbells = DoorbellSenders(paths.doorbells(folder))
 
     def prepare(self) -> None:
         """In the parent, before the fork."""
@@ -192,13 +193,13 @@ class Add(Case):
     """The child registers at a ring that is not there yet."""
 
     def do(self) -> Callable[[], object]:
-        doorbell = Doorbell(self.folder / BELLS_FOLDER)
+        doorbell = Doorbell(paths.doorbells(self.folder))
         bells = ReaderNotifier(readers_folder(self.path), self.doorbells)
         return lambda: bells.add(doorbell.name)
 
     def check(self, *, killed: bool) -> None:
         with (
-            Doorbell(self.folder / BELLS_FOLDER) as doorbell,
+            Doorbell(paths.doorbells(self.folder)) as doorbell,
             ReaderNotifier(readers_folder(self.path), self.doorbells) as writer,
             ReaderNotifier(readers_folder(self.path), self.doorbells) as reader,
         ):
@@ -215,7 +216,7 @@ class AddAtWriter(Add):
     """The writer has the table open already and must notice the next reader all the same."""
 
     def prepare(self) -> None:
-        self.doorbell = Doorbell(self.folder / BELLS_FOLDER)
+        self.doorbell = Doorbell(paths.doorbells(self.folder))
         self.writer = ReaderNotifier(readers_folder(self.path), self.doorbells)
         self.writer.add(self.doorbell.name)
         self.writer.notify()
@@ -231,7 +232,7 @@ class AddAtWriter(Add):
 
 class Remove(AddAtWriter):
     def do(self) -> Callable[[], object]:
-        doorbell = Doorbell(self.folder / BELLS_FOLDER)
+        doorbell = Doorbell(paths.doorbells(self.folder))
         bells = ReaderNotifier(readers_folder(self.path), self.doorbells)
         bells.add(doorbell.name)
         return lambda: bells.remove(doorbell.name)
@@ -248,10 +249,10 @@ class RingDead(AddAtWriter):
 
 class MakeDoorbell(Case):
     def do(self) -> Callable[[], object]:
-        return lambda: Doorbell(self.folder / BELLS_FOLDER)
+        return lambda: Doorbell(paths.doorbells(self.folder))
 
     def check(self, *, killed: bool) -> None:
-        with Doorbell(self.folder / BELLS_FOLDER) as doorbell:
+        with Doorbell(paths.doorbells(self.folder)) as doorbell:
             assert self.doorbells.ring(doorbell.name)
             assert doorbell.drain()
         self.check_empty()
@@ -259,7 +260,7 @@ class MakeDoorbell(Case):
 
 class CloseDoorbell(MakeDoorbell):
     def do(self) -> Callable[[], object]:
-        return Doorbell(self.folder / BELLS_FOLDER).close
+        return Doorbell(paths.doorbells(self.folder)).close
 
 
 class Reap(RingCase):
@@ -272,8 +273,8 @@ class Reap(RingCase):
         self.table = readers_folder(self.path)
         self.writer = ReaderNotifier(self.table, self.doorbells)
         self.writer.add("17-0")
-        (self.folder / BELLS_FOLDER).mkdir(exist_ok=True)
-        os.mkfifo(self.folder / BELLS_FOLDER / "17-0")
+        (paths.doorbells(self.folder)).mkdir(exist_ok=True)
+        os.mkfifo(paths.doorbells(self.folder) / "17-0")
 
     def do(self) -> Callable[[], object]:
         return lambda: reap(self.folder, self.folder)
@@ -281,7 +282,7 @@ class Reap(RingCase):
     def check(self, *, killed: bool) -> None:
         self.writer.notify()
         with (
-            Doorbell(self.folder / BELLS_FOLDER) as doorbell,
+            Doorbell(paths.doorbells(self.folder)) as doorbell,
             ReaderNotifier(self.table, self.doorbells) as reader,
             RingWriter(self.path, slots=4, slot_bytes=SMALL) as writer,
         ):

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from swarmware import paths
 from swarmware.errors import NotFound
 from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import RingBusy, readers_folder, ring_file
 from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import BELLS_FOLDER, reap
+from swarmware.shm.reap import reap
 from swarmware.shm.ring import RingReader, RingWriter
 
 HERE = Path(__file__).parent
@@ -62,7 +63,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
     """Rings and, in `bells`, doorbells of a node; empty again after a test, once reaped."""
     yield tmp_path
     reap(tmp_path, tmp_path)
-    assert [path for path in tmp_path.rglob("*") if path.name != BELLS_FOLDER] == []
+    assert [path for path in tmp_path.rglob("*") if path.name != paths.doorbells(tmp_path).name] == []
 
 
 def check(data: bytes, slot_bytes: int) -> int:
@@ -81,9 +82,9 @@ def test_a_writer_killed_in_a_tight_loop_leaves_whole_frames_and_its_successor_g
 ) -> None:
     chance = random.Random(slot_bytes)
     path = ring_file(folder, "nav/pose")
-    doorbells = DoorbellSenders(folder / BELLS_FOLDER)
+    doorbells = DoorbellSenders(paths.doorbells(folder))
     with (
-        Doorbell(folder / BELLS_FOLDER) as doorbell,
+        Doorbell(paths.doorbells(folder)) as doorbell,
         ReaderNotifier(readers_folder(path), doorbells) as bells,
     ):
         bells.add(doorbell.name)
@@ -127,7 +128,7 @@ def test_a_writer_killed_in_a_tight_loop_leaves_whole_frames_and_its_successor_g
 
 def test_a_stopped_reader_stops_nobody_and_counts_what_it_missed(folder: Path) -> None:
     path = ring_file(folder, "nav/pose")
-    doorbells = DoorbellSenders(folder / BELLS_FOLDER)
+    doorbells = DoorbellSenders(paths.doorbells(folder))
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
     with (
         RingWriter(path, slots=16, slot_bytes=64) as writer,
@@ -153,7 +154,7 @@ def test_a_stopped_reader_stops_nobody_and_counts_what_it_missed(folder: Path) -
 
 def test_a_doorbell_of_a_killed_reader_is_dropped_by_the_writer(folder: Path) -> None:
     path = ring_file(folder, "nav/pose")
-    doorbells = DoorbellSenders(folder / BELLS_FOLDER)
+    doorbells = DoorbellSenders(paths.doorbells(folder))
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
     with RingWriter(path, slots=4, slot_bytes=64), ReaderNotifier(readers_folder(path), doorbells) as bells:
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -164,7 +165,7 @@ def test_a_doorbell_of_a_killed_reader_is_dropped_by_the_writer(folder: Path) ->
             process.kill()
         bells.notify()
         assert bells.names() == ()
-        (left,) = (folder / BELLS_FOLDER).iterdir()
+        (left,) = (paths.doorbells(folder)).iterdir()
         assert reap(folder, folder).removed == (left,)
     doorbells.close()
 
@@ -234,8 +235,8 @@ def test_reaping_never_takes_what_a_living_process_uses(folder: Path) -> None:
 
 def test_a_second_process_is_told_who_writes_and_may_after_its_death(folder: Path, writers: Writers) -> None:
     path = ring_file(folder, "nav/pose")
-    with Doorbell(folder / BELLS_FOLDER) as doorbell:
-        doorbells = DoorbellSenders(folder / BELLS_FOLDER)
+    with Doorbell(paths.doorbells(folder)) as doorbell:
+        doorbells = DoorbellSenders(paths.doorbells(folder))
         with ReaderNotifier(readers_folder(path), doorbells) as bells:
             bells.add(doorbell.name)
         writers.start(path, 64, "write")

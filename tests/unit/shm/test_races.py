@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmware import paths
 from swarmware.errors import Conflict
 from swarmware.shm import doorbell, ringfile
 from swarmware.shm import reap as reaping
@@ -14,7 +15,7 @@ from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import RingBusy
 from swarmware.shm.lock import lock_within, try_lock
 from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import BELLS_FOLDER, reap
+from swarmware.shm.reap import reap
 from swarmware.shm.ring import RingReader, RingWriter
 
 
@@ -131,7 +132,7 @@ def test_a_reader_whose_folder_is_removed_while_it_enters_uses_the_one_at_the_pa
 def test_the_reaper_and_a_new_doorbell_keep_out_of_each_others_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = tmp_path / BELLS_FOLDER
+    folder = paths.doorbells(tmp_path)
     folder.mkdir()
     monkeypatch.setattr(doorbell, "FOLDER_WAIT_S", 0.01)
     with doorbell.folder_lock(folder):

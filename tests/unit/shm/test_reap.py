@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from swarmware import paths
 from swarmware.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.shm.layout import readers_folder, ring_file
 from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import BELLS_FOLDER, reap, remove_all
+from swarmware.shm.reap import reap, remove_all
 from swarmware.shm.ring import RingReader, RingWriter
 
 
@@ -52,15 +53,15 @@ def test_the_rings_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, ru
 
 
 def test_a_table_stays_while_its_ring_lives_or_a_reader_waits(shm_dir: Path, run_dir: Path) -> None:
-    doorbells = DoorbellSenders(run_dir / BELLS_FOLDER)
+    doorbells = DoorbellSenders(paths.doorbells(run_dir))
     written, awaited, forgotten = (
         ring_file(shm_dir, path) for path in ("a/written", "b/awaited", "c/forgotten")
     )
-    dead = Doorbell(run_dir / BELLS_FOLDER)
+    dead = Doorbell(paths.doorbells(run_dir))
     for path in (written, awaited, forgotten):
         with ReaderNotifier(readers_folder(path), doorbells) as bells:
             bells.add(dead.name)
-    with RingWriter(written, slots=4, slot_bytes=64), Doorbell(run_dir / BELLS_FOLDER) as doorbell:
+    with RingWriter(written, slots=4, slot_bytes=64), Doorbell(paths.doorbells(run_dir)) as doorbell:
         with ReaderNotifier(readers_folder(awaited), doorbells) as bells:
             bells.add(doorbell.name)
         dead.close()
@@ -75,12 +76,12 @@ def test_a_table_stays_while_its_ring_lives_or_a_reader_waits(shm_dir: Path, run
 
 
 def test_a_writer_whose_table_was_reaped_finds_the_next_reader(shm_dir: Path, run_dir: Path) -> None:
-    doorbells = DoorbellSenders(run_dir / BELLS_FOLDER)
+    doorbells = DoorbellSenders(paths.doorbells(run_dir))
     path = shm_dir / "apps.readers"  # a table without a ring
     with (
         ReaderNotifier(path, doorbells) as writer,
         ReaderNotifier(path, doorbells) as reader,
-        Doorbell(run_dir / BELLS_FOLDER) as doorbell,
+        Doorbell(paths.doorbells(run_dir)) as doorbell,
     ):
         writer.notify()
         assert reap(shm_dir, run_dir).removed == (path,)
@@ -91,11 +92,11 @@ def test_a_writer_whose_table_was_reaped_finds_the_next_reader(shm_dir: Path, ru
 
 
 def test_doorbells_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, run_dir: Path) -> None:
-    with Doorbell(run_dir / BELLS_FOLDER) as doorbell:
-        left = run_dir / BELLS_FOLDER / "17-0"
+    with Doorbell(paths.doorbells(run_dir)) as doorbell:
+        left = paths.doorbells(run_dir) / "17-0"
         os.mkfifo(left)
         assert reap(shm_dir, run_dir).removed == (left,)
-        assert DoorbellSenders(run_dir / BELLS_FOLDER).ring(doorbell.name)
+        assert DoorbellSenders(paths.doorbells(run_dir)).ring(doorbell.name)
 
 
 def test_a_file_that_was_never_finished_goes(shm_dir: Path, run_dir: Path) -> None:
@@ -108,12 +109,12 @@ def test_a_file_that_was_never_finished_goes(shm_dir: Path, run_dir: Path) -> No
 
 def test_what_is_not_ours_is_left_alone(shm_dir: Path, run_dir: Path) -> None:
     (shm_dir / "sub").mkdir(parents=True)
-    (run_dir / BELLS_FOLDER).mkdir(parents=True)
+    (paths.doorbells(run_dir)).mkdir(parents=True)
     (shm_dir / "their.ring").write_bytes(b"precious")
     (shm_dir / "their.ring.new").write_bytes(b"precious")
     (shm_dir / "their.readers").write_bytes(b"precious")
     (shm_dir / "sub" / "notes.txt").write_bytes(b"precious")
-    (run_dir / BELLS_FOLDER / "notes").write_bytes(b"precious")
+    (paths.doorbells(run_dir) / "notes").write_bytes(b"precious")
     os.mkfifo(shm_dir / "fifo.ring")
     (shm_dir / "link.ring").symlink_to(shm_dir / "their.ring")
     before = names(shm_dir), names(run_dir)
@@ -123,17 +124,17 @@ def test_what_is_not_ours_is_left_alone(shm_dir: Path, run_dir: Path) -> None:
 
 
 def test_the_end_of_a_node_removes_everything_and_the_folders(shm_dir: Path, run_dir: Path) -> None:
-    doorbells = DoorbellSenders(run_dir / BELLS_FOLDER)
+    doorbells = DoorbellSenders(paths.doorbells(run_dir))
     ring = ring_file(shm_dir, "nav/pose", "uav1")
     with (
         RingWriter(ring, slots=4, slot_bytes=64),
         RingReader(ring) as reader,
-        Doorbell(run_dir / BELLS_FOLDER) as doorbell,
+        Doorbell(paths.doorbells(run_dir)) as doorbell,
         ReaderNotifier(readers_folder(ring), doorbells) as bells,
     ):
         bells.add(doorbell.name)
         assert len(remove_all(shm_dir, run_dir).removed) == 3
         assert reader.moved
         assert not shm_dir.exists()
-        assert not (run_dir / BELLS_FOLDER).exists()
+        assert not (paths.doorbells(run_dir)).exists()
     assert not shm_dir.exists()

@@ -13,6 +13,7 @@ from typing import Final, Literal
 import msgspec
 
 from swarmctl import labs
+from swarmware import paths
 from swarmware.appfile import AppTable
 from swarmware.config import load_node, load_service, share_dir
 from swarmware.errors import ConfigError, SwarmError
@@ -170,7 +171,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         yield CheckResult("node.toml", "error", str(error), "correct the file")
         return
     yield CheckResult("node.toml", "ok", f"{folder}: platform {node.platform}, {len(node.services)} services")
-    longest = len(str(node.run_path / "p" / "4194304-99.sock").encode())
+    longest = len(str(paths.socket(node.run_path, "4194304-99")).encode())
     if longest > SOCKET_PATH_BYTES:
         text = f"{node.run_dir}: sockets in it would have paths of {longest} bytes"
         yield CheckResult(

@@ -15,6 +15,7 @@ from swarmctl.quantities import span_s
 from swarmctl.session import config_dir
 from swarmctl.settings import CliSettings
 from swarmctl.values import brief
+from swarmware import paths
 from swarmware.clock import utc_ns
 from swarmware.config import load_node, load_service
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
@@ -108,11 +109,11 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
                 raise
         else:
             nodes = [lab.node(settings.node)] if settings.node else list(lab.nodes)
-            return [path for node in nodes if (path := node.data_dir / "log").is_dir()]
+            return [path for node in nodes if (path := paths.log(node.data_dir)).is_dir()]
     node = load_node(config_dir(settings))
     if settings.node and settings.node != node.platform:
         raise NotFound(f"log of {settings.node}: not on this machine; expected --mongodb URI, or to be there")
-    return [node.data_path / "log"]
+    return [paths.log(node.data_path)]
 
 
 def absolute(pattern: str, settings: CliSettings) -> str:

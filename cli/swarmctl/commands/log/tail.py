@@ -12,6 +12,7 @@ from swarmctl.commands.log.interleaving import Interleaving
 from swarmctl.commands.log.sources import absolute
 from swarmctl.session import config_dir, local_config_dir
 from swarmctl.settings import CliSettings
+from swarmware import paths
 from swarmware.clock import utc_ns
 from swarmware.config import load_node
 from swarmware.errors import NotFound
@@ -87,7 +88,7 @@ class Tail:
 
 
 def _log_dir(folder: Path) -> Path:
-    log_dir = load_node(folder).data_path / "log"
+    log_dir = paths.log(load_node(folder).data_path)
     if not log_dir.is_dir():
         raise NotFound(f"log folder {log_dir}: not there; expected the logger of that node to run")
     return log_dir
