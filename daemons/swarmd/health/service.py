@@ -151,7 +151,7 @@ class Health(Service):
         for change, entry in events:
             if change in {Change.LEFT, Change.DIED}:
                 known = self._entries.get(entry.id)
-                if known is not None and known.pid == entry.pid:  # else the end of its process was seen before
+                if known is not None and known.pid == entry.pid:  # else its end was seen before
                     actions += self._on_end(entry, now_ns)
             else:
                 self._entries[entry.id] = entry
