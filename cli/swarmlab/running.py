@@ -19,7 +19,7 @@ from swarmlab import provisioning
 from swarmlab.notify import NotifySocket, Restarts
 from swarmware.config import CONFIG_VARIABLE
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.service.restart_policy import RestartPolicy
+from swarmware.runtime.restart_policy import RestartPolicy
 
 T = TypeVar("T")
 

@@ -7,8 +7,8 @@ import signal
 import time
 from contextlib import suppress
 
+from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.fork import FOLDER, SOCKET
-from swarmware.service.restart_policy import RestartPolicy
 from swarmware.service.starting import environment, start
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte

@@ -19,9 +19,9 @@ from contextlib import suppress
 from swarmd.forks import Forks
 from swarmd.words import RECEIVE_BYTES, Words
 from swarmware.errors import SwarmError
+from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.fork import ENDED_S, StartedProcess
 from swarmware.service.notify import Notifier
-from swarmware.service.restart_policy import RestartPolicy
 from swarmware.service.starting import (
     BEAT_S,
     GUARD,

@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.guard.config import Config
+from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.types.health import GuardStatus, WatchedService
 
 HEARTBEAT_NS: Final = 1_000_000_000
@@ -106,10 +107,10 @@ class SupervisedService(msgspec.Struct):
     """One service under the guard."""
 
     name: str
+    policy: RestartPolicy
     state: ServiceState = ServiceState.WAITING
     pid: int = 0
     restarts: int = 0
-    consecutive_restarts: int = 0
     since_ns: int = 0
     adopted: bool = False
     reason: str = ""
@@ -149,12 +150,18 @@ class GuardCore:
         supervisor: str,
         config: Config,
     ) -> None:
-        self._services = {name: SupervisedService(name) for name in services}
+        self._services = {
+            name: SupervisedService(
+                name,
+                RestartPolicy(
+                    pauses_s=config.back_off_s, settled_s=config.settled_s, limit=config.restart_limit
+                ),
+            )
+            for name in services
+        }
         self._supervisor = supervisor
         self._hung_ns = round(config.hung_s * 1e9)
         self._start_ns = round(config.start_s * 1e9)
-        self._back_off_ns = [round(pause_s * 1e9) for pause_s in config.back_off_s]
-        self._settled_ns = round(config.settled_s * 1e9)
         self._limit = config.restart_limit
         self._stop_ns = round(config.stop_s * 1e9)
         self._stopping: list[str] | None = None
@@ -252,7 +259,8 @@ class GuardCore:
         watched = self._services[name]
         if watched.pid != pid or (watched.state, ServiceEvent.EXIT) not in TRANSITIONS:
             return []
-        settled = watched.state is ServiceState.RUNNING and now_ns - watched.since_ns >= self._settled_ns
+        if watched.state is ServiceState.RUNNING:
+            watched.policy.on_ready(watched.since_ns)
         watched.transition(ServiceEvent.EXIT, now_ns)
         watched.pid = 0
         if self._stopping is not None:
@@ -260,13 +268,12 @@ class GuardCore:
                 watched.transition(ServiceEvent.STOP, now_ns)  # it ended before it was requested to
             return self._stop_next(now_ns)
         watched.reason, watched.kill_reason = watched.kill_reason or exit_reason(how), ""
-        watched.consecutive_restarts = 1 if settled else watched.consecutive_restarts + 1
-        if self._limit and watched.consecutive_restarts > self._limit:
+        pause_s = watched.policy.on_end(now_ns)
+        if pause_s is None:
             watched.transition(ServiceEvent.GIVE_UP, now_ns)
             watched.reason += f"; given up after {self._limit} restarts in a row"
             return [ReportRestart(watched.status())]
-        pause_ns = self._back_off_ns[min(watched.consecutive_restarts, len(self._back_off_ns)) - 1]
-        watched.deadline_ns = now_ns + pause_ns
+        watched.deadline_ns = now_ns + round(pause_s * 1e9)
         watched.restarts += 1
         actions: list[Action] = [ReportRestart(watched.status())]
         return actions + self._due(watched, now_ns)
@@ -276,7 +283,7 @@ class GuardCore:
         watched = self._services[name]
         if self._stopping is not None:
             return []
-        watched.consecutive_restarts = 0
+        watched.policy.reset()
         if watched.state in {ServiceState.RUNNING, ServiceState.STARTING}:
             watched.kill_reason = "restarted on request"
             watched.deadline_ns = now_ns + self._stop_ns

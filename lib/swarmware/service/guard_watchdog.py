@@ -10,7 +10,7 @@ from swarmware.appfile.trace import died, last_of
 from swarmware.errors import NotFound, SwarmError
 from swarmware.node import Node
 from swarmware.runtime.processes import process_end
-from swarmware.service.restart_policy import PAUSES_S, RestartPolicy
+from swarmware.runtime.restart_policy import PAUSES_S, RestartPolicy
 from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
 from swarmware.service.supervised_process import SupervisedProcess
 

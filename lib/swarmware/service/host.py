@@ -11,6 +11,7 @@ import msgspec
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module import Module
+from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.reason import reason
 from swarmware.service.status import Reporter, beat
 
@@ -110,13 +111,12 @@ class ServiceHost:
 
     async def _keep(self, item: PreparedService) -> None:
         alone = len(self._prepared) == 1
-        failures = 0
-        restarts = 0
+        policy = RestartPolicy(pauses_s=BACKOFF_S, settled_s=SETTLED_S, limit=0)
         logged: str | None = None
         while True:
-            began_s = time.monotonic()
+            policy.on_ready(time.monotonic_ns())
             try:
-                await self._run_once(item, restarts)
+                await self._run_once(item, policy.restarts)
             except Exception as error:
                 if alone:
                     raise
@@ -127,12 +127,11 @@ class ServiceHost:
                 elif text != logged:  # once: the same error returns at each start
                     log.error("%s: failed: %s", item.name, text)
                 logged = text
-            settled = time.monotonic() - began_s >= SETTLED_S
-            failures = 1 if settled else failures + 1
-            restarts += 1
-            pause_s = BACKOFF_S[min(failures - 1, len(BACKOFF_S) - 1)]
-            level = logging.WARNING if failures <= len(BACKOFF_S) or logged is None else logging.DEBUG
-            log.log(level, "%s: starts again in %s s (restart %d)", item.name, pause_s, restarts)
+            pause_s = policy.on_end(time.monotonic_ns()) or 0.0
+            level = (
+                logging.WARNING if policy.consecutive <= len(BACKOFF_S) or logged is None else logging.DEBUG
+            )
+            log.log(level, "%s: starts again in %s s (restart %d)", item.name, pause_s, policy.restarts)
             await asyncio.sleep(pause_s)
 
     async def _run_once(self, item: PreparedService, restarts: int) -> None:

@@ -14,7 +14,7 @@ from swarmlab import provisioning, running
 from swarmlab.notify import Restarts
 from swarmlab.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.service.restart_policy import RestartPolicy
+from swarmware.runtime.restart_policy import RestartPolicy
 
 READY = """
 import os, signal, socket

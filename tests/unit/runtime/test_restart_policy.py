@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmware.service.restart_policy import RestartPolicy
+from swarmware.runtime.restart_policy import RestartPolicy
 
 SECOND = 1_000_000_000
 
@@ -41,3 +41,11 @@ def test_a_short_life_counts_as_a_failure_unless_it_was_ready_and_killed(ready: 
             made.on_ready(second * SECOND)
         pauses.append(made.on_end(second * SECOND + 1, killed=not ready))
     assert pauses == [0.0, 0.5, 2.0]
+
+
+def test_without_a_limit_it_is_never_given_up_and_an_operator_starts_the_count_again() -> None:
+    made = RestartPolicy(pauses_s=(0.0, 1.0), limit=0)
+    assert [made.on_end(0) for _ in range(40)] == [0.0, *[1.0] * 39]
+    made.reset()
+    assert made.on_end(0) == 0.0
+    assert (made.consecutive, made.restarts) == (1, 41)

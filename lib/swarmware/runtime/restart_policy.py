@@ -1,9 +1,10 @@
-"""When a process that ended is restarted: with a back-off, and a limit of consecutive restarts."""
+"""When a process or service that ended is restarted: with a back-off, and a limit of consecutive restarts."""
 
 from __future__ import annotations
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from typing import Final
 
 PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
@@ -15,16 +16,17 @@ LIMIT: Final = 20
 
 
 class RestartPolicy:
-    """Back-off and limit of the restarts of one process."""
+    """Back-off and limit of the restarts of one process or service; limit 0: none."""
 
     def __init__(
-        self, *, pauses_s: tuple[float, ...] = PAUSES_S, settled_s: float = SETTLED_S, limit: int = LIMIT
+        self, *, pauses_s: Sequence[float] = PAUSES_S, settled_s: float = SETTLED_S, limit: int = LIMIT
     ) -> None:
         self._pauses_s = pauses_s
         self._settled_ns = round(settled_s * 1e9)
         self._limit = limit
         self._ready_ns: int | None = None
-        self._in_a_row = 0
+        self.consecutive = 0
+        """Ends in a row, none of them after it had settled."""
         self.restarts = 0
         """Restarts since the start."""
 
@@ -32,15 +34,19 @@ class RestartPolicy:
         """The present process is ready."""
         self._ready_ns = now_ns
 
-    def on_end(self, now_ns: int, *, killed: bool) -> float | None:
+    def on_end(self, now_ns: int, *, killed: bool = False) -> float | None:
         """Pause before the next start, in seconds; None: given up.
 
         `killed`: ended by SIGKILL from outside, which is not a failure of a process that was ready.
         """
         ready_ns, self._ready_ns = self._ready_ns, None
         settled = ready_ns is not None and (killed or now_ns - ready_ns >= self._settled_ns)
-        self._in_a_row = 1 if settled else self._in_a_row + 1
-        if self._in_a_row > self._limit:
+        self.consecutive = 1 if settled else self.consecutive + 1
+        if self._limit and self.consecutive > self._limit:
             return None
         self.restarts += 1
-        return self._pauses_s[min(self._in_a_row, len(self._pauses_s)) - 1]
+        return self._pauses_s[min(self.consecutive, len(self._pauses_s)) - 1]
+
+    def reset(self) -> None:
+        """Forget the consecutive ends: an operator restarts it."""
+        self.consecutive = 0
