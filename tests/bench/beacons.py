@@ -26,7 +26,7 @@ import numpy as np
 import uvloop
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import Beacon, Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.sessions import Sessions

@@ -9,8 +9,9 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core import session_checks
+from swarmd.broker.core.beacon import Beacon, Header
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon, ReceivedBeacon
 from swarmd.broker.core.datagram_limiter import DatagramLimiter
 from swarmd.broker.core.sessions import BELIEVED, SessionOutcome, Sessions
@@ -144,7 +145,7 @@ class BeaconTransport:
             body = bytearray(codec.encode(msgspec.structs.replace(beacon, hello=hello)))
         codec.shift_echoes(body, tx_ns // 1000 - composed_ns // 1000)
         clear = codec.encode_header(
-            codec.Header(
+            Header(
                 self._epoch,
                 self._hardware,
                 sequence,
@@ -235,8 +236,8 @@ class BeaconTransport:
 
     def _take(
         self,
-        header: codec.Header,
-        beacon: codec.Beacon,
+        header: Header,
+        beacon: Beacon,
         address: Address,
         rx_ns: int,
         by_multicast: bool,
@@ -264,7 +265,7 @@ class BeaconTransport:
         return session in (None, self._session)
 
     def _is_believed(
-        self, hw: int, session: int, beacon: codec.Beacon, address: Address, by_multicast: bool, now_ns: int
+        self, hw: int, session: int, beacon: Beacon, address: Address, by_multicast: bool, now_ns: int
     ) -> bool:
         outcome = self._sessions.on_datagram(hw, session, beacon.checks, now_ns)
         if outcome is BELIEVED:

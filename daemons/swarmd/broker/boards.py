@@ -3,7 +3,8 @@
 import logging
 from typing import Final
 
-from swarmd.broker.core.beacon import BODY_LIMIT, NEVER_NS, value_bytes
+from swarmd.broker.core.beacon import BODY_LIMIT, NEVER_NS
+from swarmd.broker.core.beacon_codec import value_bytes
 from swarmd.broker.core.published_boards import PublishedBoard, PublishedBoards
 from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters

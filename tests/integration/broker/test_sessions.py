@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
 
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import Beacon, Header
 from swarmware.module import BoardWriter
 from swarmware.names import hardware_id

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology import Topology

@@ -13,8 +13,8 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core import beacon as codec
-from swarmd.broker.core.beacon import Beacon, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core import beacon_codec as codec
+from swarmd.broker.core.beacon import BODY_LIMIT, NO_ECHO, Beacon, Echo, Header, Hello, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.neighbour import NeighbourTable
@@ -74,7 +74,7 @@ class Whole(Node):
     def send(self, now_ns: int) -> None:
         outgoing = self.protocol.compose(now_ns)
         body = codec.encode(outgoing.beacon)
-        assert len(body) <= codec.BODY_LIMIT
+        assert len(body) <= BODY_LIMIT
         self.body_bytes = len(body)
         self.protocol.sent(outgoing.sequence, now_ns, len(body) + OVERHEAD - IP_UDP_BYTES)
         self.count(len(body) + OVERHEAD)
@@ -125,7 +125,7 @@ class Light(Node):
         others = []
         for _ in range(min((size - 100) // codec.ECHO_BYTES, 60)):
             self.filler = WHOLE + (self.filler + 1 - WHOLE) % (self.cell.count - WHOLE)
-            others.append(Echo(self.cell.nodes[self.filler].hw, 0, codec.NO_ECHO, 255))
+            others.append(Echo(self.cell.nodes[self.filler].hw, 0, NO_ECHO, 255))
         period_ms = min(round(1000 / model.protocol.beacon_hz()), 0xFFFF)
         name = f"uav{self.index}"
         hello = Hello(1, 0, 1, 1, 0, PlatformKind.UAV, name, b"", period_ms, listing_ns // 1_000_000)

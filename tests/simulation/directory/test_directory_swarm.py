@@ -25,8 +25,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarmd.broker.core import beacon as codec
-from swarmd.broker.core.beacon import Beacon, Header, Hello, PlatformKind
+from swarmd.broker.core import beacon_codec as codec
+from swarmd.broker.core.beacon import BODY_LIMIT, Beacon, Header, Hello, PlatformKind
 from swarmd.broker.core.neighbour import LISTING_NS
 from swarmd.broker.core.topology import RouteChanged, Topology
 
@@ -160,7 +160,7 @@ class Swarm:
         declared = hello if period_ns > node.period_ns or sequence % 10 == 0 else None
         node.period_ns = period_ns
         body = codec.encode(Beacon(declared, shape.echoes, shape.rows, shape.requests))
-        assert len(body) <= codec.BODY_LIMIT
+        assert len(body) <= BODY_LIMIT
         codec.encode_header(header)
         beacon = codec.decode(body)  # once for all receivers: it is the same for each of them
         topology.sent(sequence, now_ns)

@@ -7,7 +7,7 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.beacon_rate import BeaconSchedule

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core import age
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import (
     HOPS_MAX,
     INFINITY,

@@ -6,8 +6,8 @@ from typing import Final
 import msgspec
 import pytest
 
-from swarmd.broker.core import beacon as codec
-from swarmd.broker.core.beacon import BODY_LIMIT, Beacon, Header, PlatformKind, RouteRow
+from swarmd.broker.core import beacon_codec as codec
+from swarmd.broker.core.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformKind, RouteRow
 from swarmd.broker.core.beacon_protocol import (
     SILENCE_NS,
     BeaconProtocol,
@@ -337,7 +337,7 @@ def test_names_and_trees_go_over_the_next_hop(one: Node, other: Node) -> None:
 
 def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None:
     meet(one, other)
-    row = codec.MemberRow(other.hw, 99, PlatformKind.UAV, "uav2")
+    row = MemberRow(other.hw, 99, PlatformKind.UAV, "uav2")
     liar = hardware_id("uav9")
     one.protocol.on_datagram(Header(0, liar, 1, 0, 1), Beacon(members=(row,)), ("h", 2), 400 * MS)
     member = one.protocol.nodes.get(other.hw)

@@ -4,7 +4,7 @@ import pytest
 
 from swarmd.broker.beacon_transport import BeaconTransport
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import Beacon, Header, PlatformKind, RouteRow
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity, ReceivedBeacon
 from swarmd.broker.core.session_checks import CheckKind, SessionCheck

@@ -5,7 +5,7 @@ from typing import Final
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from swarmd.broker.core import beacon as codec
+from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import (
     BODY_LIMIT,
     Beacon,

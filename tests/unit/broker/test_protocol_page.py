@@ -3,8 +3,17 @@
 import re
 from pathlib import Path
 
-from swarmd.broker.core import beacon as codec
-from swarmd.broker.core.beacon import Beacon, BoardValue, Echo, Header, Hello, PlatformKind, RouteRow
+from swarmd.broker.core import beacon_codec as codec
+from swarmd.broker.core.beacon import (
+    BODY_LIMIT,
+    Beacon,
+    BoardValue,
+    Echo,
+    Header,
+    Hello,
+    PlatformKind,
+    RouteRow,
+)
 from swarmd.broker.core.beacon_protocol import DIRECT_COST, DIRECT_NS
 from swarmd.broker.core.neighbour import EXPECTED_MIN, FALSE_ALARM, LISTINGS, LONG_WINDOW, PERIODS, WINDOW
 from swarmd.broker.core.routing_table import (
@@ -138,6 +147,6 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"(metric / 256), at most {REFRESH_MAX_NS // SECOND} s",
         f"stands still for {HOLD_NS // SECOND} s is lost",
         f"forgotten {SOURCE_GC_NS // SECOND} s after",
-        f"At most {22 + codec.BODY_LIMIT + 16:,} bytes".replace(",", " "),
+        f"At most {22 + BODY_LIMIT + 16:,} bytes".replace(",", " "),
     ):
         assert words in PAGE, words

@@ -5,16 +5,11 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon import (
-    BODY_LIMIT,
+from swarmd.broker.core.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon_codec import (
     ECHO_BYTES,
-    NEVER_NS,
     REQUEST_BYTES,
     ROW_BYTES,
-    Beacon,
-    Header,
-    Hello,
-    PlatformKind,
     hello_bytes,
     member_bytes,
     value_bytes,

@@ -5,7 +5,8 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon import Hello, MemberRow, PlatformKind, member_bytes
+from swarmd.broker.core.beacon import Hello, MemberRow, PlatformKind
+from swarmd.broker.core.beacon_codec import member_bytes
 from swarmware.errors import InvalidInput
 from swarmware.names import check_platform, hardware_id
 

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from swarmd.broker.core.beacon import NEVER_NS, BoardValue, value_bytes
+from swarmd.broker.core.beacon import NEVER_NS, BoardValue
+from swarmd.broker.core.beacon_codec import value_bytes
 from swarmware.types.net import BoardPublication
 
 REFRESH_NS: Final = 1_000_000_000

@@ -5,7 +5,8 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon import HOPS_MAX, NEVER_NS, RelayedValue, relay_bytes
+from swarmd.broker.core.beacon import HOPS_MAX, NEVER_NS, RelayedValue
+from swarmd.broker.core.beacon_codec import relay_bytes
 
 PERIOD_NS: Final = 250_000_000
 """Period of a relayed value per hop from its origin. Simulated, 16 moving nodes, poses: 2.0 kB/s per

@@ -4,17 +4,8 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon import (
-    ECHO_BYTES,
-    NEVER_NS,
-    REQUEST_BYTES,
-    ROW_BYTES,
-    Beacon,
-    Echo,
-    Header,
-    RouteRow,
-    SequenceRequest,
-)
+from swarmd.broker.core.beacon import NEVER_NS, Beacon, Echo, Header, RouteRow, SequenceRequest
+from swarmd.broker.core.beacon_codec import ECHO_BYTES, REQUEST_BYTES, ROW_BYTES
 from swarmd.broker.core.clock_sample import ClockSample
 from swarmd.broker.core.link import LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.neighbour import Neighbour, NeighbourTable
