@@ -1,4 +1,4 @@
-"""The beacons of this node, out and in: sealed, counted, to the group and to single nodes."""
+"""Sends and receives beacons over UDP: sealed, counted, by multicast and by unicast."""
 
 import asyncio
 import logging
@@ -14,7 +14,7 @@ from swarmd.broker.core import session_checks
 from swarmd.broker.core.beacon import Beacon, Header
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon, ReceivedBeacon
 from swarmd.broker.core.datagram_limiter import DatagramLimiter
-from swarmd.broker.core.sessions import BELIEVED, SessionOutcome, Sessions
+from swarmd.broker.core.sessions import ACCEPTED, SessionOutcome, Sessions
 from swarmd.broker.core.topology import LinkState
 from swarmd.broker.core.traffic import EVERYBODY, Counters
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
@@ -24,13 +24,13 @@ from swarmware.names import hardware_id
 from swarmware.security import Keys, Opener, Refusal, Sealer
 
 UNRETURNED_MAX: Final = 20
-"""Beacons of ours that the group did not bring back, with nobody heard over it: multicast is missing here."""
+"""Own beacons without loopback, and without any other node's, after which multicast counts as missing."""
 PROBE_EVERY: Final = 20
-"""Then only every so manieth beacon still tries the group."""
+"""Without multicast, every twentieth beacon still probes the group."""
 CLAIMANTS_MAX: Final = 16
 CLAIMANT_NS: Final = 3_000_000_000
 SEEDS_S: Final = 30.0
-"""Names of seeds are looked up again this often."""
+"""Period in which the names of seeds are resolved again."""
 _UNKNOWN: Final = "?"
 FAULTS: Final = (
     ArithmeticError,
@@ -43,13 +43,13 @@ FAULTS: Final = (
 )
 """A fault of our own code on bytes from outside: it costs one datagram or one beacon, never the broker."""
 FAULTS_LOGGED: Final = 5
-"""With their traceback; the others are counted only."""
+"""Faults that are logged with their traceback; the others are only counted."""
 
 log = logging.getLogger("swarm.broker")
 
 
 class BeaconTransport:
-    """Seals and sends what the station says, opens and hands on what others say."""
+    """Seals and sends the beacons that the protocol composes; opens received ones and passes them to it."""
 
     def __init__(
         self,
@@ -69,9 +69,9 @@ class BeaconTransport:
         self._on_outcome = on_outcome
         self._keep_period = keep_period
         self._claimants: dict[Address, int] = {}
-        """Who wrote to us alone and is not believed yet, and until when our beacons go there."""
+        """Unicast senders without an accepted session, and until when beacons are sent to them."""
         self.by_unicast: set[int] = set()
-        """Neighbours whose newest datagram did not come over the group."""
+        """Neighbours whose newest datagram came by unicast."""
         self._config = config
         self._clock = clock
         self._protocol = protocol
@@ -100,11 +100,11 @@ class BeaconTransport:
 
     @property
     def has_checks(self) -> bool:
-        """Whether there is something to ask others, or to answer them, about sessions."""
+        """Whether a question or an answer about sessions waits for the next beacon."""
         return bool(self._sessions.waiting)
 
     async def look_up_seeds(self) -> None:
-        """Keeps the addresses of the seeds up to date, for ever."""
+        """Resolves the names of the seeds periodically until it is cancelled."""
         own = {(host, self._udp.port) for host in (LOOPBACK, self._config.bind_address)}
         while True:
             for seed in self._config.seeds:
@@ -113,10 +113,10 @@ class BeaconTransport:
                     self._seeds[seed] = address
             await asyncio.sleep(SEEDS_S)
 
-    # out
+    # sending
 
     def send_beacon(self, now_ns: int) -> None:
-        """Composes and sends the next beacon; one that cannot be composed is counted and left out."""
+        """Composes and sends the next beacon; one that cannot be composed is counted and skipped."""
         try:
             self._protocol.reserved_bytes = session_checks.body_bytes(self._sessions.waiting)
             outgoing = self._protocol.compose(now_ns)
@@ -166,10 +166,12 @@ class BeaconTransport:
             self._counters.datagram_sent(len(data), EVERYBODY)
         self._unreturned += 1
         if self._unreturned == UNRETURNED_MAX:
-            log.warning("multicast does not work here: only seeds and those who write to us are reached")
+            log.warning(
+                "multicast does not work here: only seeds and senders of unicast datagrams are reached"
+            )
 
     def _single_nodes(self) -> set[Address]:
-        """Seeds and neighbours that the group does not reach."""
+        """Addresses of seeds and neighbours that multicast does not reach."""
         if not self._seeds and not self.by_unicast and not self._claimants:
             return set()
         single: set[Address] = set()
@@ -187,17 +189,17 @@ class BeaconTransport:
         single.update(self._claimants)
         return single
 
-    # in
+    # receiving
 
     def receive(self) -> None:
-        """Takes what has come by now; otherwise it may wait for a moment in the sockets."""
+        """Reads the datagrams that wait in the sockets, without the delay of batching."""
         self._udp.receive()
         self._udp.set_min_period(self._protocol.topology.neighbours.usual_period_ns())
 
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)
         if sender_hw == self._hardware and self._is_own(data):
-            self._unreturned = 0  # the group brings datagrams back
+            self._unreturned = 0  # multicast loops datagrams back
             return
         if self._hear is not None and sender_hw not in self._hear:
             self._counters.refused.unheard += 1
@@ -224,7 +226,7 @@ class BeaconTransport:
             return
         try:
             rx_ns = self._clock.from_mono_ns(rx_mono_ns)
-            if not self._is_believed(sender_hw, opened.session, beacon, address, by_multicast, rx_ns):
+            if not self._is_accepted(sender_hw, opened.session, beacon, address, by_multicast, rx_ns):
                 self._counters.datagram_received(len(data), _UNKNOWN)
                 return
             self._limiter.good(address)
@@ -257,24 +259,24 @@ class BeaconTransport:
         self._on_received(received)
 
     def _is_own(self, data: bytes) -> bool:
-        """Whether it is ours come back; without a session nobody can tell."""
+        """Whether it is an own datagram looped back; one without a session is taken for one."""
         try:
             session = codec.decode_header(data)[0].session
         except WireError:
             return True
         return session in (None, self._session)
 
-    def _is_believed(
+    def _is_accepted(
         self, hw: int, session: int, beacon: Beacon, address: Address, by_multicast: bool, now_ns: int
     ) -> bool:
         outcome = self._sessions.on_datagram(hw, session, beacon.checks, now_ns)
-        if outcome is BELIEVED:
+        if outcome is ACCEPTED:
             return True
         if outcome.adopted:
             self._opener.adopt(hw, session)
         if outcome.soon or outcome.duplicate:
             self._on_outcome(hw, outcome)
-        if not outcome.believed:
+        if not outcome.accepted:
             refused = self._counters.refused
             present = self._sessions.present(hw)
             if present is not None and session < present:
@@ -283,7 +285,7 @@ class BeaconTransport:
                 refused.unproven += 1
             if not by_multicast and len(self._claimants) < CLAIMANTS_MAX:
                 self._claimants[address] = now_ns + CLAIMANT_NS
-        return outcome.believed
+        return outcome.accepted
 
     def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:
         refused = self._counters.refused

@@ -119,7 +119,7 @@ class _Mirror:
         payload = value.payload
         form = (want.data_id, value.origin_hw, value.packed, len(payload))
         sequence, stamp_ns = self._sequence + 1, value.stamp_us * 1000
-        # our clock when the value was made, as far as ages on the way tell: good enough to
+        # our clock when the value was made, from the ages on the way: accurate enough to
         # judge its age where the origin's clock is not known yet
         made_us = value.rx_ns // 1000 - value.age_us
         if form == self._form:

@@ -11,7 +11,7 @@ Seed = Annotated[str, msgspec.Meta(pattern=r"^[^\s:]+:[0-9]{1,5}$")]
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where the broker listens, whom it talks to, how often."""
+    """Addresses, peers and rates of the broker."""
 
     multicast_group: str = "239.83.87.1"
     """IPv4 group of the beacons; empty: no multicast, seeds only."""

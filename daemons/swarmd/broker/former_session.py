@@ -1,4 +1,4 @@
-"""What the broker keeps over its restarts: its session, and how late others notice that it ended."""
+"""State that survives a restart of the broker: its session number, and the longest period it declared."""
 
 import logging
 from pathlib import Path
@@ -30,7 +30,7 @@ class FormerSession:
     def quiet_ns(self, timeout_ns: int) -> int:
         """How long others may still send through the former session.
 
-        An empty folder is no proof that there was none, and without this wait idle swarms looped: who lost
+        An empty folder does not prove that there was none, and without this wait idle swarms looped: who lost
         its data counts as idle. A loop stays possible where the lost session declared a longer period.
         """
         return notice_ns(self.declared_period_ns or _IDLE_NS, timeout_ns)
@@ -46,14 +46,14 @@ class FormerSession:
         if kept_ns in CEILINGS_NS:
             return kept_ns
         log.warning(
-            "%s: %r is no period in ms: the longest is assumed; nodes beyond the neighbours come late",
+            "%s: %r is not a period in ms: the longest is assumed; routes beyond the neighbours come late",
             self._period,
             text[:20],
         )
         return CEILINGS_NS[-1]
 
     def next_session(self, wanted: int) -> int:
-        """Our session, above all earlier ones.
+        """The session number of this start, greater than all earlier ones.
 
         Raises: Denied when it cannot be kept.
         """

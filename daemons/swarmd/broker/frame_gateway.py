@@ -1,4 +1,4 @@
-"""Frames between platforms: from applications here to neighbours, from neighbours here or onward."""
+"""Routes frames between platforms: from local applications to neighbours, and from neighbours onward."""
 
 import asyncio
 import logging
@@ -28,7 +28,7 @@ log = logging.getLogger("swarm.broker")
 
 
 class FrameGateway:
-    """The gateway of this node's post."""
+    """The gateway of this node's message router to other platforms."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class FrameGateway:
         )
 
     def from_here(self, frame: Frame) -> None:
-        """A frame of an application of this node for another platform; called by the post."""
+        """Takes a frame of a local application for another platform; called by the message router."""
         decision = self._forwarder.from_here(frame, self._clock.now_ns())
         if decision.first:
             for name, size in self._shares(frame):
@@ -72,7 +72,7 @@ class FrameGateway:
         self._onward(frame, decision)
 
     def prove(self, hw: int, session: int) -> None:
-        """Tells a neighbour our session over a connection that only our key opens."""
+        """Sends a neighbour the own session over a connection that only the own key opens."""
         peer = self._peer(hw)
         if peer is not None:
             own_hw = self._protocol.identity.hw
@@ -87,12 +87,14 @@ class FrameGateway:
             self._sessions.on_proof(frame.sender_hw, session, self._clock.now_ns())
 
     def neighbour_gone(self, hw: int) -> None:
-        """Frames that waited for it go over another neighbour, or back to their senders."""
+        """Sends the frames queued for a lost neighbour over another one, or refuses them."""
         for item in self.links.disconnect(hw):
             self._onward(item.frame, self._forwarder.reroute(item.frame, self._clock.now_ns()))
 
     def _from_link(self, data: bytes, user: str) -> None:
-        now_ns = self._clock.now_ns()  # first: by it the receiver of an order says when the order came
+        now_ns = (
+            self._clock.now_ns()
+        )  # read first: the receiver of an order reports it as the time of arrival
         counters = self._counters
         counters.received_frames += 1
         try:
@@ -102,7 +104,9 @@ class FrameGateway:
             log.debug("frame from %s: %s", user or "loopback", error)
             return
         if not user and frame.hops_left >= HOPS:
-            user_name = self._protocol.nodes.platform(frame.sender_hw)  # open: nobody vouches for it
+            user_name = self._protocol.nodes.platform(
+                frame.sender_hw
+            )  # without keys the sender is not authenticated
         else:
             user_name = user or "?"
         link = counters.link(user_name, "tcp")
@@ -129,7 +133,7 @@ class FrameGateway:
             return
         if decision.step is ForwardStep.SEND:
             if self._post.expired(frame):
-                counters.refused.expired += 1  # its sender has been told so
+                counters.refused.expired += 1  # its sender has had a refusal
                 return
             counters.forwarded_frames += 1
         self._onward(frame, decision)
@@ -154,7 +158,7 @@ class FrameGateway:
         return True
 
     def _other_end(self, frame: Frame, user: str) -> int | None:
-        """Hardware id of the member at the other end of a connection; None where nobody can tell."""
+        """Hardware id of the member at the other end of a connection; None without authentication."""
         if not user:
             return None
         member = self._protocol.nodes.get(frame.sender_hw)
@@ -172,7 +176,7 @@ class FrameGateway:
             refused.looped += 1
         elif decision.step is ForwardStep.SPOOFED:
             refused.spoofed += 1
-            log.warning("a frame with sender %08x came from another member", frame.sender_hw)
+            log.warning("frame with sender %08x came from another member", frame.sender_hw)
         elif decision.step is ForwardStep.HOP_LIMIT:
             refused.hop_limit += 1
             self._refuse(frame, f"too many hops to {receiver}")
@@ -186,7 +190,7 @@ class FrameGateway:
             self._gave_up(peer, gone)
 
     def _sent(self, peer: LinkPeer, item: QueuedFrame) -> None:
-        """The connection took it; what waits, or went back to go another way, was not sent."""
+        """Counts a frame that a connection took; queued and rerouted frames are not counted."""
         self._counters.sent_frames += 1
         link = self._counters.link(peer.platform, "tcp")
         link.sent_frames += 1
@@ -201,7 +205,7 @@ class FrameGateway:
         platform = self._protocol.nodes.platform(hw)
         curve = neighbour.hello.curve_public if self._keys.is_open else self._keys.curve_of(platform)
         if not curve:
-            return None  # it shares the group key, but is not on our roster
+            return None  # it has the group key, but is not on the roster
         return LinkPeer(
             hw, platform, neighbour.address[0], neighbour.hello.tcp_port, curve, neighbour.session
         )

@@ -1,4 +1,4 @@
-"""What the broker publishes about itself: boards and answers of the same tables."""
+"""Tables of neighbours, routes and traffic, for the boards and the replies of the broker."""
 
 from swarmd.broker.core.beacon import INFINITY, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
@@ -12,7 +12,7 @@ _FULL = 255
 
 
 class NetReport:
-    """Makes the tables of links, routes and traffic."""
+    """Builds the tables of neighbours, routes and traffic."""
 
     def __init__(
         self,
@@ -29,7 +29,7 @@ class NetReport:
         self._by_unicast = by_unicast
 
     def neighbours(self, now_ns: int) -> Neighbours:
-        """All nodes heard within the last minutes."""
+        """Table of all nodes received within the last minutes."""
         return Neighbours(
             tuple(
                 self._neighbour(neighbour, now_ns) for neighbour in self._protocol.topology.neighbours.all()
@@ -48,7 +48,7 @@ class NetReport:
             state=neighbour.state.name.lower(),
             address=f"{neighbour.address[0]}:{neighbour.address[1]}",
             since_ns=neighbour.since_ns,
-            silent_s=round((now_ns - neighbour.heard_ns) / 1e9, 3),
+            silent_s=round((now_ns - neighbour.received_ns) / 1e9, 3),
             tick_hz=round(1e9 / neighbour.period_ns, 2) if neighbour.period_ns > 0 else 0.0,
             loss_in_ratio=round(1 - neighbour.quality / _FULL, 3),
             loss_out_ratio=round(1 - neighbour.reported / _FULL, 3) if up else 1.0,
@@ -62,7 +62,7 @@ class NetReport:
         )
 
     def routes(self) -> Routes:
-        """All nodes that can be reached."""
+        """Table of all reachable nodes."""
         members = self._protocol.nodes
         out: list[RouteState] = []
         for route in self._protocol.topology.routing.routes():
@@ -81,7 +81,7 @@ class NetReport:
         return Routes(tuple(out))
 
     def traffic(self, now_ns: int) -> Traffic:
-        """All counters."""
+        """Table of all traffic counters."""
         counters, protocol = self._counters, self._protocol
         self._links.count.sample_all()
         counters.tcp_sent_bytes = self._links.count.sent_bytes

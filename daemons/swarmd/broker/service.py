@@ -1,4 +1,4 @@
-"""The broker: joins its cores, its links and the node."""
+"""The broker service: connects its cores with sockets, shared memory and the node."""
 
 import contextlib
 import logging
@@ -47,14 +47,14 @@ from swarmware.types.net import (
 from swarmware.types.rpc import Empty
 
 DUPLICATE_NS: Final = 5_000_000_000
-"""A second computer of the same name was not heard for so long: it has gone."""
+"""A duplicate of a platform name is cleared after this time without a datagram of the second computer."""
 PUBLISH_NS: Final = 1_000_000_000
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
 _SEQUENCE_NS: Final = 100_000_000
 """Sequence numbers start at the wall clock in beacons of 10 Hz: above those of a former session."""
 PROMISED: Final = frozenset({Kind.STREAM, Kind.EVENT})
-"""Kinds of which every item is promised: no limit leaves any out."""
+"""Kinds with guaranteed delivery of every item: rate limits do not apply to them."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -75,12 +75,12 @@ class Broker(Service):
         self._topology_changed = False
         self._plan_at = -1
         self._clock_samples: list[ClockSample] = []
-        """Since our last beacon."""
+        """Samples since the last own beacon."""
         self._duplicate_ns = 0
         self._counters = Counters()
 
     async def run(self) -> None:
-        """Beacons until it is cancelled.
+        """Sends beacons and forwards frames until it is cancelled.
 
         Raises: ConfigError when it cannot listen, Denied when the keys do not fit.
         """
@@ -322,7 +322,7 @@ class Broker(Service):
             self._trigger_beacon()
 
     def _on_outcome(self, hw: int, outcome: SessionOutcome) -> None:
-        """A datagram asked for an answer, or was of a session that is not believed."""
+        """Reacts to a datagram that needs an answer, or whose session is not accepted yet."""
         if outcome.prove:
             self._gateway.prove(hw, self._own_session)
         if outcome.duplicate:
@@ -403,7 +403,7 @@ class Broker(Service):
         return msgspec.structs.replace(limits, unlimited=tuple(unlimited))
 
     def _matching(self, text: str) -> list[Resource]:
-        """Resources of the applications here whose path matches."""
+        """Resources of local applications whose path matches."""
         pattern = Pattern(text)
         table = self.module.node.table
         table.refresh()

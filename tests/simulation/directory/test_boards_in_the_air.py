@@ -33,7 +33,7 @@ RADIO_M: Final = 300.0
 
 
 class Radio:
-    """One node: station, seal, and what it has read."""
+    """One node: beacon protocol, seal, and what it has read."""
 
     def __init__(self, name: str, others: list[str], offset_ns: int) -> None:
         self.hw = hardware_id(name)

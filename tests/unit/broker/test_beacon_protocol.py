@@ -29,7 +29,7 @@ OFFER: Final = BoardPublication("nav/pose", POSE, "Pose")
 
 
 class Node:
-    """A station whose datagrams go straight to another one."""
+    """A beacon protocol whose datagrams go straight to another one."""
 
     def __init__(self, name: str, *, session: int = 1, clock_us: int = 0, boot_id: int = 1) -> None:
         self.name = name

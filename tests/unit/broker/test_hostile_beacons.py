@@ -1,4 +1,4 @@
-"""Whatever members send, in whatever order: a station takes or refuses it, and its own beacons go on."""
+"""Whatever members send, in whatever order: the protocol takes or refuses it, and its own beacons go on."""
 
 from typing import Final
 

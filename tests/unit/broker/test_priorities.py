@@ -143,7 +143,7 @@ def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
     assert queue.pop(ConnectionClass.CONTROL).data == b"abort"
     waiting, old = queue.peek(ConnectionClass.DATA, AGE_MAX_NS + 1)
     assert (waiting, [item.data for item in old]) == (None, [b"scan"])
-    with pytest.raises(IndexError, match="nothing waits"):
+    with pytest.raises(IndexError, match="the queue is empty"):
         queue.pop(ConnectionClass.DATA)
 
 

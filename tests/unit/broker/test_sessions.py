@@ -49,9 +49,9 @@ def talk(one: Node, other: Node, start_ns: int, rounds: int = 4, *, prove: bool 
 def test_two_nodes_believe_each_other_after_one_datagram_each_and_an_answer(keys: bool) -> None:
     one, other = Node(A, 10, keys=keys), Node(B, 20, keys=keys)
     first = other.hear(one.say(0), 0)
-    assert (first.believed, first.soon) == (False, True)
-    assert one.hear(other.say(MS), MS).believed
-    assert other.hear(one.say(2 * MS), 2 * MS).believed
+    assert (first.accepted, first.soon) == (False, True)
+    assert one.hear(other.say(MS), MS).accepted
+    assert other.hear(one.say(2 * MS), 2 * MS).accepted
     talk(one, other, 3 * MS)
     assert one.say(SECOND)[2] == other.say(SECOND)[2] == (), "then they say no more about it"
 
@@ -67,7 +67,7 @@ def test_no_record_of_former_datagrams_is_believed_after_a_restart() -> None:
     assert receiver.sessions.present(A) == 10
     again = Node(B, 21)
     for step, said in enumerate(tape * 20):
-        assert not again.hear(said, step * 10 * MS).believed
+        assert not again.hear(said, step * 10 * MS).accepted
         again.say(step * 10 * MS)
     assert again.sessions.present(A) is None
 
@@ -82,7 +82,7 @@ def test_another_session_is_believed_when_it_is_proven_and_the_old_one_until_the
         receiver.hear(said_only.say(now_ns), now_ns)
         said_only.hear(receiver.say(now_ns), now_ns)  # it answers, but has no key to prove itself with
         if step % 2:
-            assert receiver.hear(old.say(now_ns), now_ns).believed
+            assert receiver.hear(old.say(now_ns), now_ns).accepted
     assert receiver.sessions.present(A) == 10
     restarted = Node(A, session)
     now_ns += 5000 * MS
@@ -152,8 +152,8 @@ def test_only_what_names_our_present_session_is_an_answer() -> None:
         SessionCheck(CheckKind.QUESTION, A, digest(10)),
         SessionCheck(99, A, digest(10)),
     ):
-        assert not node.hear((B, 20, (check,)), 0).believed
-    assert node.hear((B, 20, (SessionCheck(CheckKind.ANSWER, A, digest(10)),)), 0).believed
+        assert not node.hear((B, 20, (check,)), 0).accepted
+    assert node.hear((B, 20, (SessionCheck(CheckKind.ANSWER, A, digest(10)),)), 0).accepted
 
 
 def test_a_flood_of_sessions_takes_bounded_room_and_bounded_words() -> None:
@@ -164,9 +164,9 @@ def test_a_flood_of_sessions_takes_bounded_room_and_bounded_words() -> None:
     assert len(node.sessions._claims) <= CLAIMS_MAX
     assert len(node.say(SECOND)[2]) == CHECKS_MAX
     assert node.sessions.waiting == CHECKS_MAX
-    believed = (SessionCheck(CheckKind.ANSWER, A, digest(10)),)
+    accepted = (SessionCheck(CheckKind.ANSWER, A, digest(10)),)
     for number in range(PRESENT_MAX + 10):
-        node.hear((10_000 + number, 1, believed), 2 * SECOND + number)
+        node.hear((10_000 + number, 1, accepted), 2 * SECOND + number)
     assert len(node.sessions._present) == PRESENT_MAX
 
 

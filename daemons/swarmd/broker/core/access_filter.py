@@ -1,4 +1,4 @@
-"""What may come in from other platforms: the sender's role, the path, and who was turned away."""
+"""Access control for frames of other platforms, by the role of the sender and the path."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -9,12 +9,12 @@ from swarmware.frame import Frame
 from swarmware.types.net import Denial
 
 REPORT_NS: Final = 1_000_000_000
-"""The same refusal is reported this often at most, with its number."""
+"""Minimum period between reports of the same refusal, with the count in between."""
 REFUSALS_MAX: Final = 256
 
 
 class AccessFilter:
-    """Asks for the rights of everything that an application of this platform is to take or answer."""
+    """Checks the rights of frames for applications of this platform."""
 
     def __init__(self, roles: Mapping[str, Role] | None, access: Access) -> None:
         """`roles`: of the members; None, without a roster: all passes, only this computer is served."""
@@ -24,7 +24,7 @@ class AccessFilter:
         self._reported: dict[tuple[str, str], tuple[int, int]] = {}
 
     def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:
-        """Whether it may pass; names its sender and its arrival in it.
+        """Checks a frame, and adds its authenticated sender and time of arrival.
 
         `path`: where it goes; None where nobody takes it.
         Raises: Denied, WireError when its extension is none.
@@ -36,13 +36,13 @@ class AccessFilter:
             self._access.check(sender, Verb.CALL, path)
 
     def denied(self, platform: str, path: str, reason: str, now_ns: int) -> Denial | None:
-        """A refusal; what there is to report of it now."""
+        """Records a refusal; returns the report that is due, if any."""
         key = platform, path
-        said_ns, count = self._reported.pop(key, (now_ns - REPORT_NS, 0))
+        reported_ns, count = self._reported.pop(key, (now_ns - REPORT_NS, 0))
         if len(self._reported) >= REFUSALS_MAX:
             del self._reported[next(iter(self._reported))]
-        if now_ns - said_ns < REPORT_NS:
-            self._reported[key] = said_ns, count + 1
+        if now_ns - reported_ns < REPORT_NS:
+            self._reported[key] = reported_ns, count + 1
             return None
         self._reported[key] = now_ns, 0
         role = self._roles.get(platform, Role.OBSERVER)

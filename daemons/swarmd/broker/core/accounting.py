@@ -1,4 +1,4 @@
-"""Which channels a frame's bytes belong to: the resource where it is known, else the kind of frame."""
+"""Channels of the bytes of a frame: its resource where known, else its kind."""
 
 from collections.abc import Callable
 from typing import Final
@@ -14,13 +14,13 @@ NOTIFIES: Final = frozenset({Kind.NOTIFY, Kind.STREAM, Kind.EVENT})
 
 
 def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str, int]]:
-    """Channel and payload bytes, for each part of it: a tree's notification is its items'."""
+    """Channels and payload bytes of a frame; those of a tree notification are counted by item."""
     size = len(frame.payload)
     if frame.data_id == NOTIFY_ID and frame.kind in NOTIFIES:
         try:
             note = registry.decode(TreeNotify, frame.payload, frame.codec)
         except WireError:
-            note = None  # whoever takes it will refuse it
+            note = None  # the receiver will refuse it
         if note is not None and note.items:
             parts = [(item.path, len(item.data)) for item in note.items]
             return [*parts, ("sys/tree/notify", size - sum(part for _, part in parts))]
@@ -30,7 +30,7 @@ def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str
 
 
 def values_in(frame: Frame) -> int:
-    """How many notified values a frame brings."""
+    """Number of notified values in a frame."""
     if frame.kind not in NOTIFIES:
         return 0
     if frame.data_id != NOTIFY_ID:

@@ -1,4 +1,4 @@
-"""Ages of values on the wire: fine while they are young."""
+"""Ages of values in 16 bits: 0.1 ms resolution while young, 0.1 s later."""
 
 from typing import Final
 
@@ -8,11 +8,11 @@ _OLD_UNIT_US: Final = 100_000
 
 
 def encode_age(age_us: int) -> int:
-    """An age in 16 bits: 0.1 ms up to 3.2 s, 0.1 s up to 54 min, then no older."""
+    """Encodes an age: 0.1 ms up to 3.2 s, 0.1 s up to 54 min, which is the maximum."""
     fine = max(age_us, 0) // AGE_UNIT_US
     return fine if fine < _OLD else _OLD | min(age_us // _OLD_UNIT_US, _OLD - 1)
 
 
 def decode_age(age: int) -> int:
-    """The age in µs."""
+    """Decodes an age, in µs."""
     return age * AGE_UNIT_US if age < _OLD else (age & ~_OLD) * _OLD_UNIT_US

@@ -11,23 +11,23 @@ import msgspec
 from swarmd.broker.core.session_checks import SessionCheck
 
 NEVER_NS: Final = -(1 << 62)
-"""Before every instant: a clock may well be below zero, simulated ones have offsets."""
+"""Before every instant: clocks may be negative, simulated ones have offsets."""
 BODY_LIMIT: Final = 1200
-"""Bytes of body in one datagram: with headers below the 1 280 that every IPv6 path carries unbroken."""
+"""Limit of the body in bytes: with headers below the IPv6 minimum MTU of 1 280."""
 INFINITY: Final = 0xFFFF
-"""Metric of a destination that the sender cannot reach any more."""
+"""Metric of a retraction: the sender has lost its route."""
 LOST: Final = 0x80
-"""Mark in the hops of a sequence request."""
+"""Flag in the hops of a sequence request."""
 NO_ECHO: Final = 0xFF_FFFF
-"""Hold time of an echo that only says `I hear you`."""
+"""Hold time of an echo without a timestamp: it only lists the node as received."""
 ANSWERED_SEQUENCES: Final = 256
-"""An echo names the datagram by the low byte of its sequence number."""
+"""An echo names the answered datagram by the low byte of its sequence number."""
 HOPS_MAX: Final = 24
-"""Longest way of a relayed value or a sequence request."""
+"""Maximum hops of a relayed value or a sequence request."""
 
 
 class PlatformKind(IntEnum):
-    """What sort of platform a node belongs to."""
+    """Kind of the platform of a node."""
 
     OTHER = 0
     UAV = 1
@@ -37,27 +37,27 @@ class PlatformKind(IntEnum):
 
 
 class Header(msgspec.Struct, gc=False):
-    """The clear part: enough to find the key, authenticated with the rest."""
+    """The clear header: selects the key, and is authenticated with the body."""
 
     epoch: int
     sender_hw: int
     sequence: int
-    """Hello, replay counter, loss meter and route sequence number at once."""
+    """Serves as replay counter, loss measure and route sequence number."""
     tx_us: int
     """Sender's hardware clock at send, 32-bit µs."""
     session: int | None = None
-    """Rises with each start of the sender's broker; left out of most datagrams."""
+    """Greater after each start of the sender's broker; omitted in most datagrams."""
 
 
 class Hello(msgspec.Struct, frozen=True, gc=False):
-    """Who the sender is, every second or two."""
+    """Identity and declared periods of the sender, every second or two."""
 
     boot_id: int
     """Of the sender's hardware clock."""
     clock_high: int
     """The sender's clock in µs, shifted right by 32: makes `tx_us` whole."""
     tcp_port: int
-    """Where its ZeroMQ socket listens, at the datagram's source address; 0: nowhere."""
+    """Port of its ZeroMQ socket at the source address of the datagram; 0: none."""
     tree_version: int
     mission: int
     """Digest of the active mission; 0: none."""
@@ -67,25 +67,25 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     curve_public: bytes = b""
     """Only from nodes without a roster."""
     period_ms: int = 500
-    """Longest time between two datagrams of the sender at present."""
+    """Declared maximum period between two beacons of the sender."""
     listing_ms: int = 3000
-    """Everybody whom the sender hears has an echo at least this often."""
+    """Declared period in which the sender lists every received node."""
 
 
 class Echo(NamedTuple):
-    """`I hear you`, and when: listing, link quality and time echo in one."""
+    """Listing of a received node with link quality and time echo (IHU of Babel)."""
 
     hw: int
     sequence: int
     """Low byte of the answered datagram's sequence number."""
     hold_us: int
-    """From its arrival to this datagram's `tx_us`, both on the sender's clock; NO_ECHO: not given."""
+    """From its reception to this datagram's `tx_us`, on the sender's clock; NO_ECHO: not given."""
     quality: int
-    """Share of the last 16 datagrams that arrived, in 1/255."""
+    """Share of the last 16 datagrams that were received, in 1/255."""
 
 
 class RouteRow(NamedTuple):
-    """The sender reaches this destination."""
+    """A route of the sender to a destination (Update of Babel)."""
 
     hw: int
     sequence: int
@@ -95,16 +95,16 @@ class RouteRow(NamedTuple):
 
 
 class SequenceRequest(NamedTuple):
-    """Somebody needs a route to a destination with at least this sequence number."""
+    """Request for a route with at least this sequence number (seqno request of Babel)."""
 
     hw: int
     sequence: int
     hops_left: int
-    """With LOST: the sender itself has no route, so whoever goes through it has none either."""
+    """With LOST: the sender has no route, so routes through it are lost too."""
 
 
 class MemberRow(msgspec.Struct, frozen=True, gc=False):
-    """Name and tree of a node that not all of the sender's neighbours hear."""
+    """Name and tree version of a node that not all of the sender's neighbours receive."""
 
     hw: int
     tree_version: int
@@ -124,14 +124,14 @@ class BoardValue(msgspec.Struct, frozen=True, gc=False):
 
 
 class RelayedValue(msgspec.Struct, frozen=True, gc=False):
-    """A board of another node, passed on: hearsay under group trust."""
+    """Relayed value of another node's board, authenticated by the group key only."""
 
     origin_hw: int
     data_id: int
     stamp_us: int
-    """Origin's clock, 48-bit µs: tells newer from older."""
+    """Stamp on the origin's clock, 48-bit µs: decides which value is newer."""
     age_us: int
-    """Summed up over the way."""
+    """Sum of the ages on all hops."""
     hops: int
     """Hops from the origin to the receiver of this datagram."""
     packed: bool
@@ -139,7 +139,7 @@ class RelayedValue(msgspec.Struct, frozen=True, gc=False):
 
 
 class Beacon(msgspec.Struct, frozen=True, gc=False):
-    """The body of one datagram."""
+    """The body of a beacon; each field is a section."""
 
     hello: Hello | None = None
     echoes: tuple[Echo, ...] = ()

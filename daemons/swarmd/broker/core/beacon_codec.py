@@ -50,13 +50,13 @@ ROW_BYTES: Final = _ROW.size
 REQUEST_BYTES: Final = _REQUEST.size
 _CURVE_BYTES: Final = 32
 _HOLD_AT: Final = 5
-"""Place of the hold time in an echo."""
+"""Offset of the hold time in an echo."""
 _PACKED: Final = 0x80
 _LONG: Final = 0x7F
 
 
 class Section:
-    """Which parts a body has, in its first byte; they stand in this order.
+    """Bits of the sections in the first byte of a body.
 
     Plain numbers: an IntFlag would take half of the time of a decode.
     """
@@ -69,11 +69,11 @@ class Section:
     VALUES: Final = 32
     RELAYS: Final = 64
     EXTRA: Final = 128
-    """Type, length, bytes, to the end: what few datagrams have; skipped where unknown."""
+    """Parts of type, length and bytes up to the end; unknown types are skipped."""
 
 
 def encode_header(header: Header) -> bytes:
-    """The clear part."""
+    """Encodes the clear header."""
     marks = VERSION << _VERSION_SHIFT | header.epoch
     if header.session is None:
         return _HEADER.pack(MAGIC, marks, header.sender_hw, header.sequence, header.tx_us & 0xFFFF_FFFF)
@@ -88,9 +88,9 @@ def encode_header(header: Header) -> bytes:
 
 
 def decode_header(data: bytes) -> tuple[Header, int]:
-    """The clear part and its length; the sealed part follows.
+    """Decodes the clear header; returns it and its length.
 
-    Raises: WireError for anything that is no beacon of a version we speak.
+    Raises: WireError for anything but a beacon of a supported version.
     """
     try:
         magic, marks, sender_hw, sequence, tx_us = _HEADER.unpack_from(data)
@@ -105,32 +105,32 @@ def decode_header(data: bytes) -> tuple[Header, int]:
 
 
 def sender_of(data: bytes) -> int:
-    """Sender of a datagram before anything else of it is looked at; 0 when it is too short."""
+    """Sender of a datagram before it is decoded; 0 when it is too short."""
     return int.from_bytes(data[2:6], "little")
 
 
 def value_bytes(payload: bytes) -> int:
-    """Bytes that a value takes in the body."""
+    """Encoded size of a board value."""
     return _VALUE.size + len(payload) + (2 if len(payload) >= _LONG else 0)
 
 
 def relay_bytes(payload: bytes) -> int:
-    """Bytes that a relayed value takes in the body."""
+    """Encoded size of a relayed value."""
     return _RELAY.size + len(payload) + (2 if len(payload) >= _LONG else 0)
 
 
 def member_bytes(member: MemberRow) -> int:
-    """Bytes that a member row takes in the body."""
+    """Encoded size of a member row."""
     return _MEMBER.size + len(member.name.encode())
 
 
 def hello_bytes(hello: Hello) -> int:
-    """Bytes that a hello takes in the body."""
+    """Encoded size of a hello."""
     return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode())
 
 
 def encode(beacon: Beacon) -> bytes:
-    """The body as bytes; the caller keeps it below BODY_LIMIT.
+    """Encodes the body; the caller keeps it below BODY_LIMIT.
 
     Raises: WireError when a list has more than 255 entries or a number does not fit its field.
     """
@@ -148,7 +148,7 @@ def encode(beacon: Beacon) -> bytes:
 
 
 def shift_echoes(body: bytearray, late_us: int) -> None:
-    """Adds to the hold time of all echoes in a body: it leaves later than it was composed."""
+    """Adds the time since composition to the hold times of all echoes in a body."""
     at = 1
     if body[0] & Section.HELLO:
         at += 1 + body[1]
@@ -162,7 +162,7 @@ def shift_echoes(body: bytearray, late_us: int) -> None:
 
 
 def decode(data: bytes) -> Beacon:
-    """The beacon in an opened body.
+    """Decodes a decrypted body.
 
     Raises: WireError for bytes that are not a body.
     """
@@ -343,7 +343,7 @@ def _decode_relays(data: bytes, at: int) -> tuple[tuple[RelayedValue, ...], int]
         if not 1 <= hops <= HOPS_MAX:
             raise WireError(f"beacon: a relayed value of {hops} hops: expected 1 to {HOPS_MAX}")
         stamp_us = low | high << 32
-        if high >= 0x8000:  # a clock before its zero: simulated ones have offsets
+        if high >= 0x8000:  # negative clock: simulated ones have offsets
             stamp_us -= 1 << 48
         payload, at = _payload(data, at + _RELAY.size, mark)
         relays.append(

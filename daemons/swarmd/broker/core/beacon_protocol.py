@@ -1,4 +1,4 @@
-"""One node's side of the beacon: what a datagram means, and what the next one says."""
+"""The beacon protocol of a node: interprets received beacons, and composes the next one."""
 
 from collections.abc import Callable
 from typing import Final
@@ -28,36 +28,34 @@ from swarmware.names import hardware_id
 from swarmware.types.net import BoardSubscription, TreePlan
 
 HELLO_NS: Final = 2_000_000_000
-"""Names are repeated this often."""
+"""Period of hellos."""
 HELLO_CHANGING_NS: Final = 1_000_000_000
-"""The same while links come and go, because others will come into range, and once after another tree or
-mission."""
+"""The same while links change (others come into range), and once after a change of tree or mission."""
 SILENCE_NS: Final = 430_000_000
 """A node whose boards do not change sends a beacon in the first slot after this time: at 10 Hz every half
 second, as a node without subscribers."""
 FIRST_SILENCE_NS: Final = 350_000_000
-"""As long as neighbours may not know of it: they may miss one datagram of a node that they expect more of."""
+"""The same until hellos have declared it: neighbours tolerate the loss of one datagram."""
 REST_HELLOS: Final = 3
-"""Hellos in a row that declare the longer time: one may be lost."""
+"""Consecutive hellos that declare the longer period: one may be lost."""
 OWN_SHARE: Final = 700
-"""Bytes of a datagram's body that echoes, rows and own boards may take together before relays and
-names get their turn; a board that is larger than what is left waits for a datagram of its own."""
+"""Limit in bytes of the topology sections; the rest of the body is for values, members and relays."""
 SETTLE_NS: Final = 15_000_000_000
-"""No beacon is left out for so long after a link came or went: a new clock is measured with all of them."""
+"""No beacon is skipped for this time after a link change: a new clock is measured with all of them."""
 DIRECT_COST: Final = 2 * PERFECT - HYSTERESIS - PERFECT // 2
 """Two hops cost two perfect links at least, and a node leaves them for one that is better by more than the
 hysteresis; half a link more, because both ends judge it from samples of their own: they may differ by two
 datagrams of sixteen."""
 DIRECT_NS: Final = 5_000_000_000
-"""By then both ends have judged the link from the same datagrams, and chosen their ways."""
+"""By then both ends have measured the link with the same datagrams and selected their routes."""
 SLOWER: Final = 1.25
-"""A time between datagrams that grew by this factor is declared at once: others would take us for gone."""
+"""A period that grew by this factor is declared at once, or neighbours would take the link down."""
 _FORGET_NS: Final = 10_000_000_000
 _FIRST_DATAGRAM_BYTES: Final = 150.0
 
 
 class NodeIdentity(msgspec.Struct, frozen=True):
-    """Who this node is."""
+    """Identity of this node in its hellos."""
 
     hw: int
     platform: str
@@ -65,45 +63,45 @@ class NodeIdentity(msgspec.Struct, frozen=True):
     kind: PlatformKind
     boot_id: int
     curve_public: bytes
-    """Empty where the roster has it."""
+    """Empty where the key is on the roster."""
 
 
 class _Subscription:
-    """A board that somebody here reads."""
+    """A subscribed board of another node."""
 
     __slots__ = ("channel", "want")
 
     def __init__(self, want: BoardSubscription) -> None:
         self.want = want
         self.channel: ChannelCounters | None = None
-        """Its counters, once there is something to count."""
+        """Its counters; None until the first value."""
 
 
 class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
-    """What one datagram brought."""
+    """Result of a received beacon."""
 
     neighbour: Neighbour
     clock_sample: ClockSample | None
     links: list[LinkChanged]
     routes: list[RouteChanged]
     values: list[tuple[BoardSubscription, RemoteValue]]
-    """Values that somebody here reads."""
+    """Values of subscribed boards."""
     first_hello: bool
-    """Says its name for the first time, or anew: answer soon, so that it learns ours."""
+    """First hello of a new or restarted neighbour: answer soon with an own hello."""
 
 
 class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
-    """The next datagram."""
+    """The next beacon, before encoding."""
 
     sequence: int
     with_session: bool
     beacon: Beacon
     declared_period_ns: int = 0
-    """To be kept before it leaves: how slow our neighbours take us to be; 0: nothing new."""
+    """Longest declared period, to be stored before sending; 0: unchanged."""
 
 
 class BeaconProtocol:
-    """Neighbours, routes, names, own and relayed boards of one node."""
+    """Neighbours, routes, names, published and relayed boards of one node."""
 
     def __init__(
         self,
@@ -125,33 +123,33 @@ class BeaconProtocol:
         self.slowdown = Slowdown()
         self.tcp_port = 0
         self.reserved_bytes = 0
-        """Of the next body, for what is put into it after it was composed."""
+        """Bytes of the next body kept free for session checks."""
         self._busy_hz = busy_hz
         self._relay_bytes_s = relay_bytes_s
         self._plan = TreePlan(0)
         self._limits_version = 0
         self._subscriptions: dict[tuple[int, int], _Subscription] = {}
-        """By origin and data id."""
+        """Subscriptions by origin and data id."""
         self._hello_ns = NEVER_NS
         self._replanned_ns = NEVER_NS
-        """When tree or mission, which the hello names, changed last."""
+        """Instant of the last change of tree or mission, which hellos announce."""
         self._forget_ns = NEVER_NS
         self._sent_ns = NEVER_NS
         self._now_ns = NEVER_NS
         self._gap_ns = 0
-        """Time between our last two datagrams."""
+        """Time between the last two own beacons."""
         self._declared_period = declared_period or DeclaredPeriod(0, NEVER_NS)
         self._declared_ns = 0
-        """What the last hello said of the time between two."""
+        """Period declared by the last hello."""
         self._rest_hellos = 0
-        """Hellos in a row that declared the time between two beacons of a node at rest."""
+        """Consecutive hellos that declared the period of a node at rest."""
         self._relaying = False
         self._datagram_bytes = _FIRST_DATAGRAM_BYTES
 
-    # what is wanted
+    # subscriptions
 
     def set_plan(self, plan: TreePlan) -> list[tuple[BoardSubscription, RemoteValue]]:
-        """What the beacon shall carry from now on; values already heard of boards that are wanted now."""
+        """Sets publications and subscriptions; returns cached values of the newly subscribed boards."""
         if plan.tree_version != self._plan.tree_version or plan.mission != self._plan.mission:
             self._hello_ns = NEVER_NS
             self._replanned_ns = self._now_ns
@@ -160,20 +158,20 @@ class BeaconProtocol:
         wants = {
             (hardware_id(want.platform, want.unit), want.data_id): _Subscription(want) for want in plan.wants
         }
-        heard: list[tuple[BoardSubscription, RemoteValue]] = []
+        cached: list[tuple[BoardSubscription, RemoteValue]] = []
         for key, subscription in wants.items():
             if key not in self._subscriptions and (remote := self.relay_cache.newest(*key)) is not None:
-                heard.append((subscription.want, remote))
+                cached.append((subscription.want, remote))
         self._subscriptions = wants
-        return heard
+        return cached
 
     @property
     def busy(self) -> bool:
-        """Somebody wants something periodic from here, or somebody else's boards pass through."""
+        """Whether boards of this node have subscribers, or boards of others are relayed."""
         return bool(self.published.boards) or self._relaying
 
     def beacon_hz(self) -> float:
-        """Beacons per second at present."""
+        """Present beacon rate."""
         if self.busy or self.topology.is_new(self._now_ns):
             wanted_hz = self._busy_hz
         else:
@@ -183,16 +181,16 @@ class BeaconProtocol:
         return max(min(wanted_hz, self.allowed_hz()) / self.slowdown.factor, MIN_HZ)
 
     def allowed_hz(self) -> float:
-        """Most datagrams per second that the air has room for."""
-        heard = self.topology.neighbours.heard_count()
-        return allowed_hz(heard, self._datagram_bytes + IP_UDP_BYTES)
+        """Maximum beacon rate for the capacity of the channel."""
+        neighbours = self.topology.neighbours.active_count()
+        return allowed_hz(neighbours, self._datagram_bytes + IP_UDP_BYTES)
 
-    # what comes in
+    # input
 
     def on_datagram(
         self, header: Header, beacon: Beacon, address: tuple[str, int], rx_ns: int
     ) -> ReceivedBeacon | None:
-        """A datagram that was opened. None: it says what cannot be, or there is no room for its sender."""
+        """Takes an authenticated beacon. None: it is malformed, or the neighbour table is full."""
         hw = header.sender_hw
         if hw in (0, self.identity.hw):
             self.counters.refused.malformed += 1
@@ -219,7 +217,7 @@ class BeaconProtocol:
             self.relay_cache.forget_origin(hw)
         routing = self.topology.routing
         for row in beacon.members:
-            # the newest tree is known by the next hop to it; a name proves itself, whoever says it
+            # the next hop has the newest tree version; a name is checked against the hardware id
             if row.hw != self.identity.hw and (
                 routing.next_hop(row.hw) in (hw, 0) or self.nodes.get(row.hw) is None
             ):
@@ -283,7 +281,7 @@ class BeaconProtocol:
                 channel.duplicates += 1
 
     def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
-        """Deadlines, ages; call at each beacon and at `deadline_ns`."""
+        """Handles deadlines and expiry; call at each beacon and at `deadline_ns`."""
         self._now_ns = now_ns
         self.rate_limits.on_timer(now_ns)
         if self.rate_limits.version != self._limits_version:
@@ -296,17 +294,17 @@ class BeaconProtocol:
         return self.topology.on_timer(now_ns)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has to be called at the latest."""
+        """Instant by which `on_timer` must be called; None: no deadline."""
         return self.topology.deadline_ns()
 
-    # what goes out
+    # output
 
     def schedule_hello(self) -> None:
-        """The next datagram carries name and session."""
+        """Adds a hello, with name and session, to the next beacon."""
         self._hello_ns = NEVER_NS
 
     def may_skip(self, now_ns: int) -> bool:
-        """Whether this beacon would say nothing that cannot wait: boards that stand still need none."""
+        """Whether the next beacon may be skipped: it has no change that must be sent now."""
         silence_ns = SILENCE_NS if self._rest_hellos >= REST_HELLOS else FIRST_SILENCE_NS
         if not self.busy or self._hello_ns == NEVER_NS or now_ns - self._sent_ns >= silence_ns:
             return False
@@ -317,12 +315,12 @@ class BeaconProtocol:
         return not self.relay_cache.has_changes(now_ns, *self._relay_terms(now_ns))
 
     def _relay_terms(self, now_ns: int) -> tuple[frozenset[int], Callable[[int, set[int]], bool]]:
-        """Nodes that all neighbours hear, and whether some neighbour needs a value of another one."""
+        """Nodes that all neighbours receive, and the test whether one of them needs an origin's value."""
         neighbours = self.topology.neighbours
         return neighbours.common(now_ns), lambda origin_hw, have: neighbours.needed(origin_hw, have, now_ns)
 
     def compose(self, now_ns: int) -> OutgoingBeacon:
-        """The next datagram, the parts in the order of their importance."""
+        """Composes the next beacon; sections get their room by importance."""
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         section = self.topology.compose(now_ns, min(room, OWN_SHARE))
@@ -340,7 +338,7 @@ class BeaconProtocol:
         common, needed = self._relay_terms(now_ns)
         members = self.nodes.rows(now_ns, room, common, self.topology.routing.next_hop)
         room -= sum(member_bytes(member) for member in members)
-        # the budget of the slots that were left out counts too
+        # the budget of skipped beacons counts too
         span_s = min(max((now_ns - self._sent_ns) / 1e9, 1 / hz), SILENCE_NS / 1e9 + 1 / hz)
         relays = self.relay_cache.compose(
             now_ns, min(room, int(self._relay_bytes_s * span_s)), common, needed
@@ -366,11 +364,11 @@ class BeaconProtocol:
         left_out = self._sent_ns != NEVER_NS and now_ns - self._sent_ns >= FIRST_SILENCE_NS > slot_ns
         rests = self.busy and left_out
         period_ns = rest_ns if rests else max(slot_ns, min(self._gap_ns, rest_ns))
-        # half a beacon early rather than a beacon late: at 10 Hz every tenth, or twentieth, datagram has it
+        # half a period early: at 10 Hz every tenth, or twentieth, beacon has a hello
         calm = not self.topology.is_changing(now_ns) and now_ns - self._replanned_ns >= HELLO_NS
         again_ns = HELLO_NS if calm else HELLO_CHANGING_NS
         waits = now_ns - self._hello_ns < again_ns - round(0.5e9 / self._busy_hz)
-        waits = waits and not self.topology.is_new(now_ns)  # until then nobody sends to us again
+        waits = waits and not self.topology.is_new(now_ns)  # until then neighbours may use the former session
         waits = waits and not (rests and self._rest_hellos < REST_HELLOS)
         if waits and period_ns <= SLOWER * self._declared_ns:
             return None
@@ -395,26 +393,27 @@ class BeaconProtocol:
         )
 
     def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:
-        """The datagram left."""
+        """Records a sent beacon."""
         self._gap_ns = 0 if self._sent_ns == NEVER_NS else tx_ns - self._sent_ns
         self._sent_ns = tx_ns
         more = datagram_bytes - self._datagram_bytes
-        self._datagram_bytes += more / (4 if more > 0 else 16)  # sooner too few datagrams than too many
+        # rises fast, falls slowly: rather too few beacons than too many
+        self._datagram_bytes += more / (4 if more > 0 else 16)
         self.topology.sent(sequence, tx_ns)
 
     def next_hop(self, hw: int) -> int:
-        """Neighbour that leads to a node; 0: none."""
+        """Next hop to a node; 0: no route."""
         return self.topology.routing.next_hop(hw)
 
     def is_up(self, hw: int) -> bool:
-        """Whether both directions to a neighbour work."""
+        """Whether the link to a neighbour is bidirectional."""
         neighbour = self.topology.neighbours.get(hw)
         return neighbour is not None and neighbour.state is LinkState.UP
 
     def is_direct(self, hw: int, now_ns: int) -> bool:
-        """Whether a node surely sends to us itself: every way over another one would cost it more.
+        """Whether a node certainly sends to us directly: every route over another node has a higher cost.
 
-        Not in the first seconds: until then it may still use the way that it had before.
+        Not in the first seconds of a link: until then it may use its former route.
         """
         neighbour = self.topology.neighbours.get(hw)
         return (

@@ -1,4 +1,4 @@
-"""Rate and schedule of beacons: as often as a subscriber needs, within the capacity of the channel."""
+"""Rate and schedule of beacons: as often as subscribers need, within the capacity of the channel."""
 
 from collections.abc import Callable
 from typing import Final
@@ -6,26 +6,26 @@ from typing import Final
 from swarmd.broker.core.beacon import NEVER_NS
 
 IDLE_HZ: Final = 2.0
-"""A node of which nobody wants anything periodic."""
+"""Rate of a node without subscribers."""
 CHANGING_HZ: Final = 5.0
-"""The same while its links come and go: at 2 Hz a node at 10 m/s learns too late that a link has ended."""
+"""The same while links change: at 2 Hz a node at 10 m/s detects the end of a link too late."""
 MIN_HZ: Final = 0.2
 AIRTIME: Final = 0.24
-"""Share of the air that all beacons in hearing range may take: less than a quarter, hellos included."""
+"""Share of the channel for all beacons in range: less than a quarter, hellos included."""
 TRIGGERED_NS: Final = 60_000_000
-"""What cannot wait leaves within this time, spread by chance: many hear of it at once."""
+"""Maximum delay of a triggered beacon, random because many nodes react to the same event."""
 JITTER: Final = 0.05
-"""Beacons are spread by this share of their period."""
+"""Jitter of beacons, as a share of the period."""
 OVERLOAD_RATIO: Final = 0.2
-"""The processor is short when half of the last beacons began later than this share of their period."""
+"""The processor is overloaded when half of the last beacons were later than this share of the period."""
 RECOVERY_RATIO: Final = 0.1
-"""It is not when at the faster rate they would have begun less late than this share."""
+"""It has recovered when at the faster rate they would have been less late than this share."""
 EVALUATION_NS: Final = 900_000_000
-"""Time after which the lateness of beacons is judged: at 10 Hz before the link timeout of a second ends."""
+"""Period of evaluations: at 10 Hz before the link timeout of a second ends."""
 EVALUATED_MIN: Final = 3
-"""Beacons that are judged together at least; at once when all of them begin a whole period late."""
+"""Minimum of beacons in an evaluation; at once when all of them are a whole period late."""
 RECOVERY_NS: Final = 2 * EVALUATION_NS
-"""A node becomes faster when it was calm for this long, and slower at once: it must not swing."""
+"""Time without overload before the rate rises; it falls at once, so that it does not oscillate."""
 STEP_MIN: Final = 1.25
 STEP_MAX: Final = 4.0
 SLOWDOWN_MAX: Final = 10.0
@@ -36,22 +36,22 @@ the mean, preamble 20 µs, 39 bytes of headers, check sum and tail; then 8 bits 
 
 
 def airtime_s(datagram_bytes: float) -> float:
-    """Time that one multicast datagram takes on the air, IP header included."""
+    """Airtime of a multicast datagram with its IP header."""
     return _FRAME_S + _BYTE_S * datagram_bytes
 
 
-def allowed_hz(heard: int, datagram_bytes: float) -> float:
-    """Most datagrams per second among so many others, after ETSI's decentralised congestion control."""
-    return max(AIRTIME / ((heard + 1) * airtime_s(datagram_bytes)), MIN_HZ)
+def allowed_hz(neighbours: int, datagram_bytes: float) -> float:
+    """Maximum beacon rate with so many neighbours, after ETSI's decentralised congestion control."""
+    return max(AIRTIME / ((neighbours + 1) * airtime_s(datagram_bytes)), MIN_HZ)
 
 
-def beacon_hz(wanted_hz: float, heard: int, datagram_bytes: float) -> float:
-    """Beacon rate among so many others in hearing range."""
-    return min(wanted_hz, allowed_hz(heard, datagram_bytes))
+def beacon_hz(wanted_hz: float, neighbours: int, datagram_bytes: float) -> float:
+    """Beacon rate with so many neighbours in range."""
+    return min(wanted_hz, allowed_hz(neighbours, datagram_bytes))
 
 
 class Slowdown:
-    """Factor by which beacons are sent less often than wanted while its processor does not keep up.
+    """Reduces the beacon rate while the processor is overloaded.
 
     A node whose beacons begin late is taken for gone by its neighbours. It says less often that it is there,
     and says so (the hello declares its period), before links fall; what it saves is processor time here and
@@ -60,15 +60,15 @@ class Slowdown:
 
     def __init__(self) -> None:
         self.factor = 1.0
-        """Times the wanted period; 1: the processor keeps up."""
+        """Factor of the period; 1: the processor keeps up."""
         self.delayed_beacons = 0
-        """Beacons that were due later because of it."""
+        """Beacons that were delayed by the factor."""
         self.late_ns = 0
-        """Half of the beacons judged last began later than this."""
+        """Median lateness at the last evaluation."""
         self._late_ns: list[int] = []
         self._recovered_ns = 0
         self._overloaded_at = 1.0
-        """Factor at which the processor was short last; 1: it has been calm at that one since."""
+        """Factor at the last overload; 1: it has recovered at that one since."""
 
     def on_beacon(self, late_ns: int, period_ns: int) -> bool:
         """A beacon begins `late_ns` after it was due. True: the factor has changed.
@@ -102,7 +102,7 @@ class Slowdown:
         return self.factor != before
 
     def _recover(self, period_ns: int) -> None:
-        """In one step to the rate that promises to be calm, but near the one that was not in small steps."""
+        """Raises the rate in one step, but in small steps near the rate of the last overload."""
         if self.factor <= self._overloaded_at:
             self._overloaded_at = 1.0
         step = min(RECOVERY_RATIO * period_ns / max(self.late_ns, 1), STEP_MAX)
@@ -111,19 +111,19 @@ class Slowdown:
 
 
 class BeaconSchedule:
-    """When the next datagram leaves."""
+    """Schedule of the next beacon: due instant, jitter, triggered and skipped beacons."""
 
     def __init__(self, now_ns: int, chance: Callable[[], float]) -> None:
-        """`chance`: evenly from 0 to 1; nodes in step would collide for ever."""
+        """`chance`: uniform from 0 to 1; synchronised nodes would collide permanently."""
         self.due_ns = now_ns
         self.urgent = False
-        """The next beacon has something to say that cannot wait."""
+        """The next beacon is triggered by an event and must not be skipped."""
         self._resting = False
         self._chance = chance
         self._left_ns = NEVER_NS
 
     def trigger(self, now_ns: int, gap_ns: int) -> bool:
-        """The next beacon shall leave soon, but `gap_ns` after the last one. True: it is due earlier now."""
+        """Schedules a triggered beacon, at least `gap_ns` after the last one. True: it is due earlier now."""
         self.urgent = True
         soon_ns = max(now_ns + round(TRIGGERED_NS * (0.1 + 0.9 * self._chance())), self._left_ns + gap_ns)
         if soon_ns >= self.due_ns:
@@ -132,12 +132,12 @@ class BeaconSchedule:
         return True
 
     def on_sent(self, now_ns: int) -> None:
-        """A datagram left."""
+        """Records a sent beacon."""
         self.urgent = self._resting = False
         self._left_ns = now_ns
 
     def skip(self, now_ns: int, period_ns: int) -> None:
-        """This beacon says nothing; the next look is where the process does its other periodic work."""
+        """Skips this beacon; the next check coincides with the other periodic work of the process."""
         self._resting = True
         self.due_ns = (now_ns // period_ns + 1) * period_ns
 
@@ -154,10 +154,10 @@ class BeaconSchedule:
 
     @staticmethod
     def jitter_ns(period_ns: int) -> int:
-        """From the earliest to the latest instant of a beacon."""
+        """Width of the jitter."""
         return round(2 * JITTER * period_ns)
 
     def set_next(self, now_ns: int, period_ns: int) -> None:
-        """This beacon is over; one that was late does not make the next ones early."""
+        """Schedules the next beacon; the lateness of this one does not make the next ones early."""
         spread = 1 + JITTER * (2 * self._chance() - 1)
         self.due_ns = max(self.due_ns, now_ns - period_ns) + round(period_ns * spread)

@@ -1,14 +1,14 @@
-"""Which datagrams are worth a look at their seal: members' first, the rest within a budget."""
+"""Rate limit for authentication: datagrams of members first, the rest within a budget."""
 
 from collections.abc import Collection
 from typing import Final
 
 NON_MEMBERS_S: Final = 10
-"""Datagrams a second of senders that are not on the roster: a unit of a member may be among them."""
+"""Datagrams per second of senders that are not on the roster: a unit of a member may be among them."""
 FAILURES_S: Final = 50
-"""Bad datagrams a second from one address; then it is left out until the second is over."""
+"""Failed datagrams per second of one address, after which it is dropped for the rest of the second."""
 ALL_FAILURES_S: Final = 500
-"""Bad datagrams a second from everywhere; then only addresses with good ones are looked at."""
+"""Failed datagrams per second in all, after which only addresses with accepted ones are opened."""
 GOOD_MAX: Final = 4096
 _SECOND_NS: Final = 1_000_000_000
 
@@ -16,20 +16,20 @@ Address = tuple[str, int]
 
 
 class DatagramLimiter:
-    """Counts by seconds; forgets the addresses of bad datagrams with each."""
+    """Counters of accepted and failed datagrams, reset each second."""
 
     def __init__(self, members: Collection[int] | None) -> None:
-        """`members`: hardware ids on the roster; None without one."""
+        """`members`: hardware ids on the roster; None: no roster."""
         self._members = None if members is None else frozenset(members)
         self._second = 0
         self._non_members = 0
         self._failures = 0
         self._by_address: dict[Address, int] = {}
         self._good: dict[Address, int] = {}
-        """Addresses of members, and the second of their last good datagram."""
+        """Addresses with accepted datagrams, and the second of the last one."""
 
     def may_open(self, address: Address, sender_hw: int, now_ns: int) -> bool:
-        """Whether to spend cryptography on it."""
+        """Whether a datagram is to be authenticated and decrypted."""
         second = now_ns // _SECOND_NS
         if second != self._second:
             self._second = second
@@ -47,7 +47,7 @@ class DatagramLimiter:
         return True
 
     def good(self, address: Address) -> None:
-        """A datagram of a member came from there."""
+        """Records an accepted datagram."""
         good = self._good
         if good.get(address) == self._second:
             return
@@ -56,6 +56,6 @@ class DatagramLimiter:
         good[address] = self._second
 
     def bad(self, address: Address) -> None:
-        """One that nobody of the swarm sealed came from there."""
+        """Records a datagram that failed authentication or decoding."""
         self._failures += 1
         self._by_address[address] = self._by_address.get(address, 0) + 1

@@ -1,4 +1,4 @@
-"""Where a frame goes: to an application here, to a neighbour, or back to its sender with the reason."""
+"""Forwarding decision of a frame: deliver, send to a next hop, or refuse with a reason."""
 
 from enum import IntEnum
 from typing import Final
@@ -10,31 +10,31 @@ from swarmware.frame import HOPS, Frame
 
 SEEN_MAX: Final = 4096
 LOOP_NS: Final = 90_000_000
-"""A frame that is back within this time went round; later it is a repetition over another route:
+"""A frame received again within this time is in a loop; later it is a retransmission over another route:
 senders wait 100 ms at least."""
 
 
 class ForwardStep(IntEnum):
-    """What happens to a frame."""
+    """Outcome of a forwarding decision."""
 
     DELIVER = 1
     SEND = 2
     NO_ROUTE = 3
     HOP_LIMIT = 4
     LOOPED = 5
-    """Came round again with fewer hops left."""
+    """Received again with fewer hops left."""
     SPOOFED = 6
-    """Must have come from its sender itself, and came from another member."""
+    """Its sender sends to us directly, but it came from another member."""
 
 
 class ForwardDecision(msgspec.Struct, frozen=True, gc=False):
-    """A frame's next step."""
+    """Forwarding decision of one frame."""
 
     step: ForwardStep
     via: int = 0
-    """Neighbour to which it goes."""
+    """Next hop."""
     first: bool = True
-    """Not a repetition of one that went through here."""
+    """It is not a retransmission of a forwarded frame."""
 
 
 _DELIVER: Final = ForwardDecision(ForwardStep.DELIVER)
@@ -47,7 +47,7 @@ _Identity = tuple[int, int, int, int, int]
 
 
 class FrameForwarder:
-    """Forwards along the directory, each frame once round.
+    """Forwards frames along the routing table and stops loops.
 
     A repetition by its sender (an acknowledgement was lost) is forwarded again; what comes round
     within milliseconds with fewer hops left is not.
@@ -59,7 +59,7 @@ class FrameForwarder:
         self._seen: dict[_Identity, tuple[int, int]] = {}
 
     def from_here(self, frame: Frame, now_ns: int) -> ForwardDecision:
-        """A frame of an application of this platform; it starts with all its hops.
+        """Decides about a frame of a local application; it starts with all its hops.
 
         A refusal on behalf of a receiver that cannot be reached starts as if it had gone one hop.
         """
@@ -67,13 +67,13 @@ class FrameForwarder:
         return self._onward(frame, self._first(frame, now_ns), now_ns)
 
     def reroute(self, frame: Frame, now_ns: int) -> ForwardDecision:
-        """A frame that waited for a neighbour which is gone."""
+        """Decides again about a frame queued for a lost neighbour."""
         return self._onward(frame, False, now_ns)
 
     def from_neighbour(
         self, frame: Frame, neighbour_hw: int | None, now_ns: int, *, direct: bool = False
     ) -> ForwardDecision:
-        """A frame from a link; `neighbour_hw`: the member at its other end, None where nobody can tell.
+        """A frame from a link; `neighbour_hw`: the member at its other end; None without authentication.
 
         `direct`: its origin is so near that it sends to us itself; then nobody else brings its frames.
         """

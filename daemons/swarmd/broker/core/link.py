@@ -1,4 +1,4 @@
-"""States of a link to a neighbour, and what leads from one to another."""
+"""State machine of a link to a neighbour."""
 
 from enum import IntEnum
 from typing import Final
@@ -7,18 +7,18 @@ import msgspec
 
 
 class LinkState(IntEnum):
-    """What is known of the two directions to a neighbour."""
+    """State of the two directions of a link."""
 
     DOWN = 0
     HEARD = 1
-    """We hear it; it has not said yet that it hears us."""
+    """Received; it has not listed us yet."""
     UP = 2
     HALF_OPEN = 3
-    """We hear it, it does not hear us: useless for anything but its news."""
+    """Received, but it does not receive us: no route uses the link."""
 
 
 class LinkEvent(IntEnum):
-    """What happens to a link."""
+    """Events of a link."""
 
     DATAGRAM = 1
     LISTED = 2
@@ -39,11 +39,11 @@ TRANSITIONS: Final = {
     (LinkState.UP, LinkEvent.SILENT): LinkState.DOWN,
     (LinkState.HALF_OPEN, LinkEvent.SILENT): LinkState.DOWN,
 }
-"""The only place where a link's state changes; what is not in it changes nothing."""
+"""All transitions; any other event leaves the state unchanged."""
 
 
 class LinkChanged(msgspec.Struct, frozen=True, gc=False):
-    """A link went into another state."""
+    """A transition of a link."""
 
     hw: int
     before: LinkState

@@ -1,7 +1,7 @@
-"""Neighbours: who is heard, who hears us, how well, and what their clocks showed.
+"""The neighbour table: state, loss, cost and clock samples of the links to all nodes in range.
 
-Everything is read off the beacons themselves: their sequence numbers are hello and loss
-meter, their echoes say that we are heard, how well, and when.
+Everything is derived from beacons: their sequence numbers measure loss, as Babel's Hello does; their echoes
+report what the neighbour received, as IHU (I Heard You) does, with a timestamp.
 """
 
 import math
@@ -13,55 +13,55 @@ from swarmd.broker.core.clock_sample import ClockSample
 from swarmd.broker.core.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
 
 WINDOW: Final = 16
-"""Datagrams over which loss is judged: the hello history of Babel (RFC 8966, appendix A.1)."""
+"""Datagrams over which loss is measured: the hello history of Babel (RFC 8966, appendix A.1)."""
 _WINDOW_MASK: Final = (1 << WINDOW) - 1
 LONG_WINDOW: Final = 64
-"""Datagrams over which the loss is judged that a link's deadline has to bear."""
+"""Datagrams over which the loss is measured that the deadline of a link tolerates."""
 _LONG_MASK: Final = (1 << LONG_WINDOW) - 1
 EXPECTED_MIN: Final = 8
-"""Loss is judged over so many at least: one datagram after a silence is no proof of a perfect link."""
+"""Minimum of datagrams for a loss: one datagram after a silence does not prove a perfect link."""
 PERFECT: Final = 256
 """Cost of a link without loss."""
 COST_MAX: Final = 8192
 PERIODS: Final = 2.5
-"""A sender without loss may miss one datagram before its silence counts."""
+"""Deadline of a link without loss, in periods: one datagram may be lost."""
 _HALVES: Final = round(2 * (PERIODS - 2))
 """Half periods beyond the datagrams that may be missed."""
 FALSE_ALARM: Final = 1e-4
-"""Silence counts when so many datagrams in a row are less likely to be lost than this, divided by the
-number of neighbours."""
+"""Probability of a false alarm, for all neighbours together: consecutive losses that are less likely take a
+link down."""
 _LOSS_MIN: Final = 0.0075
-"""Loss of a link that has lost nothing yet: one datagram in two windows."""
+"""Assumed loss of a link that has lost nothing yet: one datagram in two windows."""
 MISSES_MAX: Final = 8
-"""What a node that starts again waits for counts on that: `notice_ns`."""
+"""Limit of consecutive losses; `notice_ns`, the wait of a restarted node, depends on it."""
 NOTICE_SLACK_NS: Final = 250_000_000
-"""A datagram may be under way for so long, and a timer be late."""
+"""Margin for the delay of a datagram and of a timer."""
 _BAD: Final = 0.5
-"""A link with more loss is given up early: routes had better not wait for it."""
+"""A link with more loss is taken down early, so that routes do not wait for it."""
 FIRST_PERIOD_NS: Final = 500_000_000
 _PERIOD_MAX_NS: Final = 10_000_000_000
 LISTING_NS: Final = 3_000_000_000
-"""Everybody heard is listed at least this often."""
+"""Every neighbour is listed by an echo within this time."""
 LISTING_EACH_NS: Final = 50_000_000
-"""The same among many: so much time for each."""
+"""The same with many neighbours: time for each of them."""
 LISTINGS: Final = 3
-"""Missed one after the other, they take a link without loss down to half open."""
+"""Consecutive missed listings that make a link without loss half open."""
 UNLISTED_SLACK_NS: Final = 1_000_000_000
 _LISTED_NS: Final = LISTINGS * LISTING_NS + UNLISTED_SLACK_NS
-"""Listed within this time, a link is taken for one in both directions, whatever its loss."""
+"""A link listed within this time counts as bidirectional, whatever its loss."""
 HEARS_SLACK_NS: Final = 500_000_000
-"""A neighbour's word that it hears somebody holds for three of its listings and this."""
+"""A neighbour's listing of a node is valid for three of its listing periods and this margin."""
 QUALITY_STEP: Final = 64
 QUALITY_NS: Final = 500_000_000
-"""A quality that changed by that step is said after this time: the other side's cost depends on it."""
+"""A quality that changed by that step is reported after this time: the neighbour's cost depends on it."""
 ECHO_GAP_NS: Final = 200_000_000
-"""Echoes beyond the listing: at least five a second in all, to whoever waited longest."""
+"""Echoes beyond the listing: five a second in all, to the neighbour that waited longest."""
 ANSWER_LIMIT_NS: Final = 25_000_000_000
-"""Oldest datagram of ours that an echo can mean: 256 beacons at 10 Hz."""
+"""Oldest own datagram that an echo can answer: 256 beacons at 10 Hz."""
 _SLACK_NS: Final = 10_000_000
-"""Two clocks may drift this much apart while an echo is held back."""
+"""Margin for the drift of two clocks during the hold time of an echo."""
 WITHDRAWALS: Final = 2
-"""How often a lost neighbour is told that we do not hear it."""
+"""Echoes of quality 0 that report a lost neighbour as not received."""
 FORGET_NS: Final = 600_000_000_000
 NEIGHBOUR_LIMIT: Final = 1024
 CLOCK_HIGH_MAX: Final = 1 << 19
@@ -72,7 +72,7 @@ _MOD32: Final = 0xFFFF_FFFF
 
 
 class Neighbour:
-    """One node that we hear, or heard not long ago."""
+    """A node whose datagrams are received, or were within the last minutes."""
 
     __slots__ = (
         "address",
@@ -86,7 +86,6 @@ class Neighbour:
         "echoed_ns",
         "echoed_quality",
         "expected",
-        "heard_ns",
         "hears",
         "hello",
         "hw",
@@ -97,6 +96,7 @@ class Neighbour:
         "missed",
         "period_ns",
         "received",
+        "received_ns",
         "reported",
         "rtt_ns",
         "session",
@@ -117,11 +117,11 @@ class Neighbour:
         self.lost = 0
         self.late = 0
         self.hears: dict[int, int] = {}
-        """Nodes that it lists as heard, and when it said so last."""
+        """Nodes that it lists as received, and the time of its last listing."""
         self.restart(now_ns)
 
     def restart(self, now_ns: int) -> None:
-        """Forgets what belonged to its former session."""
+        """Resets the state of its former session."""
         self.hello = None
         self.clock_us = 0
         self.hears.clear()
@@ -130,18 +130,18 @@ class Neighbour:
         self.revive(now_ns)
 
     def revive(self, now_ns: int) -> None:
-        """Forgets what was measured on the link: it was silent for long."""
+        """Resets the measurements of the link, after a long silence."""
         self.top = 0
         self.window = 0
         self.cost_inputs = (0, 0, 0)
-        """What the cost was last made of."""
+        """Inputs of the last computed cost."""
         self.compared_cost = COST_MAX
-        """Its cost when routes over it were compared last."""
+        """Its cost at the last comparison of routes over it."""
         self.missed = 0
-        """Datagrams that should have come since the last one."""
+        """Datagrams that are overdue since the last one."""
         self.expected = 0
         self.received = 0
-        self.heard_ns = now_ns
+        self.received_ns = now_ns
         self.deadline_ns = now_ns
         self.listed_ns = NEVER_NS
         self.reported = _FULL
@@ -157,7 +157,7 @@ class Neighbour:
     def quality(self) -> int:
         """Share of its last datagrams that arrived, in 1/255."""
         if self.window & _WINDOW_MASK == _WINDOW_MASK and not self.missed:
-            return _FULL  # most links, most of the time
+            return _FULL  # the common case
         expected = max(EXPECTED_MIN, min(WINDOW, self.expected + self.missed))
         received = (self.window << self.missed & _WINDOW_MASK).bit_count()
         return min(round(_FULL * received / expected), _FULL)
@@ -174,7 +174,7 @@ class Neighbour:
         return min(PERFECT * _FULL**4 // both**2, COST_MAX) if both else COST_MAX
 
     def misses(self, neighbours: int) -> int:
-        """How many datagrams in a row that do not come mean that none will, among so many neighbours."""
+        """Consecutive losses after which the link is down, with so many neighbours."""
         if self.hello is None:
             return 2
         if self.window == _LONG_MASK:
@@ -187,15 +187,15 @@ class Neighbour:
         return _misses(min(max(long_loss, lately / WINDOW, _LOSS_MIN), _BAD), neighbours)
 
     def hears_until_ns(self, hw: int) -> int:
-        """Until when its word holds that it hears this node."""
-        said_ns = self.hears.get(hw, NEVER_NS)
-        return said_ns + LISTINGS * self.listing_ns + HEARS_SLACK_NS
+        """Until when its listing of a node is valid."""
+        reported_ns = self.hears.get(hw, NEVER_NS)
+        return reported_ns + LISTINGS * self.listing_ns + HEARS_SLACK_NS
 
 
 def notice_ns(period_ns: int, timeout_ns: int) -> int:
-    """After so long without a datagram everybody has taken the link to a node down, whatever its loss.
+    """Time without a datagram after which every neighbour has taken the link down, whatever its loss.
 
-    `period_ns`: the longest time between two of its datagrams that it declared.
+    `period_ns`: the longest period between two datagrams that the node declared.
     """
     periods_ns = round((MISSES_MAX + PERIODS - 2) * period_ns)
     first_ns = round(PERIODS * FIRST_PERIOD_NS)
@@ -203,7 +203,7 @@ def notice_ns(period_ns: int, timeout_ns: int) -> int:
 
 
 class NeighbourTable:
-    """All neighbours of one node."""
+    """All neighbours of a node, their echoes and deadlines."""
 
     def __init__(self, own_hw: int, link_timeout_ns: int) -> None:
         self.own_hw = own_hw
@@ -214,33 +214,33 @@ class NeighbourTable:
         self._common: frozenset[int] = frozenset()
         self._linked: frozenset[int] = frozenset()
         self._common_ns = NEVER_NS
-        self._heard = 0
-        """Neighbours that are not down."""
+        self._active = 0
+        """Number of neighbours whose link is not down."""
 
     def get(self, hw: int) -> Neighbour | None:
-        """A neighbour, whatever its state."""
+        """Neighbour of this hardware id in any state; None: unknown."""
         return self._all.get(hw)
 
     def all(self) -> list[Neighbour]:
-        """Everybody heard within the last minutes."""
+        """All nodes received within the last minutes."""
         return list(self._all.values())
 
     def up(self) -> list[Neighbour]:
-        """Those with whom both directions work."""
+        """Neighbours whose link is bidirectional."""
         return [n for n in self._all.values() if n.state is LinkState.UP]
 
     def listing_ns(self) -> int:
-        """Everybody heard gets an echo this often, with room for it."""
-        return max(LISTING_NS, self.heard_count() * LISTING_EACH_NS)
+        """Period in which every neighbour gets an echo, if there is room."""
+        return max(LISTING_NS, self.active_count() * LISTING_EACH_NS)
 
     def usual_period_ns(self) -> int:
         """Between two datagrams of a node: half of those that are heard declare a shorter one."""
         periods_ns = sorted(one.period_ns for one in self._all.values() if one.state is not LinkState.DOWN)
         return periods_ns[len(periods_ns) // 2] if periods_ns else FIRST_PERIOD_NS
 
-    def heard_count(self) -> int:
-        """Nodes that share the air with us."""
-        return self._heard
+    def active_count(self) -> int:
+        """Number of nodes in range, which share the channel."""
+        return self._active
 
     # what comes in
 
@@ -252,7 +252,7 @@ class NeighbourTable:
         rx_ns: int,
         changes: list[LinkChanged],
     ) -> Neighbour | None:
-        """A datagram that was opened. None: no room for another neighbour."""
+        """Takes the header of an authenticated datagram. None: the neighbour table is full."""
         neighbour = self._all.get(header.sender_hw)
         if neighbour is None:
             if len(self._all) >= NEIGHBOUR_LIMIT:
@@ -266,7 +266,7 @@ class NeighbourTable:
             neighbour.revive(rx_ns)
             self._event(neighbour, LinkEvent.DATAGRAM, rx_ns, changes)
         neighbour.address = address
-        neighbour.heard_ns = rx_ns
+        neighbour.received_ns = rx_ns
         neighbour.received += 1
         self._count(neighbour, header)
         neighbour.missed = 0
@@ -275,7 +275,7 @@ class NeighbourTable:
         return neighbour
 
     def on_hello(self, neighbour: Neighbour, header: Header, hello: Hello) -> None:
-        """Its name, the upper half of its clock, and how often it speaks."""
+        """Takes its name, the upper half of its clock, and its declared periods."""
         neighbour.hello = hello
         neighbour.period_ns = min(max(hello.period_ms, 1) * 1_000_000, _PERIOD_MAX_NS)
         neighbour.listing_ns = max(hello.listing_ms, 1) * 1_000_000
@@ -289,7 +289,7 @@ class NeighbourTable:
         rx_ns: int,
         changes: list[LinkChanged],
     ) -> ClockSample | None:
-        """Whom it hears, and the time differences when this datagram can give them."""
+        """Takes its listings of received nodes; returns a clock sample where the datagram gives one."""
         forward_ns: int | None = None
         forward_tx_ns = 0
         clock_us = neighbour.clock_us
@@ -299,7 +299,7 @@ class NeighbourTable:
             clock_us += step if step < 1 << 31 else step - (1 << 32)
             neighbour.clock_us = clock_us
             if abs(clock_us) > _CLOCK_MAX_US:
-                neighbour.hello = None  # its steps led where no clock runs: the next hello tells
+                neighbour.hello = None  # beyond the range of clocks: wait for the next hello
                 known = False
         hears = neighbour.hears
         for hw, sequence, hold_us, quality in echoes:
@@ -314,8 +314,8 @@ class NeighbourTable:
                 self._event(neighbour, LinkEvent.UNLISTED, rx_ns, changes)
                 continue
             if hold_us == NO_ECHO:
-                # Heard nothing of us since it last listed us. That keeps a link up, but cannot bring
-                # it up: it may mean our former session, whose routes it would still believe in.
+                # It received nothing since its last listing. That keeps a link up, but cannot bring it
+                # up: it may refer to our former session, whose routes it still uses.
                 if neighbour.state is LinkState.UP:
                     neighbour.listed_ns = rx_ns
                     neighbour.reported = quality
@@ -345,7 +345,7 @@ class NeighbourTable:
         )
 
     def needed(self, origin_hw: int, have: set[int], now_ns: int) -> bool:
-        """Whether a neighbour neither hears this node itself nor is one of those who have its value."""
+        """Whether some neighbour neither receives the origin itself nor has the value."""
         return any(
             neighbour.state is LinkState.UP
             and neighbour.hw not in have
@@ -354,19 +354,19 @@ class NeighbourTable:
         )
 
     def on_timer(self, now_ns: int) -> list[LinkChanged]:
-        """Deadlines that passed."""
+        """Takes links down whose deadline has passed, and counts overdue datagrams."""
         changes: list[LinkChanged] = []
         forgotten: list[int] = []
         for neighbour in self._all.values():
             if neighbour.state is LinkState.DOWN:
-                if now_ns - neighbour.heard_ns > FORGET_NS:
+                if now_ns - neighbour.received_ns > FORGET_NS:
                     forgotten.append(neighbour.hw)
             elif now_ns >= neighbour.deadline_ns:
                 neighbour.withdrawals = WITHDRAWALS
                 self._event(neighbour, LinkEvent.SILENT, now_ns, changes)
             else:
                 period_ns = neighbour.period_ns
-                late_ns = now_ns - neighbour.heard_ns - period_ns // 2
+                late_ns = now_ns - neighbour.received_ns - period_ns // 2
                 neighbour.missed = 0 if late_ns < period_ns else min(late_ns // period_ns, WINDOW)
                 if now_ns - max(neighbour.listed_ns, neighbour.since_ns) > _LISTED_NS:
                     self._look_for_listing(neighbour, now_ns, changes)
@@ -381,20 +381,20 @@ class NeighbourTable:
             self._event(neighbour, LinkEvent.UNLISTED, now_ns, changes)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has to be called at the latest."""
+        """Instant by which `on_timer` must be called; None: no deadline."""
         return min((n.deadline_ns for n in self._all.values() if n.state is not LinkState.DOWN), default=None)
 
     # what goes out
 
     def sent(self, sequence: int, tx_ns: int) -> None:
-        """A datagram left with this stamp; echoes will name it."""
+        """Records the send time of a datagram, for the echoes that answer it."""
         self._sent[sequence & 0xFF] = (sequence, tx_ns)
 
     def echoes(self, now_ns: int, room: int, listing_ns: int) -> tuple[Echo, ...]:
-        """Echoes for the next datagram: whoever was not listed for `listing_ns`, new ones first.
+        """Echoes for the next beacon: neighbours not listed for `listing_ns`, the longest waiting first.
 
-        Each answers the datagram that came with the least delay since the last echo: the one the
-        estimators of the other side would keep.
+        Each answers the datagram that had the smallest delay since the last echo: the one that the
+        estimator of the other side selects.
         """
         due: list[Neighbour] = []
         longest: Neighbour | None = None
@@ -431,22 +431,24 @@ class NeighbourTable:
         return tuple(out)
 
     def common(self, now_ns: int, refresh_ns: int = 1_000_000_000) -> frozenset[int]:
-        """Nodes that every neighbour of ours hears itself (or is): nobody needs their values from us."""
+        """Nodes that every neighbour receives directly, or is: their values need no relay."""
         if now_ns - self._common_ns >= refresh_ns:
             self._common_ns = now_ns
-            heard: dict[int, set[int]] = {}
+            received_by: dict[int, set[int]] = {}
             for neighbour in self.up():
                 oldest_ns = now_ns - LISTINGS * neighbour.listing_ns - HEARS_SLACK_NS
-                hears = {hw for hw, said_ns in neighbour.hears.items() if said_ns >= oldest_ns}
+                hears = {hw for hw, reported_ns in neighbour.hears.items() if reported_ns >= oldest_ns}
                 hears.add(neighbour.hw)
-                heard[neighbour.hw] = hears
-            common = set.intersection(*heard.values()) - {self.own_hw} if heard else set[int]()
+                received_by[neighbour.hw] = hears
+            common = set.intersection(*received_by.values()) - {self.own_hw} if received_by else set[int]()
             self._common = frozenset(common)
-            self._linked = frozenset(hw for hw in common if hw in heard and heard.keys() <= heard[hw])
+            self._linked = frozenset(
+                hw for hw in common if hw in received_by and received_by.keys() <= received_by[hw]
+            )
         return self._common
 
     def linked(self, now_ns: int) -> frozenset[int]:
-        """Common nodes that hear every neighbour of ours in turn: nobody needs our routes to them."""
+        """Common nodes that receive every neighbour in turn: routes to them need no advertisement."""
         self.common(now_ns)
         return self._linked
 
@@ -460,7 +462,7 @@ class NeighbourTable:
             if behind < neighbour.expected:
                 neighbour.lost -= 1
             elif behind < LONG_WINDOW:
-                neighbour.lost += behind - neighbour.expected  # overtaken by the first one we got
+                neighbour.lost += behind - neighbour.expected  # overtaken by the first one received
                 neighbour.expected = behind + 1
             if behind < LONG_WINDOW:
                 neighbour.window |= 1 << behind
@@ -482,7 +484,7 @@ class NeighbourTable:
         changes.append(LinkChanged(neighbour.hw, neighbour.state, after, event))
         if LinkState.UP in (after, neighbour.state):
             self._common_ns = NEVER_NS
-        self._heard += (after is not LinkState.DOWN) - (neighbour.state is not LinkState.DOWN)
+        self._active += (after is not LinkState.DOWN) - (neighbour.state is not LinkState.DOWN)
         neighbour.state = after
         neighbour.since_ns = now_ns
 

@@ -1,4 +1,4 @@
-"""Who is who: names, trees and kinds of all nodes, near and far."""
+"""Names, kinds and tree versions of all known nodes, by hardware id."""
 
 from collections.abc import Callable
 from typing import Final
@@ -11,15 +11,15 @@ from swarmware.errors import InvalidInput
 from swarmware.names import check_platform, hardware_id
 
 REPEAT_NS: Final = 30_000_000_000
-"""An unchanged member row is repeated this often."""
+"""Period in which an unchanged member row is repeated."""
 ANNOUNCEMENTS: Final = 3
-"""A changed one is said so often, in one datagram after the other."""
+"""Consecutive beacons that carry a changed row."""
 FORGET_NS: Final = 600_000_000_000
 MEMBER_LIMIT: Final = 4096
 
 
 class KnownNode(msgspec.Struct, gc=False):
-    """One node as we know it."""
+    """Name, kind and tree version of a node."""
 
     hw: int
     platform: str
@@ -28,16 +28,16 @@ class KnownNode(msgspec.Struct, gc=False):
     tree_version: int = 0
     announced_ns: int = 0
     announcements: int = ANNOUNCEMENTS
-    heard_ns: int = 0
+    received_ns: int = 0
 
     @property
     def name(self) -> str:
-        """Name on the wire."""
+        """Its name as encoded in beacons."""
         return wire_name(self.platform, self.unit)
 
 
 class NodeTable:
-    """Names and trees by hardware id."""
+    """All known nodes by hardware id."""
 
     def __init__(self, own_hw: int) -> None:
         self._own_hw = own_hw
@@ -46,17 +46,17 @@ class NodeTable:
         """Another number after each change."""
 
     def add(self, platform: str, now_ns: int) -> None:
-        """A name from the roster."""
+        """Adds a platform of the roster."""
         hw = hardware_id(platform)
         if hw != self._own_hw:
-            self._all.setdefault(hw, KnownNode(hw, platform, "main", heard_ns=now_ns))
+            self._all.setdefault(hw, KnownNode(hw, platform, "main", received_ns=now_ns))
 
     def on_hello(self, hw: int, hello: Hello, now_ns: int) -> bool:
-        """A neighbour's own words. False: the name does not belong to this hardware id."""
+        """Takes the name in a neighbour's hello. False: the name does not belong to this hardware id."""
         return self._learn(hw, hello.name, hello.kind, hello.tree_version, now_ns)
 
     def on_row(self, row: MemberRow, now_ns: int) -> bool:
-        """What the next hop to that node says about it."""
+        """Takes the member row of a node that is not in range. False: name and hardware id do not match."""
         return self._learn(row.hw, row.name, row.kind, row.tree_version, now_ns)
 
     def _learn(self, hw: int, name: str, kind: PlatformKind, tree_version: int, now_ns: int) -> bool:
@@ -78,27 +78,27 @@ class NodeTable:
             node.kind = kind
             node.announcements = ANNOUNCEMENTS
             self.version += 1
-        node.heard_ns = now_ns
+        node.received_ns = now_ns
         return True
 
     def get(self, hw: int) -> KnownNode | None:
-        """A node, if its name is known."""
+        """Entry of a hardware id; None: its name is unknown."""
         return self._all.get(hw)
 
     def platform(self, hw: int) -> str:
-        """Its platform, or the hardware id in hex."""
+        """Platform of a hardware id, or the id in hex while the name is unknown."""
         node = self._all.get(hw)
         return node.platform if node is not None else f"{hw:08x}"
 
     def rows(
         self, now_ns: int, room: int, common: frozenset[int], reachable: Callable[[int], int]
     ) -> list[MemberRow]:
-        """Member rows for the next datagram in at most `room` bytes: nodes that not all neighbours hear."""
+        """Member rows for the next beacon in at most `room` bytes: nodes that not all neighbours receive."""
         out: list[MemberRow] = []
         for node in self._all.values():
             if node.hw in common or (not node.announcements and now_ns - node.announced_ns < REPEAT_NS):
                 continue
-            if not node.heard_ns or not reachable(node.hw):
+            if not node.received_ns or not reachable(node.hw):
                 continue
             row = MemberRow(node.hw, node.tree_version, node.kind, node.name)
             room -= member_bytes(row)
@@ -110,13 +110,13 @@ class NodeTable:
         return out
 
     def announce_again(self) -> None:
-        """Somebody new is in range: every row is said once more."""
+        """Repeats every row once, for a new neighbour."""
         for node in self._all.values():
             node.announcements = max(node.announcements, 1)
 
     def forget(self, now_ns: int) -> None:
-        """Drops whom nobody has mentioned for ten minutes."""
-        for hw in [hw for hw, node in self._all.items() if now_ns - node.heard_ns > FORGET_NS]:
+        """Removes nodes that were not mentioned for ten minutes."""
+        for hw in [hw for hw, node in self._all.items() if now_ns - node.received_ns > FORGET_NS]:
             del self._all[hw]
             self.version += 1
 

@@ -1,4 +1,4 @@
-"""The node's own boards in its beacons: which value goes into which datagram."""
+"""Published boards of this node: selects the values of each beacon by change, period and waiting time."""
 
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -8,14 +8,14 @@ from swarmd.broker.core.beacon_codec import value_bytes
 from swarmware.types.net import BoardPublication
 
 REFRESH_NS: Final = 1_000_000_000
-"""An unchanged value is said again this often: a datagram may be lost, a reader may be new."""
+"""Period in which an unchanged value is repeated: for lost datagrams and new readers."""
 REPEATS: Final = 3
-"""Datagrams that carry each change without waiting: one in ten may be lost, all three in a thousand."""
+"""Consecutive beacons that carry a change: with 10 % loss all three are lost once in a thousand."""
 _ALWAYS_NS: Final = 1
 
 
 class PublishedBoard:
-    """One board that others want."""
+    """A board with remote subscribers: newest value and state of sending."""
 
     __slots__ = (
         "data_id",
@@ -39,21 +39,21 @@ class PublishedBoard:
         self.type = offer.type
         self.period_ns = _ALWAYS_NS
         self.limited = False
-        """The limit of a channel, not the offer, sets the period."""
+        """The period is that of a rate limit, not of the subscription."""
         self.payload = b""
         self.packed = False
         self.stamp_ns = 0
         self.version = 0
-        """Counts the values put; 0: none yet."""
+        """Number of values put; 0: none yet."""
         self.sent_version = 0
         self.repeats = 0
-        """Times that the newest payload is still to be sent without waiting."""
+        """Beacons that still have to carry the newest payload."""
         self.held_back = 0
-        """Values that the limit of its channel kept from being sent before a newer one came."""
+        """Values replaced by newer ones because of a rate limit."""
         self.sent_ns = NEVER_NS
 
     def put(self, payload: bytes, packed: bool, stamp_ns: int) -> None:
-        """The newest value; one that only has a later stamp waits for a datagram that leaves anyway."""
+        """Takes the newest value; an unchanged payload with a later stamp triggers no beacon."""
         if self.limited and self.version != self.sent_version:
             self.held_back += 1
         if payload != self.payload or packed != self.packed:
@@ -65,14 +65,14 @@ class PublishedBoard:
 
 
 class PublishedBoards:
-    """The boards of this node that somebody wants."""
+    """All boards of this node that have remote subscribers."""
 
     def __init__(self) -> None:
         self.boards: dict[int, PublishedBoard] = {}
-        """By data id."""
+        """Boards by data id."""
 
     def offer(self, offers: Iterable[BoardPublication], max_hz: Callable[[str], float | None]) -> None:
-        """The boards that are wanted from now on, and the limits of their channels."""
+        """Sets the published boards and their rate limits."""
         boards: dict[int, PublishedBoard] = {}
         for offer in offers:
             board = self.boards.get(offer.data_id) or PublishedBoard(offer)
@@ -88,7 +88,7 @@ class PublishedBoards:
         self.boards = boards
 
     def values(self, now_ns: int, room: int, beacon_period_ns: int) -> list[BoardValue]:
-        """Values for the next datagram in at most `room` bytes, those that waited longest first.
+        """Values for the next beacon in at most `room` bytes, the longest waiting first.
 
         `beacon_period_ns`: time between two beacons; a period that ends within half of it is over, or a value
         of 10 Hz would miss every second beacon.

@@ -1,4 +1,4 @@
-"""Channels: rate limits of resource patterns, set while running."""
+"""Rate limits of channels: by resource pattern, set at run time."""
 
 from swarmware.names import Pattern
 from swarmware.types.net import ChannelLimit, ChannelLimits, SetChannel
@@ -14,17 +14,17 @@ class _RateLimit:
 
 
 class RateLimits:
-    """Rate limits by pattern; the newest that matches counts."""
+    """Rate limits by pattern; the newest matching one applies."""
 
     def __init__(self) -> None:
         self._limits: dict[str, _RateLimit] = {}
         self.version = 0
-        """Another number after each change: what was looked up is out of date."""
+        """Incremented by each change."""
 
     def set(self, request: SetChannel, now_ns: int) -> None:
-        """Sets, replaces or takes away the limit of a pattern.
+        """Sets, replaces or removes the limit of a pattern.
 
-        Raises: InvalidInput when the pattern is none.
+        Raises: InvalidInput when the pattern is invalid.
         """
         pattern = Pattern(request.pattern)
         self.version += 1
@@ -38,14 +38,14 @@ class RateLimits:
         }
 
     def max_hz(self, path: str) -> float | None:
-        """Limit of a local path; None: none."""
+        """Rate limit of a local path; None: unlimited."""
         for limit in self._limits.values():
             if limit.pattern.matches(path):
                 return limit.max_hz
         return None
 
     def on_timer(self, now_ns: int) -> None:
-        """Limits that were set for a time end."""
+        """Removes limits whose time is over."""
         over = [
             text
             for text, limit in self._limits.items()
@@ -56,7 +56,7 @@ class RateLimits:
             self.version += 1
 
     def limits(self, now_ns: int) -> ChannelLimits:
-        """All limits in force."""
+        """All present limits, for reports."""
         return ChannelLimits(
             tuple(
                 ChannelLimit(

@@ -1,4 +1,4 @@
-"""Boards of other nodes: which value is news, and which is passed on to those who do not hear its origin."""
+"""Newest values of other nodes' boards: duplicate detection, and relaying beyond the range of the origin."""
 
 from collections.abc import Callable
 from typing import Final
@@ -12,28 +12,28 @@ PERIOD_NS: Final = 250_000_000
 """Period of a relayed value per hop from its origin. Simulated, 16 moving nodes, poses: 2.0 kB/s per
 node, age p95 0.3 s at two hops and 1 s at five; 0.1 s per hop: 2.8 kB/s, 0.25 s and 0.75 s."""
 REPEAT_NS: Final = 800_000_000
-"""A value that still holds is passed on again this often: its origin repeats it every second."""
+"""Period in which an unchanged value is relayed again; its origin repeats it every second."""
 OLDEST_NS: Final = 5_000_000_000
-"""Not confirmed for so long, it is not passed on any more."""
+"""A value that was not repeated for this time is not relayed any longer."""
 RESTART_NS: Final = 3_000_000_000
 COPIES: Final = 2
-"""Overheard this often from others, it need not be said once more (RFC 6206, redundancy constant)."""
+"""Relays by other nodes that suppress the own one (redundancy constant of RFC 6206)."""
 FINE_US: Final = 200
 COARSE_US: Final = 100_000
 _COARSE_FROM_US: Final = 3_276_800
-"""From this age on, ages on the wire have steps of 0.1 s."""
+"""From this age on, encoded ages have steps of 0.1 s."""
 FORGET_NS: Final = 60_000_000_000
 ENTRY_LIMIT: Final = 8192
 
 
 class RemoteValue(msgspec.Struct, frozen=True, gc=False):
-    """A value that this node has not seen before."""
+    """A value of another node that was not received before."""
 
     origin_hw: int
     data_id: int
     stamp_us: int
     age_us: int
-    """At its arrival here."""
+    """Age at reception."""
     packed: bool
     payload: bytes
     rx_ns: int
@@ -68,13 +68,13 @@ class _CachedValue:
         self.relayed_ns = NEVER_NS
         self.relayed = False
         self.changed = False
-        """The payload is another one than that passed on last."""
+        """The payload differs from the one relayed last."""
         self.copies = 0
         self.holders: set[int] = set()
 
 
 class RelayCache:
-    """Newest values of other nodes' boards."""
+    """Newest value of each board of other nodes, and what of it is to be relayed."""
 
     def __init__(self) -> None:
         self._entries: dict[tuple[int, int], _CachedValue] = {}
@@ -82,7 +82,7 @@ class RelayCache:
         self.duplicates = 0
         self.late = 0
         self.was_late = False
-        """The value given last was older than the one that is here."""
+        """The last value given to `on_value` was older than the cached one."""
 
     def on_value(
         self,
@@ -96,7 +96,7 @@ class RelayCache:
         payload: bytes,
         rx_ns: int,
     ) -> RemoteValue | None:
-        """A value in a beacon, the sender's own (`hops` 1) or passed on by it. None: known already."""
+        """Takes a value of a beacon, the sender's own (`hops` 1) or relayed by it. None: it is not newer."""
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             if len(self._entries) >= ENTRY_LIMIT:
@@ -124,12 +124,12 @@ class RelayCache:
         if ahead_us > rounding_us:
             return True
         if ahead_us > 0:
-            return payload != entry.payload  # the same value said again may look a little newer
-        # far behind, and nothing newer for long: the origin's clock started anew
+            return payload != entry.payload  # ages are rounded: the same value may look a little newer
+        # far behind, and nothing newer for long: the origin's clock was restarted
         return ahead_us < -OLDEST_NS // 1000 and rx_ns - entry.rx_ns > RESTART_NS
 
     def newest(self, origin_hw: int, data_id: int) -> RemoteValue | None:
-        """The newest value of a board, if one was heard within the last seconds."""
+        """The newest value of a board; None: none is cached."""
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             return None
@@ -145,9 +145,9 @@ class RelayCache:
         self.duplicates += 1
         entry.holders.add(sender_hw)
         if hops > entry.hops:
-            entry.copies += 1  # somebody as near as we are, or farther, has told it too
+            entry.copies += 1  # relayed by a node that is not nearer to the origin
             return
-        # from the origin, or from somebody nearer to it: it still holds
+        # from the origin, or from a node nearer to it: the value is confirmed
         entry.hops = hops
         entry.age_us += (rx_ns - entry.rx_ns) // 1000
         entry.rx_ns = rx_ns
@@ -158,11 +158,11 @@ class RelayCache:
     def compose(
         self, now_ns: int, room: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]
     ) -> list[RelayedValue]:
-        """Values for the next datagram in at most `room` bytes.
+        """Relayed values for the next beacon in at most `room` bytes.
 
-        `common`: nodes that all neighbours hear. `needed(origin, have)`: whether some neighbour hears
-        the origin not and has not got the value. Priority is the time since it was passed on last,
-        in periods of its distance.
+        `common`: nodes that all neighbours receive. `needed(origin, holders)`: whether some neighbour
+        neither receives the origin nor has the value. Priority is the time since the last relay, in
+        periods of its distance.
         """
         due = [
             (self._waited(entry, now_ns), entry)
@@ -198,7 +198,7 @@ class RelayCache:
     def has_changes(
         self, now_ns: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]
     ) -> bool:
-        """Whether `compose` would pass on a value that has changed; one at rest waits for the next beacon."""
+        """Whether `compose` would relay a changed value; an unchanged one waits for the next beacon."""
         return any(
             entry.changed and self._is_due(entry, now_ns, common) and needed(entry.origin_hw, entry.holders)
             for entry in self._entries.values()
@@ -211,21 +211,21 @@ class RelayCache:
 
     @staticmethod
     def _waited(entry: _CachedValue, now_ns: int) -> float:
-        """Time since it was passed on last, in periods of its distance."""
+        """Time since the last relay, in periods of its distance."""
         return (now_ns - entry.relayed_ns) / (PERIOD_NS * entry.hops)
 
     def relayed_recently(self, now_ns: int) -> bool:
-        """Whether something was passed on within the last second."""
+        """Whether a value was relayed within the last second."""
         return now_ns - self._relayed_ns < 1_000_000_000
 
     def forget(self, now_ns: int) -> None:
-        """Drops what has not been heard for a minute."""
+        """Removes values that were not received for a minute."""
         old = [key for key, entry in self._entries.items() if now_ns - entry.rx_ns > FORGET_NS]
         for key in old:
             del self._entries[key]
 
     def forget_origin(self, origin_hw: int) -> None:
-        """The origin started anew: its clock may be another one, so stamps compare no more."""
+        """Removes the values of a restarted origin: stamps of its former clock are not comparable."""
         for key in [key for key in self._entries if key[0] == origin_hw]:
             del self._entries[key]
 

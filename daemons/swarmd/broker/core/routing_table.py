@@ -1,4 +1,4 @@
-"""The directory: which neighbour leads to which node, without loops, in a swarm that moves.
+"""The routing table: next hop, metric and feasibility distance of each node, loop-free in a moving swarm.
 
 A distance vector under Babel's feasibility condition (RFC 8966, section 3.5.1), fitted to the beacon:
 the sequence number of every beacon is the sender's own route sequence number, so a fresh
@@ -13,7 +13,7 @@ import msgspec
 from swarmd.broker.core.beacon import HOPS_MAX, INFINITY, LOST, NEVER_NS, RouteRow, SequenceRequest
 
 HYSTERESIS: Final = 96
-"""A new next hop must be better by this: loss that comes and goes must not move a route."""
+"""Required improvement of a new next hop: varying loss must not change routes."""
 REFRESH_NS: Final = 250_000_000
 """Refresh period of a row per hop of distance."""
 REFRESH_MAX_NS: Final = 2_000_000_000
@@ -21,16 +21,16 @@ STRETCH_FROM: Final = 80
 """In larger swarms the refresh periods grow with the number of nodes, up to STRETCH_MAX times."""
 STRETCH_MAX: Final = 2.0
 HOLD_NS: Final = 7_000_000_000
-"""A route over others whose sequence number stood still for so long is lost, or for three of the longest
-refresh periods where these are longer."""
+"""A route is lost when its sequence number did not advance for this time, or for three of the longest refresh
+periods where these are longer."""
 REQUESTED_NS: Final = 2_000_000_000
-"""How long it is remembered that somebody asked for a fresher row."""
+"""Lifetime of a neighbour's request for a newer row."""
 REQUESTED_ROWS: Final = 2
-"""How often the fresher row is sent in the very next beacons, once it is there."""
+"""Consecutive beacons that carry a requested row once it is known."""
 RETRACTIONS: Final = 2
-"""A lost route is said twice: one datagram may be lost."""
+"""Retractions of a lost route: one datagram may be lost."""
 SOURCE_GC_NS: Final = 180_000_000_000
-"""Feasibility distance of a vanished destination is forgotten; RFC 8966, appendix B."""
+"""Lifetime of the feasibility distance of a vanished destination; RFC 8966, appendix B."""
 REQUEST_AGAIN_NS: Final = 400_000_000
 REQUEST_FOR_NS: Final = 3_000_000_000
 FORWARD_AGAIN_NS: Final = 500_000_000
@@ -39,19 +39,19 @@ DESTINATION_LIMIT: Final = 4096
 _SWEEP_NS: Final = 1_000_000_000
 _FAR_NS: Final = 1 << 62
 _TRIGGERED_UPDATE: Final = 96
-"""A new next hop whose metric differs this much from what was said."""
+"""Difference to the advertised metric that triggers an update with the next beacon."""
 
 
 class RouteChanged(msgspec.Struct, frozen=True, gc=False):
-    """Another next hop to a node."""
+    """The next hop to a node has changed."""
 
     hw: int
     via: int
-    """0: no route any more."""
+    """0: the route is lost."""
 
 
 class Route(msgspec.Struct, frozen=True, gc=False):
-    """The selected route to a node."""
+    """The selected route to a node, as listed in reports."""
 
     hw: int
     via: int
@@ -86,18 +86,18 @@ class _Destination:
     def __init__(self, hw: int, now_ns: int) -> None:
         self.hw = hw
         self.advertised: dict[int, tuple[int, int, int]] = {}
-        """By neighbour: the sequence number and metric it said last, and when the number last rose."""
+        """By neighbour: sequence number and metric of its last row, and when the number last rose."""
         self.via = 0
         self.metric = INFINITY
         self.sequence = 0
         self.limit_sequence = -1
-        """Feasibility distance, with `limit_metric`; -1: nothing was advertised yet."""
+        """Feasibility distance, with `limit_metric`; -1: nothing advertised yet."""
         self.limit_metric = INFINITY
         self.known_ns = now_ns
         self.changed_ns = now_ns
         self.due_ns = now_ns
         self.linked = False
-        """All our neighbours had links to it themselves when its row was said last."""
+        """All neighbours had direct links to it when its row was sent last."""
         self.advertised_metric = INFINITY
         self.retractions = 0
         self.requested_until_ns = NEVER_NS
@@ -120,17 +120,17 @@ def newer(one: int, other: int) -> bool:
 
 
 class RoutingTable:
-    """Routes of one node.
+    """Routing table of one node.
 
     Loop-free at every instant as long as the caller keeps two rules: rows of a neighbour count
-    only while the link is up in both directions, and `drop_link` is called when a neighbour has
-    started anew, before its rows are used (it forgot its feasibility distances).
+    only while the link is bidirectional, and `drop_link` is called for a restarted neighbour before
+    its rows are used (it has lost its feasibility distances).
     """
 
     def __init__(self, own_hw: int) -> None:
         self.own_hw = own_hw
         self.requested_sequence: int | None = None
-        """Somebody holds a higher sequence number of mine than I have: go on from there."""
+        """A higher own sequence number that another node requested or still holds."""
         self._destinations: dict[int, _Destination] = {}
         self._costs: dict[int, int] = {}
         self._forward: list[SequenceRequest] = []
@@ -138,14 +138,14 @@ class RoutingTable:
         self._sweep_ns = NEVER_NS
         self._hold_ns = HOLD_NS
 
-    # what comes in
+    # input
 
     def set_link(self, via: int, cost: int) -> None:
-        """The link to a neighbour is up, or its cost has changed."""
+        """Sets the cost of a link that is up."""
         self._costs[via] = cost
 
     def worsen(self, via: int, now_ns: int) -> list[RouteChanged]:
-        """The link to a neighbour costs more than its rows were taken at: other ways may be better now."""
+        """Applies the higher cost of a link to its routes, and selects better ones."""
         changes: list[RouteChanged] = []
         cost = self._costs.get(via)
         if cost is None:
@@ -159,7 +159,7 @@ class RoutingTable:
         return changes
 
     def drop_link(self, via: int, now_ns: int) -> list[RouteChanged]:
-        """The link is gone, or the neighbour is another one than before."""
+        """Removes the routes over a lost link or a restarted neighbour."""
         if self._costs.pop(via, None) is None:
             return []
         changes: list[RouteChanged] = []
@@ -169,7 +169,7 @@ class RoutingTable:
         return changes
 
     def on_rows(self, via: int, rows: Iterable[tuple[int, int, int]], now_ns: int) -> list[RouteChanged]:
-        """Rows of a neighbour's newest datagram; its own row (itself, its sequence, 0) among them."""
+        """Takes the rows of a neighbour's newest beacon, among them its own row (its sequence, 0)."""
         cost = self._costs.get(via)
         changes: list[RouteChanged] = []
         if cost is None:
@@ -183,7 +183,7 @@ class RoutingTable:
                         self.requested_sequence = sequence
                     continue
                 if metric == INFINITY or not hw or len(destinations) >= DESTINATION_LIMIT:
-                    continue  # 0 is no node: `via` 0 means that there is no route
+                    continue  # 0 stands for no node: `via` 0 means that there is no route
                 destination = destinations[hw] = _Destination(hw, now_ns)
             total = metric + cost
             if total >= INFINITY:
@@ -194,9 +194,9 @@ class RoutingTable:
             if limit >= 0:
                 ahead = (sequence - limit) & 0xFFFF
                 if ahead >= 0x8000 or (ahead == 0 and metric >= destination.limit_metric):
-                    # Not feasible, and never will be. From the present next hop: its path got longer;
-                    # ours stays loop-free as it is, because our feasibility distance did not move,
-                    # until a newer number comes with its next rows.
+                    # Not feasible, now or later. From the present next hop it means a longer path: ours
+                    # stays loop-free, because our feasibility distance did not change, until a newer
+                    # number comes with its next rows.
                     if via != destination.via:
                         destination.advertised.pop(via, None)
                     continue
@@ -216,7 +216,7 @@ class RoutingTable:
         return changes
 
     def on_requests(self, via: int, requests: Iterable[SequenceRequest], now_ns: int) -> list[RouteChanged]:
-        """Sequence requests in a neighbour's datagram."""
+        """Takes sequence requests of a neighbour: answers, forwards or records them."""
         changes: list[RouteChanged] = []
         for hw, sequence, hops in requests:
             hops_left = min(hops & ~LOST, REQUEST_HOPS)
@@ -227,7 +227,7 @@ class RoutingTable:
             if destination is None:
                 continue
             if hops & LOST and destination.advertised.pop(via, None) is not None and destination.via == via:
-                self._select(destination, now_ns, changes)  # its retractions did not get here
+                self._select(destination, now_ns, changes)  # its retractions were lost
             destination.requested_until_ns = now_ns + REQUESTED_NS
             destination.requested_sequence = sequence
             destination.requested_rows = REQUESTED_ROWS
@@ -236,18 +236,18 @@ class RoutingTable:
                 continue
             destination.forwarded_ns = now_ns
             if destination.limit_sequence < 0 or newer(sequence, destination.limit_sequence):
-                destination.request_due_ns = now_ns + REQUEST_AGAIN_NS  # it asks for us too
+                destination.request_due_ns = now_ns + REQUEST_AGAIN_NS  # its answer serves us too
             self._forward.append(SequenceRequest(hw, sequence, hops_left - 1))
         return changes
 
     def request_route(self, hw: int, now_ns: int) -> None:
-        """There is traffic for this node and no route: ask for one."""
+        """Requests a route for traffic that has none."""
         destination = self._destinations.get(hw)
         if destination is not None and destination.via == 0 and now_ns >= destination.request_until_ns:
             self._ask(destination, now_ns)
 
     def on_timer(self, now_ns: int) -> list[RouteChanged]:
-        """Ages routes out; call at each beacon."""
+        """Removes expired routes; call at each beacon."""
         changes: list[RouteChanged] = []
         if now_ns < self._sweep_ns:
             return changes
@@ -256,8 +256,8 @@ class RoutingTable:
         oldest_ns = now_ns - self._hold_ns
         for destination in self._destinations.values():
             advertised = destination.advertised
-            for via, said in advertised.items():
-                if said[2] < oldest_ns and via != destination.hw:
+            for via, row in advertised.items():
+                if row[2] < oldest_ns and via != destination.hw:
                     self._expire(destination, oldest_ns, now_ns, changes)
                     break
             if advertised:
@@ -269,12 +269,12 @@ class RoutingTable:
             self._forward = [request for request in self._forward if request.hw != hw]
         return changes
 
-    # what goes out
+    # output
 
     def rows(self, now_ns: int, room: int, linked: frozenset[int]) -> tuple[RouteRow, ...]:
-        """Rows for the next datagram, at most `room`, the most urgent first.
+        """Rows for the next beacon, at most `room`, by urgency.
 
-        `linked`: nodes to which all our neighbours have links of their own; their rows are not repeated.
+        `linked`: nodes to which all neighbours have direct links; their rows are not repeated.
         What is advertised here bounds what will be accepted later (RFC 8966, section 3.7.3).
         """
         due: list[_Destination] = []
@@ -314,7 +314,7 @@ class RoutingTable:
         return tuple(rows)
 
     def requests(self, now_ns: int) -> tuple[SequenceRequest, ...]:
-        """Sequence requests for the next datagram: our own and those passed on."""
+        """Sequence requests for the next beacon: own and forwarded ones."""
         out: list[SequenceRequest] = []
         for hw, sequence, hops_left in self._forward:
             lost = LOST if not self._destinations[hw].via else 0
@@ -329,22 +329,22 @@ class RoutingTable:
                 out.append(SequenceRequest(destination.hw, wanted, REQUEST_HOPS | LOST))
         return tuple(out)
 
-    # what is asked
+    # queries
 
     def next_hop(self, hw: int) -> int:
-        """The neighbour that leads to a node; 0: none."""
+        """Next hop to a node; 0: no route."""
         destination = self._destinations.get(hw)
         return destination.via if destination is not None else 0
 
     def routes(self) -> list[Route]:
-        """All selected routes."""
+        """All selected routes, for reports."""
         return [
             Route(d.hw, d.via, d.metric, d.sequence, d.changed_ns)
             for d in self._destinations.values()
             if d.via
         ]
 
-    # how a route is chosen
+    # route selection
 
     def _select(self, destination: _Destination, now_ns: int, changes: list[RouteChanged]) -> None:
         costs = self._costs
@@ -371,11 +371,9 @@ class RoutingTable:
     def _expire(
         self, destination: _Destination, oldest_ns: int, now_ns: int, changes: list[RouteChanged]
     ) -> None:
-        # the link's own deadline judges a route straight to the destination
+        # a direct route expires with its link
         stale = [
-            via
-            for via, said in destination.advertised.items()
-            if said[2] < oldest_ns and via != destination.hw
+            via for via, row in destination.advertised.items() if row[2] < oldest_ns and via != destination.hw
         ]
         for via in stale:
             del destination.advertised[via]
@@ -403,7 +401,7 @@ class RoutingTable:
 
     def _ask(self, destination: _Destination, now_ns: int) -> None:
         if destination.limit_sequence < 0:
-            return  # nothing was advertised, so any row would do: there is none to be had
+            return  # nothing was advertised: any row is feasible, so none is available
         self._asking[destination.hw] = destination
         destination.request_due_ns = now_ns
         destination.request_until_ns = now_ns + REQUEST_FOR_NS

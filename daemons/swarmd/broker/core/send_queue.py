@@ -1,4 +1,4 @@
-"""Frames that wait for a neighbour: strict priorities, bounded in number, bytes and age."""
+"""Queue of frames for a neighbour: strict priorities, bounded in number, bytes and age."""
 
 from collections import deque
 from enum import IntEnum
@@ -11,16 +11,16 @@ from swarmware.frame import Flag, Frame, Kind
 FRAMES_MAX: Final = 2048
 BYTES_MAX: Final = 8 * 1024 * 1024
 AGE_MAX_NS: Final = 5_000_000_000
-"""What waited longer has been given up by its sender, or was sent again."""
+"""Maximum time in the queue: later the sender has given up or retransmitted."""
 
 
 class Priority(IntEnum):
-    """Classes of frames, the first is served first."""
+    """Priority classes, in the order of service."""
 
     URGENT = 0
-    """What its sender marked urgent, and the answers to it."""
+    """Frames marked urgent by the sender, and their replies."""
     CONTROL = 1
-    """Commands and requests, and what answers them."""
+    """Commands, requests and their replies."""
     NOTIFY = 2
     STREAM = 3
     BULK = 4
@@ -28,12 +28,12 @@ class Priority(IntEnum):
 
 
 class ConnectionClass(IntEnum):
-    """Connections to a neighbour; each takes classes of its own."""
+    """The two connections to a neighbour, each for its priority classes."""
 
     CONTROL = 0
-    """Urgent frames and commands: what a connection has taken already cannot be overtaken on it."""
+    """Urgent frames and commands: a frame cannot overtake another one within a connection."""
     DATA = 1
-    """All else."""
+    """All other frames."""
 
 
 _BY_KIND: Final = {
@@ -46,19 +46,19 @@ _BY_KIND: Final = {
 
 
 def priority(frame: Frame) -> Priority:
-    """The class that a frame belongs to."""
+    """Priority class of a frame."""
     if frame.flags & Flag.URGENT:
         return Priority.URGENT
     return _BY_KIND.get(frame.kind, Priority.CONTROL)
 
 
 def connection_class(frame: Frame) -> ConnectionClass:
-    """The connection that a frame takes."""
+    """Connection of a frame."""
     return ConnectionClass.CONTROL if priority(frame) <= Priority.CONTROL else ConnectionClass.DATA
 
 
 class QueuedFrame(msgspec.Struct, frozen=True, gc=False):
-    """A frame in the queue."""
+    """A queued frame, encoded and decoded."""
 
     data: bytes
     frame: Frame
@@ -66,7 +66,7 @@ class QueuedFrame(msgspec.Struct, frozen=True, gc=False):
 
 
 class SendQueue:
-    """What waits for one neighbour, for all connections to it."""
+    """Queued frames of one neighbour, for both connections."""
 
     def __init__(self) -> None:
         self._classes: tuple[deque[QueuedFrame], ...] = tuple(deque() for _ in Priority)
@@ -79,11 +79,11 @@ class SendQueue:
         return self._frames
 
     def has(self, connection_class: ConnectionClass) -> bool:
-        """Whether something waits for this connection."""
+        """Whether frames are queued for a connection."""
         return any(self._by_connection[connection_class])
 
     def put(self, data: bytes, frame: Frame, now_ns: int) -> list[QueuedFrame]:
-        """A frame; what had to go for it, the oldest of the least important class first, or itself."""
+        """Queues a frame; returns the dropped ones, the oldest of the lowest priority first."""
         waiting = QueuedFrame(data, frame, now_ns)
         rank = priority(frame)
         self._classes[rank].append(waiting)
@@ -98,7 +98,7 @@ class SendQueue:
     def peek(
         self, connection_class: ConnectionClass, now_ns: int
     ) -> tuple[QueuedFrame | None, list[QueuedFrame]]:
-        """The next frame of a connection, and those that became too old on the way to it."""
+        """The next frame of a connection, and the expired frames before it, which are removed."""
         old: list[QueuedFrame] = []
         for queue in self._by_connection[connection_class]:
             while queue:
@@ -108,17 +108,17 @@ class SendQueue:
         return None, old
 
     def pop(self, connection_class: ConnectionClass) -> QueuedFrame:
-        """Takes the frame that `peek` showed.
+        """Removes and returns the frame that `peek` returned.
 
-        Raises: IndexError when nothing waits.
+        Raises: IndexError when the queue is empty.
         """
         for queue in self._by_connection[connection_class]:
             if queue:
                 return self._take(queue)
-        raise IndexError("nothing waits")
+        raise IndexError("the queue is empty")
 
     def clear(self) -> list[QueuedFrame]:
-        """Takes everything, the most important first."""
+        """Removes and returns all frames by priority."""
         out = [waiting for queue in self._classes for waiting in queue]
         for queue in self._classes:
             queue.clear()

@@ -1,4 +1,4 @@
-"""Questions and answers about sessions, as they ride in a beacon."""
+"""Section of a beacon with questions and answers about sessions."""
 
 import struct
 from collections.abc import Iterable
@@ -11,18 +11,18 @@ _CHECK: Final = struct.Struct("<BII")
 _PART: Final = struct.Struct("<BH")
 """Type and length of an extra part of a body."""
 _CHECKS: Final = 1
-"""Type of the one with questions and answers about sessions; others are skipped."""
+"""Type of the part with session checks; other types are skipped."""
 
 
 class CheckKind(IntEnum):
-    """What one node has to say of another one's session."""
+    """Kind of a session check."""
 
     QUESTION = 1
-    """Is this your present session? Answer by naming ours."""
+    """Is this your present session? The answer names ours."""
     ANSWER = 2
-    """This is your present session: we hear you now."""
+    """This is your present session: your datagrams are received now."""
     PROVE = 3
-    """As QUESTION, and prove it over a connection: we believe another session of yours."""
+    """As QUESTION, with proof over a connection: another session of yours is accepted."""
 
 
 class SessionCheck(NamedTuple):
@@ -30,24 +30,27 @@ class SessionCheck(NamedTuple):
 
     kind: int
     hw: int
-    """Whom it is for."""
+    """Addressed node."""
     digest: int
-    """Of that node's session, BLAKE2b-32."""
+    """BLAKE2b-32 of that node's session."""
 
 
 def body_bytes(count: int) -> int:
-    """Bytes that so many take in the body."""
+    """Encoded size of `count` checks."""
     return _PART.size + count * _CHECK.size if count else 0
 
 
 def encode(checks: Iterable[SessionCheck]) -> bytes:
-    """The extra part of a body that has them. Raises: struct.error when a number does not fit its field."""
+    """Encodes checks as an extra part of the body.
+
+    Raises: struct.error when a number does not fit its field.
+    """
     part = b"".join([_CHECK.pack(*check) for check in checks])
     return _PART.pack(_CHECKS, len(part)) + part
 
 
 def decode(data: bytes, at: int) -> tuple[tuple[SessionCheck, ...], int]:
-    """The checks among the extra parts that begin there, and where those end: perhaps behind the body.
+    """Decodes the extra parts from an offset; returns the checks and their end, perhaps behind the body.
 
     Raises: struct.error when one is cut short, WireError when there is none.
     """

@@ -1,8 +1,9 @@
-"""Which session of a node is the present one: nothing of a node is believed before it has answered us.
+"""Acceptance of sessions: a session of a node is accepted after it has answered a challenge.
 
-A seal proves that a member made a datagram, not when. So whoever is heard is asked, and answers by naming
-our present session, which no record of former datagrams can do. Who follows a session that is believed
-proves itself over a connection that only the platform's own key opens; until then the old one holds.
+A seal proves that a member made a datagram, not when: it may be a replay. So every new session is asked, and
+answers by naming our present session, which no recorded datagram can do. A session that follows an accepted
+one is proven over a connection that only the key of the platform opens; until then the former one stays
+accepted.
 """
 
 from hashlib import blake2b
@@ -14,48 +15,48 @@ from swarmd.broker.core.beacon import NEVER_NS
 from swarmd.broker.core.session_checks import CheckKind, SessionCheck
 
 ALIVE_NS: Final = 1_500_000_000
-"""A session that was silent for so long has ended: idle nodes send two beacons a second, one may be lost."""
+"""A session without a datagram for this time has ended: two beacons a second are sent, one may be lost."""
 ENDED_NS: Final = 700_000_000
-"""One that was not heard since the other began, for longer than two of its beacons are apart, has ended."""
+"""The same for a session without a datagram since the other one began."""
 AGAIN_NS: Final = 90_000_000
-"""The same question is put this often at most."""
+"""Minimum period of the same question."""
 PROVE_NS: Final = 300_000_000
 FORGET_NS: Final = 10_000_000_000
-"""A session that does not answer is forgotten."""
+"""Lifetime of a session that does not answer."""
 CHECKS_MAX: Final = 16
-"""Questions and answers in one datagram; the rest follow in the next."""
+"""Limit of checks in a beacon; the rest follow in the next one."""
 CLAIMS_MAX: Final = 256
 PRESENT_MAX: Final = 4096
 PROMPT_QUESTIONS: Final = 3
-"""Questions that do not wait for the next beacon, per session."""
+"""Questions per session that trigger a beacon."""
 
 
 class SessionOutcome(msgspec.Struct, frozen=True, gc=False):
-    """What follows from one datagram."""
+    """Consequences of one datagram."""
 
-    believed: bool
-    """It is of its sender's present session."""
+    accepted: bool
+    """It belongs to the accepted session of its sender."""
     adopted: bool = False
-    """From now on."""
+    """This datagram made the session the accepted one."""
     soon: bool = False
-    """There is something to ask or to answer: do not wait for the next beacon."""
+    """A question or an answer is due: trigger a beacon."""
     prove: bool = False
     """Prove our session to the sender over a connection."""
     duplicate: bool = False
-    """Two computers use this sender's name at the same time."""
+    """Two computers use the name of this sender at the same time."""
 
 
-BELIEVED: Final = SessionOutcome(believed=True)
-"""Nothing more follows: so it is with most datagrams."""
+ACCEPTED: Final = SessionOutcome(accepted=True)
+"""The common case: no further consequence."""
 
 
 class _PendingSession:
-    __slots__ = ("answered", "asked_ns", "count", "first_ns", "heard_ns", "proven", "session")
+    __slots__ = ("answered", "asked_ns", "count", "first_ns", "proven", "received_ns", "session")
 
     def __init__(self, session: int, now_ns: int) -> None:
         self.session = session
         self.first_ns = now_ns
-        self.heard_ns = now_ns
+        self.received_ns = now_ns
         self.asked_ns = NEVER_NS
         self.count = 0
         self.answered = False
@@ -63,20 +64,20 @@ class _PendingSession:
 
 
 class _CurrentSession:
-    __slots__ = ("heard_ns", "proven", "session")
+    __slots__ = ("proven", "received_ns", "session")
 
     def __init__(self, session: int, proven: bool, now_ns: int) -> None:
         self.session = session
         self.proven = proven
-        """Over a connection; an answer alone every member could give."""
-        self.heard_ns = now_ns
+        """Proven over a connection; any member could send an answer."""
+        self.received_ns = now_ns
 
 
 class Sessions:
-    """The sessions of all nodes that this one hears, and its own."""
+    """Accepted and pending sessions of all nodes in range."""
 
     def __init__(self, own_hw: int, own_session: int, *, connections: bool) -> None:
-        """`connections`: whether members can prove themselves over one; not without keys."""
+        """`connections`: whether sessions can be proven over connections; not without keys."""
         self._own_hw = own_hw
         self._digest = digest(own_session)
         self._connections = connections
@@ -87,18 +88,18 @@ class Sessions:
         self._proved_ns: dict[int, int] = {}
 
     def present(self, hw: int) -> int | None:
-        """The session of a node that is believed."""
+        """The accepted session of a node."""
         present = self._present.get(hw)
         return None if present is None else present.session
 
     def on_datagram(
         self, hw: int, session: int, checks: tuple[SessionCheck, ...], now_ns: int
     ) -> SessionOutcome:
-        """A datagram with a good seal, perhaps in our own name by somebody else."""
+        """Takes an authenticated datagram, perhaps of another computer with the own name."""
         present = self._present.get(hw)
         if not checks and present is not None and present.session == session:
-            present.heard_ns = now_ns
-            return BELIEVED
+            present.received_ns = now_ns
+            return ACCEPTED
         answered = prove = soon = False
         for check in checks:
             if check.hw != self._own_hw or check.digest != self._digest:
@@ -110,14 +111,14 @@ class Sessions:
                 soon = True
                 prove = prove or check.kind == CheckKind.PROVE
         if hw == self._own_hw:
-            # another computer with our name; a record of our own former session cannot answer us
+            # another computer with our name; a replay of our former session cannot answer
             self._answer(hw, session)
             return SessionOutcome(False, soon=True, duplicate=answered)
         if present is not None and present.session == session:
-            present.heard_ns = now_ns
+            present.received_ns = now_ns
             return SessionOutcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
         claim = self._claim(hw, session, now_ns)
-        claim.heard_ns = now_ns
+        claim.received_ns = now_ns
         claim.answered = claim.answered or answered
         if self._may_follow(present, claim, now_ns):
             self._adopt(hw, claim, now_ns)
@@ -127,7 +128,7 @@ class Sessions:
         return SessionOutcome(False, soon=soon or asked, duplicate=duplicate)
 
     def on_proof(self, hw: int, session: int, now_ns: int) -> None:
-        """A node's connection, which only its own key opens, named its session."""
+        """Takes the proof of a session, over a connection that only the key of the node opens."""
         present = self._present.get(hw)
         if present is not None and present.session == session:
             present.proven = True
@@ -137,7 +138,7 @@ class Sessions:
             claim.proven = claim.answered = True
 
     def due(self, now_ns: int) -> tuple[SessionCheck, ...]:
-        """Questions and answers for the next datagram; they are given once."""
+        """Removes and returns the checks for the next beacon."""
         out = [SessionCheck(CheckKind.ANSWER, hw, value) for hw, value in self._answers.items()][:CHECKS_MAX]
         for check in out:
             del self._answers[check.hw]
@@ -149,10 +150,10 @@ class Sessions:
 
     @property
     def waiting(self) -> int:
-        """Questions and answers that wait for the next datagram."""
+        """Number of checks for the next beacon."""
         return min(len(self._answers) + len(self._questions), CHECKS_MAX)
 
-    # -- inside
+    # internal
 
     def _answer(self, hw: int, session: int) -> None:
         if len(self._answers) < CLAIMS_MAX:
@@ -168,7 +169,7 @@ class Sessions:
         claim = self._claims.get((hw, session))
         if claim is None:
             if len(self._claims) >= CLAIMS_MAX:
-                del self._claims[min(self._claims, key=lambda key: self._claims[key].heard_ns)]
+                del self._claims[min(self._claims, key=lambda key: self._claims[key].received_ns)]
             claim = self._claims[hw, session] = _PendingSession(session, now_ns)
         return claim
 
@@ -181,19 +182,19 @@ class Sessions:
             if not claim.proven:
                 return False
             if not present.proven:
-                return True  # the other one only said so
-        # both proven: the old one must have ended, or there are two computers
-        followed = present.heard_ns <= claim.first_ns
-        return now_ns - present.heard_ns >= (ENDED_NS if followed else ALIVE_NS)
+                return True  # the other one gave only an answer
+        # both proven: the former one must have ended, or there are two computers
+        followed = present.received_ns <= claim.first_ns
+        return now_ns - present.received_ns >= (ENDED_NS if followed else ALIVE_NS)
 
     def _is_duplicate(self, present: _CurrentSession | None, claim: _PendingSession) -> bool:
-        if present is None or present.heard_ns <= claim.first_ns:
+        if present is None or present.received_ns <= claim.first_ns:
             return False
         return claim.proven if self._connections else claim.answered
 
     def _adopt(self, hw: int, claim: _PendingSession, now_ns: int) -> None:
         if len(self._present) >= PRESENT_MAX:
-            longest = min(self._present, key=lambda key: self._present[key].heard_ns)
+            longest = min(self._present, key=lambda key: self._present[key].received_ns)
             del self._present[longest]
             self._proved_ns.pop(longest, None)
         self._present[hw] = _CurrentSession(claim.session, claim.proven, now_ns)
@@ -203,7 +204,7 @@ class Sessions:
         self._questions[hw] = SessionCheck(CheckKind.QUESTION, hw, digest(claim.session))
 
     def _ask(self, hw: int, claim: _PendingSession, prove: bool, now_ns: int) -> bool:
-        """Whether it is worth a datagram of its own."""
+        """Asks about a session; whether that triggers a beacon."""
         if now_ns - claim.asked_ns < AGAIN_NS:
             return False
         claim.asked_ns = now_ns
@@ -215,11 +216,11 @@ class Sessions:
         return claim.count <= PROMPT_QUESTIONS
 
     def _forget(self, now_ns: int) -> None:
-        old = [key for key, claim in self._claims.items() if now_ns - claim.heard_ns > FORGET_NS]
+        old = [key for key, claim in self._claims.items() if now_ns - claim.received_ns > FORGET_NS]
         for key in old:
             del self._claims[key]
 
 
 def digest(session: int) -> int:
-    """What questions and answers name a session by."""
+    """Digest of a session in questions and answers."""
     return int.from_bytes(blake2b(session.to_bytes(8, "little"), digest_size=4).digest(), "little")

@@ -1,4 +1,4 @@
-"""Neighbours and directory together: what a beacon says about the swarm's shape, in and out."""
+"""Neighbour table and routing table together: the sections of a beacon about the topology, in and out."""
 
 from typing import Final
 
@@ -12,33 +12,33 @@ from swarmd.broker.core.neighbour import Neighbour, NeighbourTable
 from swarmd.broker.core.routing_table import HYSTERESIS, RouteChanged, RoutingTable, newer
 
 CHANGING_NS: Final = 5_000_000_000
-"""After a link came up or went down, another one is likely to: the swarm moves."""
+"""Time after a link change in which the topology counts as changing: the swarm moves."""
 NEW_NS: Final = 1_500_000_000
-"""For so long after its first datagram a node that was started again names its session in all of them."""
+"""Time after its first datagram in which a restarted node names its session in every one."""
 ROWS_MAX: Final = 60
-"""Rows in one datagram: 480 of its 1 238 bytes at most, the rest is for values."""
+"""Limit of rows in a beacon: 480 of its 1 238 bytes, the rest is for values."""
 _JUMP_MAX: Final = 0x7FFF
 JUMPS: Final = 4
-"""Raises of our own sequence number in a row: each holder of a number of a former session may need one."""
+"""Burst of raises of the own sequence number: each holder of a number of a former session may need one."""
 JUMP_AGAIN_NS: Final = 60_000_000_000
-"""Then one more in this time: 2³¹ numbers last for 45 days of continued requests."""
+"""Period of one further raise: 2³¹ numbers last for 45 days of continuous requests."""
 JUMP_CEILING: Final = 0xF000_0000
 """Above this the number only counts datagrams: 310 days at 10 Hz until a new session must begin."""
 
 
 class TopologyUpdate(msgspec.Struct, frozen=True, gc=False):
-    """What one datagram changed."""
+    """Changes by one beacon."""
 
     neighbour: Neighbour
     fresh: bool
-    """Not overtaken by a later one of the same sender."""
+    """It was not overtaken by a later beacon of the same sender."""
     clock_sample: ClockSample | None
     links: list[LinkChanged]
     routes: list[RouteChanged]
 
 
 class TopologySection(msgspec.Struct, frozen=True, gc=False):
-    """The next datagram's part about the swarm's shape."""
+    """Sections of the next beacon about the topology."""
 
     echoes: tuple[Echo, ...]
     rows: tuple[RouteRow, ...]
@@ -46,14 +46,14 @@ class TopologySection(msgspec.Struct, frozen=True, gc=False):
 
 
 class Topology:
-    """The swarm as one node sees it."""
+    """Neighbours and routes of one node."""
 
     def __init__(self, own_hw: int, first_sequence: int, link_timeout_ns: int, quiet_until_ns: int) -> None:
-        """`quiet_until_ns`: from when on routes over more than one hop are taken.
+        """`quiet_until_ns`: instant from which routes over more than one hop are accepted.
 
-        A node that started anew has forgotten its feasibility distances, while others may still
-        send through it: until they have taken the link to its former session down (`notice_ns`), a
-        row it hears may be its own route come back.
+        A restarted node has lost its feasibility distances, while others may still send through it:
+        until they have taken the link to its former session down (`notice_ns`), a row it receives may
+        be its own route returned.
         """
         self.own_hw = own_hw
         self._quiet_until_ns = quiet_until_ns
@@ -62,14 +62,14 @@ class Topology:
         self.routing = RoutingTable(own_hw)
         self._sequence = first_sequence
         self._jumps: list[int] = []
-        """When our number was raised, the last few times."""
+        """Instants of the last raises of the own sequence number."""
         self._composed_ns = NEVER_NS
         self._changed_ns = NEVER_NS
 
     def on_beacon(
         self, header: Header, beacon: Beacon, restarted: bool, address: tuple[str, int], rx_ns: int
     ) -> TopologyUpdate | None:
-        """A datagram that was opened. None: there is no room for another neighbour."""
+        """Takes an authenticated beacon. None: the neighbour table is full."""
         links: list[LinkChanged] = []
         neighbour = self.neighbours.on_header(header, restarted, address, rx_ns, links)
         if neighbour is None:
@@ -96,7 +96,7 @@ class Topology:
         return TopologyUpdate(neighbour, fresh, clock_sample, links, routes)
 
     def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
-        """Deadlines of links and ages of routes."""
+        """Handles deadlines of links and expiry of routes."""
         links = self.neighbours.on_timer(now_ns)
         routes: list[RouteChanged] = []
         self._note_changes(links, now_ns)
@@ -110,7 +110,7 @@ class Topology:
         return links, routes
 
     def _update_cost(self, neighbour: Neighbour, now_ns: int) -> list[RouteChanged]:
-        """Tells the directory what a link costs, and when it became much dearer."""
+        """Sets the cost of a link in the routing table; compares routes when it rose by the hysteresis."""
         measured = (neighbour.window, neighbour.missed, neighbour.reported)
         if measured == neighbour.cost_inputs:
             return []
@@ -128,18 +128,18 @@ class Topology:
             self._changed_ns = now_ns
 
     def is_new(self, now_ns: int) -> bool:
-        """Whether to say our session with each datagram: most links to the former one end by that."""
+        """Whether each beacon names the session: links to the former one end by that."""
         return now_ns < self._new_until_ns
 
     def is_changing(self, now_ns: int, span_ns: int = CHANGING_NS) -> bool:
-        """Whether links came up or went down within the last seconds."""
+        """Whether a link came up or went down within `span_ns`."""
         return self._changed_ns != NEVER_NS and now_ns - self._changed_ns < span_ns
 
     def next_sequence(self) -> int:
-        """Number of the next datagram: rises by one, or to what others still hold of us.
+        """Sequence number of the next beacon: the last one plus one, or above the number that others hold.
 
-        After a start with a clock that went back they would take our rows for old ones. How often it
-        is raised is limited: the numbers of a session are its nonces, and there are 2³² of them.
+        After a start with a clock that was set back, others would reject our rows as old. Raises are
+        limited: the numbers of a session are its nonces, and there are 2³² of them.
         """
         self._sequence += 1
         wanted = self.routing.requested_sequence
@@ -158,7 +158,7 @@ class Topology:
         return True
 
     def compose(self, now_ns: int, room: int) -> TopologySection:
-        """What the next datagram says, in at most `room` bytes."""
+        """Topology sections of the next beacon in at most `room` bytes."""
         if self._composed_ns == NEVER_NS:
             self._new_until_ns = min(self._new_until_ns, now_ns + NEW_NS)
         self._composed_ns = now_ns
@@ -171,11 +171,11 @@ class Topology:
         return TopologySection(echoes, rows, requests)
 
     def sent(self, sequence: int, tx_ns: int) -> None:
-        """The datagram left."""
+        """Records the send time of a beacon."""
         self.neighbours.sent(sequence, tx_ns)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has to be called at the latest."""
+        """Instant by which `on_timer` must be called; None: no deadline."""
         return self.neighbours.deadline_ns()
 
 

@@ -1,4 +1,4 @@
-"""Counters: every byte of every link and channel, and what became of what was not sent or not taken."""
+"""Traffic counters by link and channel, and counters of refused input."""
 
 from typing import Final
 
@@ -7,10 +7,10 @@ import msgspec
 from swarmware.types.net import ChannelTraffic, LinkTraffic, Refused
 
 IP_UDP_BYTES: Final = 28
-"""Headers of IPv4 and UDP on every datagram."""
+"""IPv4 and UDP headers of a datagram."""
 CHANNEL_LIMIT: Final = 4096
 EVERYBODY: Final = "*"
-"""Link of what is sent to all at once."""
+"""Link of multicast datagrams."""
 
 
 class LinkCounters(msgspec.Struct, gc=False):
@@ -42,23 +42,23 @@ class ChannelCounters(msgspec.Struct, gc=False):
     held_back: int = 0
 
     def offered(self, size: int) -> None:
-        """There was something to send."""
+        """Counts a value or frame offered for sending."""
         self.offered_frames += 1
         self.offered_bytes += size
 
     def sent(self, size: int) -> None:
-        """It went out."""
+        """Counts a sent one."""
         self.sent_frames += 1
         self.sent_bytes += size
 
     def received(self, size: int) -> None:
-        """Something came in."""
+        """Counts a received one."""
         self.received_frames += 1
         self.received_bytes += size
 
 
 class Refusals(msgspec.Struct, gc=False):
-    """What was not taken; the fields are those of `Refused`."""
+    """Counters of refused input; the fields are those of `Refused`."""
 
     forged: int = 0
     replayed: int = 0
@@ -117,7 +117,7 @@ class Counters:
         return channel
 
     def datagram_sent(self, size: int, platform: str) -> None:
-        """A datagram left, `size` bytes without headers."""
+        """Counts a sent datagram of `size` bytes without headers."""
         size += IP_UDP_BYTES
         self.sent_datagrams += 1
         self.udp_sent_bytes += size
@@ -126,7 +126,7 @@ class Counters:
         link.sent_bytes += size
 
     def datagram_received(self, size: int, platform: str) -> LinkCounters:
-        """A datagram of somebody else came in, good or not."""
+        """Counts a received datagram of another node, valid or not."""
         size += IP_UDP_BYTES
         self.received_datagrams += 1
         self.udp_received_bytes += size
@@ -136,18 +136,18 @@ class Counters:
         return link
 
     def link_table(self) -> tuple[LinkTraffic, ...]:
-        """All links."""
+        """Counters of all links."""
         return tuple(
             LinkTraffic(platform, transport, *msgspec.structs.astuple(link))
             for (platform, transport), link in self.links.items()
         )
 
     def channel_table(self) -> tuple[ChannelTraffic, ...]:
-        """All channels."""
+        """Counters of all channels."""
         return tuple(
             ChannelTraffic(name, *msgspec.structs.astuple(channel)) for name, channel in self.channels.items()
         )
 
     def refused_table(self) -> Refused:
-        """What was not taken."""
+        """Counters of refused input."""
         return Refused(*msgspec.structs.astuple(self.refused))

@@ -1,4 +1,4 @@
-"""Bytes that libzmq's TCP connections really moved, as the kernel counts them."""
+"""Bytes on the wire of libzmq's TCP connections, from the kernel's counters (TCP_INFO)."""
 
 import os
 import socket
@@ -7,7 +7,7 @@ import struct
 from typing import Final
 
 HALF_OPEN_MAX: Final = 128
-"""Connections that have not shown a key yet; members need a few milliseconds for it, and open two each."""
+"""Limit of connections without a presented key; members need milliseconds for it, and open two each."""
 SHOWN_BYTES: Final = 400
 """ZMTP's greeting (64 bytes) and CURVE's HELLO (202) are less, with INITIATE (260 at least), which has the
 key, it is more. Source: RFC 23 and 26 of ZeroMQ."""
@@ -26,7 +26,7 @@ _SYN_BYTES: Final = 8
 
 
 class TcpCount:
-    """Counters of libzmq's connections: their descriptors are looked at, never kept or closed."""
+    """Counters of libzmq's connections; their descriptors are read, never kept or closed."""
 
     def __init__(self) -> None:
         self._inodes: dict[int, int] = {}
@@ -35,10 +35,10 @@ class TcpCount:
         self.sent_bytes = 0
         self.received_bytes = 0
         self.shut = 0
-        """Connections that were closed because too many had not shown a key."""
+        """Connections that were closed because too many had not presented a key."""
 
     def add(self, fd: int) -> None:
-        """A connection was made."""
+        """Starts counting a connection."""
         inode = _socket_inode(fd)
         if inode is not None:
             self._inodes[fd] = inode
@@ -46,7 +46,7 @@ class TcpCount:
             self.sample(fd)
 
     def accept(self, fd: int) -> None:
-        """Somebody connected; closes it again where too many others have not shown a key yet."""
+        """Counts an incoming connection; closes it where too many have not presented a key yet."""
         self.add(fd)
         if fd not in self._inodes:
             return
@@ -97,7 +97,7 @@ def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
     without them; None: no TCP."""
     sock = None
     try:
-        # its kind given, the kernel is not asked for it; what is no TCP has no TCP_INFO
+        # its kind given, the kernel is not asked for it; only TCP sockets have TCP_INFO
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=fd)
         info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
     except OSError:

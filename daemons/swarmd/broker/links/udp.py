@@ -1,4 +1,4 @@
-"""Datagrams to a group that all hear and to single nodes, with the kernel's receive stamps."""
+"""UDP sockets for multicast and unicast datagrams, with the kernel's receive timestamps."""
 
 import asyncio
 import contextlib
@@ -18,10 +18,10 @@ from swarmware.runtime.instant import wait_s
 
 Address = tuple[str, int]
 OnDatagram = Callable[[bytes, Address, int, bool], None]
-"""Takes data, source, CLOCK_MONOTONIC at arrival in ns, and whether it came by multicast."""
+"""Called with data, source, CLOCK_MONOTONIC at arrival in ns, and whether it came by multicast."""
 
 TURN: Final = 64
-"""Datagrams taken from a socket before the event loop gets its turn: about 3 ms."""
+"""Datagrams read from a socket before control returns to the event loop: about 3 ms."""
 WINDOW_NS: Final = 20_000_000
 """While datagrams come faster than this, they are read in batches at this interval, a fifth of a period.
 One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
@@ -32,7 +32,7 @@ after it opens."""
 DATAGRAM_MAX: Final = 2048
 RECEIVE_BYTES: Final = 512 * 1024
 STAMP_LIMIT_NS: Final = 5_000_000_000
-"""A kernel stamp farther away was hit by a step of the wall clock."""
+"""Larger differences come from a step of the wall clock: the stamp is not used."""
 LOOPBACK: Final = "127.0.0.1"
 
 _SO_TIMESTAMPNS: Final = 35
@@ -78,22 +78,22 @@ class Udp:
 
     @property
     def has_group(self) -> bool:
-        """Whether there is a multicast group to send to."""
+        """Whether a multicast group is configured."""
         return self._group is not None
 
     def send_to_all(self, data: bytes) -> bool:
-        """One datagram to the group; False when it could not leave."""
+        """Sends a datagram to the group; False when that failed."""
         return self._group is not None and self.send(data, self._group)
 
     def send(self, data: bytes, address: Address) -> bool:
-        """One datagram to a single node; False when it could not leave."""
+        """Sends a datagram to one node; False when that failed."""
         try:
             self._own.sendto(data, address)
         except OSError as error:
-            # no route, no buffer, no interface any more: the next beacon may find it better
+            # no route, buffer or interface: the next beacon may succeed
             self.send_errors += 1
             if self.send_errors == 1:
-                log.warning("datagrams to %s:%d cannot leave: %s", *address, error.strerror)
+                log.warning("datagrams to %s:%d cannot be sent: %s", *address, error.strerror)
             return False
         return True
 
@@ -102,7 +102,7 @@ class Udp:
         self._window_ns = WINDOW_NS if period_ns < 5 * REST_WINDOW_NS else REST_WINDOW_NS
 
     def receive(self) -> int:
-        """Takes what has come; how many datagrams from the socket that had most, TURN at most."""
+        """Reads waiting datagrams, TURN per socket at most; returns the larger count of the two sockets."""
         self._read_ns = self._clock.now_ns()
         count = self._drain(self._own, False)
         return count if self._all is None else max(count, self._drain(self._all, True))

@@ -1,4 +1,4 @@
-"""Who may connect: answers libzmq's authentication requests from the roster (ZeroMQ RFC 27, ZAP)."""
+"""Authenticator of ZeroMQ connections: answers libzmq's requests from the roster (RFC 27, ZAP)."""
 
 import asyncio
 import ipaddress
@@ -12,7 +12,7 @@ from swarmware.security import Keys
 
 DOMAIN: Final = "swarm"
 COMPLAINTS: Final = 100
-"""Keys of strangers that are told in the log, each once; the counter tells the rest."""
+"""Unknown keys that are logged, each once; all denied handshakes are counted."""
 _ENDPOINT: Final = "inproc://zeromq.zap.01"
 _VERSION: Final = b"1.0"
 _PARTS: Final = 7
@@ -24,14 +24,14 @@ log = logging.getLogger("swarm.broker")
 class Zap:
     """The authenticator of one ZeroMQ context.
 
-    Runs on the event loop: a blocked loop delays handshakes, but lets nobody in.
+    Runs on the event loop: a blocked loop delays handshakes, but accepts none.
     """
 
     def __init__(self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys) -> None:
         self._keys = keys
         self._complained: set[bytes] = set()
         self.denied = 0
-        """Handshakes of strangers and of revoked members."""
+        """Denied handshakes: of keys that are unknown or revoked."""
         socket = context.socket(zmq.REP)
         socket.setsockopt(zmq.LINGER, 0)
         socket.bind(_ENDPOINT)
@@ -53,7 +53,7 @@ class Zap:
         return True
 
     def _judge(self, parts: list[bytes]) -> str | None:
-        """The User-Id of the connection: the member's platform; None: denied."""
+        """User-Id of the connection, the member's platform; None: denied."""
         if len(parts) != _PARTS or parts[0] != _VERSION or parts[5] != b"CURVE":
             return None
         address, key = parts[3].decode("ascii", "replace"), parts[6]
@@ -70,7 +70,7 @@ class Zap:
         return member.platform
 
     def close(self) -> None:
-        """Lets nobody in any more."""
+        """Stops answering: no further connection is accepted."""
         self._port.close()
 
 

@@ -1,4 +1,4 @@
-"""Frames that must arrive: ZeroMQ over TCP with CURVE, one socket in, two to each neighbour out."""
+"""Reliable transport of frames: ZeroMQ over TCP with CURVE; one ROUTER, two DEALERs to each neighbour."""
 
 import asyncio
 import logging
@@ -20,32 +20,32 @@ from swarmware.post.port import make_context
 from swarmware.security import Keys
 
 SEND_HIGH_WATER: Final = 4
-"""Frames inside libzmq per connection; the rest waits in a queue of ours that knows priorities."""
+"""Frames inside libzmq per connection; the rest waits in the send queue, which has priorities."""
 SEND_BUFFER_BYTES: Final = 32 * 1024
-"""Of a connection, in the kernel, which doubles it for its own needs. Without it Linux takes up to 4 MB."""
+"""Kernel send buffer of a connection, which Linux doubles; without a limit it grows to 4 MB."""
 RECEIVE_HIGH_WATER: Final = 64
 SOCKETS_MAX: Final = 4096
-"""In libzmq: six for each neighbour, a connection and both ends of its monitor, twice."""
+"""Limit of libzmq: six for each neighbour, a connection and both ends of its monitor, twice."""
 RECONNECT_MS: Final = 50
 RECONNECT_MAX_MS: Final = 200
 CONNECT_TIMEOUT_MS: Final = 300
 HANDSHAKE_MS: Final = 3000
 FAILURES: Final = 3
-"""Handshakes in a row that break off without a reason; a wrong key looks like that."""
+"""Consecutive handshakes that fail without a reason; a mismatched server key looks like that."""
 DENIED_NS: Final = 2_000_000_000
-"""Pause before a neighbour that denied us is tried again."""
+"""Pause before the next connection to a neighbour that denied the last one."""
 KEEPALIVE_S: Final = 60
-"""A connection whose other end vanished without a word is taken away after 90 s."""
+"""Idle time before TCP keep-alive probes; a dead connection is closed after 90 s."""
 _EXTENSION_MAX: Final = 255
 
 OnFrame = Callable[[bytes, str], None]
-"""Takes an encoded frame and the platform at the other end; empty where nobody can tell."""
+"""Called with an encoded frame and the platform at the other end; empty without authentication."""
 
 log = logging.getLogger("swarm.broker")
 
 
 class LinkPeer(msgspec.Struct, frozen=True):
-    """Where a neighbour takes frames."""
+    """Endpoint and keys of a neighbour."""
 
     hw: int
     platform: str
@@ -56,7 +56,7 @@ class LinkPeer(msgspec.Struct, frozen=True):
 
 
 class _Connection:
-    """One connection to a neighbour; takes the frames of its lane out of the queue."""
+    """One connection to a neighbour; sends the frames of its class from the queue."""
 
     def __init__(self, connections: "_PeerConnections", connection_class: ConnectionClass) -> None:
         self.connected = False
@@ -88,7 +88,7 @@ class _Connection:
             waiting, old = queue.peek(connection_class, now_ns)
             if old:
                 self._links.gave_up(self._owner.peer, old)
-                continue  # its answers to senders may have gone into this queue
+                continue  # refusals to their senders may have been queued here
             if waiting is None:
                 break
             try:
@@ -99,7 +99,7 @@ class _Connection:
             self._links.sent_one(self._owner.peer, waiting)
             sent = True
         if sent:
-            self._port.again()  # a send takes commands from the mailbox and may eat the wake-up
+            self._port.again()  # a send processes mailbox commands and may clear the descriptor's edge
 
     def _on_wake(self, socket: Socket) -> bool:
         if self._owner.queue.has(self._class):
@@ -111,7 +111,7 @@ class _Connection:
 
     def _on_event(self, event: int, value: int) -> None:
         if self._owner.denied:
-            return  # what comes now is the end of the attempt that failed
+            return  # events of the attempt that failed
         if event == zmq.EVENT_CONNECTED:
             self._links.count.add(value)
         elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
@@ -121,11 +121,11 @@ class _Connection:
         elif event == zmq.EVENT_DISCONNECTED:
             self.connected = False
         elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-            self._owner.deny("it denies us")
+            self._owner.deny("it denied the connection")
         elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
             self._failures += 1
             if self._failures >= FAILURES:
-                self._owner.deny("it has another key than the roster says")
+                self._owner.deny("its key differs from the roster")
 
     def shut(self) -> None:
         self._monitor.close()
@@ -133,7 +133,7 @@ class _Connection:
 
 
 class _PeerConnections:
-    """The connections to one neighbour, with what waits for them."""
+    """The connections to one neighbour and the queue of frames for them."""
 
     def __init__(self, links: "ZmqLinks", peer: LinkPeer) -> None:
         self.links = links
@@ -141,7 +141,7 @@ class _PeerConnections:
         self.queue = SendQueue()
         self.denied = False
         self.denied_until_ns = 0
-        # at once, so that no urgent frame waits for a handshake; the other one with its first frame
+        # opened at once, so that no urgent frame waits for a handshake; the data connection opens on demand
         self._connections = {ConnectionClass.CONTROL: _Connection(self, ConnectionClass.CONTROL)}
 
     @property
@@ -167,7 +167,7 @@ class _PeerConnections:
         self.denied = True
         self.denied_until_ns = self.links.now_ns() + DENIED_NS
         self.links.gave_up(self.peer, self.queue.clear())
-        # libzmq would try again five times a second, for ever
+        # libzmq would reconnect five times a second without end
         self.links.loop.call_soon(self._shut)
 
     def _shut(self) -> None:
@@ -181,7 +181,7 @@ class _PeerConnections:
 
 
 class ZmqLinks:
-    """All ZeroMQ connections of the broker."""
+    """All ZeroMQ connections of the broker, by neighbour."""
 
     def __init__(
         self,
@@ -202,7 +202,7 @@ class ZmqLinks:
         self.received_frames = 0
         self.received_bytes = 0
         self.broken_handshakes = 0
-        """Connections to us that never got as far as showing a key."""
+        """Incoming connections that ended before they presented a key."""
         self.gave_up = on_given_up
         self.sent_one = on_sent
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
@@ -211,7 +211,7 @@ class ZmqLinks:
         self._deferred: dict[_PeerConnections, None] | None = None
         """Ways with frames that wait for the end of `together`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
-        # before the first socket with CURVE: without an answering authenticator libzmq would let all in
+        # before the first CURVE socket: without an authenticator libzmq accepts every client
         self._zap = Zap(self._context, loop, keys)
         router = self.make_socket(zmq.ROUTER)
         router.setsockopt(zmq.CURVE_SERVER, 1)
@@ -239,11 +239,11 @@ class ZmqLinks:
 
     @property
     def denied(self) -> int:
-        """Connections of strangers: with a wrong key, or one too many without any."""
+        """Denied connections: with a key that is not on the roster, or too many without a key."""
         return self._zap.denied + self.count.shut
 
     def make_socket(self, kind: int) -> Socket:
-        """A socket that neither waits nor hoards."""
+        """Creates a socket with bounded queues, message size and handshake time."""
         socket = self._context.socket(kind)
         socket.setsockopt(zmq.LINGER, 0)
         socket.setsockopt(zmq.RCVHWM, RECEIVE_HIGH_WATER)
@@ -258,13 +258,13 @@ class ZmqLinks:
 
     @contextmanager
     def batch(self) -> Iterator[None]:
-        """Frames that are sent meanwhile are handed to libzmq at its end, one right behind the other.
+        """Defers frames sent in its scope and passes them to libzmq together at its end.
 
         Otherwise its thread sends the first while others are still being made, and on a busy computer the
         receivers that this wakes take its turns until the last has waited for all of them.
         """
         if self._deferred is not None:
-            yield  # the outer one sends them
+            yield  # the outer scope sends them
             return
         self._deferred = {}
         try:
@@ -283,7 +283,7 @@ class ZmqLinks:
         return True
 
     def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> list[QueuedFrame]:
-        """Sends a frame to a neighbour, or queues it; what had to be dropped for it."""
+        """Sends or queues a frame for a neighbour; returns the frames that were dropped from the queue."""
         connections = self._peers.get(peer.hw)
         gone: list[QueuedFrame] = []
         if connections is not None and connections.denied:
@@ -299,7 +299,7 @@ class ZmqLinks:
         return gone + connections.put(data, frame, self.now_ns())
 
     def disconnect(self, hw: int) -> list[QueuedFrame]:
-        """Closes the connections to a neighbour that is gone; what still waited for it.
+        """Closes the connections to a lost neighbour; returns the frames that were queued for it.
 
         A connection that stayed open through an outage would wait for TCP's back-off after it (RFC 6298,
         section 5.5), about half of the outage's length; a new one is there within milliseconds (ADR 9).
@@ -308,7 +308,7 @@ class ZmqLinks:
         return connections.close() if connections is not None else []
 
     def state(self, hw: int) -> str:
-        """How frames go to a neighbour."""
+        """State of the connections to a neighbour, for `NeighbourState.transport`."""
         connections = self._peers.get(hw)
         return (
             "idle"
@@ -339,7 +339,7 @@ class ZmqLinks:
             self.broken_handshakes += 1
 
     def close(self) -> None:
-        """Closes everything."""
+        """Closes all sockets and the context."""
         for hw in list(self._peers):
             self.disconnect(hw)
         self._monitor.close()

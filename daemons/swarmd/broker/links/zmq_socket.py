@@ -9,7 +9,7 @@ from zmq.utils.monitor import parse_monitor_message
 
 Socket = zmq.Socket[bytes]
 TURN: Final = 64
-"""Messages taken before the event loop gets its turn."""
+"""Messages processed before control returns to the event loop."""
 
 EVENTS: Final = (
     zmq.EVENT_CONNECTED
@@ -32,7 +32,7 @@ class ZmqSocket:
         on_wake: Callable[[Socket], bool],
         wants: Callable[[], int] | None = None,
     ) -> None:
-        """`on_wake` takes or sends and tells whether there may be more; `wants`: zmq.POLLOUT while
+        """`on_wake` receives or sends and returns whether there may be more; `wants`: zmq.POLLOUT while
         something waits to be sent, for sockets that send."""
         self.socket = socket
         self._loop = loop
@@ -44,7 +44,7 @@ class ZmqSocket:
         self.again()
 
     def again(self) -> None:
-        """Look at the socket in the next turn of the loop."""
+        """Schedules a check of the socket in the next iteration of the loop."""
         if not self._coming:
             self._coming = True
             self._loop.call_soon(self._turn)
@@ -62,17 +62,17 @@ class ZmqSocket:
             return
         if self.is_closed():
             return
-        # takes the commands that are left in the socket's mailbox, so the descriptor wakes us anew
+        # processes the commands left in the mailbox, so that the edge-triggered descriptor fires again
         wants = zmq.POLLIN if self._wants is None else self._wants()
         if int(socket.getsockopt(zmq.EVENTS)) & wants:
             self.again()
 
     def is_closed(self) -> bool:
-        """Whether a handler has closed the socket meanwhile."""
+        """Whether a handler has closed the socket."""
         return bool(self.socket.closed)
 
     def close(self) -> None:
-        """Closes the socket."""
+        """Stops watching and closes the socket."""
         if not self.is_closed():
             self._loop.remove_reader(self._fd)
             self.socket.close(linger=0)
@@ -99,7 +99,7 @@ class ConnectionMonitor:
         return True
 
     def close(self) -> None:
-        """Stops watching; before the watched socket is closed."""
+        """Stops watching; call it before the watched socket is closed."""
         if not self._watched.closed:
             self._watched.disable_monitor()
         self._port.close()
