@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from swarmware.errors import InvalidInput, SwarmError
-from swarmware.record.entry import list_or_none, plain
+from swarmware.recorder.entry import list_or_none, plain
 from swarmware.types import registry
 from swarmware.types.tree import TreeValue
 

@@ -16,7 +16,7 @@ def examine(uri: str, out: Output) -> None:
     """
     if not uri:
         return
-    from swarmware.record.mongo import MongoStore, check_uri
+    from swarmware.recorder.mongo import MongoStore, check_uri
 
     check_uri(uri)
     store = MongoStore(uri, timeout_s=PATIENCE_S, answer_s=PATIENCE_S)

@@ -11,7 +11,7 @@ from swarmlab.clocks import ClockTruth
 from swarmlab.measure import VehicleTrack
 from swarmware import names
 from swarmware.errors import WireError
-from swarmware.record.query import FolderSource, Query
+from swarmware.recorder.query import FolderSource, Query
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose
 

@@ -24,10 +24,10 @@ REPORT = (
     "traffic_totals",
 )
 NEEDY = {
-    "swarmware.record.mongo",
+    "swarmware.recorder.mongo",
     "swarmd.navigator.core.detour",
     "swarmd.navigator.core.dwa",
-    "swarmd.navigator.core.ground_pilot",
+    "swarmd.navigator.core.ground_controller",
     *(f"swarmlab.{name}" for name in REPORT),
 }
 """Modules that may need an extra; whoever uses them imports them late and says which one is missing."""
@@ -70,10 +70,10 @@ def test_a_value_of_the_tree_is_asked_for_without(tmp_path: Path) -> None:
 def test_an_air_vehicle_has_its_navigator_without_and_a_ground_vehicle_says_what_is_missing() -> None:
     done = blocked(
         "from swarmd.navigator.config import Config\n"
-        "from swarmd.navigator.service import pilot\n"
+        "from swarmd.navigator.service import controller\n"
         "from swarmware.errors import ConfigError\n"
-        "print(pilot('uav', Config()).flies)\n"
-        "try: pilot('ugv', Config())\n"
+        "print(controller('uav', Config()).flies)\n"
+        "try: controller('ugv', Config())\n"
         "except ConfigError as error: print(error)\n"
     )
     assert done.stdout.splitlines() == [

@@ -87,7 +87,7 @@ IN_PROSE: Final = {
     word: re.compile(rf"\b({pattern})\b", re.IGNORECASE)
     for word, pattern in {
         "told": r"told",
-        "tell": r"tells?|telling",
+        "tell": r"(?<!\.)tells?|telling",
         "wish": r"wish|wishes|wished",
         "anew": r"anew",
         "doubt": r"doubt(s|ed|ful)?",

@@ -9,8 +9,8 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from swarmware.record.ring import LogRing, segments
-from swarmware.record.segment import Channel, SegmentReader
+from swarmware.recorder.ring import LogRing, segments
+from swarmware.recorder.segment import LogChannel, SegmentReader
 
 COUNT = 100_000
 PAYLOAD = bytes(140)
@@ -20,7 +20,7 @@ BATCH = 500
 def ours(directory: Path) -> None:
     """The logger's own ring, a batch every 500 entries."""
     ring = LogRing(directory / "ring", segment_bytes=1 << 30, ring_bytes=1 << 31)
-    channel = Channel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
+    channel = LogChannel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
     for number in range(COUNT):
         ring.append(channel, number, number, PAYLOAD)
         if number % BATCH == 0:

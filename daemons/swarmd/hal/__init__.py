@@ -1,1 +1,1 @@
-"""The hardware abstraction: devices become resources, each driver in its own period (S2.2, S2.5)."""
+"""Hardware abstraction layer: drivers publish devices as resources, each at its own rate (S2.2, S2.5)."""

@@ -1,4 +1,4 @@
-"""The drivers that exist, by name: ours, and those in the entry-point group `swarmware.drivers`."""
+"""Registry of drivers by name: built-in, and plug-ins of the entry-point group `swarmware.drivers`."""
 
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -15,13 +15,13 @@ DRIVERS: Final = {
     "sim": "swarmd.hal.drivers.sim",
     "system": "swarmd.hal.drivers.system",
 }
-"""Modules with a `make(config, site)`; loaded only where they are wanted."""
+"""Modules with a function `make(config, site)`; imported only when configured."""
 
 
 def find(name: str) -> Factory:
-    """What makes the drivers of that name.
+    """The factory of the drivers with this name.
 
-    Raises: NotFound when nobody installed it.
+    Raises: NotFound when it is not installed.
     """
     if name in DRIVERS:
         make: Factory = import_module(DRIVERS[name]).make
@@ -37,14 +37,14 @@ def find(name: str) -> Factory:
 
 
 def make_all(config: Config, site: Site) -> list[Driver]:
-    """The drivers of a platform.
+    """Creates the configured drivers of a platform.
 
-    Raises: NotFound, ConfigError as `find`; ConfigError when two devices have one name.
+    Raises: NotFound, ConfigError as `find`; ConfigError when two devices have the same name.
     """
     found: list[Driver] = []
     for name in config.drivers:
         found += find(name)(config, site)
     names = [driver.name for driver in found]
     if doubles := sorted({name for name in names if names.count(name) > 1}):
-        raise ConfigError(f"services/hal.toml: key drivers: {doubles[0]} stands there twice")
+        raise ConfigError(f"services/hal.toml: key drivers: {doubles[0]} is listed twice, expected once")
     return found

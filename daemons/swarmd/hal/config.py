@@ -9,16 +9,16 @@ Seconds = Annotated[float, msgspec.Meta(gt=0, le=3600)]
 
 
 class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `sim`: how often each simulated device is read."""
+    """Driver `sim`: rates of the simulated devices."""
 
     gnss_hz: Rate = 10.0
     imu_hz: Rate = 25.0
     range_hz: Rate = 10.0
     sonar_hz: Rate = 20.0
-    """Only on platforms that fly."""
+    """Rate of the sonar; only on air vehicles."""
     battery_hz: Rate = 1.0
     sonar_window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
-    """Echoes of which the median counts (S2.49)."""
+    """Window of the median filter, in echoes (S2.49)."""
 
 
 class SystemDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -37,22 +37,22 @@ class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """A VLP-16 in strongest-return mode sends 753 to 754 packets a second."""
     path: str = "sensor/lidar"
     wake_hz: Rate = 100.0
-    """Packets that are due are written together this often, each with the stamp of its own instant."""
+    """Rate at which due packets are written, each stamped with its own instant."""
     slots: Annotated[int, msgspec.Meta(ge=16, le=100_000)] = 512
-    """Packets that a slow reader may be behind."""
+    """Size of the ring in packets: how far a slow reader may lag."""
     loop: bool = True
-    """Begin again at the end."""
+    """Whether the recording is repeated."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which drivers run, and how."""
+    """The drivers of the platform, and their parameters."""
 
     drivers: tuple[str, ...] = ("sim", "system")
     """Names of drivers: sim, system, replay, or those of installed packages."""
     retry_s: Seconds = 2.0
-    """Pause after a device could not be opened or failed."""
+    """Pause before a device is opened again."""
     failures: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 10
-    """Reads that may fail in a row before the device is closed and opened again."""
+    """Failed reads in a row after which the device is reopened."""
     report_hz: Rate = 1.0
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()

@@ -1,4 +1,4 @@
-"""What a driver is."""
+"""The interface of a driver."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -11,39 +11,39 @@ from swarmware.module import Module
 
 
 class DeviceError(SwarmError):
-    """The device is not there, or did not answer as it should."""
+    """The device is missing, or gave an invalid answer."""
 
 
 class Driver(ABC):
-    """One device: opened, read once per period in a task of its own, closed.
+    """Driver of one device: opened, read once per period in its own task, closed.
 
-    `open` and `read` may raise DeviceError or OSError; the device is then tried again.
+    `open` and `read` may raise DeviceError or OSError; the device is then opened again.
     """
 
     name: str
     """Unique on the platform: `system`, `sim.gnss`."""
     period_s: float
-    """Matched to the device's update rate (S2.5)."""
+    """Period of `read`, matched to the update rate of the device (S2.5)."""
 
-    async def open(self, module: Module) -> None:  # noqa: B027  # some devices are simply there
-        """Find the device, make the writers of the resources that it fills."""
+    async def open(self, module: Module) -> None:  # noqa: B027  # some devices need no opening
+        """Opens the device and the writers of its resources."""
 
     @abstractmethod
     async def read(self, now_ns: int) -> bool:
-        """Take what the device has and publish it; False when it had nothing new."""
+        """Reads the device and publishes its values; False when it had no new ones."""
 
-    async def close(self) -> None:  # noqa: B027  # some devices need no farewell
-        """Let the device go."""
+    async def close(self) -> None:  # noqa: B027  # some devices need no closing
+        """Closes the device and its writers."""
 
 
 class Site(msgspec.Struct, frozen=True):
-    """What a driver may want to know about where it runs."""
+    """The platform on which a driver runs."""
 
     kind: str
     """uav | ugv | usv | gcs."""
     data_dir: str
-    """share/swarm/data."""
+    """The folder share/swarm/data."""
 
 
 Factory = Callable[[Config, Site], list[Driver]]
-"""What a driver's entry point is: makes its drivers, one per device."""
+"""Type of a driver's entry point: creates its drivers, one per device."""

@@ -1,4 +1,4 @@
-"""The hardware abstraction's shell: a task per driver, and a board that says how they keep their periods."""
+"""Shell of the hardware abstraction layer: one task per driver, and a board with their timing statistics."""
 
 import asyncio
 import logging
@@ -14,7 +14,7 @@ from swarmware.service import Service
 from swarmware.types.vehicle import DriverTable
 
 STAGE: Final = 1
-"""Drivers read what a simulation wrote at the same instant; what computes with it comes after them."""
+"""Stage of an instant at which drivers read: after the simulation has written, before consumers compute."""
 
 log = logging.getLogger("swarm.hal")
 
@@ -27,7 +27,7 @@ class Hal(Service):
     config: settings.Config
 
     async def run(self) -> None:
-        """Every driver in its own task until the service ends."""
+        """Runs every driver in its own task until the service ends."""
         module = self.module
         node = module.node
         site = Site(node.config.kind, str(node.config.share_path / "data"))
@@ -43,7 +43,7 @@ class Hal(Service):
             group.create_task(self._report(list(schedules.values())), name="hal:report")
 
     async def _keep(self, driver: Driver, schedule: Schedule) -> None:
-        """Opens the driver as often as it takes."""
+        """Opens and reads the driver; reopens it after failures."""
         while True:
             try:
                 await driver.open(self.module)
@@ -58,7 +58,7 @@ class Hal(Service):
             await asyncio.sleep(self.config.retry_s)
 
     async def _read(self, driver: Driver, schedule: Schedule) -> None:
-        """Reads in the driver's period. Raises: DeviceError after too many failures in a row."""
+        """Reads the device once per period. Raises: DeviceError after too many failures in a row."""
         now_ns = self.module.now_ns
         while True:
             await until(self.module.clock, schedule.due_ns, STAGE)

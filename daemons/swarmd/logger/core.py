@@ -1,4 +1,4 @@
-"""Which resources are logged how often: the plan, without reading anything."""
+"""The sampling plan: which resources are logged, and at which rate."""
 
 import math
 from collections.abc import Iterable
@@ -8,69 +8,71 @@ import msgspec
 
 from swarmware.resource import Kind, Resource
 
-VALUED: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM, Kind.SETTING, Kind.COMMAND})
-"""Kinds whose values stand in rings."""
+LOGGED_KINDS: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM, Kind.SETTING, Kind.COMMAND})
+"""Kinds of resource that have a ring in shared memory."""
 
-_EVERY: Final = frozenset({Kind.EVENT, Kind.STREAM, Kind.COMMAND})
-"""Kinds of which each value counts."""
+_EVERY_VALUE_KINDS: Final = frozenset({Kind.EVENT, Kind.STREAM, Kind.COMMAND})
+"""Kinds of which every value is logged, not only the newest."""
 
 
-class Track(msgspec.Struct, frozen=True):
-    """How one resource is logged."""
+class LoggedResource(msgspec.Struct, frozen=True):
+    """A resource that is logged, and how."""
 
     path: str
     kind: Kind
     type: str
     module: str
-    every: bool
-    """Each value, in order; False: the newest, when it is due."""
+    every_value: bool
+    """True: every value, in order; False: the newest value once per period."""
     period_ns: int
-    """Least time between two entries; 0: each change that is seen."""
+    """Minimum time between two entries; 0: every new value."""
 
 
-def track(resource: Resource) -> Track | None:
-    """How this resource is logged; None when it is not."""
+def logged_resource(resource: Resource) -> LoggedResource | None:
+    """Logging parameters of a resource; None when it is not logged."""
     rate_hz = resource.log_hz
-    if rate_hz == 0 or resource.kind not in VALUED:
+    if rate_hz == 0 or resource.kind not in LOGGED_KINDS:
         return None
-    return Track(
+    return LoggedResource(
         resource.path,
         resource.kind,
         resource.type,
         resource.owner or "node",
-        resource.kind in _EVERY and math.isinf(rate_hz),
+        resource.kind in _EVERY_VALUE_KINDS and math.isinf(rate_hz),
         0 if math.isinf(rate_hz) else round(1e9 / rate_hz),
     )
 
 
-class Plan:
-    """The tracks of a node, kept up with its resource table."""
+class SamplingPlan:
+    """The logged resources of a node, updated from its resource table."""
 
     def __init__(self) -> None:
-        self._tracks: dict[str, Track] = {}
+        self._resources: dict[str, LoggedResource] = {}
         self._due_ns: dict[str, int] = {}
 
     @property
-    def tracks(self) -> list[Track]:
-        """All tracks, by path."""
-        return [self._tracks[path] for path in sorted(self._tracks)]
+    def resources(self) -> list[LoggedResource]:
+        """All logged resources, sorted by path."""
+        return [self._resources[path] for path in sorted(self._resources)]
 
-    def update(self, resources: Iterable[Resource]) -> tuple[list[Track], list[str]]:
-        """Takes the present table: tracks to open (new or changed), paths to close."""
-        wanted = {made.path: made for resource in resources if (made := track(resource)) is not None}
-        opened = [made for path, made in sorted(wanted.items()) if self._tracks.get(path) != made]
-        closed = [path for path in sorted(self._tracks) if wanted.get(path) != self._tracks[path]]
-        self._tracks = wanted
+    def update(self, resources: Iterable[Resource]) -> tuple[list[LoggedResource], list[str]]:
+        """Applies the current resource table; the resources to open (new or changed), the paths to close."""
+        wanted = {
+            made.path: made for resource in resources if (made := logged_resource(resource)) is not None
+        }
+        opened = [made for path, made in sorted(wanted.items()) if self._resources.get(path) != made]
+        closed = [path for path in sorted(self._resources) if wanted.get(path) != self._resources[path]]
+        self._resources = wanted
         for path in closed:
             self._due_ns.pop(path, None)
         return opened, closed
 
     def due(self, path: str, now_ns: int) -> bool:
-        """Whether the newest value of a decimated track may be taken now; taking it starts the next period.
+        """Whether a decimated resource is due for sampling; True starts its next period.
 
-        The schedule is absolute: a late look does not slow the rate down.
+        The schedule is absolute: a late sample does not lower the mean rate.
         """
-        period_ns = self._tracks[path].period_ns
+        period_ns = self._resources[path].period_ns
         if period_ns == 0:
             return True
         due_ns = self._due_ns.get(path, now_ns)

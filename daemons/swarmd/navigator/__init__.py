@@ -1,1 +1,1 @@
-"""The reference functional module: where it is, where it should be, how to get there unhurt."""
+"""The navigator, the reference module: state estimation, formation keeping, control, collision avoidance."""

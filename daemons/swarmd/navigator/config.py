@@ -9,27 +9,27 @@ Weight = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=200)]
 
 
-class Estimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How position, velocity and heading are found."""
+class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """State estimation: position, velocity, heading."""
 
     accel_sigma_m_s2: Positive = 0.3
-    """How wrong a measured acceleration may be: larger trusts the fixes more."""
+    """Standard deviation of a measured acceleration: a larger one gives the fixes more weight."""
     height_sigma_m: Positive = 0.05
-    """Of the height above the ground by sonar."""
+    """Standard deviation of the height above the ground from the sonar."""
     yaw_tau_s: Positive = 1.0
-    """Time in which the gyro's heading follows the compass."""
+    """Time constant of the correction of the gyro's heading by the compass."""
     gnss_timeout_s: Positive = 1.0
-    """Without a fix for this long the position is lost, and the vehicle holds."""
+    """Time without a fix after which the position is invalid, and the vehicle holds."""
     imu_timeout_s: Positive = 0.5
     rest_accel_m_s2: Positive = 0.4
-    """A jolt: this far from its mean the specific force says that the vehicle moves."""
+    """Deviation of the specific force from its mean above which the vehicle moves."""
     rest_gyro_rad_s: Positive = 0.1
-    """A turn: this fast the gyro says that the vehicle moves."""
+    """Rate of turn above which the vehicle moves."""
     gnss_correlation_s: Positive = 60.0
-    """Fixes closer in time share their errors: an average over less is hardly better than one of them."""
+    """Correlation time of the errors of fixes: an average over less is hardly better than one fix."""
 
 
-class Dwa(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class DwaConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Dynamic window planner of ground vehicles (S0, equations 4 and 5)."""
 
     v_max_m_s: Positive = 3.0
@@ -38,52 +38,52 @@ class Dwa(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     w_max_rad_s: Positive = 1.4
     dw_max_rad_s2: Positive = 2.5
     window_s: Positive = 0.2
-    """How far ahead the window of speeds reaches that the drive can attain."""
+    """Time within which the drive attains every speed of the dynamic window."""
     horizon_s: Positive = 2.0
     """Length of the simulated trajectories."""
     steps: Annotated[int, msgspec.Meta(ge=2, le=100)] = 12
     v_samples: Annotated[int, msgspec.Meta(ge=2, le=100)] = 7
     w_samples: Annotated[int, msgspec.Meta(ge=3, le=200)] = 21
     heading_weight: Weight = 2.0
-    """δ: towards the goal."""
+    """δ: weight of the heading towards the goal."""
     distance_weight: Weight = 1.0
-    """β: away from obstacles."""
+    """β: weight of the distance from obstacles."""
     velocity_weight: Weight = 1.0
-    """γ: as fast as wanted."""
+    """γ: weight of the commanded speed."""
     heading_s: Positive = 0.5
-    """Instant on the trajectory at which the heading is judged."""
+    """Instant on the trajectory at which the heading is evaluated."""
     clear_m: Positive = 0.3
-    """A distance from obstacles that is as good as any larger one."""
+    """Distance from obstacles above which the distance term is saturated."""
     radius_m: Positive = 0.35
-    """Of the circle that holds the vehicle."""
+    """Radius of the circle around the vehicle."""
     margin_m: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.2
-    """Kept free besides."""
+    """Additional clearance."""
 
 
-class Air(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class AirConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Velocity control and avoidance of vehicles that fly."""
 
     v_max_m_s: Positive = 5.0
     climb_max_m_s: Positive = 2.0
     sink_max_m_s: Positive = 1.5
     a_max_m_s2: Positive = 2.0
-    """Used for braking on the way to a place."""
+    """Deceleration for braking at the target."""
     kp_1_s: Positive = 1.0
-    """Metres per second for each metre away."""
+    """Position gain: m/s per metre of distance."""
     yaw_kp_1_s: Positive = 1.0
     w_max_rad_s: Positive = 1.0
     separation_m: Positive = 1.5
-    """Between the middles of two platforms."""
+    """Minimum distance between the centres of two platforms."""
     obstacle_m: Positive = 0.9
-    """Between the middle of the vehicle and an obstacle."""
+    """Minimum distance between the centre of the vehicle and an obstacle."""
     horizon_s: Positive = 3.0
-    """Meetings that lie further ahead wait."""
+    """Collisions further ahead than this are ignored."""
     touch_down_m_s: Positive = 0.5
-    """Sinking speed close to the ground."""
+    """Descent rate close to the ground."""
 
 
-class Altitude(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """PID altitude hold: from metres of height to metres per second of climb."""
+class AltitudeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """PID altitude hold: from height error in m to climb rate in m/s."""
 
     kp_1_s: Weight = 1.2
     ki_1_s2: Weight = 0.15
@@ -91,34 +91,34 @@ class Altitude(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How the vehicle finds its way."""
+    """Navigation of one vehicle."""
 
     world: str = "formation"
-    """A file of share/swarm/worlds without its ending: gives the origin of the map."""
+    """A file of share/swarm/worlds without its suffix: defines the origin of the map."""
     rate_hz: Rate = 20.0
-    """Of pose and set-point."""
+    """Rate of pose and set-point."""
     plan_hz: Rate = 10.0
-    """Of the dynamic window planner."""
+    """Rate of the dynamic window planner."""
     status_hz: Rate = 5.0
-    """Of `nav/status`, besides each change of its state."""
+    """Rate of `nav/status`; a change of state is published at once."""
     look_ahead_s: Positive = 1.2
-    """A ground vehicle aims at the point where its place will be after this time."""
+    """Look-ahead time of a ground vehicle on the path of its slot."""
     look_ahead_min_m: Positive = 1.5
     along_kp_1_s: Positive = 0.8
-    """Metres per second for each metre that a ground vehicle is behind its place."""
+    """Along-track gain of a ground vehicle: m/s per metre behind its slot."""
     course_accel_m_s2: Positive = 0.5
-    """How softly the leader starts and stops."""
+    """Acceleration of the leader along the course."""
     leader_timeout_s: Positive = 2.0
-    """Without the leader's pose for this long the vehicle holds."""
+    """Time without the leader's pose after which the vehicle holds."""
     neighbour_timeout_s: Positive = 2.0
-    """A platform not heard for this long is not avoided any more."""
+    """Time without the pose of a platform after which it is not avoided any more."""
     arrive_m: Positive = 0.3
-    """This close to the goal is there."""
+    """Distance from the goal at which the vehicle has arrived."""
     formation_arrive_m: Positive = 0.5
-    """This close to its slot a member of a formation has taken it."""
+    """Distance from its slot at which a member of a formation has arrived."""
     blocked_s: Positive = 5.0
-    """No progress for this long is being blocked."""
-    estimator: Estimator = Estimator()
-    dwa: Dwa = Dwa()
-    air: Air = Air()
-    altitude: Altitude = Altitude()
+    """Time without progress after which the vehicle is blocked."""
+    estimator: EstimatorConfig = EstimatorConfig()
+    dwa: DwaConfig = DwaConfig()
+    air: AirConfig = AirConfig()
+    altitude: AltitudeConfig = AltitudeConfig()

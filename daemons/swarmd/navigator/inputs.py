@@ -1,22 +1,22 @@
-"""The boards that the navigator reads, and what is new on them."""
+"""The boards that the navigator reads, and their new values."""
 
 from typing import Generic, TypeVar
 
 import msgspec
 
-from swarmd.navigator.core.navigator import Navigator
+from swarmd.navigator.core.navigator import NavigatorCore
 from swarmware.module import BoardReader, BoardSet, Module
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import GnssFix, Goal, Imu, Pose, Range, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 
-LOOK_EVERY = 20
-"""Calls between two looks for new platforms."""
+NEW_PLATFORMS_EVERY = 20
+"""Calls of `feed` between two checks for new platforms."""
 
 
 class Fresh(Generic[T]):
-    """A board of which each value is taken once."""
+    """A board reader that returns each value once."""
 
     __slots__ = ("_last", "reader")
 
@@ -25,7 +25,7 @@ class Fresh(Generic[T]):
         self._last: T | None = None
 
     def take(self) -> T | None:
-        """The newest value if it has not been taken."""
+        """The newest value; None when it was returned before."""
         value = self.reader.value
         if value is None or value is self._last:
             return None
@@ -34,7 +34,7 @@ class Fresh(Generic[T]):
 
 
 class Inputs:
-    """Everything that comes to the navigator."""
+    """All inputs of the navigator."""
 
     def __init__(self, module: Module) -> None:
         self._module = module
@@ -42,7 +42,7 @@ class Inputs:
         self._calls = 0
 
     async def open(self) -> None:
-        """Opens the boards; whether somebody writes them does not matter."""
+        """Opens the readers; a board needs no writer yet."""
         m = self._module
         self._gnss = Fresh(await m.reader("sensor/gnss", GnssFix))
         self._imu = Fresh(await m.reader("sensor/imu", Imu))
@@ -52,8 +52,8 @@ class Inputs:
         self._goal = Fresh(await m.reader("nav/goal", Goal))
         self._poses: BoardSet[Pose] = await m.readers("/*/nav/pose", Pose)
 
-    def feed(self, navigator: Navigator, now_ns: int) -> None:
-        """Gives the navigator what is new."""
+    def feed(self, navigator: NavigatorCore, now_ns: int) -> None:
+        """Passes all new values to the navigator."""
         if (fix := self._gnss.take()) is not None:
             navigator.on_gnss(fix, self._gnss.reader.stamp_ns or now_ns)
         if (imu := self._imu.take()) is not None:
@@ -66,16 +66,16 @@ class Inputs:
             navigator.on_vehicle(vehicle)
         if (goal := self._goal.take()) is not None:
             navigator.on_goal(goal, now_ns)
-        if self._calls % LOOK_EVERY == 0:
-            self._look()
+        if self._calls % NEW_PLATFORMS_EVERY == 0:
+            self._add_platforms()
         self._calls += 1
         for platform, board in self._others.items():
             if (pose := board.take()) is not None:
-                # the sender's clock is unknown in the first moments: then it counts from its arrival
+                # until the sender's clock is converted the value is stamped at its arrival
                 age_s = board.reader.age_s or 0.0
                 navigator.on_neighbour(platform, pose, now_ns - round(max(age_s, 0.0) * 1e9))
 
-    def _look(self) -> None:
+    def _add_platforms(self) -> None:
         for platform, reader in self._poses.items():
             if platform not in self._others:
                 self._others[platform] = Fresh(reader)

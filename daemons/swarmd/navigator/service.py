@@ -5,9 +5,8 @@ from typing import ClassVar, Final
 import msgspec
 
 from swarmd.navigator import config as settings
-from swarmd.navigator.core.air_pilot import AirPilot
-from swarmd.navigator.core.navigator import Navigator as Core
-from swarmd.navigator.core.navigator import Pilot
+from swarmd.navigator.core.air_controller import AirController
+from swarmd.navigator.core.navigator import Controller, NavigatorCore
 from swarmd.navigator.inputs import Fresh, Inputs
 from swarmware.config import load
 from swarmware.errors import missing_extra
@@ -26,24 +25,26 @@ GAINS: Final = {
     "altitude_kd": ("altitude", "kd"),
     "position_kp": ("air", "kp_1_s"),
 }
-"""Setting `config/navigator/<name>`: table and key of the configuration that it replaces."""
+"""Parameter `config/navigator/<name>`: table and key of the configuration that it overrides."""
 
 _SETTINGS_EVERY: Final = 10
-"""Steps between two looks at the settings."""
+"""Control steps between two checks of the parameters."""
 
 
 class Navigator(Service):
-    """Estimates the pose, follows the goal of the mission."""
+    """Estimates the pose and steers the vehicle to the goal of the mission."""
 
     name = "navigator"
     Config: ClassVar = settings.Config
     config: settings.Config
 
     async def run(self) -> None:
-        """Steps until the service ends."""
+        """Runs the control loop until the service ends."""
         module, node = self.module, self.module.node
         world = load(node.config.share_path / "worlds" / f"{self.config.world}.toml", World)
-        navigator = Core(self.config, module.platform, world.origin, pilot(node.config.kind, self.config))
+        navigator = NavigatorCore(
+            self.config, module.platform, world.origin, controller(node.config.kind, self.config)
+        )
         inputs = Inputs(module)
         await inputs.open()
         gains = {name: Fresh(await module.reader(f"config/navigator/{name}", Float)) for name in GAINS}
@@ -51,7 +52,10 @@ class Navigator(Service):
             "nav/pose", Pose, rate_hz=self.config.rate_hz, description="Estimated pose and velocity"
         )
         setpoints: BoardWriter[Setpoint] = await module.writer(
-            "act/setpoint", Setpoint, rate_hz=self.config.rate_hz, description="What the vehicle shall do now"
+            "act/setpoint",
+            Setpoint,
+            rate_hz=self.config.rate_hz,
+            description="Set-point of velocity and yaw rate",
         )
         self._setpoints = setpoints
         statuses: BoardWriter[NavStatus] = await module.writer(
@@ -76,26 +80,26 @@ class Navigator(Service):
                 module.log.debug("goal %d: %s", step.status.goal_seq, step.status.state)
 
     async def stop(self) -> None:
-        """The last word to the vehicle: stand still."""
+        """Writes a last set-point that stops the vehicle."""
         if (setpoints := getattr(self, "_setpoints", None)) is not None:
             setpoints.write(Setpoint(0.0))
 
 
-def pilot(kind: str, config: settings.Config) -> Pilot:
-    """The pilot for a kind of platform."""
+def controller(kind: str, config: settings.Config) -> Controller:
+    """The controller for a kind of platform."""
     if kind == "uav":
-        return AirPilot(config)
+        return AirController(config)
     try:
-        # brings numpy, which a node that flies does not need
-        from swarmd.navigator.core.ground_pilot import GroundPilot
+        # imports numpy, which the node of an air vehicle does not need
+        from swarmd.navigator.core.ground_controller import GroundController
     except ImportError as error:
         raise missing_extra("planner of ground vehicles", error, "nav") from error
 
-    return GroundPilot(config)
+    return GroundController(config)
 
 
 def with_gains(config: settings.Config, gains: dict[str, float]) -> settings.Config:
-    """The configuration with some gains replaced."""
+    """The configuration with some gains overridden."""
     for name, value in gains.items():
         table, key = GAINS[name]
         part = msgspec.structs.replace(getattr(config, table), **{key: value})

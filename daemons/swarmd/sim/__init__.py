@@ -1,1 +1,1 @@
-"""The vehicle and its sensors, simulated: the rest of the node cannot tell it from a real one (S1.77)."""
+"""Simulation of the vehicle and its sensors, behind the same interfaces as a real one (S1.77)."""

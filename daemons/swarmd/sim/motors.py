@@ -1,4 +1,4 @@
-"""The vehicle's own end of arm, disarm and kill."""
+"""Requests to arm, disarm and kill the motors, served by the vehicle."""
 
 import logging
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, Vehicle
 
 
 class Motors:
-    """Takes the requests to the motors, which need neither a mission nor a navigator; each one is audited."""
+    """Serves requests to the motors, independent of mission and navigator, with an audit log."""
 
     def __init__(
         self,
@@ -27,7 +27,7 @@ class Motors:
         self._orders = orders
 
     async def serve(self) -> None:
-        """From now on."""
+        """Registers the requests."""
         serve = self._module.serve
         await serve(
             "sys/vehicle/arm",
@@ -41,7 +41,7 @@ class Motors:
             KillRequest,
             self._kill,
             reply=VehicleState,
-            description="Motors off, also in the air",
+            description="Stop the motors, also in the air",
         )
 
     def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:

@@ -5,7 +5,7 @@ import re
 from typing import ClassVar, Final
 
 from swarmd.sim import config as settings
-from swarmd.sim.core.simulation import Sample, Simulation
+from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmd.sim.motors import Motors
 from swarmware.config import load
 from swarmware.module import BoardReader, BoardWriter, Module
@@ -25,13 +25,13 @@ from swarmware.types.vehicle import (
 from swarmware.world import World
 
 _RESUME_S: Final = 10.0
-"""A vehicle whose simulation was away for less than this goes on where it was."""
+"""Longest interruption of the simulation after which the vehicle continues at its last pose."""
 _LOOK_S: Final = 1.0
 """How often new platforms are looked for."""
 
 
 class Sim(Service):
-    """Simulates the platform's vehicle and its sensors."""
+    """Simulates the vehicle of the platform and its sensors."""
 
     name = "sim"
     Config: ClassVar = settings.Config
@@ -55,7 +55,7 @@ class Sim(Service):
         await self._loop(simulation, outputs)
 
     async def _last(self, start: Pose) -> tuple[Pose, bool]:
-        """Where the vehicle was and whether it was armed, when the simulation was only away for a moment."""
+        """Last pose and arming after a short interruption; else the start pose, disarmed."""
         truth = await self.module.reader("sim/truth", Pose)
         vehicle = await self.module.reader("vehicle/state", VehicleState)
         try:
@@ -100,7 +100,7 @@ class Sim(Service):
 
 
 class Outputs:
-    """The boards that the simulation writes."""
+    """The writers of the simulation."""
 
     def __init__(self, module: Module, config: settings.Config, *, flies: bool) -> None:
         self._module = module
@@ -109,10 +109,10 @@ class Outputs:
         self._sonar: BoardWriter[Range] | None = None
 
     async def open(self) -> None:
-        """Makes the writers."""
+        """Opens the writers."""
         writer, rates = self._module.writer, self._config.sensors
         self._truth = await writer(
-            "sim/truth", Pose, rate_hz=self._config.rate_hz, description="Where the vehicle truly is"
+            "sim/truth", Pose, rate_hz=self._config.rate_hz, description="True pose of the vehicle"
         )
         self.vehicle = await writer("vehicle/state", VehicleState, description="Armed, landed")
         self._gnss = await writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
@@ -122,17 +122,17 @@ class Outputs:
         if self._flies:
             self._sonar = await writer("sim/sensors/sonar", Range, rate_hz=rates.sonar_hz)
         self._collision = await self._module.stream_writer(
-            "sim/collision", Collision, kind="event", description="The vehicle touched something"
+            "sim/collision", Collision, kind="event", description="Collision of the vehicle"
         )
         self.orders = await self._module.stream_writer(
             "vehicle/orders",
             MotorOrder,
             kind="event",
             log="all",
-            description="Audit: each request to the motors, and by whom",
+            description="Audit log: each request to the motors, with its sender",
         )
 
-    def write(self, sample: Sample) -> None:
+    def write(self, sample: SimulationOutput) -> None:
         """Publishes what a sample brought, stamped with its instant."""
         stamp_ns = sample.stamp_ns
         self._truth.write(sample.truth, stamp_ns)
@@ -153,6 +153,6 @@ class Outputs:
 
 
 def number_in(platform: str) -> int:
-    """The number at the end of a platform's name; 1 when it has none."""
+    """Number at the end of a platform's name; 1 when it has none."""
     found = re.search(r"[0-9]+$", platform)
     return max(1, int(found[0])) if found else 1

@@ -1,1 +1,1 @@
-"""Time synchronisation: one conversion function per hardware unit, no clock is ever set."""
+"""Time synchronisation: one conversion function per hardware unit; clocks are never set."""

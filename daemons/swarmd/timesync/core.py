@@ -1,59 +1,59 @@
-"""All clocks of the swarm as seen from here: measured where heard, composed where not."""
+"""Conversion functions of all clocks of the swarm: measured for neighbours, composed for the others."""
 
 from typing import Final
 
 import msgspec
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.peer import Exchange, Peer
+from swarmd.timesync.peer import ClockEstimator, Exchange
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.time import FUNCTIONS_LIMIT, HOPS_LIMIT, Conversion, TimeFunctions
 
 MEASURED_NS: Final = 10_000_000_000
-"""A unit whose packets came within this time is measured here, whatever a partner states of it: a partner's
-function of its first seconds has a rate that is hardly known, and is not renewed."""
+"""A unit with packets within this time is measured here and not composed: the function of a partner may be of
+its first seconds, with an inaccurate skew, and is not renewed."""
 
 STATED_NS: Final = 60_000_000_000
-"""What a partner stated is used for so long: while there is a way over it, it is asked six times in that."""
+"""Lifetime of a partner's functions; while it is on a route, they are requested six times within it."""
 LINK_AGE_NS: Final = 30_000_000_000
-"""A composed function is at most so old for each of its links: each adds the time between two questions,
-10 s, and that between two solutions. An older one means that a link on the way is silent."""
+"""Maximum age of a composed function per link: each link adds the time between two requests, 10 s, and that
+between two estimations. An older one means that a link on the route is silent."""
 
 
 class Publish(msgspec.Struct, frozen=True):
-    """The functions have changed: put them on the board."""
+    """Action: publish the changed functions."""
 
     functions: TimeFunctions
 
 
-class Stepped(msgspec.Struct, frozen=True):
-    """A clock has stepped; stamps from before need the old function."""
+class ClockStepped(msgspec.Struct, frozen=True):
+    """Action: report a clock step; earlier stamps need the old function."""
 
     platform: str
     unit: str
     conv_epoch: int
 
 
-class Rebooted(msgspec.Struct, frozen=True):
-    """A unit started anew: another clock altogether."""
+class UnitRebooted(msgspec.Struct, frozen=True):
+    """Action: report the reboot of a unit, which starts another clock."""
 
     platform: str
     unit: str
 
 
-class Refused(msgspec.Struct, frozen=True):
-    """A partner states functions that no two real clocks can have, in another number than before."""
+class FunctionsRefused(msgspec.Struct, frozen=True):
+    """Action: report implausible functions of a partner, when their number changed."""
 
     platform: str
     refused: int
     of: int
 
 
-Action = Publish | Stepped | Rebooted | Refused
+Action = Publish | ClockStepped | UnitRebooted | FunctionsRefused
 
 
-class Heard(msgspec.Struct, frozen=True, gc=False):
-    """One exchange and whose it is."""
+class PeerExchange(msgspec.Struct, frozen=True, gc=False):
+    """One exchange, with the unit that it measures."""
 
     platform: str
     unit: str
@@ -63,7 +63,7 @@ class Heard(msgspec.Struct, frozen=True, gc=False):
 
 
 class TimeCore:
-    """Conversion functions by hardware unit, from exchanges and from what partners tell."""
+    """Conversion functions by hardware unit, from exchanges and from the functions of partners."""
 
     def __init__(
         self,
@@ -80,56 +80,57 @@ class TimeCore:
         self._first_epoch = first_epoch
         self._publish_ns = round(config.publish_s * 1e9)
         self._forget_ns = round(config.forget_s * 1e9)
-        self._peers: dict[int, Peer] = {}
-        self._told: dict[int, tuple[TimeFunctions, int]] = {}
+        self._peers: dict[int, ClockEstimator] = {}
+        self._partner_functions: dict[int, tuple[TimeFunctions, int]] = {}
         self._suspects: set[int] = set()
         self._refused: dict[str, int] = {}
-        """Functions refused in the last list of each partner."""
+        """Number of functions refused in the last list of each partner."""
         self._published_ns: int | None = None
         self._expiry_ns: int | None = None
-        """When the next composed function of the list ends."""
+        """Instant at which the next composed function expires."""
         self._changed = False
         self._urgent = False
 
-    def on_exchange(self, heard: Heard, now_ns: int) -> list[Action]:
-        """One received packet of a neighbour; `on_timer` makes functions of what has come."""
+    def on_exchange(self, sample: PeerExchange, now_ns: int) -> list[Action]:
+        """Takes the exchange of one received packet; `on_timer` estimates the functions."""
         actions: list[Action] = []
-        peer = self._peers.get(heard.hardware)
-        if peer is not None and heard.boot_id != peer.boot_id:
-            if heard.boot_id < peer.boot_id:
+        peer = self._peers.get(sample.hardware)
+        if peer is not None and sample.boot_id != peer.boot_id:
+            if sample.boot_id < peer.boot_id:
                 return actions
-            actions.append(Rebooted(heard.platform, heard.unit))
+            actions.append(UnitRebooted(sample.platform, sample.unit))
             self._urgent = True
-            self._told.pop(heard.hardware, None)
+            self._partner_functions.pop(sample.hardware, None)
             peer = None
         if peer is None:
-            peer = Peer(
-                heard.platform,
-                heard.unit,
-                heard.hardware,
-                heard.boot_id,
+            peer = ClockEstimator(
+                sample.platform,
+                sample.unit,
+                sample.hardware,
+                sample.boot_id,
                 window_s=self._config.window_s,
                 pause_s=self._config.solve_s,
                 conv_epoch=self._first_epoch,
             )
-            self._peers[heard.hardware] = peer
-        if peer.on_exchange(heard.exchange):
+            self._peers[sample.hardware] = peer
+        if peer.on_exchange(sample.exchange):
             actions.append(self._stepped(peer))
         return actions
 
-    def on_functions(self, told: TimeFunctions, now_ns: int) -> list[Action]:
-        """A partner's functions: first values, plausibility, and the way to units not heard here (S1.70)."""
+    def on_functions(self, received: TimeFunctions, now_ns: int) -> list[Action]:
+        """Takes a partner's functions: initial values, plausibility, units out of direct range (S1.70)."""
         peer = next(
-            (p for p in self._peers.values() if (p.platform, p.unit) == (told.platform, told.unit)), None
+            (p for p in self._peers.values() if (p.platform, p.unit) == (received.platform, received.unit)),
+            None,
         )
-        if peer is None or peer.boot_id != told.boot_id:
+        if peer is None or peer.boot_id != received.boot_id:
             return []
-        taken = tuple(one for one in told.functions[:FUNCTIONS_LIMIT] if one.plausible())
-        refused = len(told.functions) - len(taken)
-        told = msgspec.structs.replace(told, functions=taken)
-        self._told[peer.hardware] = (told, now_ns)
+        taken = tuple(one for one in received.functions[:FUNCTIONS_LIMIT] if one.plausible())
+        refused = len(received.functions) - len(taken)
+        received = msgspec.structs.replace(received, functions=taken)
+        self._partner_functions[peer.hardware] = (received, now_ns)
         self._changed = True
-        mine = told.of(self._me[0], self._me[1])
+        mine = received.of(self._me[0], self._me[1])
         known = peer.conversion
         stated = known is None or not known.samples
         if stated and mine is not None and mine.boot_id == self._me[3] and mine.hops == 1:
@@ -141,20 +142,20 @@ class TimeCore:
         self._refused[peer.platform] = refused
         if refused in {0, before}:
             return []
-        return [Refused(peer.platform, refused, refused + len(taken))]
+        return [FunctionsRefused(peer.platform, refused, refused + len(taken))]
 
     def unmeasured(self) -> set[str]:
-        """Platforms that are heard and have no function yet: their own of us is a first value."""
+        """Neighbours without a function yet: their function of this unit is an initial value."""
         return {peer.platform for peer in self._peers.values() if peer.conversion is None}
 
     def stated(self) -> set[str]:
-        """Platforms that are heard, of which only what they state is known: it has to be renewed."""
+        """Neighbours of which only their own function is known: it has to be renewed."""
         return {
             peer.platform for peer in self._peers.values() if peer.conversion and not peer.conversion.samples
         }
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has something to do."""
+        """Instant of the next estimation, expiry or publication; None: none due."""
         if self._urgent or (self._changed and self._published_ns is None):
             return AT_ONCE
         dues = [due for peer in self._peers.values() if (due := peer.due_ns()) is not None]
@@ -165,7 +166,7 @@ class TimeCore:
         return min(dues, default=None)
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Solves what is due, publishes when there is news."""
+        """Estimates the functions that are due, and publishes changes."""
         actions: list[Action] = []
         for peer in self._peers.values():
             due_ns = peer.due_ns()
@@ -186,13 +187,13 @@ class TimeCore:
             actions.append(Publish(self.functions(now_ns)))
         return actions
 
-    def _stepped(self, peer: Peer) -> Stepped:
+    def _stepped(self, peer: ClockEstimator) -> ClockStepped:
         self._urgent = True
-        self._told.pop(peer.hardware, None)  # they speak of the clock before the step
-        return Stepped(peer.platform, peer.unit, peer.conv_epoch)
+        self._partner_functions.pop(peer.hardware, None)  # these functions are of the clock before the step
+        return ClockStepped(peer.platform, peer.unit, peer.conv_epoch)
 
     def functions(self, now_ns: int) -> TimeFunctions:
-        """All functions, best known first where the list is full, then sorted by platform and unit."""
+        """All functions sorted by platform and unit; of too many, those with the smallest bounds."""
         self._forget(now_ns)
         best = {
             peer.hardware: self._marked(peer.conversion)
@@ -202,7 +203,7 @@ class TimeCore:
         self._expiry_ns = None
         for function, until_ns in self._composed(now_ns):
             known = best.get(function.hardware)
-            # what a partner stated once is never as good as packets that still come
+            # a partner's function is never better than current packets
             if self._is_measured(function.hardware, now_ns):
                 continue
             if known is None or _better(function, known, now_ns):
@@ -217,16 +218,16 @@ class TimeCore:
 
     def _is_measured(self, hardware: int, now_ns: int) -> bool:
         peer = self._peers.get(hardware)
-        if peer is None or peer.conversion is None or not peer.conversion.samples or peer.heard_ns is None:
+        if peer is None or peer.conversion is None or not peer.conversion.samples or peer.received_ns is None:
             return False
-        return now_ns - peer.heard_ns <= MEASURED_NS
+        return now_ns - peer.received_ns <= MEASURED_NS
 
-    def heard_since(self, since_ns: int) -> set[str]:
-        """Platforms measured directly, the last time not before that."""
+    def measured_since(self, since_ns: int) -> set[str]:
+        """Platforms measured directly since that instant."""
         return {
             peer.platform
             for peer in self._peers.values()
-            if peer.conversion and peer.heard_ns is not None and peer.heard_ns >= since_ns
+            if peer.conversion and peer.received_ns is not None and peer.received_ns >= since_ns
         }
 
     def _marked(self, function: Conversion) -> Conversion:
@@ -235,18 +236,18 @@ class TimeCore:
         return function
 
     def _composed(self, now_ns: int) -> list[tuple[Conversion, int]]:
-        """Functions over partners, each with the instant at which it ends unless it is renewed."""
+        """Composed functions over partners, each with the instant at which it expires."""
         out: list[tuple[Conversion, int]] = []
-        for hardware, (told, at_ns) in self._told.items():
+        for hardware, (theirs, at_ns) in self._partner_functions.items():
             link = self._peers[hardware].conversion
             if link is None:
                 continue
-            for further in told.functions:
-                # What a partner knows through us, or about us, is not news.
+            for further in theirs.functions:
+                # functions of this unit, or composed over it, are skipped: they would loop
                 mine = further.hardware == self._me[2] or further.via == self._me[0]
                 if mine or link.hops + further.hops > HOPS_LIMIT:
                     continue
-                composed = link.then(further, told.platform)
+                composed = link.then(further, theirs.platform)
                 until_ns = min(at_ns + STATED_NS, composed.t0_ns + LINK_AGE_NS * composed.hops)
                 if now_ns < until_ns and composed.plausible():
                     out.append((composed, until_ns))
@@ -254,27 +255,27 @@ class TimeCore:
 
     def _forget(self, now_ns: int) -> None:
         for hardware, peer in list(self._peers.items()):
-            if peer.heard_ns is not None and now_ns - peer.heard_ns > self._forget_ns:
+            if peer.received_ns is not None and now_ns - peer.received_ns > self._forget_ns:
                 del self._peers[hardware]
-                self._told.pop(hardware, None)
-        for hardware, (_, at_ns) in list(self._told.items()):
+                self._partner_functions.pop(hardware, None)
+        for hardware, (_, at_ns) in list(self._partner_functions.items()):
             if now_ns - at_ns > STATED_NS:
-                del self._told[hardware]
+                del self._partner_functions[hardware]
 
     def _find_suspects(self, now_ns: int) -> set[int]:
-        """Units whose function most partners contradict beyond both bounds: triangles that do not close."""
+        """Units whose function the majority of partners contradicts beyond both bounds (triangle closure)."""
         votes: dict[int, int] = {}
         triangles: dict[int, int] = {}
-        for hardware, (told, _) in self._told.items():
+        for hardware, (theirs, _) in self._partner_functions.items():
             link = self._peers[hardware].conversion
             if link is None:
                 continue
-            for further in told.functions:
+            for further in theirs.functions:
                 peer = self._peers.get(further.hardware)
                 measured = further.hops == 1 and peer is not None and further.boot_id == peer.boot_id
                 if not measured or peer is None or peer.conversion is None or not peer.conversion.samples:
                     continue
-                around = link.then(further, told.platform)
+                around = link.then(further, theirs.platform)
                 agree = around.agrees(peer.conversion, now_ns)
                 for corner in (hardware, further.hardware):
                     triangles[corner] = triangles.get(corner, 0) + 1
@@ -283,9 +284,9 @@ class TimeCore:
 
 
 def _better(one: Conversion, other: Conversion, now_ns: int) -> bool:
-    """Of a later start of that unit; the newer when both cannot be true; the one with the smaller bound."""
+    """Whether a function is better: of a later boot; newer where both contradict; of a smaller bound."""
     if one.boot_id != other.boot_id:
         return one.boot_id > other.boot_id
-    if not one.agrees(other, now_ns):  # that clock has stepped, or one on the way to it
+    if not one.agrees(other, now_ns):  # that clock, or one on the route to it, has stepped
         return one.t0_ns > other.t0_ns
     return one.bound_at_ns(now_ns) < other.bound_at_ns(now_ns)

@@ -1,10 +1,10 @@
-"""The two-sided corridor: what the differences of two clocks' stamps say about offset and skew.
+"""Two-sided corridor estimator: offset and skew of two clocks from the differences of their stamps.
 
-A packet that arrives bounds the remote clock from below (it left earlier), its echo from above
-(it arrived later). All such bounds together leave a corridor; the line in its middle, at the skew
-where it is widest, is the conversion function, half its width the honest error bound.
+A received packet bounds the remote clock from below (it left earlier), its echo from above
+(it arrived later). All bounds together form a corridor; the line in its middle, at the skew
+where it is widest, is the conversion function, half its width the guaranteed error bound.
 Source: Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements (1999),
-for one side; here both sides have one skew in common, and older points are loosened by `AGEING` (ADR 7).
+for one side; here both sides share the skew, and older points are widened by `AGEING` (ADR 7).
 """
 
 import math
@@ -17,42 +17,42 @@ SKEW_LIMIT: Final = 200e-6
 """Quartz stays within ±100 ppm, so two of them differ by at most twice that."""
 
 SKEW_PRIOR: Final = 60e-6
-"""What two quartzes differ by as a rule: each ±50 ppm, evenly."""
+"""Standard deviation of the skew of two quartzes: each within ±50 ppm, uniformly."""
 
 SETTLED_S: Final = 8.0
-"""A span shorter than this says more about delays than about skew."""
+"""Span below which a measured skew depends more on delays than on the clocks."""
 
 BUCKET_S: Final = 1.0
-"""Of each second only the tightest point of each side is kept: at most 60 a side, not 600."""
+"""Of each bucket only the tightest point of each side is kept: at most 60 per side, not 600."""
 
 TEMPERATURE: Final = 10e-6
-"""How much the rate of a quartz may change behind the newest exchange: AT cut, some 20 K. Beside it the
-random walk of `AGEING` is small for the first minutes."""
+"""Maximum change of the rate of a quartz after the newest exchange: AT cut, some 20 K. For the first minutes
+the random walk of `AGEING` is small against it."""
 
 SIGMA_FLOOR_S: Final = 2e-6
 
 SPREAD_POINTS: Final = 6
-"""Tightest points of a side whose gaps say how well its envelope is known."""
+"""Tightest points of a side from which the uncertainty of its envelope is estimated."""
 
 BREAK_SIGMAS: Final = 12.0
 BREAK_FLOOR_S: Final = 20e-6
-"""Both sides shifted the same way by more than so many sigmas and this: the older points are of another
-offset. Seen twice in 4 h of simulated exchanges without a step (four models of delay); what is lost then is
-history, never the truth of the bound."""
+"""Thresholds of step detection inside the corridor: both sides shifted in the same direction by more than the
+sum of both. Two false alarms in 4 h of simulated exchanges without a step (four models of delay); a false
+alarm discards history and never invalidates the bound."""
 
 Point = tuple[float, float]
-"""(time in s, difference in s), both against the corridor's origin."""
+"""(time in s, difference in s), both relative to the origin of the corridor."""
 
 
 class NoLine(ArithmeticError):
-    """The bounds contradict each other: one of the two clocks has stepped."""
+    """The bounds contradict each other: one of the clocks has stepped."""
 
 
 class Estimate(NamedTuple):
-    """The line through the middle of the corridor, at the instant it was solved for."""
+    """The line through the middle of the corridor, at the instant of the estimation."""
 
     theta_s: float
-    """Remote minus local, against the origin."""
+    """Offset: remote minus local clock, relative to the origin."""
     skew: float
     bound_s: float
     sigma_s: float
@@ -60,33 +60,33 @@ class Estimate(NamedTuple):
     span_s: float
     """Age of the oldest point."""
     half_s: float
-    """From the line to the tightest points of either side."""
+    """Distance from the line to the tightest points of either side."""
 
     @property
     def settled(self) -> bool:
-        """Whether the span is long enough for the skew to be measured and not guessed."""
+        """Whether the span is long enough to measure the skew."""
         return self.span_s >= SETTLED_S
 
     @property
     def surprise_s(self) -> float:
-        """A point tighter than the tightest by this is worth a new solution: half of what proves a break."""
+        """A point tighter than the tightest by this triggers an estimation: half the threshold of a step."""
         return BREAK_SIGMAS / 2 * self.sigma_s + BREAK_FLOOR_S / 2
 
 
 class Side:
-    """Points of one side: the tightest of each past second, all of the present one."""
+    """Points of one side: the tightest of each past second, all of the current one."""
 
     __slots__ = ("_bucket", "_fresh", "_kept", "sign")
 
     def __init__(self, sign: int) -> None:
         self.sign = sign
-        """+1: bounds from above, the least is tightest; −1: bounds from below."""
+        """+1: upper bounds, the minimum is tightest; −1: lower bounds."""
         self._kept: list[Point] = []
         self._fresh: list[Point] = []
         self._bucket = 0
 
     def add(self, time_s: float, difference_s: float, skew: float) -> None:
-        """One more bound; `skew` is the present belief, by which points of one second are compared."""
+        """Adds a bound; `skew` is the current estimate, by which points of one second are compared."""
         bucket = int(time_s // BUCKET_S)
         if bucket > self._bucket:
             self._close(skew)
@@ -100,7 +100,7 @@ class Side:
             self._fresh = []
 
     def forget_before(self, time_s: float) -> None:
-        """Drops the points older than that."""
+        """Removes the points before this time."""
         kept = self._kept
         stale = 0
         while stale < len(kept) and kept[stale][0] < time_s:
@@ -111,7 +111,7 @@ class Side:
             self._fresh = [point for point in self._fresh if point[0] >= time_s]
 
     def forget_older(self, time_s: float) -> None:
-        """As `forget_before`, whatever the order in which the points came."""
+        """As `forget_before`, for points in any order."""
         self._kept = [point for point in self._kept if point[0] >= time_s]
         self._fresh = [point for point in self._fresh if point[0] >= time_s]
 
@@ -123,7 +123,7 @@ class Side:
         return len(self._kept) + len(self._fresh)
 
     def aged(self, now_s: float) -> list[Point]:
-        """(x ≤ 0: minus the age, sign · difference widened by the drift that so much time allows)."""
+        """Points as (x ≤ 0: minus the age, sign · difference widened by the drift possible in that time)."""
         sign = self.sign
         points = []
         for time_s, difference_s in (*self._kept, *self._fresh):
@@ -133,7 +133,7 @@ class Side:
 
 
 def lower_hull(points: list[Point]) -> list[Point]:
-    """The points that can be the least of `y − b·x` for some b; x must ascend (Andrew's monotone chain)."""
+    """The points that minimise `y − b·x` for some b; x must ascend (Andrew's monotone chain)."""
     hull: list[Point] = []
     for x, y in points:
         while len(hull) >= 2:
@@ -151,10 +151,10 @@ def lower_hull(points: list[Point]) -> list[Point]:
 
 
 def widest(line: Callable[[float], tuple[float, float]], limit: float) -> float:
-    """The b in [−limit, limit] where a concave piecewise-linear g is greatest.
+    """The b in [−limit, limit] that maximises a concave piecewise-linear g.
 
-    `line(b)` gives (g(b), slope of g at b). The crossing of two tangents is the next guess, so the
-    number of steps is the number of corners between, not the number of wanted digits.
+    `line(b)` returns (g(b), slope of g at b). The intersection of two tangents is the next iterate, so the
+    number of steps depends on the number of corners, not on the precision.
     """
     left, right = -limit, limit
     g_left, slope_left = line(left)
@@ -176,9 +176,9 @@ def widest(line: Callable[[float], tuple[float, float]], limit: float) -> float:
 
 
 def edge(line: Callable[[float], tuple[float, float]], inside: float, limit: float) -> float:
-    """The greatest b up to the limit where the concave g is not negative; `inside` is one where it is not.
+    """The maximum b up to the limit for which the concave g is not negative; `inside` is one such b.
 
-    Tangents from outside: each lies above g, so every step stays outside: the last is no less than the edge.
+    Newton's method from outside: a tangent lies above g, so no iterate falls below the edge.
     """
     b = limit
     for _ in range(40):
@@ -195,7 +195,7 @@ def _mirrored(line: Callable[[float], tuple[float, float]], b: float) -> tuple[f
 
 
 class Corridor:
-    """Points of both sides over the window, and the line through their middle."""
+    """Points of both sides within the window, and the line through their middle."""
 
     def __init__(self, window_s: float, prior_skew: float = 0.0) -> None:
         self._window_s = window_s
@@ -204,27 +204,27 @@ class Corridor:
         self._lower = Side(-1)
         self.skew = prior_skew
         self.breaks = 0
-        """How often the older points turned out to be of another offset."""
+        """Number of steps detected inside the corridor."""
 
     def add_upper(self, time_s: float, difference_s: float) -> None:
-        """The remote clock was at most so far ahead at that time."""
+        """Adds an upper bound of the offset at that time."""
         self._upper.add(time_s, difference_s, self.skew)
 
     def add_lower(self, time_s: float, difference_s: float) -> None:
-        """The remote clock was at least so far ahead at that time."""
+        """Adds a lower bound of the offset at that time."""
         self._lower.add(time_s, difference_s, self.skew)
 
     def solve(self, now_s: float, *, search: bool = True) -> Estimate | None:
-        """The present line, or None before both sides have a point.
+        """The current line; None before both sides have a point.
 
-        `search`: for points of another offset, too; without surprising points there are none.
-        Raises: NoLine when nothing fits between the sides.
+        `search`: whether steps inside the corridor are searched; not needed without deviating exchanges.
+        Raises: NoLine when no line fits between the sides.
         """
         self._upper.forget_before(now_s - self._window_s)
         self._lower.forget_before(now_s - self._window_s)
         if not (len(self._upper) and len(self._lower)):
             return None
-        # Both sides in one form: the least of y − b·x from above, of y + b·x (y negated) from below.
+        # both sides in one form: the minimum of y − b·x for the upper, of y + b·x (y negated) for the lower
         upper = sorted(self._upper.aged(now_s))
         lower = sorted(self._lower.aged(now_s))
         if search and self._forget_other_offset(now_s, upper, lower):
@@ -247,20 +247,20 @@ class Corridor:
             -edge(lambda b: _mirrored(line, b), -skew, SKEW_LIMIT),
             edge(line, skew, SKEW_LIMIT),
         )
-        # every line that fits lies between these at `now`, be its skew what it may
-        most_s = min(y - fastest * x for x, y in hull_u)
-        least_s = -min(y + slowest * x for x, y in hull_l)
+        # every line that fits lies between these at `now`, for any skew
+        upper_s = min(y - fastest * x for x, y in hull_u)
+        lower_s = -min(y + slowest * x for x, y in hull_l)
         above, below = _residuals(upper, lower, skew)
         if span_s < SETTLED_S:
             trust = _trust(above, below, span_s)
             skew = self._prior_skew + (skew - self._prior_skew) * trust
             above, below = _residuals(upper, lower, skew)
         self.skew = skew
-        theta_s = min(max((above[0] - below[0]) / 2, least_s), most_s)
+        theta_s = min(max((above[0] - below[0]) / 2, lower_s), upper_s)
         return Estimate(
             theta_s=theta_s,
             skew=skew,
-            bound_s=max(most_s - theta_s, theta_s - least_s),
+            bound_s=max(upper_s - theta_s, theta_s - lower_s),
             sigma_s=0.75 * math.hypot(_spread(above), _spread(below)) + SIGMA_FLOOR_S,
             skew_bound=max(fastest - skew, skew - slowest) + TEMPERATURE,
             span_s=span_s,
@@ -268,11 +268,10 @@ class Corridor:
         )
 
     def _forget_other_offset(self, now_s: float, upper: list[Point], lower: list[Point]) -> bool:
-        """Drops what was measured before a step that is smaller than the corridor is wide.
+        """Removes the points before a step that is smaller than the corridor; True when there were any.
 
-        A line still fits between the two offsets then, and its bound would be wrong until the window has
-        passed. The evidence: since some instant one side stands tighter than it ever did and the other
-        looser, by the same step. True when there were such.
+        A line still fits between the two offsets, with an invalid bound until the window has passed. The
+        evidence: since some instant one side is tighter than before, and the other looser by the same step.
         """
         if -min(upper[0][0], lower[0][0]) < SETTLED_S:
             return False
@@ -287,29 +286,29 @@ class Corridor:
 
 
 def _break(above: list[Point], below: list[Point]) -> float | None:
-    """The instant since which both residuals are shifted in one direction, beyond chance; None: never."""
+    """The instant since which both residuals are shifted in one direction significantly; None: no shift."""
     rows = sorted([(x, 0, y) for x, y in above] + [(x, 1, y) for x, y in below])
     later: list[tuple[float, float]] = []
-    """Tightest of each side from each row on."""
+    """Tightest point of each side from each row on."""
     tightest = [math.inf, math.inf]
     for _, side, y in reversed(rows):
         tightest[side] = min(tightest[side], y)
         later.append((tightest[0], tightest[1]))
     tightest = [math.inf, math.inf]
-    most_s, found_s = 0.0, -math.inf
+    max_shift_s, found_s = 0.0, -math.inf
     for (x, side, y), after in zip(rows, reversed(later), strict=True):
         up_s, down_s = after[0] - tightest[0], after[1] - tightest[1]
         shift_s = max(min(up_s, -down_s), min(-up_s, down_s))
-        if most_s < shift_s < math.inf:
-            most_s, found_s = shift_s, x
+        if max_shift_s < shift_s < math.inf:
+            max_shift_s, found_s = shift_s, x
         tightest[side] = min(tightest[side], y)
     before = [sorted(y for x, y in side if x < found_s) for side in (above, below)]
     if min(map(len, before)) < SPREAD_POINTS:
         return None
     beyond_s = BREAK_SIGMAS * 0.75 * math.hypot(*map(_spread, before)) + BREAK_FLOOR_S
-    if most_s <= beyond_s:
+    if max_shift_s <= beyond_s:
         return None
-    # what lies between the last point before and the first proof may be of either offset
+    # points between the last one before the step and the first proof may be of either offset
     return min(
         x
         for side, old in zip((above, below), before, strict=True)
@@ -324,10 +323,10 @@ def _residuals(upper: list[Point], lower: list[Point], skew: float) -> tuple[lis
 
 
 def _trust(above: list[float], below: list[float], span_s: float) -> float:
-    """How far a skew found over a short span is believed against the prior one, 0–1.
+    """Weight of a skew measured over a short span against the prior, 0–1.
 
-    (span/8)² alone is slow on a quiet link; weighing the variance of quartz against that of the envelopes
-    takes a LAN from 68 to 1 µs (median, seconds 4–8) and changes nothing on jittery links.
+    (span/8)² alone converges slowly on a quiet link; weighting by the variances of quartz and envelopes
+    improves a LAN from 68 to 1 µs (median, seconds 4–8) and changes nothing on links with jitter.
     """
     by_span = (span_s / SETTLED_S) ** 2
     if min(len(above), len(below)) < 3 or not span_s:
@@ -337,6 +336,6 @@ def _trust(above: list[float], below: list[float], span_s: float) -> float:
 
 
 def _spread(residuals: list[float]) -> float:
-    """Mean gap of the tightest points: how well the envelope is known on this side."""
+    """Mean gap of the tightest points: the uncertainty of the envelope on this side."""
     last = min(SPREAD_POINTS, len(residuals)) - 1
     return (residuals[last] - residuals[0]) / last if last else 0.0

@@ -1,14 +1,22 @@
-"""The shell of time synchronisation: reads clock differences off the broker's stream, publishes functions.
+"""Shell of time synchronisation: reads clock differences from the broker's stream, publishes functions.
 
-It sends nothing of its own where neighbours are heard: the differences ride in the datagrams that are sent
-anyway (S1.72). Only for platforms that are not heard directly does it ask the neighbours on the way to them.
+Direct neighbours cost no traffic: the stamps are part of the beacons that are sent anyway (S1.72). For
+platforms out of direct range it requests the functions of the neighbours on the route to them.
 """
 
 import asyncio
 import contextlib
 
 from swarmd.timesync import config as settings
-from swarmd.timesync.core import Action, Heard, Publish, Rebooted, Refused, Stepped, TimeCore
+from swarmd.timesync.core import (
+    Action,
+    ClockStepped,
+    FunctionsRefused,
+    PeerExchange,
+    Publish,
+    TimeCore,
+    UnitRebooted,
+)
 from swarmd.timesync.peer import Exchange
 from swarmware.errors import SwarmError
 from swarmware.module import BoardReader, BoardWriter, Meta, Module, StreamReader
@@ -18,18 +26,18 @@ from swarmware.types.rpc import Empty
 from swarmware.types.time import TimeFunctions
 
 ASK_S = 10.0
-"""How often a neighbour is asked for its functions: over 10 s a quartz wanders by less than 0.1 µs."""
+"""Period of the requests to a neighbour: within 10 s the random walk of a quartz is below 0.1 µs."""
 ASK_FIRST_S = 2.0
-"""How soon it is asked again while a function is missing or young; also the time to hear it directly."""
+"""The same while a function is missing or new; also the time to wait for a direct exchange."""
 
 YOUNG_SAMPLES = 30
-"""A function of fewer exchanges still becomes much better."""
-HEARD_NS = 10_000_000_000
-"""A platform silent for longer is better converted over others: its function ages."""
+"""Number of exchanges below which a function still improves much."""
+MEASURED_DIRECTLY_NS = 10_000_000_000
+"""Silence after which a platform is converted over others: its own function ages."""
 
 
 class TimeSync(Service):
-    """One conversion function for each clock of the swarm; no clock is ever set."""
+    """Publishes one conversion function for each clock of the swarm; clocks are never set."""
 
     name = "timesync"
     Config = settings.Config
@@ -44,30 +52,30 @@ class TimeSync(Service):
             node.hardware,
             node.clock.boot_id,
             config,
-            # of a restarted service larger than of the one before, whose functions others may still hold
+            # grows with every restart of the service: others may still hold functions of the previous run
             first_epoch=(node.clock.now_ns() // 1_000_000_000) & 0xFFFF_FFFF,
         )
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._board: BoardWriter[TimeFunctions] | None = None
         self._met = asyncio.Event()
-        """Somebody is heard whose clock cannot be measured yet."""
+        """Set when a neighbour has a clock that cannot be measured yet."""
 
     async def run(self) -> None:
-        """Converts what comes until cancelled."""
+        """Estimates, publishes and exchanges functions until cancelled."""
         module = self.module
         self._board = await module.writer(
             "time/functions",
             TimeFunctions,
             link="request",
             log="all",
-            description="Conversion function for the clock of each hardware unit heard",
+            description="Conversion functions of the clocks of all known hardware units",
         )
         await module.serve(
             "sys/time/functions",
             Empty,
             self._on_request,
             reply=TimeFunctions,
-            description="Conversion functions as they are now",
+            description="Current conversion functions",
         )
         timing = await module.stream_reader("net/timing", TimingBatch)
         self._publish(self._core.functions(module.now_ns()))
@@ -84,7 +92,7 @@ class TimeSync(Service):
                 [
                     action
                     for sample in batch.samples
-                    for action in self._core.on_exchange(_heard(sample), now_ns)
+                    for action in self._core.on_exchange(_peer_exchange(sample), now_ns)
                 ]
             )
 
@@ -97,11 +105,11 @@ class TimeSync(Service):
         match action:
             case Publish(functions):
                 self._publish(functions)
-            case Stepped(platform, unit, epoch):
-                log.warning("%s.%s: its clock or ours has stepped, epoch %d", platform, unit, epoch)
-            case Rebooted(platform, unit):
-                log.info("%s.%s: started anew, its clock is another one", platform, unit)
-            case Refused(platform, refused, of):
+            case ClockStepped(platform, unit, epoch):
+                log.warning("%s.%s: remote or local clock has stepped, epoch %d", platform, unit, epoch)
+            case UnitRebooted(platform, unit):
+                log.info("%s.%s: rebooted, its clock has a new origin", platform, unit)
+            case FunctionsRefused(platform, refused, of):
                 log.warning(
                     "functions of %s: %d of %d refused; "
                     "expected finite numbers, a skew within ±0.001 per link",
@@ -115,7 +123,7 @@ class TimeSync(Service):
             self._board.write(functions)
 
     async def _exchange(self, routes: BoardReader[Routes]) -> None:
-        """Asks partners for their functions: where none can be measured yet, and on the way to far units."""
+        """Requests functions of neighbours that cannot be measured yet, and of those on routes to others."""
         pause_s = ASK_FIRST_S
         while True:
             self._met.clear()
@@ -130,11 +138,11 @@ class TimeSync(Service):
             young = any(one is None or one.samples < YOUNG_SAMPLES for one in found)
             pause_s = ASK_FIRST_S if young or not far or unmeasured else ASK_S
             if unmeasured & self._core.unmeasured():
-                await asyncio.sleep(ASK_FIRST_S)  # they know no more than we do: `_met` is set again at once
+                await asyncio.sleep(ASK_FIRST_S)  # they have no function either: `_met` is set again at once
 
     def _far(self, known: Routes | None) -> dict[str, str]:
-        """Platforms that are not heard directly, each with the measured neighbour on the way to it."""
-        measured = self._core.heard_since(self.module.now_ns() - HEARD_NS)
+        """Platforms out of direct range, each with the measured neighbour on the route to it."""
+        measured = self._core.measured_since(self.module.now_ns() - MEASURED_DIRECTLY_NS)
         return {
             route.platform: route.via
             for route in (known.routes if known is not None else ())
@@ -143,18 +151,18 @@ class TimeSync(Service):
 
     async def _ask(self, platform: str) -> None:
         try:
-            told = await self.module.request(f"/{platform}/sys/time/functions", Empty(), TimeFunctions)
+            received = await self.module.request(f"/{platform}/sys/time/functions", Empty(), TimeFunctions)
         except SwarmError as error:
             self.module.log.debug("functions of %s: %s", platform, error)
             return
-        self._driver.feed(self._core.on_functions(told, self.module.now_ns()))
+        self._driver.feed(self._core.on_functions(received, self.module.now_ns()))
 
     def _on_request(self, _: Empty, __: Meta) -> TimeFunctions:
         return self._core.functions(self.module.now_ns())
 
 
-def _heard(sample: TimingSample) -> Heard:
-    return Heard(
+def _peer_exchange(sample: TimingSample) -> PeerExchange:
+    return PeerExchange(
         sample.platform,
         sample.unit,
         sample.hardware,

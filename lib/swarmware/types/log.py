@@ -32,7 +32,7 @@ class LogStatsRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class LogStats(msgspec.Struct, frozen=True):
-    """How the logger does (board `log/stats`)."""
+    """Logger statistics (board `log/stats`)."""
 
     frames: int
     """Entries written to the local ring since the logger started."""

@@ -208,7 +208,7 @@ class Range(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class Setpoint(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What the vehicle shall do now: velocity in the body frame, FLU (REP-147)."""
+    """Set-point: velocity in the body frame, FLU (REP-147)."""
 
     vx_m_s: Finite
     vy_m_s: Finite = 0.0
@@ -320,7 +320,7 @@ class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class Collision(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """The vehicle touched something (event `sim/collision`)."""
+    """Collision of the vehicle (event `sim/collision`)."""
 
     other: str
     """Obstacle or platform."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.hal.config import Config as HalConfig
-from swarmd.sim.config import Battery
+from swarmd.sim.config import BatteryConfig
 from swarmd.sim.config import Config as SimConfig
 from swarmware.errors import Denied, SwarmError
 from swarmware.module import BoardReader, Module
@@ -118,9 +118,9 @@ def test_a_simulation_that_cannot_start_never_says_that_it_is_ready(tmp_path: Pa
 
 def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path) -> None:
     async def ask() -> None:
-        config_dir = node(tmp_path, "ugv1", SimConfig(battery=Battery(start_ratio=0.05)))
+        config_dir = node(tmp_path, "ugv1", SimConfig(battery=BatteryConfig(start_ratio=0.05)))
         async with spawn(config_dir, "sim"), Module("test", config_dir=config_dir) as m:
-            with pytest.raises(Denied, match="battery at 5%, expected 15% at least"):
+            with pytest.raises(Denied, match="battery at 5%, expected at least 15%"):
                 await m.request(ARM, ArmRequest(True), VehicleState)
 
     with no_leaks(tmp_path):

@@ -14,7 +14,7 @@ from tests.integration.logger.test_logger import counted, events, flushed
 from swarmctl.commands.doctor.checks import examine
 from swarmware.errors import SwarmError
 from swarmware.module import BoardReader, Module
-from swarmware.record.query import FolderSource, Query
+from swarmware.recorder.query import FolderSource, Query
 from swarmware.testing import make_node, spawn
 from swarmware.types.health import HealthState
 from swarmware.types.scalar import Int

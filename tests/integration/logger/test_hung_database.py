@@ -9,12 +9,12 @@ from pathlib import Path
 
 import tomli_w
 from tests.integration.logger.test_logger import COUNT, counted, events, flushed, forwarded
-from tests.integration.record.mongod import Mongod
+from tests.integration.recorder.mongod import Mongod
 
 from swarmware.errors import SwarmError
 from swarmware.module import Module
-from swarmware.record.mongo import MongoStore
-from swarmware.record.query import Query
+from swarmware.recorder.mongo import MongoStore
+from swarmware.recorder.query import Query
 from swarmware.testing import make_node, spawn
 from swarmware.types.health import Fault, FaultList, FaultQuery
 from swarmware.types.log import LogStats

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from tests.integration.record.mongod import Mongod
+from tests.integration.recorder.mongod import Mongod
 
 from swarmware.module import BoardWriter, Module
-from swarmware.record.query import FolderSource, Query
+from swarmware.recorder.query import FolderSource, Query
 from swarmware.testing import make_node, spawn
 from swarmware.types.log import LogGap, LogStats, LogStatsRequest
 from swarmware.types.mission import MissionAbort
@@ -129,7 +129,7 @@ async def test_a_database_that_comes_late_and_goes_away_gets_everything_once(tmp
             await flushed(module)
             server.start()
             await forwarded(stats, 400)
-        from swarmware.record.mongo import MongoStore
+        from swarmware.recorder.mongo import MongoStore
 
         store = MongoStore(server.uri)
         found = [entry.value() for entry in store.entries(Query(pattern=f"/uav1/{COUNT}"))]

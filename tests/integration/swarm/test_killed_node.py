@@ -19,8 +19,8 @@ from tests.integration.swarm.swarm import (
 
 from swarmctl.labs import LabState
 from swarmware.module import Module
-from swarmware.record.entry import Entry
-from swarmware.record.query import FolderSource, Query, stats
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import FolderSource, Query, stats
 from swarmware.types.health import HealthState
 from swarmware.types.log import LogStats
 from swarmware.types.rpc import Empty
@@ -89,7 +89,7 @@ async def kill_and_start(made: Swarm, victim: str, others: list[Module]) -> Life
     return Life(killed_utc_ns, started_utc_ns)
 
 
-def check_log(entries: list[Entry], life: Life) -> None:
+def check_log(entries: list[LogEntry], life: Life) -> None:
     """Nothing is missing but what was not yet written at the kill, and nothing is there twice."""
     assert all(queue.missing == 0 for queue in stats(entries)), stats(entries)
     assert len({(entry.queue, entry.sequence) for entry in entries}) == len(entries)

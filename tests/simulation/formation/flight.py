@@ -8,9 +8,9 @@ from pathlib import Path
 import msgspec
 
 from swarmd.navigator.config import Config as NavConfig
-from swarmd.navigator.core.air_pilot import AirPilot
-from swarmd.navigator.core.ground_pilot import GroundPilot
-from swarmd.navigator.core.navigator import Navigator
+from swarmd.navigator.core.air_controller import AirController
+from swarmd.navigator.core.ground_controller import GroundController
+from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.core.simulation import Simulation
 from swarmware.config import load
@@ -46,8 +46,8 @@ class Vehicle:
         config = SimConfig()
         self.simulation = Simulation(config, where, kind, start, chance.gauss, chance.random)
         nav = NavConfig()
-        pilot = AirPilot(nav) if kind == "uav" else GroundPilot(nav)
-        self.navigator = Navigator(nav, name, where.origin, pilot)
+        pilot = AirController(nav) if kind == "uav" else GroundController(nav)
+        self.navigator = NavigatorCore(nav, name, where.origin, pilot)
         self.collisions: list[Collision] = []
         self.stalls_hz = 0.0
         self.status = NavStatus(0, "idle")

@@ -14,8 +14,8 @@ from swarmd.broker.core.beacon_rate import BeaconSchedule
 from swarmd.broker.core.topology import LinkState, Topology
 from swarmd.broker.core.traffic import Counters
 from swarmd.navigator.config import Config
-from swarmd.navigator.core.air_pilot import AirPilot
-from swarmd.navigator.core.navigator import Navigator
+from swarmd.navigator.core.air_controller import AirController
+from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.core.simulation import Simulation
 from swarmware.names import data_id, hardware_id
@@ -44,7 +44,7 @@ class Platform:
         self.hw = hardware_id(self.name)
         start = Pose.planar(4.0 * index, 0.0, 0.0, 0.3)
         self.simulation = Simulation(SimConfig(), WORLD, "uav", start, chance.gauss, chance.random)
-        self.navigator = Navigator(Config(), self.name, WORLD.origin, AirPilot(Config()))
+        self.navigator = NavigatorCore(Config(), self.name, WORLD.origin, AirController(Config()))
         identity = NodeIdentity(self.hw, self.name, "main", PlatformKind.UAV, 1, b"")
         self.protocol = BeaconProtocol(
             identity, Topology(self.hw, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=2200.0

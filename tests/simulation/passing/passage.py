@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from swarmd.navigator.config import Config
-from swarmd.navigator.core.ground_pilot import GroundPilot
+from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.target import Surroundings, Target
 from swarmd.sim.config import GroundLimits
 from swarmd.sim.core.ground import Ground
@@ -57,7 +57,7 @@ class Passage:
         bounds = Bounds(x_m=(-1000.0, 1000.0), y_m=(-1000.0, 1000.0), z_m=(-1.0, 10.0))
         self._world = World(description="", bounds=bounds, circles=tuple(circles))
         self._config = Config()
-        self._pilot = GroundPilot(self._config)
+        self._controller = GroundController(self._config)
         self._drive = Ground(GroundLimits(), Pose.planar(0.0, 0.0))
         self._drive.armed = True
         self._speed_m_s = speed_m_s
@@ -86,13 +86,13 @@ class Passage:
         end = self.now_s + seconds
         plan_every = round(1 / self._config.plan_hz / STEP_S)
         step = round(self.now_s / STEP_S)
-        setpoint = self._pilot.stop() if step == 0 else None
+        setpoint = self._controller.stop() if step == 0 else None
         while self.now_s < end - STEP_S / 2:
             if step % round(FIX_S / STEP_S) == 0:
                 gauss = self._chance.gauss
                 self._fix = (gauss(0.0, FIX_SIGMA_M), gauss(0.0, FIX_SIGMA_M))
             if step % plan_every == 0 or setpoint is None:
-                setpoint = self._pilot.steer(
+                setpoint = self._controller.steer(
                     self._estimate(), self._target(), self._around(), round(self.now_s * 1e9)
                 )
             self._drive.step(setpoint, STEP_S)

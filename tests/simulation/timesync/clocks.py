@@ -7,7 +7,7 @@ from random import Random
 from typing import NamedTuple
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.peer import Exchange, Peer
+from swarmd.timesync.peer import ClockEstimator, Exchange
 
 Delay = Callable[[Random, bool], float]
 
@@ -74,7 +74,7 @@ class Result(NamedTuple):
 
     errors: list[tuple[float, float, bool]]
     first_s: float
-    peer: Peer
+    peer: ClockEstimator
     here: "Quartz"
     there: "Quartz"
 
@@ -108,7 +108,7 @@ def simulate(
     random = Random(seed)
     here = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
     there = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6), swing)
-    peer = Peer("there", "main", 2, 1, window_s=60, pause_s=pause_s, conv_epoch=0)
+    peer = ClockEstimator("there", "main", 2, 1, window_s=60, pause_s=pause_s, conv_epoch=0)
     heard_there: tuple[int, int] | None = None
     """(their view) our send time, their receive time."""
     errors: list[tuple[float, float, bool]] = []

@@ -16,7 +16,7 @@ from tests.simulation.timesync.clocks import (
 )
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.core import Heard, Publish, TimeCore
+from swarmd.timesync.core import PeerExchange, Publish, TimeCore
 from swarmd.timesync.peer import Exchange
 from swarmware.types.time import Conversion, TimeFunctions
 
@@ -106,7 +106,7 @@ def test_units_never_met_are_converted_over_their_neighbours_within_the_summed_b
                 echo[0] if echo else 0,
                 echo[1] - echo[0] if echo else None,
             )
-            a.core.on_exchange(Heard(b.name, "main", b.hardware, 1, exchange), received_ns)
+            a.core.on_exchange(PeerExchange(b.name, "main", b.hardware, 1, exchange), received_ns)
             for action in a.core.on_timer(received_ns):
                 if isinstance(action, Publish):
                     a.board = action.functions
@@ -137,7 +137,7 @@ def test_a_partner_that_lies_is_marked_by_the_triangles_that_do_not_close() -> N
     for of in (2, 3, 4):
         for _ in range(3):
             core.on_exchange(
-                Heard(f"n{of}", "main", of, 1, Exchange(now_ns, -50_000, now_ns, 50_000)), now_ns
+                PeerExchange(f"n{of}", "main", of, 1, Exchange(now_ns, -50_000, now_ns, 50_000)), now_ns
             )
     core.on_timer(now_ns)
     honest = {2: {3: 0, 4: 9_000_000}, 3: {2: 0, 4: 9_000_000}}

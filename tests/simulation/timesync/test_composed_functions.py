@@ -7,7 +7,7 @@ import pytest
 from tests.simulation.timesync.clocks import Quartz, lan, whole_us
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.core import Heard, Publish, TimeCore
+from swarmd.timesync.core import PeerExchange, Publish, TimeCore
 from swarmd.timesync.peer import Exchange
 from swarmware.types.time import Conversion, TimeFunctions
 
@@ -69,7 +69,7 @@ class Chain:
         exchange = Exchange(
             received_ns, sent_ns - received_ns, echo[0] if echo else 0, echo[1] - echo[0] if echo else None
         )
-        a.core.on_exchange(Heard(b.name, "main", b.hardware, 1, exchange), received_ns)
+        a.core.on_exchange(PeerExchange(b.name, "main", b.hardware, 1, exchange), received_ns)
 
     def _reached(self, start: int, without: int) -> set[int]:
         reached, edge = {start}, [start]

@@ -10,13 +10,13 @@ import pytest
 from mcap.reader import make_reader
 
 from swarmctl.commands.log.export import export
-from swarmware.record.entry import Entry
+from swarmware.recorder.entry import LogEntry
 from swarmware.types import registry
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import BatteryState
 
 
-def entries() -> Iterator[Entry]:
+def entries() -> Iterator[LogEntry]:
     values: list[tuple[str, msgspec.Struct]] = [
         ("power/battery", BatteryState(11.1, 2.0, 0.5)),
         ("config/gain", Float(2.5)),
@@ -25,7 +25,9 @@ def entries() -> Iterator[Entry]:
     for number, (path, value) in enumerate(values, 1):
         payload = registry.encode(value)
         kind = type(value).__name__
-        yield Entry("uav1:hal:out", number, "uav1", path, "board", kind, 5 * number, 10**18 + number, payload)
+        yield LogEntry(
+            "uav1:hal:out", number, "uav1", path, "board", kind, 5 * number, 10**18 + number, payload
+        )
 
 
 def test_json_lines_are_a_document_each(tmp_path: Path) -> None:

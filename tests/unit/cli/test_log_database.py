@@ -13,7 +13,7 @@ from swarmctl.settings import CliSettings
 from swarmlab.provisioning import LabSpec, make, remove
 from swarmware.config import load_service
 from swarmware.errors import NotFound, Partial
-from swarmware.record.query import FolderSource, Query
+from swarmware.recorder.query import FolderSource, Query
 from swarmware.testing import make_node
 
 URI = "mongodb://swarm:s3cret@127.0.0.1:1"
@@ -67,7 +67,7 @@ def test_a_password_is_shown_nowhere_and_a_file_that_all_can_read_is_named(tmp_p
     file.chmod(0o644)
     found = {result.check: result for result in checks.examine(folder, fix=False)}
     assert found["mongodb"].verdict == "warning"
-    assert f"{file}: everybody can read the password" in found["mongodb"].text
+    assert f"{file}: its password is readable by all users" in found["mongodb"].text
     file.chmod(0o640)
     found = {result.check: result for result in checks.examine(folder, fix=False)}
     assert (found["mongodb"].verdict, "Connection refused" in found["mongodb"].text) == ("warning", True)

@@ -10,20 +10,20 @@ from swarmctl.commands.log.tail import SegmentFollower, follow
 from swarmctl.settings import CliSettings
 from swarmware.clock import utc_ns
 from swarmware.module import Module
-from swarmware.record.entry import Entry
-from swarmware.record.segment import Channel, SegmentWriter
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.testing import make_node
 from swarmware.types.log import LogStats
 
 BEGAN = 1_000
-CHANNEL = Channel("uav1", "nav/pose", "board", "", "uav1:nav:out")
+CHANNEL = LogChannel("uav1", "nav/pose", "board", "", "uav1:nav:out")
 
 
-def entry(utc_ns: int, platform: str = "uav1") -> Entry:
-    return Entry(f"{platform}:nav:out", 1, platform, "nav/pose", "board", "", 0, utc_ns, b"\xc0")
+def entry(utc_ns: int, platform: str = "uav1") -> LogEntry:
+    return LogEntry(f"{platform}:nav:out", 1, platform, "nav/pose", "board", "", 0, utc_ns, b"\xc0")
 
 
-def times(entries: list[Entry]) -> list[int]:
+def times(entries: list[LogEntry]) -> list[int]:
     return [one.utc_ns for one in entries]
 
 

@@ -45,7 +45,7 @@ def test_an_unknown_driver_is_named_with_the_known_ones() -> None:
 
 
 def test_the_same_device_twice_is_refused() -> None:
-    with pytest.raises(ConfigError, match="system stands there twice"):
+    with pytest.raises(ConfigError, match="system is listed twice"):
         make_all(Config(drivers=("system", "system")), UGV)
 
 

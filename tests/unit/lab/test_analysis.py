@@ -13,7 +13,7 @@ from swarmlab.notify import Restarts
 from swarmlab.plot_data import PlotData
 from swarmlab.report import ExperimentReport, MeanMax
 from swarmlab.run_metadata import NodeMetadata, RunMetadata
-from swarmware.record.segment import Channel, SegmentWriter
+from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.log import LogGap
 from swarmware.types.mission import MissionProgress, OrderReceipt
@@ -44,7 +44,7 @@ class Log:
 
     def add(self, path: str, t_s: float, value: msgspec.Struct) -> None:
         self._sequence += 1
-        channel = Channel(self.platform, path, "board", type(value).__name__, f"{self.platform}:x:out")
+        channel = LogChannel(self.platform, path, "board", type(value).__name__, f"{self.platform}:x:out")
         at_ns = stamp(self.platform, t_s)
         self._writer.append(channel, self._sequence, at_ns, self._sequence, registry.encode(value))
 

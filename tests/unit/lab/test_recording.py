@@ -7,7 +7,7 @@ import pytest
 from swarmlab.clocks import ClockTruth
 from swarmlab.recording import TRUTH, Recording
 from swarmware.clock import Clock
-from swarmware.record.segment import Channel, SegmentWriter
+from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose
 
@@ -19,8 +19,8 @@ def write(folder: Path, platform: str, clock: Clock, sequences: list[int]) -> No
     """A pose a tenth of a second apart, x in metres = true seconds since the origin."""
     folder.mkdir()
     writer = SegmentWriter(folder / "000001.mcap", {})
-    truth = Channel(platform, TRUTH, "board", "Pose", f"{platform}:sim:out")
-    other = Channel("other", TRUTH, "board", "Pose", f"{platform}:sim:out")
+    truth = LogChannel(platform, TRUTH, "board", "Pose", f"{platform}:sim:out")
+    other = LogChannel("other", TRUTH, "board", "Pose", f"{platform}:sim:out")
     for number in sequences:
         t_s = number / 10
         stamp = clock.from_mono_ns(ORIGIN_NS + round(t_s * 1e9))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.logger.core import Plan, track
+from swarmd.logger.core import SamplingPlan, logged_resource
 from swarmware import template
 from swarmware.config import share_dir
 from swarmware.resource import Kind, Resource
@@ -23,19 +23,19 @@ SECOND = 1_000_000_000
 def test_a_resource_is_logged_as_its_descriptor_says(
     kind: Kind, log: str, every: bool, period_ns: int
 ) -> None:
-    made = track(Resource(path="a/b", kind=kind, type="Int", log=log, owner="me"))
+    made = logged_resource(Resource(path="a/b", kind=kind, type="Int", log=log, owner="me"))
     assert made is not None
-    assert (made.every, made.period_ns, made.module) == (every, period_ns, "me")
+    assert (made.every_value, made.period_ns, made.module) == (every, period_ns, "me")
 
 
 def test_what_is_not_to_be_logged_has_no_track() -> None:
-    assert track(Resource(path="a/b", type="Int", log="none")) is None
-    assert track(Resource(path="a/b", type="Int", log="0hz")) is None
-    assert track(Resource(path="a", kind=Kind.BRANCH, log="all")) is None
+    assert logged_resource(Resource(path="a/b", type="Int", log="none")) is None
+    assert logged_resource(Resource(path="a/b", type="Int", log="0hz")) is None
+    assert logged_resource(Resource(path="a", kind=Kind.BRANCH, log="all")) is None
 
 
 def test_the_plan_follows_the_table() -> None:
-    plan = Plan()
+    plan = SamplingPlan()
     one = Resource(path="a", type="Int", log="all")
     two = Resource(path="b", type="Int", log="10hz")
     assert [made.path for made in plan.update([two, one])[0]] == ["a", "b"]
@@ -43,11 +43,11 @@ def test_the_plan_follows_the_table() -> None:
     faster = Resource(path="b", type="Int", log="20hz")
     opened, closed = plan.update([faster])
     assert ([made.path for made in opened], closed) == (["b"], ["a", "b"])
-    assert [made.path for made in plan.tracks] == ["b"]
+    assert [made.path for made in plan.resources] == ["b"]
 
 
 def test_a_decimated_resource_keeps_its_rate_although_the_looks_are_late() -> None:
-    plan = Plan()
+    plan = SamplingPlan()
     plan.update([Resource(path="a", type="Int", log="10hz")])
     looks = [
         start + late
@@ -58,12 +58,12 @@ def test_a_decimated_resource_keeps_its_rate_although_the_looks_are_late() -> No
 
 @pytest.mark.parametrize("name", ["multirotor", "ugv", "usv"])
 def test_boards_system_state_and_mission_progress_of_a_vehicle_are_logged(name: str) -> None:
-    plan = Plan()
+    plan = SamplingPlan()
     plan.update(template.load(name, share_dir() / "templates").resources)
-    tracks = {made.path: made for made in plan.tracks}
+    tracks = {made.path: made for made in plan.resources}
     decimated = {"nav/pose": 10, "power/battery": 1, "sensor/gnss": 1}
     assert {path: SECOND // tracks[path].period_ns for path in decimated} == decimated
     changes = ("health/state", "mission/state")
-    assert [(tracks[path].every, tracks[path].period_ns) for path in changes] == [(False, 0)] * 2
+    assert [(tracks[path].every_value, tracks[path].period_ns) for path in changes] == [(False, 0)] * 2
     each = ("health/faults", "mission/progress", "mission/orders")
-    assert all(tracks[path].every for path in each)
+    assert all(tracks[path].every_value for path in each)

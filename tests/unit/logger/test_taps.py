@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.logger.core import Track, track
+from swarmd.logger.core import LoggedResource, logged_resource
 from swarmd.logger.taps import LogTap
 from swarmware.frame import Frame, Kind, encode
 from swarmware.resource import Kind as ResourceKind
@@ -25,8 +25,10 @@ def ring(tmp_path: Path) -> Iterator[RingWriter]:
     writer.close()
 
 
-def events() -> Track:
-    made = track(Resource(path="test/event", kind=ResourceKind.EVENT, type="Int", log="all", owner="me"))
+def events() -> LoggedResource:
+    made = logged_resource(
+        Resource(path="test/event", kind=ResourceKind.EVENT, type="Int", log="all", owner="me")
+    )
     assert made is not None
     return made
 
@@ -47,9 +49,9 @@ def test_each_event_is_taken_once_and_those_overwritten_unseen_are_counted_once(
 ) -> None:
     tap = LogTap(tmp_path, events(), None)
     write(ring, 1, 2, 3)
-    assert not tap.still(0)
+    assert not tap.is_idle(0)
     assert taken(tap) == ([1, 2, 3], 0)
-    assert tap.still(0)
+    assert tap.is_idle(0)
     assert taken(tap) == ([], 0)
     write(ring, *range(4, 24))
     found, lost = taken(tap)
@@ -76,12 +78,12 @@ def test_a_ring_that_comes_later_is_found_and_one_that_is_missed_is_not_looked_f
     tmp_path: Path,
 ) -> None:
     tap = LogTap(tmp_path, events(), None)
-    assert not tap.still(0)
+    assert not tap.is_idle(0)
     assert taken(tap) == ([], 0)
-    assert tap.still(1)
-    tap.look_again()
+    assert tap.is_idle(1)
+    tap.search_again()
     with RingWriter(ring_file(tmp_path, "test/event"), slots=SLOTS, slot_bytes=128) as writer:
         write(writer, 1)
-        assert not tap.still(2)
+        assert not tap.is_idle(2)
         assert taken(tap) == ([1], 0)
     tap.close()

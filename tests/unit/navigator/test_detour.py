@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from swarmd.navigator.config import Dwa
+from swarmd.navigator.config import DwaConfig
 from swarmd.navigator.core.detour import Detour
-from swarmd.navigator.core.target import NOTHING_AROUND, Neighbour, Surroundings
+from swarmd.navigator.core.target import NOTHING_AROUND, MovingObstacle, Surroundings
 from swarmware.types.vehicle import Pose
 
 HERE = Pose.planar(0.0, 0.0)
@@ -28,30 +28,32 @@ def turn(detour: Detour, around: Surroundings, pose: Pose = HERE, reach_m: float
         Surroundings(((-2.0, 0.0),)),
         Surroundings(((3.0, 1.0),)),
         Surroundings(((6.0, 0.0),)),
-        Surroundings((), (Neighbour(3.0, 0.0, 0.0, 1.0, 0.0, 0.0),)),
-        Surroundings((), (Neighbour(3.0, 0.0, 8.0, 0.0, 0.0, 0.0),)),
+        Surroundings((), (MovingObstacle(3.0, 0.0, 0.0, 1.0, 0.0, 0.0),)),
+        Surroundings((), (MovingObstacle(3.0, 0.0, 8.0, 0.0, 0.0, 0.0),)),
     ],
     ids=["nothing", "behind", "beside", "far", "moving", "above"],
 )
 def test_what_is_not_in_the_way_bends_nothing(around: Surroundings) -> None:
-    assert Detour(Dwa()).aim(HERE, AHEAD, 4.0, around) == AHEAD
+    assert Detour(DwaConfig()).aim(HERE, AHEAD, 4.0, around) == AHEAD
 
 
 @pytest.mark.parametrize(("y", "left"), [(-0.3, True), (0.3, False)])
 def test_it_goes_around_on_the_shorter_side(y: float, left: bool) -> None:
-    angle = turn(Detour(Dwa()), Surroundings(((3.0, y),)))
+    angle = turn(Detour(DwaConfig()), Surroundings(((3.0, y),)))
     assert 5 < abs(angle) < 40
     assert (angle > 0) is left
 
 
 def test_a_platform_that_stands_is_gone_around_with_its_own_width() -> None:
-    point = abs(turn(Detour(Dwa()), Surroundings(((2.0, 0.1),))))
-    platform = abs(turn(Detour(Dwa()), Surroundings((), (Neighbour(2.0, 0.1, 0.0, 0.0, 0.0, 0.0),))))
+    point = abs(turn(Detour(DwaConfig()), Surroundings(((2.0, 0.1),))))
+    platform = abs(
+        turn(Detour(DwaConfig()), Surroundings((), (MovingObstacle(2.0, 0.1, 0.0, 0.0, 0.0, 0.0),)))
+    )
     assert platform > point
 
 
 def test_it_does_not_change_its_mind_for_a_hand_s_breadth() -> None:
-    detour = Detour(Dwa())
+    detour = Detour(DwaConfig())
     first = turn(detour, Surroundings(((3.0, -0.2),)))
     second = turn(detour, Surroundings(((3.0, 0.2),)))
     assert first > 0
@@ -62,4 +64,4 @@ def test_it_does_not_change_its_mind_for_a_hand_s_breadth() -> None:
 
 def test_without_any_free_direction_it_leaves_the_rest_to_the_planner() -> None:
     ring = tuple((math.cos(a / 10), math.sin(a / 10)) for a in range(63))
-    assert Detour(Dwa()).aim(HERE, AHEAD, 4.0, Surroundings(ring)) == AHEAD
+    assert Detour(DwaConfig()).aim(HERE, AHEAD, 4.0, Surroundings(ring)) == AHEAD

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.navigator.config import Dwa
-from swarmd.navigator.core.dwa import Planner, cost, safe_speed, window
-from swarmd.navigator.core.target import NOTHING_AROUND, Neighbour, Surroundings
+from swarmd.navigator.config import DwaConfig
+from swarmd.navigator.core.dwa import Planner, objective, safe_speed, window
+from swarmd.navigator.core.target import NOTHING_AROUND, MovingObstacle, Surroundings
 from swarmware.types.vehicle import Pose
 
-LIMITS = Dwa()
+LIMITS = DwaConfig()
 AHEAD = (100.0, 0.0)
 
 
@@ -61,9 +61,9 @@ def test_equation_4_window(v: float, w: float, expected: tuple[float, float, flo
 def test_equation_5_cost(
     weights: tuple[float, float, float], terms: tuple[float, float, float], expected: float
 ) -> None:
-    limits = Dwa(heading_weight=weights[0], distance_weight=weights[1], velocity_weight=weights[2])
+    limits = DwaConfig(heading_weight=weights[0], distance_weight=weights[1], velocity_weight=weights[2])
     heading, distance, velocity = (np.array([term]) for term in terms)
-    found = cost(limits, heading, distance, velocity)
+    found = objective(limits, heading, distance, velocity)
     assert found[0] == pytest.approx(expected)
 
 
@@ -121,7 +121,7 @@ def test_it_gives_way_to_one_that_crosses() -> None:
     v = 1.5
     gaps = []
     for step in range(80):
-        other = Neighbour(6.0, -6.0 + 1.5 * step * dt, 0.0, 0.0, 1.5, 0.0)
+        other = MovingObstacle(6.0, -6.0 + 1.5 * step * dt, 0.0, 0.0, 1.5, 0.0)
         gaps.append(math.hypot(other.x_m - x, other.y_m - y))
         pose = Pose.planar(x, y, 0.0, yaw, (v * math.cos(yaw), v * math.sin(yaw), 0.0), w)
         choice = planner.plan(pose, v, (30.0, 0.0), 1.5, Surroundings((), (other,)))
@@ -132,7 +132,7 @@ def test_it_gives_way_to_one_that_crosses() -> None:
 
 
 def test_what_flies_above_is_no_obstacle() -> None:
-    above = Surroundings((), (Neighbour(2.0, 0.0, 8.0, 0.0, 0.0, 0.0),))
+    above = Surroundings((), (MovingObstacle(2.0, 0.0, 8.0, 0.0, 0.0, 0.0),))
     choice = Planner(LIMITS).plan(moving(1.5), 1.5, AHEAD, 1.5, above)
     assert (choice.v_m_s, choice.w_rad_s) == pytest.approx((1.5, 0.0))
 
@@ -154,7 +154,7 @@ def test_too_close_to_something_it_may_still_drive_away() -> None:
 def test_in_a_hurry_the_speed_outweighs_the_rest() -> None:
     narrow = tuple((x / 5, side * 0.62) for x in range(4, 20) for side in (-1, 1))
     patient = Planner(LIMITS).plan(moving(0.0), 0.0, AHEAD, 1.0, Surroundings(narrow))
-    hasty = Planner(LIMITS).plan(moving(0.0), 0.0, AHEAD, 1.0, Surroundings(narrow), hurry=20.0)
+    hasty = Planner(LIMITS).plan(moving(0.0), 0.0, AHEAD, 1.0, Surroundings(narrow), speed_gain=20.0)
     assert hasty.v_m_s >= patient.v_m_s
     assert hasty.v_m_s > 0.2
 
@@ -173,8 +173,8 @@ def test_a_choice_is_always_attainable_and_can_be_braked(
         assert (choice.v_m_s, choice.w_rad_s) == (0.0, 0.0)
         return
     lim = window(LIMITS, v, w)
-    assert lim.v_least_m_s - 1e-9 <= choice.v_m_s <= lim.v_most_m_s + 1e-9
-    assert lim.w_least_rad_s - 1e-9 <= choice.w_rad_s <= lim.w_most_rad_s + 1e-9
+    assert lim.v_min_m_s - 1e-9 <= choice.v_m_s <= lim.v_max_m_s + 1e-9
+    assert lim.w_min_rad_s - 1e-9 <= choice.w_rad_s <= lim.w_max_rad_s + 1e-9
     # follow the chosen arc in small steps: before any contact there is room to brake
     x = y = yaw = way = 0.0
     dt = 0.005

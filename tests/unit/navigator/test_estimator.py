@@ -7,9 +7,9 @@ from statistics import mean
 
 import pytest
 
-from swarmd.navigator.config import Estimator as EstimatorConfig
-from swarmd.navigator.core.estimator import Axis, Estimator
-from swarmd.sim.config import Sensors
+from swarmd.navigator.config import EstimatorConfig
+from swarmd.navigator.core.estimator import Estimator, KalmanAxis
+from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import SensorErrors
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 from swarmware.world import Bounds, World
@@ -30,11 +30,11 @@ def circle(t: float) -> tuple[Pose, tuple[float, float, float]]:
 
 
 def follow(
-    motion: Motion, seconds: float, delay_ms: int = 40, config: Sensors | None = None, seed: int = 1
+    motion: Motion, seconds: float, delay_ms: int = 40, config: SensorsConfig | None = None, seed: int = 1
 ) -> list[float]:
     """Position errors of an estimator whose measurements arrive late."""
     chance = random.Random(seed)
-    sensors = SensorErrors(config or Sensors(), WORLD, chance.gauss, chance.random)
+    sensors = SensorErrors(config or SensorsConfig(), WORLD, chance.gauss, chance.random)
     estimator = Estimator(EstimatorConfig(), WORLD.origin)
     errors = []
     fixes: list[tuple[int, GnssFix]] = []
@@ -63,14 +63,14 @@ def test_a_moving_vehicle_is_known_to_a_hand(seed: int) -> None:
 
 
 def test_late_fixes_are_carried_to_now() -> None:
-    exact = Sensors(gnss_bias_sigma_m=0.0, yaw_bias_sigma_rad=0.0)
+    exact = SensorsConfig(gnss_bias_sigma_m=0.0, yaw_bias_sigma_rad=0.0)
     errors = follow(circle, 20.0, delay_ms=200, config=exact)
     assert mean(errors) < 0.08  # 0.4 m of way lie between measurement and use
 
 
 def test_velocity_and_heading_follow_too() -> None:
     chance = random.Random(3)
-    sensors = SensorErrors(Sensors(), WORLD, chance.gauss, chance.random)
+    sensors = SensorErrors(SensorsConfig(), WORLD, chance.gauss, chance.random)
     estimator = Estimator(EstimatorConfig(), WORLD.origin)
     for ms in range(0, 10_000, 50):
         pose, acceleration = circle(ms / 1000)
@@ -138,7 +138,7 @@ def test_the_sonar_corrects_the_height() -> None:
 def test_an_axis_becomes_as_sure_as_theory_says() -> None:
     # steady state of the filter driven by white acceleration: Kalata's tracking index, 1984
     dt, accel, sigma = 0.1, 0.3, 0.02
-    axis = Axis(0.0, 1.0, accel)
+    axis = KalmanAxis(0.0, 1.0, accel)
     for _ in range(500):
         axis.predict(0.0, dt)
         axis.update(0.0, sigma)

@@ -6,7 +6,7 @@ import pytest
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.altitude import AltitudeHold
-from swarmd.navigator.service import GAINS, pilot, with_gains
+from swarmd.navigator.service import GAINS, controller, with_gains
 from swarmware.resource import Kind
 from swarmware.template import load
 
@@ -49,5 +49,5 @@ def test_new_gains_work_at_once() -> None:
 
 
 @pytest.mark.parametrize(("kind", "flies"), [("uav", True), ("ugv", False), ("usv", False)])
-def test_the_kind_of_platform_chooses_the_pilot(kind: str, flies: bool) -> None:
-    assert pilot(kind, Config()).flies is flies
+def test_the_kind_of_platform_chooses_the_controller(kind: str, flies: bool) -> None:
+    assert controller(kind, Config()).flies is flies

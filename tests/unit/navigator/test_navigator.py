@@ -6,9 +6,9 @@ import msgspec
 import pytest
 
 from swarmd.navigator.config import Config
-from swarmd.navigator.core.air_pilot import AirPilot
-from swarmd.navigator.core.ground_pilot import GroundPilot
-from swarmd.navigator.core.navigator import Navigator, Step
+from swarmd.navigator.core.air_controller import AirController
+from swarmd.navigator.core.ground_controller import GroundController
+from swarmd.navigator.core.navigator import NavigatorCore, NavigatorOutput
 from swarmware.geodesy import LocalMap, Origin
 from swarmware.types.vehicle import (
     GnssFix,
@@ -31,8 +31,8 @@ class Rig:
     """A navigator with exact sensors; the vehicle does at once what it is told."""
 
     def __init__(self, kind: str = "uav", name: str = "uav1", z_m: float = 8.0) -> None:
-        pilot = AirPilot(Config()) if kind == "uav" else GroundPilot(Config())
-        self.navigator = Navigator(Config(), name, ORIGIN, pilot)
+        pilot = AirController(Config()) if kind == "uav" else GroundController(Config())
+        self.navigator = NavigatorCore(Config(), name, ORIGIN, pilot)
         self.map = LocalMap(ORIGIN)
         self.truth = Pose.planar(0.0, 0.0, z_m if kind == "uav" else 0.0)
         self.now_ns = 1_000_000_000
@@ -40,7 +40,7 @@ class Rig:
         self.held = False
         self.status = NavStatus(-1, "")
         self.said: list[NavStatus] = []
-        self.last = Step(None, Setpoint(0.0), None)
+        self.last = NavigatorOutput(None, Setpoint(0.0), None)
         self.neighbours: dict[str, Pose] = {}
         self.vehicle(True, z_m <= 0.0 or kind != "uav")
 

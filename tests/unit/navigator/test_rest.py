@@ -8,12 +8,11 @@ from statistics import mean
 
 import pytest
 
-from swarmd.navigator.config import Config
-from swarmd.navigator.config import Estimator as EstimatorConfig
-from swarmd.navigator.core.air_pilot import AirPilot
+from swarmd.navigator.config import Config, EstimatorConfig
+from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.estimator import Estimator
-from swarmd.navigator.core.navigator import Navigator
-from swarmd.sim.config import Sensors
+from swarmd.navigator.core.navigator import NavigatorCore
+from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import SensorErrors
 from swarmware.types.vehicle import Goal, Imu, Pose, VehicleState
 from swarmware.world import Bounds, World
@@ -28,9 +27,9 @@ Way = Callable[[float], tuple[float, float, float]]
 class Parked:
     """An estimator with the sensors of a vehicle that nobody drives."""
 
-    def __init__(self, seed: int, config: Sensors | None = None, way: Way | None = None) -> None:
+    def __init__(self, seed: int, config: SensorsConfig | None = None, way: Way | None = None) -> None:
         self.chance = random.Random(seed)
-        self.sensors = SensorErrors(config or Sensors(), WORLD, self.chance.gauss, self.chance.random)
+        self.sensors = SensorErrors(config or SensorsConfig(), WORLD, self.chance.gauss, self.chance.random)
         self.estimator = Estimator(EstimatorConfig(), WORLD.origin)
         self.estimator.on_driven(False)
         self.way: Way = way or (lambda _: (0.0, 0.0, 0.0))
@@ -162,7 +161,7 @@ def test_without_inertial_unit_nothing_is_at_rest() -> None:
 
 def test_whoever_is_armed_and_climbs_is_not_held_for_one_step() -> None:
     parked = Parked(5)
-    navigator = Navigator(Config(), "uav1", WORLD.origin, AirPilot(Config()))
+    navigator = NavigatorCore(Config(), "uav1", WORLD.origin, AirController(Config()))
     navigator.on_vehicle(VehicleState(armed=False, landed=True))
 
     def step() -> Pose | None:

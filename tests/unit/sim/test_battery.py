@@ -1,12 +1,12 @@
-"""The accumulator: energy drawn, and none below empty."""
+"""The battery: energy drawn, and none below empty."""
 
-from swarmd.sim.config import Battery
-from swarmd.sim.core.battery import Accumulator
+from swarmd.sim.config import BatteryConfig
+from swarmd.sim.core.battery import Battery
 
 
 def test_energy_falls_by_what_is_drawn_and_never_below_nothing() -> None:
-    config = Battery(capacity_wh=1.0, start_ratio=1.0)
-    pack = Accumulator(config)
+    config = BatteryConfig(capacity_wh=1.0, start_ratio=1.0)
+    pack = Battery(config)
     pack.draw(1800.0, 1.0)
     assert pack.ratio == 0.5
     assert pack.state().remaining_ratio == 0.5

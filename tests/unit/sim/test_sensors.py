@@ -7,7 +7,7 @@ from statistics import mean, stdev
 
 import pytest
 
-from swarmd.sim.config import Sensors
+from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import GRAVITY_M_S2, SensorErrors
 from swarmware.geodesy import LocalMap
 from swarmware.types.vehicle import Pose
@@ -21,13 +21,13 @@ WORLD = World(
 TRUTH = Pose.planar(0.0, 0.0, 1.0, 0.3, (1.0, 2.0, 0.0), 0.4)
 
 
-def sensors(seed: int = 1, config: Sensors | None = None) -> SensorErrors:
+def sensors(seed: int = 1, config: SensorsConfig | None = None) -> SensorErrors:
     chance = random.Random(seed)
-    return SensorErrors(config or Sensors(), WORLD, chance.gauss, chance.random)
+    return SensorErrors(config or SensorsConfig(), WORLD, chance.gauss, chance.random)
 
 
 def test_without_errors_a_fix_is_the_truth() -> None:
-    exact = sensors(1, Sensors(gnss_sigma_m=0.0, gnss_bias_sigma_m=0.0))
+    exact = sensors(1, SensorsConfig(gnss_sigma_m=0.0, gnss_bias_sigma_m=0.0))
     fix = exact.gnss(TRUTH)
     assert LocalMap(WORLD.origin).to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m) == pytest.approx(
         (0.0, 0.0, 1.0), abs=1e-6
@@ -51,7 +51,7 @@ def test_fixes_scatter_as_much_as_configured() -> None:
 
 
 def test_the_slow_error_wanders_slowly() -> None:
-    config = Sensors(gnss_sigma_m=0.0, gnss_bias_sigma_m=1.0)
+    config = SensorsConfig(gnss_sigma_m=0.0, gnss_bias_sigma_m=1.0)
     errors, local = sensors(3, config), LocalMap(WORLD.origin)
     fixes = [errors.gnss(TRUTH) for _ in range(600)]
     easts = [local.to_local(f.lat_deg, f.lon_deg, f.alt_ellipsoid_m)[0] for f in fixes]
@@ -81,7 +81,7 @@ def test_the_scan_sees_the_tree_and_no_echo_is_the_greatest_distance() -> None:
 
 
 def test_some_echoes_of_the_sonar_come_from_somewhere_else() -> None:
-    errors = sensors(1, Sensors(sonar_outliers_ratio=0.1))
+    errors = sensors(1, SensorsConfig(sonar_outliers_ratio=0.1))
     far = sum(abs(errors.sonar(2.0).ranges_m[0] - 2.0) > 0.2 for _ in range(1000))
     assert 50 < far < 130
     assert errors.sonar(50.0).ranges_m[0] <= 6.45

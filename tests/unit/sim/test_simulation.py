@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from swarmd.sim.config import Battery, Config
-from swarmd.sim.core.simulation import BOUNDS, GROUND, Sample, Simulation
+from swarmd.sim.config import BatteryConfig, Config
+from swarmd.sim.core.simulation import BOUNDS, GROUND, Simulation, SimulationOutput
 from swarmware.errors import Denied
 from swarmware.types.vehicle import Pose, Setpoint
 from swarmware.world import Bounds, Circle, World
@@ -27,7 +27,7 @@ class Run:
             config or Config(), WORLD, kind, start or Pose.planar(0.0, 0.0), chance.gauss, chance.random
         )
         self.now_ns = 5_000_000_000
-        self.samples: list[Sample] = []
+        self.samples: list[SimulationOutput] = []
 
     def go(self, seconds: float, wanted: Setpoint | None = None, step_ns: int = STEP_NS) -> "Run":
         for _ in range(round(seconds * 1e9 / step_ns)):
@@ -151,8 +151,8 @@ def test_the_state_is_told_when_it_changes_and_once_a_second() -> None:
 
 
 def test_an_empty_battery_refuses_to_arm_with_the_reason() -> None:
-    run = Run(config=Config(battery=Battery(start_ratio=0.1)))
-    with pytest.raises(Denied, match="battery at 10%, expected 15% at least"):
+    run = Run(config=Config(battery=BatteryConfig(start_ratio=0.1)))
+    with pytest.raises(Denied, match="battery at 10%, expected at least 15%"):
         run.simulation.on_arm(True)
 
 
@@ -165,7 +165,7 @@ def test_disarming_in_the_air_is_refused() -> None:
 
 
 def test_motors_stop_when_the_battery_is_empty() -> None:
-    run = Run("uav", Config(battery=Battery(capacity_wh=0.3, start_ratio=0.5)))
+    run = Run("uav", Config(battery=BatteryConfig(capacity_wh=0.3, start_ratio=0.5)))
     run.simulation.on_arm(True)
     run.go(6.0, Setpoint(0.0, 0.0, 1.0))
     run.go(4.0)

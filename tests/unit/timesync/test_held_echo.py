@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.timesync.peer import Exchange, Peer
+from swarmd.timesync.peer import ClockEstimator, Exchange
 from swarmware.clock import Clock
 
 DELAY_NS = 30_000
@@ -11,7 +11,7 @@ DELAY_NS = 30_000
 @pytest.mark.parametrize("drift_ppm", [-95.0, -60.0, 60.0, 95.0])
 def test_an_echo_of_two_seconds_ago_still_bounds_a_clock_that_runs_fast(drift_ppm: float) -> None:
     here, there = Clock(0.0, 0.0), Clock(3.0, drift_ppm)
-    peer = Peer("b", "main", 1, 1, window_s=60.0, pause_s=1.0, conv_epoch=0)
+    peer = ClockEstimator("b", "main", 1, 1, window_s=60.0, pause_s=1.0, conv_epoch=0)
     for tick in range(400):
         sent_ns = 10**12 + tick * 100_000_000
         received_ns = sent_ns + DELAY_NS

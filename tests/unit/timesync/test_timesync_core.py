@@ -9,7 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.core import Action, Heard, Publish, Rebooted, Refused, Stepped, TimeCore
+from swarmd.timesync.core import (
+    Action,
+    ClockStepped,
+    FunctionsRefused,
+    PeerExchange,
+    Publish,
+    TimeCore,
+    UnitRebooted,
+)
 from swarmd.timesync.peer import Exchange
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types import registry
@@ -23,12 +31,12 @@ def core(**changes: float) -> TimeCore:
     return TimeCore("uav1", "main", 1, 10, Config(**changes), first_epoch=40)  # type: ignore[arg-type]
 
 
-def heard(at_ns: int, offset_ns: int = 0, *, of: int = 2, boot_id: int = 5) -> Heard:
+def heard(at_ns: int, offset_ns: int = 0, *, of: int = 2, boot_id: int = 5) -> PeerExchange:
     exchange = Exchange(at_ns, offset_ns - DELAY, at_ns - 50_000_000, offset_ns + DELAY)
-    return Heard(f"uav{of}", "main", of, boot_id, exchange)
+    return PeerExchange(f"uav{of}", "main", of, boot_id, exchange)
 
 
-def run(timer: TimeCore, *stream: Heard) -> list[Action]:
+def run(timer: TimeCore, *stream: PeerExchange) -> list[Action]:
     actions: list[Action] = []
     for one in stream:
         actions += timer.on_exchange(one, one.exchange.received_ns)
@@ -48,7 +56,7 @@ def test_the_first_exchange_already_gives_a_function() -> None:
 
 def test_without_an_echo_there_is_no_function() -> None:
     timer = core()
-    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
+    timer.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     assert timer.on_timer(SECOND) == []
     assert timer.functions(SECOND).functions == ()
 
@@ -90,8 +98,10 @@ def test_three_impossible_packets_in_a_row_are_a_step() -> None:
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
     later = 12 * SECOND
     jump = 5 * SECOND
-    steps = [a for a in run(timer, *(heard(later + n, jump) for n in (10, 11, 12))) if isinstance(a, Stepped)]
-    assert steps == [Stepped("uav2", "main", 41)]
+    steps = [
+        a for a in run(timer, *(heard(later + n, jump) for n in (10, 11, 12))) if isinstance(a, ClockStepped)
+    ]
+    assert steps == [ClockStepped("uav2", "main", 41)]
     run(timer, heard(later + SECOND, jump))
     function = timer.functions(later + SECOND).of("uav2")
     assert function is not None
@@ -104,14 +114,14 @@ def test_two_outliers_change_nothing() -> None:
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
     at_ns = 12 * SECOND
     actions = run(timer, heard(at_ns, 5 * SECOND), heard(at_ns + 1, 5 * SECOND), heard(at_ns + 2))
-    assert not [action for action in actions if isinstance(action, Stepped)]
+    assert not [action for action in actions if isinstance(action, ClockStepped)]
 
 
 def test_another_boot_is_another_clock_and_an_older_one_is_ignored() -> None:
     timer = core()
     run(timer, heard(SECOND, 0, boot_id=5))
     actions = run(timer, heard(2 * SECOND, 9 * SECOND, boot_id=6))
-    assert actions[0] == Rebooted("uav2", "main")
+    assert actions[0] == UnitRebooted("uav2", "main")
     assert run(timer, heard(2 * SECOND, 0, boot_id=5)) == []
     function = timer.functions(2 * SECOND).of("uav2")
     assert function is not None
@@ -156,7 +166,7 @@ def test_a_measured_function_is_preferred_to_a_composed_one() -> None:
 def test_what_a_partner_states_does_not_outlast_packets_that_come() -> None:
     timer = core()
     wide = Exchange(SECOND, -9 * DELAY, SECOND - 50_000_000, 9 * DELAY)
-    run(timer, heard(SECOND), Heard("uav9", "main", 9, 5, wide))
+    run(timer, heard(SECOND), PeerExchange("uav9", "main", 9, 5, wide))
     timer.on_functions(told(2, msgspec.structs.replace(function(9), bound_ns=1)), SECOND)
     near = timer.functions(SECOND).of("uav9")
     assert near is not None
@@ -168,7 +178,7 @@ def test_what_a_partner_states_does_not_outlast_packets_that_come() -> None:
 
 def test_a_partner_gives_the_first_value_where_nothing_was_echoed_yet() -> None:
     timer = core()
-    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
+    timer.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     timer.on_timer(SECOND)
     timer.on_functions(told(2, function(1, boot_id=10)), SECOND)
     first = timer.functions(SECOND).of("uav2")
@@ -205,7 +215,7 @@ def test_one_wrong_stamp_costs_the_history_but_is_no_step() -> None:
     # 150 µs more than possible: inside the margin of a step, outside the corridor
     actions = run(timer, heard(wrong, 5_000 + 2 * DELAY + 150_000))
     actions += run(timer, *(heard(wrong + tick * SECOND // 10, 5_000) for tick in range(1, 30)))
-    assert not [action for action in actions if isinstance(action, Stepped)]
+    assert not [action for action in actions if isinstance(action, ClockStepped)]
     function = timer.functions(6 * SECOND).of("uav2")
     assert function is not None
     assert function.conv_epoch == 40
@@ -217,7 +227,7 @@ def test_a_small_step_that_no_line_can_follow_is_one() -> None:
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(200)))
     jump = 2 * DELAY + 100_000
     after = [heard(22 * SECOND + tick * SECOND // 10, jump) for tick in range(40)]
-    steps = [action for action in run(timer, *after) if isinstance(action, Stepped)]
+    steps = [action for action in run(timer, *after) if isinstance(action, ClockStepped)]
     assert len(steps) == 1
     function = timer.functions(26 * SECOND).of("uav2")
     assert function is not None
@@ -254,13 +264,13 @@ def test_a_function_that_no_two_clocks_can_have_is_refused_and_the_others_are_us
 ) -> None:
     timer = core()
     run(timer, heard(SECOND))
-    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)), SECOND)
+    timer.on_exchange(PeerExchange("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)), SECOND)
     bad = msgspec.structs.replace(function(8), **wrong)
-    assert timer.on_functions(told(2, bad, function(9)), SECOND) == [Refused("uav2", 1, 2)]
+    assert timer.on_functions(told(2, bad, function(9)), SECOND) == [FunctionsRefused("uav2", 1, 2)]
     assert timer.on_functions(told(2, bad, function(9)), SECOND) == [], "it is said once"
     # as a first value of our own clock, and as the way to another
     of_us = msgspec.structs.replace(function(1, boot_id=10), **wrong)
-    assert timer.on_functions(told(3, of_us), SECOND) == [Refused("uav3", 1, 1)]
+    assert timer.on_functions(told(3, of_us), SECOND) == [FunctionsRefused("uav3", 1, 1)]
     timer.on_timer(2 * SECOND)
     known = timer.functions(2 * SECOND)
     assert {one.platform for one in known.functions} == {"uav2", "uav9"}
@@ -302,7 +312,7 @@ def test_whatever_a_partner_says_the_list_is_published_and_every_number_in_it_is
 ) -> None:
     timer = core()
     run(timer, heard(SECOND, of=2))
-    timer.on_exchange(Heard("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)), SECOND)
+    timer.on_exchange(PeerExchange("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)), SECOND)
     for by in (2, 3):
         timer.on_functions(told(by, *functions), now_ns)
     timer.on_timer(now_ns)
@@ -315,7 +325,7 @@ def test_whatever_a_partner_says_the_list_is_published_and_every_number_in_it_is
 
 def test_who_is_heard_without_an_echo_has_no_function_yet() -> None:
     timer = core()
-    timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
+    timer.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     timer.on_timer(SECOND)
     assert timer.unmeasured() == {"uav2"}
     run(timer, heard(2 * SECOND))
@@ -331,7 +341,7 @@ def test_a_rate_that_changed_while_nothing_was_heard_is_no_step() -> None:
         heard(31 * SECOND + silence + tick * SECOND // 10, round(drift * (silence + tick * SECOND // 10)))
         for tick in range(50)
     ]
-    assert not [action for action in run(timer, *back) if isinstance(action, Stepped)]
+    assert not [action for action in run(timer, *back) if isinstance(action, ClockStepped)]
     at_ns = back[-1].exchange.received_ns
     known = timer.functions(at_ns).of("uav2")
     assert known is not None
@@ -356,7 +366,7 @@ def test_of_two_stated_functions_that_cannot_both_be_true_the_newer_is_taken() -
 def test_a_first_value_of_a_partner_is_renewed_as_long_as_nothing_is_measured() -> None:
     timer = core()
     for offset_ns, at_s in ((3_000, 1), (9_000_000, 30)):
-        timer.on_exchange(Heard("uav2", "main", 2, 5, Exchange(at_s * SECOND, -DELAY)), at_s * SECOND)
+        timer.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(at_s * SECOND, -DELAY)), at_s * SECOND)
         of_us = msgspec.structs.replace(
             function(1, boot_id=10), platform="uav1", offset_ns=-offset_ns, t0_ns=at_s * SECOND
         )
@@ -386,13 +396,13 @@ def test_a_step_and_a_first_word_of_a_partner_are_published_in_the_next_turn() -
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
     jumped = [heard(12 * SECOND + n, 5 * SECOND) for n in range(3)]
     assert any(
-        isinstance(action, Stepped)
+        isinstance(action, ClockStepped)
         for one in jumped
         for action in timer.on_exchange(one, one.exchange.received_ns)
     )
     assert timer.deadline_ns() == AT_ONCE
     other = core()
-    other.on_exchange(Heard("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
+    other.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     other.on_functions(told(2, function(1, boot_id=10)), SECOND)
     assert other.deadline_ns() == AT_ONCE
     assert [type(action) for action in other.on_timer(SECOND)] == [Publish]

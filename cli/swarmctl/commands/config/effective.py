@@ -12,7 +12,7 @@ from swarmctl.settings import CliSettings
 from swarmware import document
 from swarmware.config import NodeConfig, load_node, load_service
 from swarmware.errors import NotFound
-from swarmware.record.address import without_password
+from swarmware.recorder.address import without_password
 from swarmware.service.find import find, installed
 
 

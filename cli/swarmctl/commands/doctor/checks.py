@@ -18,7 +18,7 @@ from swarmware.appfile import AppTable
 from swarmware.config import load_node, load_service, share_dir
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.frame import decode
-from swarmware.record.address import password_in, without_password
+from swarmware.recorder.address import password_in, without_password
 from swarmware.security import Keys
 from swarmware.service.find import find
 from swarmware.shm.layout import ring_file
@@ -268,7 +268,7 @@ def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:
 
 def _database(path: Path, uri: str) -> CheckResult:
     try:
-        from swarmware.record.mongo import MongoStore
+        from swarmware.recorder.mongo import MongoStore
 
         store = MongoStore(uri, timeout_s=DATABASE_S, answer_s=DATABASE_S)
     except ConfigError as error:
@@ -279,7 +279,7 @@ def _database(path: Path, uri: str) -> CheckResult:
             "correct the address or install what is missing; the local log goes on",
         )
     if password_in(uri) and path.stat().st_mode & 0o007:
-        text = f"{path}: everybody can read the password in it"
+        text = f"{path}: its password is readable by all users"
         store.close()
         return CheckResult("mongodb", "warning", text, f"chgrp swarm {path} && chmod 0640 {path}")
     try:

@@ -7,7 +7,7 @@ from typing import Any
 from swarmctl.commands.log import export, sources, tail
 from swarmctl.output import Column, Output
 from swarmware.errors import Partial
-from swarmware.record.query import Query, stats
+from swarmware.recorder.query import Query, stats
 
 
 def print_entries(options: Mapping[str, Any], out: Output) -> None:
@@ -21,7 +21,7 @@ def print_entries(options: Mapping[str, Any], out: Output) -> None:
             sources.show(out, entry)
             count += 1
     if not count:
-        out.say(found.nothing() or "no entry matches")
+        out.say(found.why_empty() or "no entry matches")
     sources.refuse_losses(found)
 
 

@@ -10,12 +10,12 @@ from typing import Any, BinaryIO, TextIO
 import msgspec
 
 from swarmctl.commands.log.sources import iso
-from swarmware.record.entry import Entry
+from swarmware.recorder.entry import LogEntry
 
 
-def export(entries: Iterator[Entry], form: str, target: str) -> int:
+def export(entries: Iterator[LogEntry], form: str, target: str) -> int:
     """Writes the entries; how many there were."""
-    writers: dict[str, Callable[[Iterator[Entry], str], int]] = {
+    writers: dict[str, Callable[[Iterator[LogEntry], str], int]] = {
         "jsonl": _jsonl,
         "csv": _csv,
         "mcap": _mcap,
@@ -42,7 +42,7 @@ def _binary(target: str) -> Iterator[BinaryIO]:
         yield file
 
 
-def _jsonl(entries: Iterator[Entry], target: str) -> int:
+def _jsonl(entries: Iterator[LogEntry], target: str) -> int:
     count = 0
     with _text(target) as file:
         for entry in entries:
@@ -60,7 +60,7 @@ def _jsonl(entries: Iterator[Entry], target: str) -> int:
     return count
 
 
-def _csv(entries: Iterator[Entry], target: str) -> int:
+def _csv(entries: Iterator[LogEntry], target: str) -> int:
     """One row per entry; the columns are the fields of all types that occur, nested ones with dots."""
     rows = []
     columns: dict[str, None] = {}
@@ -87,15 +87,15 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield prefix or "value", value
 
 
-def _msgpack(entries: Iterator[Entry], target: str) -> int:
+def _msgpack(entries: Iterator[LogEntry], target: str) -> int:
     """One value after the other, for pipes; `log query --spool` reads it again."""
-    from swarmware.record.spool import write
+    from swarmware.recorder.spool import write
 
     with _binary(target) as file:
         return write(entries, file)
 
 
-def _mcap(entries: Iterator[Entry], target: str) -> int:
+def _mcap(entries: Iterator[LogEntry], target: str) -> int:
     """JSON messages with a schema, so that viewers plot them as they are."""
     from mcap.writer import Writer
 

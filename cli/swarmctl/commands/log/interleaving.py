@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.record.entry import Entry
+from swarmware.recorder.entry import LogEntry
 
 PATIENCE_NS: Final = 3_000_000_000
 """How long a logger that does not report holds up the entries of the others; each reports once per second."""
@@ -27,9 +27,9 @@ class Interleaving:
     def __init__(self, loggers: Iterable[str], began_utc_ns: int, now_ns: int) -> None:
         self._began_utc_ns = began_utc_ns
         self._loggers = {name: _Logger(began_utc_ns, now_ns) for name in loggers}
-        self._held: list[Entry] = []
+        self._held: list[LogEntry] = []
 
-    def on_batch(self, logger: str, entries: Iterable[Entry], complete_utc_ns: int, now_ns: int) -> None:
+    def on_batch(self, logger: str, entries: Iterable[LogEntry], complete_utc_ns: int, now_ns: int) -> None:
         """Takes a batch of one logger, which holds all that it recorded before `complete_utc_ns`."""
         state = self._loggers[logger]
         # only the first batch can reach back: a wall clock that is set back later hides nothing
@@ -39,7 +39,7 @@ class Interleaving:
             state.complete_utc_ns = complete_utc_ns
             state.moved_ns = now_ns
 
-    def ready(self, now_ns: int) -> list[Entry]:
+    def ready(self, now_ns: int) -> list[LogEntry]:
         """Entries that no older one can precede, in order."""
         waited_for = self._waited_for(now_ns)
         until_ns = min((logger.complete_utc_ns for logger in waited_for), default=None)
@@ -58,5 +58,5 @@ class Interleaving:
         return [logger for logger in self._loggers.values() if now_ns < logger.moved_ns + PATIENCE_NS]
 
 
-def _by_utc(entry: Entry) -> int:
+def _by_utc(entry: LogEntry) -> int:
     return entry.utc_ns

@@ -20,9 +20,9 @@ from swarmware.clock import utc_ns
 from swarmware.config import load_node, load_service
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.names import Pattern
-from swarmware.record.address import database_in
-from swarmware.record.entry import Entry
-from swarmware.record.query import FolderSource, Query, Source
+from swarmware.recorder.address import database_in
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import FolderSource, LogSource, Query
 
 
 class LoggerAddress(msgspec.Struct, frozen=True):
@@ -33,10 +33,10 @@ class LoggerAddress(msgspec.Struct, frozen=True):
 
 
 @contextmanager
-def source(settings: CliSettings, options: Mapping[str, Any]) -> Iterator[Source]:
+def source(settings: CliSettings, options: Mapping[str, Any]) -> Iterator[LogSource]:
     """The source that the options name: a database, a folder, or the rings of the nodes on this machine."""
     if options.get("mongodb"):
-        from swarmware.record.mongo import MongoStore
+        from swarmware.recorder.mongo import MongoStore
 
         uri, name = database(settings, options["mongodb"], options.get("database") or "")
         store = MongoStore(uri, name, timeout_s=settings.timeout_s, answer_s=5 * settings.timeout_s)
@@ -46,7 +46,7 @@ def source(settings: CliSettings, options: Mapping[str, Any]) -> Iterator[Source
             store.close()
         return
     if spool := options.get("spool"):
-        from swarmware.record.spool import SpoolSource
+        from swarmware.recorder.spool import SpoolSource
 
         try:
             file = sys.stdin.buffer if spool == "-" else Path(spool).open("rb")  # noqa: SIM115  # closed below
@@ -150,7 +150,7 @@ def instant_ns(text: str, now_ns: int) -> int:
     return round((found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp() * 1e9)
 
 
-def show(out: Output, entry: Entry) -> None:
+def show(out: Output, entry: LogEntry) -> None:
     """One entry: a line of JSON, or a line for people."""
     if out.settings.json:
         out.line(
@@ -171,7 +171,7 @@ def show(out: Output, entry: Entry) -> None:
     out.now(f"{iso(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}{sender}")
 
 
-def refuse_losses(found: Source) -> None:
+def refuse_losses(found: LogSource) -> None:
     """Raises: Partial naming the parts of the record that could not be read."""
     if losses := found.losses():
         more = f"; and {len(losses) - 3} more" if len(losses) > 3 else ""

@@ -18,13 +18,13 @@ from swarmware.config import load_node
 from swarmware.errors import NotFound
 from swarmware.module import BoardReader, Module
 from swarmware.names import Pattern
-from swarmware.record.entry import Entry
-from swarmware.record.ring import segments
-from swarmware.record.segment import SegmentReader
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.ring import segments
+from swarmware.recorder.segment import SegmentReader
 from swarmware.types.log import LogStats
 
 
-def follow(settings: CliSettings, pattern: str) -> Iterator[Entry]:
+def follow(settings: CliSettings, pattern: str) -> Iterator[LogEntry]:
     """Entries that match and are recorded from now on, in the order of the loggers' wall clock.
 
     Raises: NotFound without a node whose record is on this machine.
@@ -71,7 +71,7 @@ class Tail:
             self._order.on_batch(logger, growing.entries(), report.complete_utc_ns, time.monotonic_ns())
             self._news.set()
 
-    async def next(self) -> list[Entry]:
+    async def next(self) -> list[LogEntry]:
         """The next entries in order, as soon as there are some."""
         while not (ready := self._order.ready(now_ns := time.monotonic_ns())):
             deadline_ns = self._order.deadline_ns(now_ns)
@@ -101,7 +101,7 @@ class SegmentFollower:
         self._directory = directory
         self._readers = [SegmentReader(path) for path in segments(directory)[-1:]]
 
-    def entries(self) -> Iterator[Entry]:
+    def entries(self) -> Iterator[LogEntry]:
         """Entries that no earlier call has returned."""
         last = int(self._readers[-1].path.stem) if self._readers else -1
         # listed before the reading: a segment that has a successor gets no entry any more

@@ -1,11 +1,11 @@
-"""Median filter: wrong echoes of a sonar are far off and rare."""
+"""Median filter: rejects rare outliers of a sonar."""
 
 from collections import deque
 from statistics import median
 
 
 class MedianFilter:
-    """Median of the last values (S2.49)."""
+    """Running median over a window of values (S2.49)."""
 
     __slots__ = ("_values",)
 
@@ -13,10 +13,10 @@ class MedianFilter:
         self._values: deque[float] = deque(maxlen=window)
 
     def add(self, value: float) -> float:
-        """One more value; the median of the last ones, this one included."""
+        """Adds a value; the median of the window, which includes it."""
         self._values.append(value)
         return median(self._values)
 
     def reset(self) -> None:
-        """Forget: what follows is unrelated to what was."""
+        """Clears the window: the next values are unrelated to the previous ones."""
         self._values.clear()

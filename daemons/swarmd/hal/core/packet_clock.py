@@ -1,4 +1,4 @@
-"""The timing of a packet recording: which packets are due, and when exactly each of them was."""
+"""Timing of a packet recording: the packets that are due, and the exact instant of each."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -7,22 +7,22 @@ import msgspec
 
 _NS: Final = 1_000_000_000
 _CATCH_UP_S: Final = 1.0
-"""A longer stall is not caught up: a real device would have gone on without us."""
+"""Longest stall that is caught up; a real device would not wait for its reader."""
 
 
 class Due(msgspec.Struct, frozen=True, gc=False):
-    """One packet of the recording."""
+    """One packet of the recording that is due."""
 
     index: int
-    """Its place in the recording."""
+    """Index of the packet in the recording."""
     stamp_ns: int
-    """The instant at which the device sends it."""
+    """Instant at which the device sends it."""
 
 
 class PacketClock:
-    """Packets at a constant rate since the start; the k-th is due at start + k / rate, rounded to 1 ns.
+    """Packets at a constant rate; the k-th is due at start + k / rate, rounded to 1 ns.
 
-    So the mean rate is exact however the calls come.
+    The mean rate is exact, independent of the times of the calls.
     """
 
     __slots__ = ("_count", "_loop", "_rate_uhz", "_sent", "_start_ns", "lost")
@@ -34,23 +34,23 @@ class PacketClock:
         self._loop = loop
         self._sent = 0
         self.lost = 0
-        """Packets that fell out in stalls."""
+        """Number of packets lost in stalls."""
 
     @property
     def finished(self) -> bool:
-        """The recording is at its end and does not begin again."""
+        """Whether the recording is at its end and is not repeated."""
         return not self._loop and self._sent >= self._count
 
     def _stamp_ns(self, k: int) -> int:
         return self._start_ns + k * _NS * 1_000_000 // self._rate_uhz
 
     def due(self, now_ns: int) -> Iterator[Due]:
-        """The packets up to now, oldest first."""
+        """The packets that are due up to now, oldest first."""
         end = (now_ns - self._start_ns) * self._rate_uhz // (_NS * 1_000_000) + 1
-        most = max(1, int(_CATCH_UP_S * self._rate_uhz) // 1_000_000)
-        if end - self._sent > most:
-            self.lost += end - most - self._sent
-            self._sent = end - most
+        max_packets = max(1, int(_CATCH_UP_S * self._rate_uhz) // 1_000_000)
+        if end - self._sent > max_packets:
+            self.lost += end - max_packets - self._sent
+            self._sent = end - max_packets
         if not self._loop:
             end = min(end, self._count)
         while self._sent < end:

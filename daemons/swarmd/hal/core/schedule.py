@@ -1,4 +1,4 @@
-"""A driver's schedule: absolute instants, lateness and rate measured."""
+"""Schedule of a driver: absolute instants, with statistics of lateness and rate."""
 
 from typing import Final
 
@@ -8,10 +8,10 @@ _NS: Final = 1_000_000_000
 
 
 class Schedule:
-    """When a driver is due, and how well it keeps that.
+    """Instants at which a driver reads, and statistics of its timing.
 
-    A read that takes longer than its period skips periods, they are counted; nothing is made up for.
-    `phase_ns`: so much after the multiples of the period.
+    A read longer than its period skips periods; these are counted and not caught up.
+    `phase_ns`: offset of the instants from the multiples of the period.
     """
 
     __slots__ = (
@@ -44,24 +44,24 @@ class Schedule:
         self._note = ""
 
     def opened(self, now_ns: int) -> None:
-        """The device is there; the first read is due at once, the others at multiples of the period.
+        """Takes that the device is open; the first read is due at once, others at multiples of the period.
 
-        So devices are read together, and a process that reads them wakes less often.
+        Devices are thus read together, and their process wakes less often.
         """
         self._state, self._note, self._due_ns, self._first = "running", "", now_ns, True
         self._failed_in_a_row = 0
 
     def closed(self, state: str, note: str) -> None:
-        """The device is not there: `waiting` or `failed`, and why."""
+        """Takes that the device is closed: `waiting` or `failed`, with the reason."""
         self._state, self._note = state, note
 
     @property
     def due_ns(self) -> int:
-        """When the next read begins."""
+        """Instant of the next read."""
         return self._due_ns
 
     def begin(self, now_ns: int) -> None:
-        """A read begins."""
+        """Takes the begin of a read, and schedules the next one."""
         late_ns = now_ns - self._due_ns
         self._late_ns = max(self._late_ns, late_ns)
         skipped = max(0, late_ns // self._period_ns)
@@ -74,19 +74,19 @@ class Schedule:
                 self._due_ns += self._period_ns
 
     def done(self) -> None:
-        """The read brought something."""
+        """Takes a read that returned new values."""
         self._reads += 1
         self._failed_in_a_row = 0
 
     def failed(self, note: str) -> int:
-        """The read failed; how many did so in a row."""
+        """Takes a failed read; the number of failures in a row."""
         self._errors += 1
         self._failed_in_a_row += 1
         self._note = note
         return self._failed_in_a_row
 
     def report(self, now_ns: int) -> DriverStatus:
-        """Figures since the last report."""
+        """Statistics since the last report."""
         span_s = max((now_ns - self._since_ns) / _NS, 1e-9)
         status = DriverStatus(
             self._name,

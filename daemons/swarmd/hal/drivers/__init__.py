@@ -1,1 +1,1 @@
-"""Drivers: one file per device or protocol, each knows its device and its resources, nothing else."""
+"""Drivers: one file per device or protocol; a driver knows its device and its resources, nothing else."""

@@ -1,4 +1,4 @@
-"""Replay of raw packets: a recording takes the place of the device that made it."""
+"""Replay of raw packets: a recording replaces the device."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from swarmware.types.scalar import Blob
 
 
 class Replay(Driver):
-    """A stream resource with the packets of a file."""
+    """Publishes the packets of a file as a stream resource."""
 
     name = "replay"
 
@@ -24,7 +24,7 @@ class Replay(Driver):
         self._clock: PacketClock | None = None
 
     async def open(self, module: Module) -> None:
-        """The recording. Raises: DeviceError when it is none."""
+        """Opens the recording. Raises: DeviceError when it cannot be read, or has an invalid length."""
         self._module = module
         config = self._config
         try:
@@ -41,7 +41,7 @@ class Replay(Driver):
         self._clock = None
 
     async def read(self, now_ns: int) -> bool:
-        """The packets that are due, each with its own stamp."""
+        """Publishes the packets that are due, each with its own stamp."""
         config, writer = self._config, self._writer
         if writer is None:
             return False
@@ -54,7 +54,7 @@ class Replay(Driver):
         return some
 
     async def close(self) -> None:
-        """The writer, and the recording in memory."""
+        """Closes the writer and releases the recording."""
         self._packets = ()
         if self._module is not None and self._writer is not None:
             self._module.close_writer(self._writer)
@@ -62,5 +62,5 @@ class Replay(Driver):
 
 
 def make(config: Config, site: Site) -> list[Driver]:
-    """One device."""
+    """Creates the driver of the recording."""
     return [Replay(config.replay, Path(site.data_dir))]

@@ -1,4 +1,4 @@
-"""The simulated devices: what service `sim` computes, as a real device would deliver it."""
+"""Drivers of the simulated devices: publish the measurements of service `sim`."""
 
 from typing import Generic, TypeVar
 
@@ -15,7 +15,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class SimDevice(Driver, Generic[T]):
-    """A device whose values pass as they are; stamps stay those of the measurement."""
+    """A simulated device whose values and stamps are passed through."""
 
     def __init__(self, device: str, path: str, cls: type[T], rate_hz: float) -> None:
         self.name = f"sim.{device}"
@@ -30,13 +30,13 @@ class SimDevice(Driver, Generic[T]):
         self._sequence = 0
 
     async def open(self, module: Module) -> None:
-        """The board of the simulation; it may not be there yet."""
+        """Opens the board of the simulation, which may not exist yet."""
         self._module = module
         self._reader = await module.reader(self._source, self._cls)
         self._writer = await module.writer(self._path, self._cls, rate_hz=self._rate_hz)
 
     async def read(self, now_ns: int) -> bool:
-        """The newest value, once."""
+        """Publishes the newest value once."""
         reader, writer = self._reader, self._writer
         if reader is None or writer is None:
             return False
@@ -48,7 +48,7 @@ class SimDevice(Driver, Generic[T]):
         return True
 
     async def close(self) -> None:
-        """Both ends."""
+        """Closes reader and writer."""
         if self._reader is not None:
             self._reader.close()
         if self._module is not None and self._writer is not None:
@@ -57,7 +57,7 @@ class SimDevice(Driver, Generic[T]):
 
 
 class SimSonar(Driver):
-    """The sonar below a vehicle that flies: height above the ground, freed from wrong echoes."""
+    """The sonar of an air vehicle: height above the ground, with outlier rejection."""
 
     name = "sim.sonar"
 
@@ -70,15 +70,15 @@ class SimSonar(Driver):
         self._sequence = 0
 
     async def open(self, module: Module) -> None:
-        """The board of the simulation; it may not be there yet."""
+        """Opens the board of the simulation, which may not exist yet."""
         self._module = module
         self._filter.reset()
         self._reader = await module.reader("sim/sensors/sonar", Range)
-        # without a rate: above the sonar's reach it is silent, and that is no fault
+        # without a rate: above its range the sonar publishes nothing, which is not a fault
         self._writer = await module.writer("sensor/height", Float, unit="m", link="request")
 
     async def read(self, now_ns: int) -> bool:
-        """The newest echo through the filter; out of reach of the ground there is nothing to tell."""
+        """Publishes the filtered height; nothing when the ground is out of range."""
         reader, writer = self._reader, self._writer
         if reader is None or writer is None:
             return False
@@ -93,7 +93,7 @@ class SimSonar(Driver):
         return True
 
     async def close(self) -> None:
-        """Both ends."""
+        """Closes reader and writer."""
         if self._reader is not None:
             self._reader.close()
         if self._module is not None and self._writer is not None:
@@ -102,7 +102,7 @@ class SimSonar(Driver):
 
 
 def make(config: Config, site: Site) -> list[Driver]:
-    """The devices of a simulated vehicle; a ground station has none."""
+    """Creates the drivers of a simulated vehicle; none for a ground station."""
     rates = config.sim
     if site.kind == "gcs":
         return []

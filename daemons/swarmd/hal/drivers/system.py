@@ -1,4 +1,4 @@
-"""The computer itself: load, memory, disk, temperature."""
+"""Driver of the computer: load, memory, disk, temperature."""
 
 import os
 
@@ -11,7 +11,7 @@ from swarmware.types.system import SystemLoad
 
 
 class System(Driver):
-    """Load of the computer on which the node runs."""
+    """Publishes the load of the computer on which the node runs."""
 
     name = "system"
 
@@ -23,13 +23,13 @@ class System(Driver):
         self._disk = "/"
 
     async def open(self, module: Module) -> None:
-        """Nothing to find: it is here."""
+        """Opens the writer."""
         self._module = module
         self._writer = await module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
-        psutil.cpu_percent()  # the first answer is 0: it has nothing to compare with
+        psutil.cpu_percent()  # the first call returns 0: it has no earlier sample to compare with
 
     async def read(self, now_ns: int) -> bool:
-        """What the kernel counts."""
+        """Publishes the counters of the kernel."""
         if self._writer is None:
             return False
         self._writer.write(
@@ -44,18 +44,18 @@ class System(Driver):
         return True
 
     async def close(self) -> None:
-        """The writer."""
+        """Closes the writer."""
         if self._module is not None and self._writer is not None:
             self._module.close_writer(self._writer)
             self._writer = None
 
 
 def _temperature_degc() -> float | None:
-    """The hottest sensor, where there is one."""
+    """Temperature of the hottest sensor; None without sensors."""
     found = [entry.current for entries in psutil.sensors_temperatures().values() for entry in entries]
     return round(max(found), 1) if found else None
 
 
 def make(config: Config, site: Site) -> list[Driver]:
-    """One device."""
+    """Creates the driver of the computer."""
     return [System(config.system.rate_hz)]

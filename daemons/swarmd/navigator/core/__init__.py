@@ -1,1 +1,1 @@
-"""Pure parts of the navigator: estimator, planner, formation keeping, altitude; no input, output or clock."""
+"""Sans-io core of the navigator: estimator, planner, formation keeping; no input, output or clock."""

@@ -1,40 +1,40 @@
-"""Altitude hold."""
+"""Altitude hold: a PID controller of the climb rate."""
 
-from swarmd.navigator.config import Altitude
+from swarmd.navigator.config import AltitudeConfig
 
 
 class AltitudeHold:
-    """PID from height to climb rate; the derivative acts on the measured climb: no kick by a new height."""
+    """PID from height to climb rate; the derivative acts on the measured rate: no derivative kick."""
 
-    __slots__ = ("_gains", "_sum_m_s")
+    __slots__ = ("_gains", "_integral_m_s")
 
-    def __init__(self, gains: Altitude) -> None:
+    def __init__(self, gains: AltitudeConfig) -> None:
         self._gains = gains
-        self._sum_m_s = 0.0
+        self._integral_m_s = 0.0
 
-    def set_gains(self, gains: Altitude) -> None:
-        """New gains, in flight (S2.46)."""
+    def set_gains(self, gains: AltitudeConfig) -> None:
+        """Replaces the gains, also in flight (S2.46)."""
         self._gains = gains
 
     def reset(self) -> None:
-        """Forget the integral: on the ground it would only grow."""
-        self._sum_m_s = 0.0
+        """Clears the integral, which would wind up on the ground."""
+        self._integral_m_s = 0.0
 
     def climb_m_s(
         self,
         wanted_m: float,
         height_m: float,
         climb_m_s: float,
-        most_m_s: float,
-        least_m_s: float,
+        max_m_s: float,
+        min_m_s: float,
         dt_s: float,
     ) -> float:
-        """Climb rate to ask for, between two limits (the lower one is negative)."""
+        """Commanded climb rate within its limits; the lower limit is negative."""
         gains = self._gains
-        wrong = wanted_m - height_m
-        raw = gains.kp_1_s * wrong + self._sum_m_s - gains.kd * climb_m_s
-        answer = min(max(raw, least_m_s), most_m_s)
-        # anti-windup: the integral only grows while the limits leave it something to do
-        if answer == raw or (raw - answer) * wrong < 0:
-            self._sum_m_s += gains.ki_1_s2 * wrong * dt_s
+        error_m = wanted_m - height_m
+        unlimited = gains.kp_1_s * error_m + self._integral_m_s - gains.kd * climb_m_s
+        answer = min(max(unlimited, min_m_s), max_m_s)
+        # anti-windup: the integral only grows while the output is not saturated
+        if answer == unlimited or (unlimited - answer) * error_m < 0:
+            self._integral_m_s += gains.ki_1_s2 * error_m * dt_s
         return answer

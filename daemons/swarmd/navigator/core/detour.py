@@ -1,7 +1,7 @@
-"""The way around what stands in it: a free direction beside the wanted one.
+"""Detour around an obstacle: a free direction next to the commanded one.
 
-The dynamic window only sees as far as its horizon and stops before what it meets head-on; a direction that is
-free further out leads it past. Source: Ulrich, Borenstein: VFH+, reliable obstacle avoidance for fast mobile
+The dynamic window only reaches to its horizon and stops in front of an obstacle met head-on; a direction that
+is free beyond it leads past. Source: Ulrich, Borenstein: VFH+, reliable obstacle avoidance for fast mobile
 robots, 1998 (its cost of a direction).
 """
 
@@ -11,49 +11,49 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmd.navigator.config import Dwa
+from swarmd.navigator.config import DwaConfig
 from swarmd.navigator.core.target import Surroundings
 from swarmware.types.vehicle import Pose
 
 Array = NDArray[np.float64]
 
 _TURNS: Final[Array] = np.radians(np.arange(-100.0, 101.0, 5.0))
-"""Directions that are tried, seen from the wanted one."""
+"""Candidate directions, relative to the commanded one."""
 _WANTED: Final = 5.0
 _HEADING: Final = 2.0
-"""Prices of a radian away from the wanted direction and from the own heading: a vehicle that goes around one
-side would otherwise find the other shorter half-way, and meet the middle."""
+"""Costs per radian of deviation from the commanded direction and from the own heading: without the second a
+vehicle halfway around an obstacle would change the side, and hit the middle."""
 _CHANGE: Final = 2.6
-"""Price of the other side, for the same reason: as much as half a radian."""
+"""Cost of changing the side, for the same reason: equal to half a radian."""
 _SLOW_M_S: Final = 0.3
-"""A platform slower than this stands in the way; a faster one will be gone."""
+"""Speed below which a platform is an obstacle; a faster one will have left."""
 _OTHER_M: Final = 0.4
 """Radius taken for other platforms."""
 _HEIGHT_M: Final = 1.5
 _ROOM_M: Final = (0.1, 0.0)
-"""Kept free beside radius and margin, or the planner would pass along its own limit; in a narrow gap none."""
+"""Clearances beyond radius and margin, tried in this order: the second fits through a narrow gap."""
 
 
 class Detour:
-    """Chooses the direction, and remembers the side on which it goes around."""
+    """Chooses the direction, and keeps the side on which it passes an obstacle."""
 
     __slots__ = ("_limits", "_side")
 
-    def __init__(self, limits: Dwa) -> None:
+    def __init__(self, limits: DwaConfig) -> None:
         self._limits = limits
         self._side = 0.0
 
-    def set_limits(self, limits: Dwa) -> None:
-        """New limits, while driving."""
+    def set_limits(self, limits: DwaConfig) -> None:
+        """Replaces the limits, also while driving."""
         self._limits = limits
 
     def aim(
         self, pose: Pose, ahead_m: tuple[float, float], reach_m: float, around: Surroundings
     ) -> tuple[float, float]:
-        """The point to aim at: as far away as the wanted one, in a direction that is free for a reach."""
+        """The point to steer to: as far as the commanded one, in a direction that is free up to `reach_m`."""
         dx, dy = ahead_m[0] - pose.x_m, ahead_m[1] - pose.y_m
         distance = math.hypot(dx, dy)
-        things = self._things(pose, around)
+        things = self._obstacles(pose, around)
         if distance < 1e-6 or not things:
             self._side = 0.0
             return ahead_m
@@ -65,7 +65,7 @@ class Detour:
         return pose.x_m + distance * math.cos(angle), pose.y_m + distance * math.sin(angle)
 
     def _turn(self, bearing: float, yaw: float, reach_m: float, things: Array) -> float:
-        """The cheapest free direction, seen from the wanted one; that one itself where none is free."""
+        """The free direction of minimum cost, relative to the commanded one; 0 when none is free."""
         if _free(np.array([bearing]), math.inf, things, _ROOM_M[0])[0]:
             self._side = 0.0
             return 0.0
@@ -76,13 +76,13 @@ class Detour:
             free = _free(angles, reach_m, things, room)
             if free.any():
                 turn = float(_TURNS[np.argmin(np.where(free, price, np.inf))])
-                if turn:  # straight on is free for a short reach, too, in front of what it goes around
+                if turn:  # with a short reach, straight on may be free in front of the obstacle
                     self._side = math.copysign(1.0, turn)
                 return turn
         return 0.0
 
-    def _things(self, pose: Pose, around: Surroundings) -> list[tuple[float, float, float]]:
-        """What is near, seen from here, with the distance that the planner keeps from it."""
+    def _obstacles(self, pose: Pose, around: Surroundings) -> list[tuple[float, float, float]]:
+        """Obstacles nearby: relative position, and the distance that the planner keeps."""
         width = self._limits.radius_m + self._limits.margin_m
         found = [(x - pose.x_m, y - pose.y_m, width) for x, y in around.points_m]
         found += [
@@ -95,7 +95,7 @@ class Detour:
 
 
 def _free(angles: Array, reach_m: float, things: Array, room_m: float) -> NDArray[np.bool_]:
-    """Whether a strip in each direction holds nothing."""
+    """Whether a strip in each direction is free of obstacles."""
     cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
     dx, dy, width = things.T
     along = dx * cos + dy * sin

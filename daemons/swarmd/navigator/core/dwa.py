@@ -1,4 +1,4 @@
-"""The dynamic window approach: speeds that are safe and attainable, the best of them by three terms.
+"""The dynamic window approach: chooses the best of the safe and attainable speeds by three terms.
 
 Source: S0, equations 4 and 5; Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, 1997.
 
@@ -14,47 +14,47 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmd.navigator.config import Dwa
+from swarmd.navigator.config import DwaConfig
 from swarmd.navigator.core.target import Surroundings
 from swarmware.types.vehicle import Pose
 
 Array = NDArray[np.float64]
 
 _HEIGHT_M: Final = 1.5
-"""A platform that is higher or lower than this is no obstacle to one on the ground."""
+"""Vertical distance above which another platform is not an obstacle to one on the ground."""
 _OTHER_M: Final = 0.4
-"""Radius taken for other platforms."""
+"""Assumed radius of other platforms."""
 _STRAIGHT: Final = 1e-6
 _STANDS_M_S: Final = 0.05
-"""Slower than this is turning on the spot."""
-_LESS_M: Final = 0.02
-"""By so much a gap that is too small already may shrink: measurements tremble."""
+"""Speed below which a motion is turning on the spot."""
+_MARGIN_NOISE_M: Final = 0.02
+"""Tolerated decrease of a clearance that is already too small: noise of the measurements."""
 _NEVER_M: Final = 1e6
-"""Further than any contact."""
+"""A distance larger than that of any contact."""
 
 
-class Window(msgspec.Struct, frozen=True):
-    """V_lim: what the drive can attain within the window's time."""
+class DynamicWindow(msgspec.Struct, frozen=True):
+    """V_lim: the speeds that the drive can attain within the time of the window."""
 
-    v_least_m_s: float
-    v_most_m_s: float
-    w_least_rad_s: float
-    w_most_rad_s: float
+    v_min_m_s: float
+    v_max_m_s: float
+    w_min_rad_s: float
+    w_max_rad_s: float
 
 
 class Choice(msgspec.Struct, frozen=True):
-    """The best pair of speeds."""
+    """The best pair of speed and yaw rate, with its score."""
 
     v_m_s: float
     w_rad_s: float
     score: float
-    """G; minus infinity when nothing was admissible."""
+    """G; minus infinity when no pair was admissible."""
     free: bool
     """Whether any moving pair was admissible."""
 
 
 def safe_speed(distance: Array, deceleration: float) -> Array:
-    """V_safe, equation 4: the greatest speed that can be braked within a distance, √(2·dist·a).
+    """V_safe, equation 4: the maximum speed with which the vehicle stops within a distance, √(2·dist·a).
 
     Units: metres and m/s² give m/s; radians and rad/s² give rad/s.
     """
@@ -62,12 +62,12 @@ def safe_speed(distance: Array, deceleration: float) -> Array:
     return answer
 
 
-def window(limits: Dwa, v_m_s: float, w_rad_s: float) -> Window:
-    """V_lim, equation 4: the limits of the drive, cut to what it attains from the present speeds."""
+def window(limits: DwaConfig, v_m_s: float, w_rad_s: float) -> DynamicWindow:
+    """V_lim, equation 4: the limits of the drive, reduced to what it attains from the current speeds."""
     dv, dw = limits.a_max_m_s2 * limits.window_s, limits.dw_max_rad_s2 * limits.window_s
     v = min(max(v_m_s, -limits.v_back_m_s), limits.v_max_m_s)
     w = min(max(w_rad_s, -limits.w_max_rad_s), limits.w_max_rad_s)
-    return Window(
+    return DynamicWindow(
         max(-limits.v_back_m_s, v - dv),
         min(limits.v_max_m_s, v + dv),
         max(-limits.w_max_rad_s, w - dw),
@@ -75,26 +75,28 @@ def window(limits: Dwa, v_m_s: float, w_rad_s: float) -> Window:
     )
 
 
-def cost(weights: Dwa, heading: Array, distance: Array, velocity: Array, hurry: float = 1.0) -> Array:
-    """G of equation 5, with each term from 0 (bad) to 1 (good); `hurry` multiplies the weight of the last."""
+def objective(
+    weights: DwaConfig, heading: Array, distance: Array, velocity: Array, speed_gain: float = 1.0
+) -> Array:
+    """G of equation 5, with each term from 0 (bad) to 1 (good); `speed_gain` scales the last."""
     return (
         weights.heading_weight * heading
         + weights.distance_weight * distance
-        + weights.velocity_weight * hurry * velocity
+        + weights.velocity_weight * speed_gain * velocity
     )
 
 
 class Planner:
-    """Chooses speed and yaw rate of a ground vehicle."""
+    """Dynamic window planner: chooses speed and yaw rate of a ground vehicle."""
 
     __slots__ = ("_limits", "_times")
 
-    def __init__(self, limits: Dwa) -> None:
+    def __init__(self, limits: DwaConfig) -> None:
         self._limits = limits
         self._times: Array = np.linspace(0.0, limits.horizon_s, limits.steps + 1)[1:]
 
-    def set_weights(self, limits: Dwa) -> None:
-        """New weights, while driving; the horizon stays."""
+    def set_weights(self, limits: DwaConfig) -> None:
+        """Replaces the weights, also while driving; the horizon is fixed."""
         self._limits = limits
 
     def plan(
@@ -104,28 +106,28 @@ class Planner:
         ahead_m: tuple[float, float],
         v_wanted_m_s: float,
         around: Surroundings,
-        hurry: float = 1.0,
+        speed_gain: float = 1.0,
     ) -> Choice:
-        """The best pair of speeds on the way to a point, as near to the wanted speed as is safe."""
+        """The best pair of speed and yaw rate towards a point, safe, and close to the commanded speed."""
         limits = self._limits
         lim = window(limits, v_m_s, pose.wz_rad_s)
-        wanted = min(max(v_wanted_m_s, lim.v_least_m_s), lim.v_most_m_s)
-        vs = np.append(np.linspace(lim.v_least_m_s, lim.v_most_m_s, limits.v_samples), wanted)
-        ws = np.append(np.linspace(lim.w_least_rad_s, lim.w_most_rad_s, limits.w_samples), 0.0)
-        if not lim.w_least_rad_s <= 0.0 <= lim.w_most_rad_s:
+        wanted = min(max(v_wanted_m_s, lim.v_min_m_s), lim.v_max_m_s)
+        vs = np.append(np.linspace(lim.v_min_m_s, lim.v_max_m_s, limits.v_samples), wanted)
+        ws = np.append(np.linspace(lim.w_min_rad_s, lim.w_max_rad_s, limits.w_samples), 0.0)
+        if not lim.w_min_rad_s <= 0.0 <= lim.w_max_rad_s:
             ws = ws[:-1]
         v, w = (grid.ravel() for grid in np.meshgrid(vs, ws))
         clear, travel = self._clearance(pose, v, w, around)
         admissible = np.abs(v) <= safe_speed(travel, limits.a_max_m_s2)
-        # an arc of this length turns by length / radius = length · ω / v: what is left to turn
+        # an arc of this length turns by length / radius = length · ω / v: the remaining angle
         turn = np.minimum(travel, _NEVER_M) * np.abs(w) / np.maximum(np.abs(v), _STANDS_M_S)
         admissible &= (np.abs(w) <= safe_speed(turn, limits.dw_max_rad_s2)) | (np.abs(v) < _STANDS_M_S)
-        score = cost(
+        score = objective(
             limits,
             self._heading(pose, v, w, ahead_m),
             np.clip(clear / limits.clear_m, 0.0, 1.0),
             1.0 - np.minimum(np.abs(v - v_wanted_m_s) / limits.v_max_m_s, 1.0),
-            hurry,
+            speed_gain,
         )
         score[~admissible] = -np.inf
         best = int(np.argmax(score))
@@ -135,14 +137,14 @@ class Planner:
         return Choice(float(v[best]), float(w[best]), float(score[best]), free)
 
     def _heading(self, pose: Pose, v: Array, w: Array, ahead_m: tuple[float, float]) -> Array:
-        """1 towards the point, 0 away from it, where the vehicle will soon be."""
+        """Heading term at the predicted pose: 1 towards the point, 0 away from it."""
         x, y, yaw = _arcs(pose, v, w, self._limits.heading_s)
-        wrong = np.arctan2(ahead_m[1] - y, ahead_m[0] - x) - yaw
-        answer: Array = 1.0 - np.abs((wrong + np.pi) % (2 * np.pi) - np.pi) / np.pi
+        error = np.arctan2(ahead_m[1] - y, ahead_m[0] - x) - yaw
+        answer: Array = 1.0 - np.abs((error + np.pi) % (2 * np.pi) - np.pi) / np.pi
         return answer
 
     def _clearance(self, pose: Pose, v: Array, w: Array, around: Surroundings) -> tuple[Array, Array]:
-        """Least free space beside each trajectory, and its length until a contact (infinite: none)."""
+        """Minimum clearance of each trajectory, and its length until a contact (infinite: none)."""
         limits = self._limits
         times = self._times
         clear = np.full(v.shape, np.inf)
@@ -156,7 +158,7 @@ class Planner:
             gap = np.sqrt(gap2.min(axis=2)) - limits.radius_m
             clear = np.minimum(clear, gap.min(axis=1))
             now = min(math.dist(p, (pose.x_m, pose.y_m)) for p in points) - limits.radius_m
-            contact |= gap < self._keep(now)
+            contact |= gap < self._required_clearance(now)
         near = [
             n
             for n in around.neighbours
@@ -171,21 +173,21 @@ class Planner:
             gap = np.sqrt(gap2.min(axis=2)) - bodies
             clear = np.minimum(clear, gap.min(axis=1))
             now = min(math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m) for n in near) - bodies
-            contact |= gap < self._keep(now)
+            contact |= gap < self._required_clearance(now)
         first = np.argmax(contact, axis=1)
         hit = contact[np.arange(v.size), first]
-        # a contact shows at the end of its step, so it may come a whole step earlier
+        # a contact is detected at the end of its step, so it may happen up to one step earlier
         begin = np.where(first > 0, times[first - 1], 0.0)
         travel = np.where(hit, np.abs(v) * begin, np.inf)
         return clear, travel
 
-    def _keep(self, now_m: float) -> float:
-        """Free space to keep: the margin, or what is left of it, so that there is a way out again."""
-        return min(self._limits.margin_m, max(0.0, now_m - _LESS_M))
+    def _required_clearance(self, now_m: float) -> float:
+        """Clearance to keep: the margin, or the current one if smaller, so that the vehicle can leave."""
+        return min(self._limits.margin_m, max(0.0, now_m - _MARGIN_NOISE_M))
 
 
 def _arcs(pose: Pose, v: Array, w: Array, t: Array | float) -> tuple[Array, Array, Array]:
-    """Poses after a time t at constant speeds: exact, not step by step."""
+    """Poses after a time t at constant speeds, in closed form."""
     yaw = pose.yaw_rad
     turned = w * t
     straight = np.abs(w) < _STRAIGHT

@@ -1,4 +1,4 @@
-"""Formation keeping: from the goal and the leader's pose to the place where this vehicle should be."""
+"""Formation keeping: computes the slot of this vehicle from the goal and the leader's pose."""
 
 import math
 from typing import Final
@@ -13,34 +13,34 @@ from swarmware.types.vehicle import Goal, Pose
 
 _MOVES_M_S: Final = 0.05
 _END_M: Final = 0.5
-"""The formation is at the end of the course when its leader is this close to it."""
+"""Distance of the leader from the end of the course at which the formation has arrived."""
 _RUN_UP_M: Final = 3.0
-"""So far behind a slot that stands, a ground vehicle that is beside it begins anew: it cannot go sideways."""
+"""Distance behind a resting slot from which a ground vehicle beside it approaches: it cannot sidestep."""
 _BESIDE_M: Final = 0.4
 _RUN_UP_DONE_M: Final = 0.7
 _CREEP_M_S: Final = 0.1
-"""Least speed of the leader, so that it comes to the end at all."""
+"""Minimum speed of the leader, with which it reaches the end of the course."""
 
 
-class Place(msgspec.Struct, frozen=True):
-    """Where to be, and how far from it the vehicle is."""
+class SlotTarget(msgspec.Struct, frozen=True):
+    """The target in the slot, and the distance of the vehicle from it."""
 
     target: Target
     error_m: float
-    """Distance from the own slot."""
+    """Distance of the vehicle from its slot."""
     remaining_m: float
-    """Distance of the leader from the end of the course; 0 where there is none to go."""
+    """Distance of the leader from the end of the course; 0 when it does not advance."""
     still: bool
-    """The slot does not move."""
+    """Whether the slot is at rest."""
 
 
 class FormationKeeper:
-    """Keeps one vehicle in its slot while one goal lasts.
+    """Keeps one vehicle in its slot for the duration of one goal.
 
-    Raises: InvalidInput when the goal's course is none.
+    Raises: InvalidInput when the goal's course is invalid.
     """
 
-    __slots__ = ("_anew", "_config", "_flies", "_formation", "_goal", "_height_m", "_ns", "_speed_m_s")
+    __slots__ = ("_approaching", "_config", "_flies", "_formation", "_goal", "_height_m", "_ns", "_speed_m_s")
 
     def __init__(self, config: Config, goal: Goal, flies: bool) -> None:
         self._config = config
@@ -48,22 +48,22 @@ class FormationKeeper:
         self._flies = flies
         self._formation = Formation(goal.course)
         self._height_m: float | None = None
-        self._anew = False
+        self._approaching = False
         self._speed_m_s = 0.0
         self._ns = 0
         if goal.advance and self._formation.course is None:
-            raise InvalidInput("formation that advances: expected a course of two waypoints at least")
+            raise InvalidInput("formation that advances: expected a course of at least two waypoints")
 
     @property
     def has_course(self) -> bool:
-        """Without one the leader has nothing to lead along."""
+        """Whether the goal has a course, which a leader needs."""
         return self._formation.course is not None
 
-    def lead(self, pose: Pose, now_ns: int) -> Place:
-        """The place of the leader itself: on the course, as far as it has come."""
+    def lead(self, pose: Pose, now_ns: int) -> SlotTarget:
+        """The target of the leader: its projection onto the course, moving along it."""
         course = self._formation.course
         if course is None:
-            raise InvalidInput("leading a formation: expected a course of two waypoints at least")
+            raise InvalidInput("leading a formation: expected a course of at least two waypoints")
         if self._height_m is None:
             self._height_m = pose.z_m
         slot = self._formation.slot(pose, (0.0, 0.0, 0.0))
@@ -83,10 +83,10 @@ class FormationKeeper:
             self._speed_m_s = 0.0
             slot = self._formation.slot_at(slot.leader_s_m, (0.0, 0.0, self._height_m))
             remaining = 0.0
-        return self._place(pose, slot, (0.0, 0.0, 0.0), remaining)
+        return self._slot_target(pose, slot, (0.0, 0.0, 0.0), remaining)
 
-    def follow(self, pose: Pose, leader: Pose) -> Place:
-        """The place of a follower, seen from the leader."""
+    def follow(self, pose: Pose, leader: Pose) -> SlotTarget:
+        """The target of a follower: its slot relative to the leader."""
         offset = self._goal.offset_m
         slot = self._formation.slot(leader, offset)
         course = self._formation.course
@@ -95,9 +95,11 @@ class FormationKeeper:
             remaining = course.length_m - slot.leader_s_m
             if remaining < _END_M:
                 remaining = 0.0
-        return self._place(pose, slot, offset, remaining)
+        return self._slot_target(pose, slot, offset, remaining)
 
-    def _place(self, pose: Pose, slot: Slot, offset: tuple[float, float, float], remaining_m: float) -> Place:
+    def _slot_target(
+        self, pose: Pose, slot: Slot, offset: tuple[float, float, float], remaining_m: float
+    ) -> SlotTarget:
         still = math.hypot(slot.vx_m_s, slot.vy_m_s) < _MOVES_M_S
         error_m = slot.error_m(pose, flat=not self._flies)
         target = Target(
@@ -112,31 +114,33 @@ class FormationKeeper:
         if still and not self._flies:
             target = self._run_up(pose, target, error_m)
         else:
-            self._anew = False
-        return Place(target, error_m, remaining_m, still)
+            self._approaching = False
+        return SlotTarget(target, error_m, remaining_m, still)
 
     def _run_up(self, pose: Pose, target: Target, error_m: float) -> Target:
-        """The target, or a place behind it when the vehicle stands beside it."""
+        """The target, or a point behind it when the vehicle is beside it."""
         yaw = target.yaw_rad or 0.0
         cos, sin = math.cos(yaw), math.sin(yaw)
         dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
         ahead, beside = dx * cos + dy * sin, abs(dy * cos - dx * sin)
         x, y = target.x_m - _RUN_UP_M * cos, target.y_m - _RUN_UP_M * sin
-        if self._anew:
-            self._anew = math.hypot(x - pose.x_m, y - pose.y_m) > _RUN_UP_DONE_M
+        if self._approaching:
+            self._approaching = math.hypot(x - pose.x_m, y - pose.y_m) > _RUN_UP_DONE_M
         else:
-            self._anew = error_m > self._config.formation_arrive_m and beside > _BESIDE_M and ahead < beside
-        if not self._anew:
+            self._approaching = (
+                error_m > self._config.formation_arrive_m and beside > _BESIDE_M and ahead < beside
+            )
+        if not self._approaching:
             return target
         return msgspec.structs.replace(target, x_m=x, y_m=y, yaw_rad=None, ahead_m=(x, y))
 
     def _ahead(self, pose: Pose, slot: Slot, offset: tuple[float, float, float]) -> tuple[float, float]:
-        """The point that the slot will pass: aiming there leads onto the slot's curve."""
+        """Look-ahead point on the path of the slot: steering to it leads onto that path (pure pursuit)."""
         config = self._config
         speed = math.hypot(pose.vx_m_s, pose.vy_m_s)
         reach = max(config.look_ahead_min_m, speed * config.look_ahead_s)
-        # counted from the point beside the vehicle: one that is behind does not cut the corner, and one that
-        # overshot aims forward too and drives back to its slot
+        # measured from the projection of the vehicle: behind its slot it does not cut corners, beyond it
+        # it still aims forward and drives back
         if self._formation.course is None:
             cos, sin = math.cos(slot.yaw_rad), math.sin(slot.yaw_rad)
             along = (pose.x_m - slot.x_m) * cos + (pose.y_m - slot.y_m) * sin + reach

@@ -1,4 +1,4 @@
-"""The navigator: measurements and a goal in, pose, set-point and status out."""
+"""The navigator's core: measurements and a goal in, pose, set-point and status out."""
 
 import math
 from typing import Final, Protocol
@@ -8,7 +8,7 @@ import msgspec
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.estimator import Estimator
 from swarmd.navigator.core.keeper import FormationKeeper
-from swarmd.navigator.core.target import Neighbour, Surroundings, Target
+from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.errors import InvalidInput
 from swarmware.geodesy import Origin
 from swarmware.types.vehicle import (
@@ -26,19 +26,19 @@ from swarmware.types.vehicle import (
 
 _STOP: Final = Setpoint(0.0)
 _ARM_GRACE_S: Final = 1.0
-"""A goal may overtake the news that the motors are armed by this much."""
+"""A goal may arrive this much earlier than the state that the motors are armed."""
 _EXTRAPOLATE_S: Final = 1.0
-"""A neighbour's velocity holds no longer than this."""
+"""Longest extrapolation of the pose of another platform."""
 _STILL_M_S: Final = 0.1
 _FINAL_M: Final = 1.5
-"""Below this height a landing vehicle sinks with the touch-down speed."""
+"""Height below which a landing vehicle descends at touch-down speed."""
 _DEEP_M: Final = 10.0
-"""A landing vehicle aims below the ground, or it would hover a hand's breadth above it."""
+"""The target of a landing lies this far below the vehicle: at ground level it would hover just above it."""
 _SCAN_AGE_S: Final = 0.5
 
 
-class Pilot(Protocol):
-    """What the navigator needs of a pilot."""
+class Controller(Protocol):
+    """Interface of a controller: from target and obstacles to a set-point."""
 
     free: bool
 
@@ -49,18 +49,18 @@ class Pilot(Protocol):
     def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint: ...
 
 
-class Step(msgspec.Struct, frozen=True):
-    """What one call of `on_timer` brought."""
+class NavigatorOutput(msgspec.Struct, frozen=True):
+    """The outputs of one control step."""
 
     pose: Pose | None
-    """The own estimate; None: nothing to tell anybody."""
+    """The estimated pose; None: not valid, not published."""
     setpoint: Setpoint
     status: NavStatus | None
-    """When it changed, and at its rate."""
+    """Set when it changed, and at its rate."""
 
 
 class _Plan(msgspec.Struct, frozen=True):
-    """What to do now, and what to say about it."""
+    """The decision of one control step: the target, and the status to report."""
 
     state: str
     target: Target | None = None
@@ -70,16 +70,16 @@ class _Plan(msgspec.Struct, frozen=True):
     error: NavError = NavError.NONE
     note: str = ""
     blockable: bool = False
-    """Standing still is no progress."""
+    """Whether missing progress means that the vehicle is blocked."""
 
 
-class Navigator:
-    """Estimator, goal and pilot of one vehicle."""
+class NavigatorCore:
+    """Connects estimator, goal and controller of one vehicle."""
 
-    def __init__(self, config: Config, platform: str, origin: Origin, pilot: Pilot) -> None:
+    def __init__(self, config: Config, platform: str, origin: Origin, controller: Controller) -> None:
         self._config = config
         self._platform = platform
-        self._pilot = pilot
+        self._controller = controller
         self._estimator = Estimator(config.estimator, origin)
         self._vehicle: VehicleState | None = None
         self._neighbours: dict[str, tuple[Pose, int]] = {}
@@ -89,72 +89,72 @@ class Navigator:
         self._goal: Goal | None = None
         self._goal_ns = 0
         self._keeper: FormationKeeper | None = None
-        self._mistake = ""
+        self._goal_error = ""
         self._anchor: Pose | None = None
         self._arrived = False
         self._setpoint = _STOP
         self._moved_ns = 0
-        self._was: tuple[float, float, float] | None = None
+        self._moved_from: tuple[float, float, float] | None = None
         self._status = NavStatus(0, "idle")
         self._status_ns = -(1 << 62)
 
     def set_config(self, config: Config) -> None:
-        """New weights and gains, while moving (S2.46)."""
+        """Replaces weights and gains, also while moving (S2.46)."""
         self._config = config
-        self._pilot.set_config(config)
+        self._controller.set_config(config)
 
     def on_gnss(self, fix: GnssFix, stamp_ns: int) -> None:
-        """A position fix."""
+        """Takes a position fix."""
         self._estimator.on_gnss(fix, stamp_ns)
 
     def on_imu(self, imu: Imu, stamp_ns: int) -> None:
-        """Rates, specific force, heading."""
+        """Takes rates, specific force and heading."""
         self._estimator.on_imu(imu, stamp_ns)
 
     def on_height(self, height_m: float) -> None:
-        """Height above the ground."""
+        """Takes the height above the ground."""
         self._estimator.on_height(height_m)
 
     def on_vehicle(self, state: VehicleState) -> None:
-        """Armed, landed."""
+        """Takes the state of the vehicle: armed, landed."""
         self._vehicle = state
 
     def on_scan(self, scan: Range, stamp_ns: int) -> None:
-        """Echoes around, with the first beam at `angle_min_rad` of the body."""
+        """Takes a scan; its first beam is at `angle_min_rad` in the body frame."""
         if stamp_ns > self._scan_ns:
             self._scan, self._scan_ns = scan, stamp_ns
 
     def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None:
-        """Where another platform was, in the own clock."""
+        """Takes the pose of another platform, stamped in the own clock."""
         self._neighbours[platform] = (pose, stamp_ns)
 
     def on_goal(self, goal: Goal, now_ns: int) -> None:
-        """What to do from now on; the same again changes nothing."""
+        """Takes a goal; the same goal again changes nothing."""
         if self._goal == goal:
             return
         self._goal, self._goal_ns, self._moved_ns = goal, now_ns, now_ns
-        self._keeper, self._mistake, self._anchor, self._arrived = None, "", None, False
+        self._keeper, self._goal_error, self._anchor, self._arrived = None, "", None, False
         if goal.kind not in GOAL_KINDS:
-            self._mistake = f"goal {goal.kind!r}: expected one of {', '.join(GOAL_KINDS)}"
-        elif goal.kind == "takeoff" and not self._pilot.flies:
-            self._mistake = "takeoff: this vehicle does not fly"
+            self._goal_error = f"goal {goal.kind!r}: expected one of {', '.join(GOAL_KINDS)}"
+        elif goal.kind == "takeoff" and not self._controller.flies:
+            self._goal_error = "takeoff: this vehicle does not fly"
         elif goal.kind == "formation":
             try:
-                self._keeper = FormationKeeper(self._config, goal, self._pilot.flies)
+                self._keeper = FormationKeeper(self._config, goal, self._controller.flies)
             except InvalidInput as error:
-                self._mistake = str(error)
+                self._goal_error = str(error)
             else:
                 if goal.leader == self._platform and not self._keeper.has_course:
-                    self._mistake = "leading a formation: expected a course"
+                    self._goal_error = "leading a formation: expected a course"
 
-    def on_timer(self, now_ns: int) -> Step:
-        """Pose, set-point and status for now."""
+    def on_timer(self, now_ns: int) -> NavigatorOutput:
+        """Computes pose, set-point and status for this instant."""
         vehicle = self._vehicle
         landed = vehicle is not None and vehicle.landed
         armed = vehicle is not None and vehicle.armed
         self._estimator.on_driven(not landed or (armed and self._setpoint != _STOP))
         self._estimator.predict(now_ns)
-        if landed and armed and self._pilot.flies:
+        if landed and armed and self._controller.flies:
             self._estimator.on_landed()
         pose = self._estimator.pose()
         if pose is not None and self._scan is not None:
@@ -162,18 +162,18 @@ class Navigator:
             self._scan = None
         plan = self._plan(pose, now_ns)
         if pose is None or plan.target is None:
-            setpoint = self._pilot.stop()
+            setpoint = self._controller.stop()
         else:
-            setpoint = self._pilot.steer(pose, plan.target, self._around(now_ns), now_ns)
+            setpoint = self._controller.steer(pose, plan.target, self._around(now_ns), now_ns)
         self._setpoint = setpoint
-        return Step(pose, setpoint, self._report(self._checked(plan, pose, now_ns), now_ns))
+        return NavigatorOutput(pose, setpoint, self._report(self._checked(plan, pose, now_ns), now_ns))
 
-    # what to do
+    # the decision
 
     def _plan(self, pose: Pose | None, now_ns: int) -> _Plan:
         goal = self._goal
-        if self._mistake:
-            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._mistake)
+        if self._goal_error:
+            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
         if pose is None:
             return _Plan("idle" if goal is None else "holding", error=NavError.NO_POSITION)
         if goal is None:
@@ -193,11 +193,11 @@ class Navigator:
         return self._form(goal, pose, now_ns)
 
     def _stay(self, pose: Pose | None) -> Target | None:
-        """Hold the place where the goal came; on the ground, and without a goal on the ground, stop."""
-        if pose is None or not self._pilot.flies or self._vehicle is None or self._vehicle.landed:
+        """Target that holds the position at which the goal arrived; None on the ground: stop."""
+        if pose is None or not self._controller.flies or self._vehicle is None or self._vehicle.landed:
             return None
         if self._anchor is None:
-            # where it will have stopped, not where it is: no swinging back
+            # the position at which it will have stopped: without overshoot
             air = self._config.air
             slip = math.hypot(pose.vx_m_s, pose.vy_m_s) / (2 * air.a_max_m_s2)
             self._anchor = Pose.planar(
@@ -217,7 +217,7 @@ class Navigator:
         stay = self._stay(pose)
         if stay is None:
             standing = math.hypot(pose.vx_m_s, pose.vy_m_s) < _STILL_M_S
-            return _Plan("arrived" if standing or self._pilot.flies else "moving")
+            return _Plan("arrived" if standing or self._controller.flies else "moving")
         speed = (
             goal.speed_m_s if pose.z_m > _FINAL_M else min(goal.speed_m_s, self._config.air.touch_down_m_s)
         )
@@ -241,23 +241,23 @@ class Navigator:
         return self._reached(target, distance, distance, self._config.arrive_m, blockable=True)
 
     def _go(self, goal: Goal, pose: Pose) -> _Plan:
-        height = goal.z_m - pose.z_m if self._pilot.flies else 0.0
+        height = goal.z_m - pose.z_m if self._controller.flies else 0.0
         distance = math.hypot(goal.x_m - pose.x_m, goal.y_m - pose.y_m, height)
         yaw = goal.yaw_rad
-        if yaw is None and self._pilot.flies and distance > 2.0:
+        if yaw is None and self._controller.flies and distance > 2.0:
             yaw = math.atan2(goal.y_m - pose.y_m, goal.x_m - pose.x_m)
         target = Target(goal.x_m, goal.y_m, goal.z_m, yaw, goal.speed_m_s, (goal.x_m, goal.y_m))
         turned = yaw is None or distance > 2.0 or abs(math.remainder(yaw - pose.yaw_rad, math.tau)) < 0.1
         arrive = self._config.arrive_m if turned else 0.0
         plan = self._reached(target, distance, distance, arrive, blockable=True)
-        if plan.state == "arrived" and not self._pilot.flies and goal.yaw_rad is None:
+        if plan.state == "arrived" and not self._controller.flies and goal.yaw_rad is None:
             return msgspec.structs.replace(plan, target=None)
         return plan
 
     def _form(self, goal: Goal, pose: Pose, now_ns: int) -> _Plan:
         keeper = self._keeper
         if keeper is None:
-            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._mistake)
+            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
         leads = goal.leader == self._platform
         if leads:
             place = keeper.lead(pose, now_ns)
@@ -276,10 +276,10 @@ class Navigator:
         return msgspec.structs.replace(plan, error_m=place.error_m)
 
     def _reached(
-        self, target: Target, distance_m: float, wrong_m: float, arrive_m: float, *, blockable: bool
+        self, target: Target, distance_m: float, error_m: float, arrive_m: float, *, blockable: bool
     ) -> _Plan:
-        """Arrived stays arrived until it is twice as far off."""
-        self._arrived = wrong_m < (2 * arrive_m if self._arrived else arrive_m)
+        """Applies the arrival radius with hysteresis: it is left at twice the radius."""
+        self._arrived = error_m < (2 * arrive_m if self._arrived else arrive_m)
         return _Plan(
             "arrived" if self._arrived else "moving",
             target,
@@ -287,10 +287,10 @@ class Navigator:
             blockable=blockable and not self._arrived,
         )
 
-    # what is around
+    # the obstacles
 
     def _echoes(self, pose: Pose, scan: Range) -> tuple[tuple[float, float], ...]:
-        """The scan in the map, from where the scanner was when it looked."""
+        """The echoes in map coordinates, from the pose of the scanner at its stamp."""
         late_s = self._estimator.since_s(self._scan_ns)
         x, y = pose.x_m - pose.vx_m_s * late_s, pose.y_m - pose.vy_m_s * late_s
         first = pose.yaw_rad - pose.wz_rad_s * late_s + scan.angle_min_rad
@@ -326,7 +326,7 @@ class Navigator:
                 continue
             ahead_s = min(max(age_s, 0.0), _EXTRAPOLATE_S)
             found.append(
-                Neighbour(
+                MovingObstacle(
                     pose.x_m + pose.vx_m_s * ahead_s,
                     pose.y_m + pose.vy_m_s * ahead_s,
                     pose.z_m + pose.vz_m_s * ahead_s,
@@ -339,16 +339,16 @@ class Navigator:
         fresh = now_ns - self._scan_ns < _SCAN_AGE_S * 1e9
         return Surroundings(self._points if fresh else (), tuple(found))
 
-    # what to say
+    # the status
 
     def _checked(self, plan: _Plan, pose: Pose | None, now_ns: int) -> _Plan:
-        """Blocked when there should be progress and is none."""
+        """Changes the state to blocked when progress is expected and missing."""
         here = None if pose is None else (pose.x_m, pose.y_m, pose.z_m)
-        # a way, not a speed: one that drives to and fro before an obstacle has a speed, too
-        least_m = _STILL_M_S * self._config.blocked_s
-        moves = here is not None and (self._was is None or math.dist(here, self._was) > least_m)
+        # progress is a distance, not a speed: one that oscillates in front of an obstacle has a speed, too
+        min_m = _STILL_M_S * self._config.blocked_s
+        moves = here is not None and (self._moved_from is None or math.dist(here, self._moved_from) > min_m)
         if moves or not plan.blockable:
-            self._moved_ns, self._was = now_ns, here
+            self._moved_ns, self._moved_from = now_ns, here
         if now_ns - self._moved_ns > self._config.blocked_s * 1e9:
             return msgspec.structs.replace(plan, state="blocked", error=NavError.NO_WAY)
         return plan
@@ -362,13 +362,13 @@ class Navigator:
             plan.note,
             plan.error,
         )
-        changed = _told(status) != _told(self._status)
+        changed = _published_at_once(status) != _published_at_once(self._status)
         if not changed and now_ns - self._status_ns < 0.99e9 / self._config.status_hz:
             return None
         self._status, self._status_ns = status, now_ns
         return status
 
 
-def _told(status: NavStatus) -> object:
-    """What is said at once; the rest can wait for the rate."""
+def _published_at_once(status: NavStatus) -> object:
+    """The fields whose change is published at once, not at the next period."""
     return status.goal_seq, status.state, status.error, status.note

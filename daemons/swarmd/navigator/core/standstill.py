@@ -1,4 +1,4 @@
-"""Whether the inertial unit rests, whatever its bias and its tilt."""
+"""Detects rest from the inertial unit, independent of its bias and tilt."""
 
 import math
 from typing import Final
@@ -6,15 +6,15 @@ from typing import Final
 from swarmware.types.vehicle import Imu
 
 _FAST_S: Final = 0.06
-"""Time constant that takes the noise off a jolt: of 1 m/s², at 25 Hz, two samples are enough."""
+"""Time constant of the low-pass that detects a jolt: one of 1 m/s² at 25 Hz within two samples."""
 _SLOW_S: Final = 2.0
-"""Time constant in which a bias or another tilt is taken for the rest position."""
+"""Time constant of the mean that absorbs bias and tilt."""
 _QUIET_NS: Final = 1_000_000_000
-"""So long without a jolt is rest."""
+"""Time without a jolt after which the vehicle is at rest."""
 
 
 class Standstill:
-    """Detector of zero velocity: the specific force stays at its own mean, and nothing turns.
+    """Zero-velocity detector: the specific force stays at its mean, and the rate of turn is small.
 
     Source: Skog et al. 2010, "Zero-velocity detection", IEEE Trans. Biomed. Eng. 57.
     """
@@ -29,7 +29,7 @@ class Standstill:
         self._stamp_ns = self._quiet_ns = 0
 
     def on_imu(self, imu: Imu, stamp_ns: int, dt_s: float) -> None:
-        """One sample, `dt_s` after the last one."""
+        """Takes one sample, `dt_s` after the previous one."""
         self._stamp_ns = stamp_ns
         force = (imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2)
         rate = (imu.wx_rad_s, imu.wy_rad_s, imu.wz_rad_s)
@@ -48,12 +48,12 @@ class Standstill:
 
     @property
     def since_ns(self) -> int:
-        """Stamp of the last jolt."""
+        """Stamp of the last sample with a jolt."""
         return self._quiet_ns
 
     @property
     def rests(self) -> bool:
-        """Whether there was no jolt for a while."""
+        """Whether the last jolt is long enough ago."""
         return self._count > 0 and self._stamp_ns - self._quiet_ns >= _QUIET_NS
 
 

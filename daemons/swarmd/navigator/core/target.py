@@ -1,28 +1,28 @@
-"""What a pilot gets: where to be, how that place moves, what is around."""
+"""The inputs of a controller: the target with its velocity, and the obstacles around."""
 
 import msgspec
 
 
 class Target(msgspec.Struct, frozen=True, gc=False):
-    """The place to be at now."""
+    """The position that the vehicle should have now, and how to reach it."""
 
     x_m: float
     y_m: float
     z_m: float
     yaw_rad: float | None
-    """Heading to have there; None: as it comes."""
+    """Commanded heading; None: any."""
     speed_m_s: float
-    """Not faster than this on the way."""
+    """Maximum speed."""
     ahead_m: tuple[float, float]
-    """Point at which a ground vehicle aims."""
+    """Look-ahead point to which a ground vehicle steers."""
     velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """How the place moves."""
+    """Velocity of the target."""
     climb_m_s: float = 100.0
-    """Neither climb nor sink faster than this."""
+    """Maximum rate of climb and descent."""
 
 
-class Neighbour(msgspec.Struct, frozen=True, gc=False):
-    """Another platform, now."""
+class MovingObstacle(msgspec.Struct, frozen=True, gc=False):
+    """Another platform: its position and velocity at this instant."""
 
     x_m: float
     y_m: float
@@ -31,15 +31,15 @@ class Neighbour(msgspec.Struct, frozen=True, gc=False):
     vy_m_s: float
     vz_m_s: float
     yields: bool = False
-    """It gives way to us: of two that avoid each other in the same manner, neither would get past."""
+    """Whether it gives way to this vehicle: two vehicles with the same rule would block each other."""
 
 
 class Surroundings(msgspec.Struct, frozen=True):
-    """What must not be hit."""
+    """Obstacles around the vehicle."""
 
     points_m: tuple[tuple[float, float], ...] = ()
-    """Echoes of the scanner, in the map."""
-    neighbours: tuple[Neighbour, ...] = ()
+    """Echoes of the scanner in map coordinates."""
+    neighbours: tuple[MovingObstacle, ...] = ()
 
 
 NOTHING_AROUND = Surroundings()

@@ -1,1 +1,1 @@
-"""Pure parts of the simulation: vehicles, sensor errors, battery, contacts; no input, output or clock."""
+"""Sans-io core of the simulation: models of vehicle, sensors, battery; no input, output or clock."""

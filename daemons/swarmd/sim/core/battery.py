@@ -1,36 +1,36 @@
-"""The accumulator: energy drawn, voltage left."""
+"""Battery model: energy and voltage."""
 
-from swarmd.sim.config import Battery
+from swarmd.sim.config import BatteryConfig
 from swarmware.types.vehicle import BatteryState
 
 
-class Accumulator:
-    """Energy of one vehicle; the voltage falls in a straight line, which is enough to act on."""
+class Battery:
+    """Energy store of one vehicle; the voltage is linear in the state of charge."""
 
-    __slots__ = ("_config", "_left_wh", "_power_w")
+    __slots__ = ("_config", "_energy_wh", "_power_w")
 
-    def __init__(self, config: Battery) -> None:
+    def __init__(self, config: BatteryConfig) -> None:
         self._config = config
-        self._left_wh = config.capacity_wh * config.start_ratio
+        self._energy_wh = config.capacity_wh * config.start_ratio
         self._power_w = 0.0
 
     @property
     def ratio(self) -> float:
-        """Energy left, of a full one."""
-        return self._left_wh / self._config.capacity_wh
+        """State of charge: remaining energy over capacity."""
+        return self._energy_wh / self._config.capacity_wh
 
     @property
     def empty(self) -> bool:
-        """Nothing left: the motors stop."""
-        return self._left_wh <= 0.0
+        """Whether the battery is empty; the motors stop then."""
+        return self._energy_wh <= 0.0
 
     def draw(self, power_w: float, dt_s: float) -> None:
-        """Energy used in a sample."""
+        """Draws power for the duration of a sample."""
         self._power_w = power_w
-        self._left_wh = max(0.0, self._left_wh - power_w * dt_s / 3600)
+        self._energy_wh = max(0.0, self._energy_wh - power_w * dt_s / 3600)
 
     def state(self) -> BatteryState:
-        """As its own gauge shows it."""
+        """The state that the battery monitor reports."""
         config = self._config
         voltage = config.voltage_empty_v + self.ratio * (config.voltage_full_v - config.voltage_empty_v)
         return BatteryState(round(voltage, 3), round(self._power_w / voltage, 3), round(self.ratio, 5))

@@ -1,4 +1,4 @@
-"""The ground vehicle: S0's kinematics behind a drive with limits."""
+"""Model of a ground vehicle: the kinematics of S0 behind a drive with limits."""
 
 import math
 
@@ -34,7 +34,7 @@ def advance(state: GroundState, v_m_s: float, w_rad_s: float, dt_s: float) -> Gr
 
 
 class Ground:
-    """A vehicle that drives."""
+    """Model of a vehicle with a differential drive."""
 
     __slots__ = ("_accel", "_limits", "armed", "state")
 
@@ -49,11 +49,11 @@ class Ground:
 
     @property
     def radius_m(self) -> float:
-        """Of the circle that holds it."""
+        """Radius of the circle around the vehicle."""
         return self._limits.radius_m
 
     def step(self, wanted: Setpoint, dt_s: float) -> float:
-        """One sample towards the set-point; answers the speed of a fall onto the ground, which is 0."""
+        """Simulates one sample; the speed of an impact on the ground, always 0."""
         limits, old = self._limits, self.state
         if not self.armed:
             wanted = Setpoint(0.0)
@@ -67,19 +67,19 @@ class Ground:
         return 0.0
 
     def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
-        """Held fast by something it ran into."""
+        """Stops the vehicle at an obstacle that it hit."""
         self.state = GroundState(x_m, y_m, self.state.yaw_rad)
 
     def pose(self) -> Pose:
-        """Where it truly is."""
+        """The true pose."""
         s = self.state
         velocity = (s.v_m_s * math.cos(s.yaw_rad), s.v_m_s * math.sin(s.yaw_rad), 0.0)
         return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, velocity, s.w_rad_s)
 
     def acceleration(self) -> tuple[float, float, float]:
-        """Forward, left and up, without gravity: along the way, and towards the middle of the turn."""
+        """Acceleration forward, left and up, without gravity: tangential and centripetal."""
         return self._accel, self.state.v_m_s * self.state.w_rad_s, 0.0
 
     def power_w(self) -> float:
-        """Electric power it draws."""
+        """Electric power in W."""
         return self._limits.power_w + abs(self.state.v_m_s) * self._limits.power_per_m_s_w

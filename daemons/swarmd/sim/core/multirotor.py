@@ -1,4 +1,4 @@
-"""The multirotor: velocity set-points answered with a lag, take-off and landing, level attitude."""
+"""Model of a multirotor: first-order response to velocity set-points, take-off, landing, level attitude."""
 
 import math
 from typing import Final
@@ -8,13 +8,13 @@ from swarmware.types.vehicle import Pose, Setpoint
 
 GRAVITY_M_S2: Final = 9.80665
 _LIFT_M_S: Final = 0.1
-"""A landed vehicle leaves the ground when more climb than this is asked for."""
+"""Commanded climb rate above which a landed vehicle takes off."""
 _IDLE: Final = 0.1
-"""Share of the hovering power that electronics and idling motors draw on the ground."""
+"""Ratio of the power on the ground (electronics, idling motors) to that in hover."""
 
 
 class Multirotor:
-    """A vehicle that flies; its own attitude control is part of the model."""
+    """Model of a multirotor; its attitude control is part of the model."""
 
     __slots__ = ("_accel", "_limits", "_v", "_w", "_x", "_yaw", "armed", "landed")
 
@@ -32,11 +32,11 @@ class Multirotor:
 
     @property
     def radius_m(self) -> float:
-        """Of the sphere that holds it."""
+        """Radius of the sphere around the vehicle."""
         return self._limits.radius_m
 
     def step(self, wanted: Setpoint, dt_s: float) -> float:
-        """One sample towards the set-point; answers the speed of an impact on the ground, else 0."""
+        """Simulates one sample; the speed of an impact on the ground, else 0."""
         if self.landed:
             if not self.armed or wanted.vz_m_s < _LIFT_M_S:
                 self._accel = (0.0, 0.0, 0.0)
@@ -44,7 +44,7 @@ class Multirotor:
             self.landed = False
         before = tuple(self._v)
         if self.armed:
-            self._answer(wanted, dt_s)
+            self._follow(wanted, dt_s)
         else:
             self._v[2] -= GRAVITY_M_S2 * dt_s
         for axis in range(3):
@@ -60,7 +60,7 @@ class Multirotor:
             return self._touch_down()
         return 0.0
 
-    def _answer(self, wanted: Setpoint, dt_s: float) -> None:
+    def _follow(self, wanted: Setpoint, dt_s: float) -> None:
         limits = self._limits
         cos, sin = math.cos(self._yaw), math.sin(self._yaw)
         vx = wanted.vx_m_s * cos - wanted.vy_m_s * sin
@@ -71,11 +71,11 @@ class Multirotor:
         dv = [
             (target - now) * share for target, now in zip((vx * scale, vy * scale, vz), self._v, strict=True)
         ]
-        most = limits.a_max_m_s2 * dt_s
-        flat = min(1.0, most / max(math.hypot(dv[0], dv[1]), 1e-12))
+        max_dv = limits.a_max_m_s2 * dt_s
+        flat = min(1.0, max_dv / max(math.hypot(dv[0], dv[1]), 1e-12))
         self._v[0] += dv[0] * flat
         self._v[1] += dv[1] * flat
-        self._v[2] += min(max(dv[2], -most), most)
+        self._v[2] += min(max(dv[2], -max_dv), max_dv)
         w = min(max(wanted.wz_rad_s, -limits.w_max_rad_s), limits.w_max_rad_s)
         self._w += (w - self._w) * (1 - math.exp(-dt_s / limits.w_tau_s))
 
@@ -87,25 +87,25 @@ class Multirotor:
         return speed if sink > self._limits.hard_landing_m_s else 0.0
 
     def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
-        """Held fast by something it ran into."""
+        """Stops the vehicle at an obstacle that it hit."""
         self._x = [x_m, y_m, z_m]
         self._v = [0.0, 0.0, 0.0]
         self._w = 0.0
         self._accel = (0.0, 0.0, 0.0)
 
     def pose(self) -> Pose:
-        """Where it truly is."""
+        """The true pose."""
         velocity = (self._v[0], self._v[1], self._v[2])
         return Pose.planar(self._x[0], self._x[1], self._x[2], self._yaw, velocity, self._w)
 
     def acceleration(self) -> tuple[float, float, float]:
-        """Forward, left and up, without gravity."""
+        """Acceleration forward, left and up, without gravity."""
         cos, sin = math.cos(self._yaw), math.sin(self._yaw)
         ax, ay, az = self._accel
         return ax * cos + ay * sin, ay * cos - ax * sin, az
 
     def power_w(self) -> float:
-        """Electric power it draws."""
+        """Electric power in W."""
         if self.landed:
             return self._limits.power_w * _IDLE
         return self._limits.power_w + math.hypot(*self._v) * self._limits.power_per_m_s_w

@@ -1,41 +1,41 @@
-"""What the sensors say: the truth with their errors on it."""
+"""Sensor models: the true state with measurement errors."""
 
 import math
 from collections.abc import Callable
 from typing import Final
 
-from swarmd.sim.config import Sensors
+from swarmd.sim.config import SensorsConfig
 from swarmware.geodesy import LocalMap
 from swarmware.types.vehicle import GnssFix, Imu, Pose, Range
 from swarmware.world import World
 
 GRAVITY_M_S2: Final = 9.80665
 _HEIGHT_FACTOR: Final = 1.5
-"""Satellites are all above: heights are about this much worse than positions."""
+"""Ratio of the vertical to the horizontal error of GNSS (satellites are all above)."""
 _SATELLITES: Final = 17
 
 Gauss = Callable[[float, float], float]
-"""A throw from a normal distribution: mean, sigma."""
+"""Draws from a normal distribution with mean and sigma."""
 Uniform = Callable[[], float]
-"""A throw from 0 to 1."""
+"""Draws from the uniform distribution from 0 to 1."""
 
 
 class SensorErrors:
-    """The sensors of one vehicle, each with its own slow and fast errors."""
+    """The sensors of one vehicle, each with bias and noise."""
 
     __slots__ = (
         "_bias_m",
         "_config",
+        "_correlation",
+        "_drive_sigma_m",
         "_gauss",
-        "_keep",
         "_map",
-        "_stir_m",
         "_uniform",
         "_world",
         "_yaw_bias_rad",
     )
 
-    def __init__(self, config: Sensors, world: World, gauss: Gauss, uniform: Uniform) -> None:
+    def __init__(self, config: SensorsConfig, world: World, gauss: Gauss, uniform: Uniform) -> None:
         self._config = config
         self._world = world
         self._map = LocalMap(world.origin)
@@ -43,15 +43,17 @@ class SensorErrors:
         self._uniform = uniform
         self._yaw_bias_rad = gauss(0.0, config.yaw_bias_sigma_rad)
         # first-order Gauss-Markov process, sampled at the receiver's rate
-        self._keep = math.exp(-1 / (config.gnss_hz * config.gnss_bias_tau_s))
-        self._stir_m = config.gnss_bias_sigma_m * math.sqrt(1 - self._keep**2)
+        self._correlation = math.exp(-1 / (config.gnss_hz * config.gnss_bias_tau_s))
+        self._drive_sigma_m = config.gnss_bias_sigma_m * math.sqrt(1 - self._correlation**2)
         self._bias_m = [gauss(0.0, config.gnss_bias_sigma_m) for _ in range(3)]
 
     def gnss(self, pose: Pose) -> GnssFix:
-        """A position fix."""
+        """Measures a position fix."""
         sigma = self._config.gnss_sigma_m
         for axis in range(3):
-            self._bias_m[axis] = self._bias_m[axis] * self._keep + self._gauss(0.0, self._stir_m)
+            self._bias_m[axis] = self._bias_m[axis] * self._correlation + self._gauss(
+                0.0, self._drive_sigma_m
+            )
         lat, lon, alt = self._map.to_wgs84(
             pose.x_m + self._bias_m[0] + self._gauss(0.0, sigma),
             pose.y_m + self._bias_m[1] + self._gauss(0.0, sigma),
@@ -61,7 +63,7 @@ class SensorErrors:
         return GnssFix(lat, lon, alt, accuracy, _SATELLITES)
 
     def imu(self, pose: Pose, acceleration: tuple[float, float, float]) -> Imu:
-        """Rates, specific force and heading."""
+        """Measures rates, specific force and heading."""
         config, gauss = self._config, self._gauss
         rate, force = config.gyro_sigma_rad_s, config.accel_sigma_m_s2
         return Imu(
@@ -75,21 +77,21 @@ class SensorErrors:
         )
 
     def scan(self, pose: Pose, height_m: float) -> Range:
-        """Distances to what stands around, at the scanner's height; no echo is the greatest distance."""
+        """Measures distances to obstacles at the scanner's height; without an echo the maximum range."""
         config = self._config
-        sigma, most = config.range_sigma_m, config.range_max_m
-        found = self._world.scan(pose.x_m, pose.y_m, height_m, pose.yaw_rad, config.range_beams, most)
+        sigma, max_m = config.range_sigma_m, config.range_max_m
+        found = self._world.scan(pose.x_m, pose.y_m, height_m, pose.yaw_rad, config.range_beams, max_m)
         ranges = tuple(
-            most if length >= most else round(min(max(self._gauss(length, sigma), 0.0), most), 3)
+            max_m if length >= max_m else round(min(max(self._gauss(length, sigma), 0.0), max_m), 3)
             for length in found
         )
-        return Range(-math.pi, math.tau / config.range_beams, most, ranges)
+        return Range(-math.pi, math.tau / config.range_beams, max_m, ranges)
 
     def sonar(self, height_m: float) -> Range:
-        """Height above the ground; some echoes are somebody else's (S2.49)."""
+        """Measures the height above the ground, with outliers (S2.49)."""
         config = self._config
-        most = config.sonar_max_m
+        max_m = config.sonar_max_m
         if self._uniform() < config.sonar_outliers_ratio:
-            height_m = self._uniform() * most
-        length = min(max(self._gauss(height_m, config.sonar_sigma_m), 0.0), most)
-        return Range(0.0, 0.0, most, (round(length, 3),))
+            height_m = self._uniform() * max_m
+        length = min(max(self._gauss(height_m, config.sonar_sigma_m), 0.0), max_m)
+        return Range(0.0, 0.0, max_m, (round(length, 3),))

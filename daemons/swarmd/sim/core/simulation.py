@@ -1,4 +1,4 @@
-"""One vehicle in its world, sample by sample."""
+"""Simulation of one vehicle in its world, at a fixed sample rate."""
 
 import math
 from typing import Final, Protocol
@@ -6,7 +6,7 @@ from typing import Final, Protocol
 import msgspec
 
 from swarmd.sim.config import Config
-from swarmd.sim.core.battery import Accumulator
+from swarmd.sim.core.battery import Battery
 from swarmd.sim.core.ground import Ground
 from swarmd.sim.core.multirotor import Multirotor
 from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
@@ -26,22 +26,22 @@ from swarmware.world import World
 
 BOUNDS: Final = "bounds"
 GROUND: Final = "ground"
-"""Names of what can be hit besides obstacles and platforms."""
+"""Names in a collision besides those of obstacles and platforms."""
 
 _STOP: Final = Setpoint(0.0)
 _CATCH_UP_S: Final = 1.0
-"""A longer stall of the computer is not simulated afterwards: the world stood still."""
+"""Longest stall of the computer that is simulated afterwards; during a longer one time stops."""
 _SCANNER_M: Final = 0.3
-"""Height of a ground vehicle's scanner above the ground."""
+"""Height of the scanner of a ground vehicle above the ground."""
 _BATTERY_HZ: Final = 1.0
 _RELEASE_M: Final = 0.1
-"""This far away a contact is over."""
+"""Distance at which a contact ends."""
 _NEIGHBOUR_AGE_S: Final = 1.0
-"""An older pose of another platform says nothing about a contact."""
+"""Maximum age of the pose of another platform in a collision check."""
 
 
-class Vehicle(Protocol):
-    """What the simulation needs of a vehicle model."""
+class VehicleModel(Protocol):
+    """Interface of a vehicle model."""
 
     armed: bool
 
@@ -58,11 +58,11 @@ class Vehicle(Protocol):
     def power_w(self) -> float: ...
 
 
-class Sample(msgspec.Struct, frozen=True, gc=False):
-    """What one call of `on_timer` brought: the truth, and what sensors say that were due."""
+class SimulationOutput(msgspec.Struct, frozen=True, gc=False):
+    """The outputs of one call of `on_timer`: the true pose, and the measurements that were due."""
 
     stamp_ns: int
-    """Instant for which all this holds."""
+    """Instant of all values."""
     truth: Pose
     gnss: GnssFix | None = None
     imu: Imu | None = None
@@ -70,14 +70,15 @@ class Sample(msgspec.Struct, frozen=True, gc=False):
     sonar: Range | None = None
     battery: BatteryState | None = None
     vehicle: VehicleState | None = None
-    """When it changed, and once a second."""
+    """Set when it changed, and once a second."""
     collisions: tuple[Collision, ...] = ()
 
 
 class Simulation:
-    """A vehicle, its battery and sensors, and what it runs into.
+    """Simulates a vehicle, its battery, its sensors and its collisions.
 
-    Samples lie at multiples of their periods, however late the calls are; so do the reads of their drivers.
+    Samples are at multiples of their periods, independent of the lateness of the calls; so are the reads of
+    their drivers.
     """
 
     def __init__(
@@ -86,23 +87,23 @@ class Simulation:
         self._config = config
         self._world = world
         self.vehicle = model(config, kind, start)
-        self._battery = Accumulator(config.battery)
+        self._battery = Battery(config.battery)
         self._sensors = SensorErrors(config.sensors, world, gauss, uniform)
         self._dt_ns = round(1e9 / config.rate_hz)
         self._dt_s = self._dt_ns / 1e9
         self._begun = False
         self._steps = 0
-        """The sample reached: its instant, in periods."""
+        """Index of the current sample: its instant in periods."""
         self._setpoint = _STOP
         self._setpoint_ns = 0
-        self._told: VehicleState | None = None
+        self._published: VehicleState | None = None
         self._touched: frozenset[str] = frozenset()
         self._parked: Pose | None = None
-        """Where it stands with its motors off: nothing changes there from sample to sample."""
+        """Pose at which it rests with its motors off: it does not change between samples."""
         self._close: set[str] = set()
         self._near: dict[str, tuple[Pose, int]] = {}
         self.stalls = 0
-        """How often the computer was too slow to simulate."""
+        """Number of stalls longer than `_CATCH_UP_S`."""
         rates = config.sensors
         self._every_gnss = self._every(rates.gnss_hz)
         self._every_imu = self._every(rates.imu_hz)
@@ -119,22 +120,22 @@ class Simulation:
         return max(1, round(self._config.rate_hz / rate_hz))
 
     def state(self) -> VehicleState:
-        """Armed, landed."""
+        """State of the vehicle: armed, landed."""
         return VehicleState(self.vehicle.armed, self.vehicle.landed)
 
     def on_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
-        """The navigator wants this from now on."""
+        """Takes a set-point of the navigator."""
         self._setpoint = setpoint
         self._setpoint_ns = now_ns
 
     def on_arm(self, armed: bool) -> VehicleState:
-        """Arms or disarms.
+        """Arms or disarms the motors.
 
         Raises: Denied with the reason.
         """
-        vehicle, least = self.vehicle, self._config.battery.arm_ratio
-        if armed and not vehicle.armed and self._battery.ratio < least:
-            raise Denied(f"arming: battery at {self._battery.ratio:.0%}, expected {least:.0%} at least")
+        vehicle, min_ratio = self.vehicle, self._config.battery.arm_ratio
+        if armed and not vehicle.armed and self._battery.ratio < min_ratio:
+            raise Denied(f"arming: battery at {self._battery.ratio:.0%}, expected at least {min_ratio:.0%}")
         if armed and not vehicle.armed and vehicle.flies and not vehicle.landed:
             raise Denied(f"arming in the air at {vehicle.pose().z_m:.1f} m: expected a landed vehicle")
         if not armed and vehicle.flies and not vehicle.landed:
@@ -143,16 +144,16 @@ class Simulation:
         return self.state()
 
     def on_kill(self) -> VehicleState:
-        """Motors off, wherever the vehicle is; in the air it falls."""
+        """Stops the motors; a vehicle in the air falls."""
         self.vehicle.armed = False
         return self.state()
 
     def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None:
-        """Where another platform was, in the own clock."""
+        """Takes the pose of another platform, stamped in the own clock."""
         self._near[platform] = (pose, stamp_ns)
 
-    def on_timer(self, now_ns: int) -> Sample | None:
-        """Everything up to now; None when no new sample is due."""
+    def on_timer(self, now_ns: int) -> SimulationOutput | None:
+        """Simulates all samples up to now; None when no new sample is due."""
         reached = now_ns // self._dt_ns
         if not self._begun:
             self._begun = True
@@ -160,11 +161,11 @@ class Simulation:
         due = reached - self._steps
         if due <= 0:
             return None
-        most = round(_CATCH_UP_S / self._dt_s)
-        if due > most:
+        max_steps = round(_CATCH_UP_S / self._dt_s)
+        if due > max_steps:
             self.stalls += 1
-            self._steps += due - most
-            due = most
+            self._steps += due - max_steps
+            due = max_steps
         first = self._steps
         hits: list[Collision] = []
         if self._is_parked():
@@ -175,10 +176,10 @@ class Simulation:
         return self._sample(first, tuple(hits))
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has something to do; None before its first call."""
+        """Instant of the next sample; None before the first call of `on_timer`."""
         if not self._begun:
             return None
-        # the truth about a parked vehicle needs no sample between those of its sensors
+        # a parked vehicle is only simulated at the samples of its sensors
         parked = self._is_parked()
         step = min((self._steps // n + 1) * n for n in self._every_sensor) if parked else self._steps + 1
         return step * self._dt_ns
@@ -191,7 +192,7 @@ class Simulation:
         return self._steps * self._dt_ns
 
     def _stay(self, count: int) -> list[Collision]:
-        """Samples of a parked vehicle, at once."""
+        """Simulates several samples of a parked vehicle in one step."""
         first, self._steps = self._steps, self._steps + count
         vehicle = self.vehicle
         self._battery.draw(vehicle.power_w(), count * self._dt_s)
@@ -225,14 +226,14 @@ class Simulation:
         inside = self._world.bounds.contains(pose.x_m, pose.y_m, pose.z_m)
         now = frozenset(({found.name} if found else set()) | (set() if inside else {BOUNDS}))
         if self._touched:
-            # a vehicle that presses against something moves to and fro by millimetres
+            # a vehicle pressed against an obstacle oscillates by millimetres
             near = self._world.touching(pose.x_m, pose.y_m, pose.z_m, radius + _RELEASE_M)
             now |= self._touched & {near.name if near else ""}
         new, self._touched = now - self._touched, now
         if found is not None and found.distance_m(pose.x_m, pose.y_m) < found.distance_m(
             before.x_m, before.y_m
         ):
-            # what is hit does not yield; away from it the vehicle may move
+            # obstacles are rigid; the vehicle may only move away
             self.vehicle.stop_at(before.x_m, before.y_m, before.z_m)
         return [_collision(name, pose, speed_m_s) for name in sorted(new)]
 
@@ -260,16 +261,16 @@ class Simulation:
                 self._close.discard(platform)
         return hits
 
-    def _sample(self, first: int, hits: tuple[Collision, ...]) -> Sample:
+    def _sample(self, first: int, hits: tuple[Collision, ...]) -> SimulationOutput:
         def due(every: int) -> bool:
             return self._steps // every > first // every
 
         vehicle, sensors = self.vehicle, self._sensors
         pose = vehicle.pose()
         state = self.state()
-        tell = state != self._told or due(self._every_battery)
-        self._told = state
-        return Sample(
+        publish = state != self._published or due(self._every_battery)
+        self._published = state
+        return SimulationOutput(
             self._stamp_ns(),
             pose,
             sensors.gnss(pose) if due(self._every_gnss) else None,
@@ -277,15 +278,15 @@ class Simulation:
             sensors.scan(pose, max(pose.z_m, _SCANNER_M)) if due(self._every_scan) else None,
             sensors.sonar(pose.z_m) if vehicle.flies and due(self._every_sonar) else None,
             self._battery.state() if due(self._every_battery) else None,
-            state if tell else None,
+            state if publish else None,
             hits,
         )
 
 
-def model(config: Config, kind: str, start: Pose) -> Vehicle:
-    """The vehicle model for a kind of platform: uav flies, ugv drives, usv floats.
+def model(config: Config, kind: str, start: Pose) -> VehicleModel:
+    """The vehicle model for a kind of platform: uav multirotor, ugv ground vehicle, usv surface vessel.
 
-    Raises: InvalidInput for a kind that has no body, as a ground station.
+    Raises: InvalidInput for a kind without a vehicle, such as gcs.
     """
     match kind:
         case "uav":

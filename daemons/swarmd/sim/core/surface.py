@@ -1,4 +1,4 @@
-"""The surface vessel: propellers that push and turn, a hull that answers slowly and slips in the turn."""
+"""Model of a surface vessel: surge and yaw by propellers, first-order response of the hull, sway in turns."""
 
 import math
 
@@ -20,10 +20,10 @@ class SurfaceState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Surface:
-    """A vehicle that floats, in calm water.
+    """Model of a surface vessel in calm water.
 
-    Surge and yaw rate answer the set-point as first-order systems. A turn at speed makes the hull slip
-    outwards, against a drag that lets the slip die away.
+    Surge and yaw rate follow the set-point as first-order systems. A turn at speed causes sway, which
+    decays by drag.
     Source: Nomoto 1957 (steering); Fossen 2011, Handbook of Marine Craft, chapter 7 (sway).
     """
 
@@ -40,22 +40,22 @@ class Surface:
 
     @property
     def radius_m(self) -> float:
-        """Of the circle that holds it."""
+        """Radius of the circle around the vessel."""
         return self._limits.radius_m
 
     def step(self, wanted: Setpoint, dt_s: float) -> float:
-        """One sample towards the set-point; answers the speed of a fall onto the ground, which is 0.
+        """Simulates one sample; the speed of an impact on the ground, always 0.
 
-        Disarmed it drifts to a standstill.
+        A disarmed vessel drifts to rest.
         """
         limits, old = self._limits, self.state
         if not self.armed:
             wanted = Setpoint(0.0)
         v = min(max(wanted.vx_m_s, -limits.v_back_m_s), limits.v_max_m_s)
         w = min(max(wanted.wz_rad_s, -limits.w_max_rad_s), limits.w_max_rad_s)
-        most = limits.a_max_m_s2 * dt_s
+        max_dv = limits.a_max_m_s2 * dt_s
         dv = (v - old.surge_m_s) * (1 - math.exp(-dt_s / limits.tau_s))
-        surge = old.surge_m_s + min(max(dv, -most), most)
+        surge = old.surge_m_s + min(max(dv, -max_dv), max_dv)
         rate = old.w_rad_s + (w - old.w_rad_s) * (1 - math.exp(-dt_s / limits.w_tau_s))
         slip = old.sway_m_s - surge * rate * dt_s
         sway = slip * math.exp(-dt_s / limits.sway_tau_s)
@@ -72,20 +72,20 @@ class Surface:
         return 0.0
 
     def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
-        """Held fast by something it ran into."""
+        """Stops the vessel at an obstacle that it hit."""
         self.state = SurfaceState(x_m, y_m, self.state.yaw_rad)
 
     def pose(self) -> Pose:
-        """Where it truly is."""
+        """The true pose."""
         s = self.state
         cos, sin = math.cos(s.yaw_rad), math.sin(s.yaw_rad)
         velocity = (s.surge_m_s * cos - s.sway_m_s * sin, s.surge_m_s * sin + s.sway_m_s * cos, 0.0)
         return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, velocity, s.w_rad_s)
 
     def acceleration(self) -> tuple[float, float, float]:
-        """Forward, left and up, without gravity: along the way, and towards the middle of the turn."""
+        """Acceleration forward, left and up, without gravity: tangential and centripetal."""
         return self._accel, self.state.surge_m_s * self.state.w_rad_s, 0.0
 
     def power_w(self) -> float:
-        """Electric power it draws: that of a propeller rises with the third power of the speed."""
+        """Electric power in W: that of a propeller is proportional to the cube of the speed."""
         return self._limits.power_w + abs(self.state.surge_m_s) ** 3 * self._limits.power_per_m3_s3_w

@@ -7,15 +7,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from swarmware.record.entry import Entry
-from swarmware.record.ring import LogRing, segments
-from swarmware.record.segment import Channel, SegmentReader, SegmentWriter
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.ring import LogRing, segments
+from swarmware.recorder.segment import LogChannel, SegmentReader, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.scalar import Text
 from swarmware.types.vehicle import BatteryState, Pose
 
-POSE = Channel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
-NOTE = Channel("uav1", "mission/note", "event", "Text", "uav1:mission:out")
+POSE = LogChannel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
+NOTE = LogChannel("uav1", "mission/note", "event", "Text", "uav1:mission:out")
 
 
 def fill(ring: LogRing, count: int, start: int = 0) -> None:
@@ -23,7 +23,7 @@ def fill(ring: LogRing, count: int, start: int = 0) -> None:
         ring.append(POSE, -5_000_000_000 + number, 1_000_000 + number, registry.encode(Pose(number, 0)))
 
 
-def read(directory: Path) -> list[Entry]:
+def read(directory: Path) -> list[LogEntry]:
     return [entry for path in segments(directory) for entry in SegmentReader(path).entries()]
 
 
@@ -172,7 +172,7 @@ def test_a_disk_without_the_wanted_space_gives_up_the_oldest_segments(tmp_path: 
 
 def test_a_type_nobody_knows_is_still_kept_and_shown(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
-    channel = Channel("uav1", "x/y", "board", "Unheard", "uav1:x:out")
+    channel = LogChannel("uav1", "x/y", "board", "Unheard", "uav1:x:out")
     ring.append(channel, 1, 1, registry.encode(BatteryState(12.0, 1.0, 0.5)))
     ring.append(channel, 2, 2, b"\xc1")
     ring.close()

@@ -1,4 +1,4 @@
-"""One MCAP file of the local ring: whole records at a time, readable while it grows and after any damage."""
+"""One MCAP file of the local ring: writer and reader, which tolerates a growing or damaged file."""
 
 import os
 import zlib
@@ -10,8 +10,8 @@ import msgspec
 from mcap.writer import Writer
 
 from swarmware import __version__
-from swarmware.record.entry import Entry, schema
-from swarmware.record.scan import (
+from swarmware.recorder.entry import LogEntry, schema
+from swarmware.recorder.scan import (
     CHANNEL,
     DATA_END,
     FOOTER,
@@ -29,25 +29,25 @@ from swarmware.record.scan import (
 
 TAIL: Final = (
     RECORD.pack(DATA_END, 4) + bytes(4) + RECORD.pack(FOOTER, 20) + bytes(20) + MAGIC
-)  # a valid end without a summary: what a cut file gets
+)  # a valid end without a summary, for a truncated file
 _I64: Final = 1 << 63
 _U64: Final = 1 << 64
 BUFFER_LIMIT: Final = 32 << 20
-"""Bytes that wait in memory for a disk that does not take them; then entries are lost, and counted."""
+"""Size limit of the write buffer of a failing disk; entries beyond it are dropped and counted."""
 
 COUNTERS: Final = "swarm.queues"
-"""Name of the metadata record at the start of each segment: the sequence of every queue so far."""
+"""Name of the metadata record at the start of each segment: last sequence number of every queue."""
 STAMPS: Final = "swarm.stamps"
-"""The same for the newest stamp of every path."""
+"""As `COUNTERS`, for the newest stamp of every path."""
 FINAL: Final = "swarm.end."
-"""Prefix of both at the end of a segment that was ended: a start need not read what lies between."""
+"""Prefix of both at the end of a finished segment: a start reads only this end."""
 CHECK: Final = "check"
-"""Key of the checksum that a channel and a metadata record carry: the one decides about many entries."""
+"""Key of the checksum in channel and metadata records: many entries depend on one of them."""
 _SMALLEST: Final = RECORD.size + MESSAGE.size
 
 
-class Channel(msgspec.Struct, frozen=True, gc=False):
-    """What all entries of one resource have in common."""
+class LogChannel(msgspec.Struct, frozen=True, gc=False):
+    """Common properties of all entries of one resource: an MCAP channel."""
 
     platform: str
     path: str
@@ -55,18 +55,18 @@ class Channel(msgspec.Struct, frozen=True, gc=False):
     type: str
     queue: str
     sender: str = ""
-    """Who sends them, of commands."""
+    """Sender of commands; else empty."""
 
 
-class Full(OSError):
-    """The disk has not taken anything for so long that no more entries are kept in memory."""
+class BufferFull(OSError):
+    """The write buffer is full because the disk has not accepted data for too long."""
 
 
 class AppendBuffer:
-    """The end of the file: what is written waits in memory until the disk has taken all of it.
+    """Appends to a file through a write buffer, which is kept until it is written completely.
 
-    A disk that takes a part only, or nothing, leaves no half record: the same bytes are written to the same
-    place again.
+    A partial or failed write leaves no incomplete record: the same bytes are written to the same offset
+    again.
     """
 
     def __init__(self, path: Path) -> None:
@@ -75,21 +75,21 @@ class AppendBuffer:
         self._on_disk = 0
 
     def write(self, data: bytes) -> int:
-        """Takes the bytes."""
+        """Appends the data to the buffer."""
         self._waiting += data
         return len(data)
 
     def tell(self) -> int:
-        """Length of the file when all is written."""
+        """Length of the file including the buffer."""
         return self._on_disk + len(self._waiting)
 
     @property
-    def waiting(self) -> int:
-        """Bytes that the disk has not taken."""
+    def pending_bytes(self) -> int:
+        """Size of the buffer, in bytes."""
         return len(self._waiting)
 
     def flush(self) -> None:
-        """Writes what waits. Raises: OSError; nothing is lost then."""
+        """Writes the buffer. Raises: OSError; the buffer is kept then."""
         view = memoryview(self._waiting)
         try:
             at = 0
@@ -101,12 +101,12 @@ class AppendBuffer:
         self._waiting.clear()
 
     def sync(self) -> None:
-        """Until it survives a loss of power."""
+        """Waits until the written data survives a power failure."""
         os.fdatasync(self._fd)
 
     def close(self) -> None:
-        """Gives the file back; what still waits is lost."""
-        fd, self._fd = self._fd, -1  # given back even when closing says that something went wrong
+        """Closes the file; the buffer is discarded."""
+        fd, self._fd = self._fd, -1  # the descriptor is released even when close fails
         if fd >= 0:
             os.close(fd)
 
@@ -114,8 +114,7 @@ class AppendBuffer:
 class SegmentWriter:
     """Appends entries to one MCAP file.
 
-    The file is not chunked: every record stands by itself, so a cut at any byte loses nothing
-    that was flushed before it.
+    The file is not chunked: a truncation at any byte loses no record before it.
     """
 
     def __init__(
@@ -123,12 +122,12 @@ class SegmentWriter:
     ) -> None:
         self.path = path
         self._out = AppendBuffer(path)
-        out: Any = self._out  # of a file it needs no more than this
+        out: Any = self._out  # the only methods that the writer needs of a file
         self._writer: Any = Writer(out, use_chunking=False)
         self._writer.start(profile="", library=f"swarmware {__version__}")
         self._add_numbers(COUNTERS, counters)
         self._add_numbers(STAMPS, stamps or {})
-        self._channels: dict[Channel, int] = {}
+        self._channels: dict[LogChannel, int] = {}
         self._schemas: dict[str, int] = {}
         self._closed = False
         self.bytes = 0
@@ -138,13 +137,13 @@ class SegmentWriter:
         data = {key: str(number) for key, number in numbers.items()}
         self._writer.add_metadata(name, data | {CHECK: _check(data, name)})
 
-    def append(self, channel: Channel, sequence: int, stamp_ns: int, utc_ns: int, payload: bytes) -> None:
-        """Adds one entry; it is in the file after `flush`.
+    def append(self, channel: LogChannel, sequence: int, stamp_ns: int, utc_ns: int, payload: bytes) -> None:
+        """Appends one entry; `flush` writes it to the file.
 
-        Raises: Full when the disk has not taken what came before.
+        Raises: BufferFull when the write buffer is full.
         """
-        if self._out.waiting > BUFFER_LIMIT:
-            raise Full(f"{self.path}: {self._out.waiting} bytes wait for the disk")
+        if self._out.pending_bytes > BUFFER_LIMIT:
+            raise BufferFull(f"{self.path}: write buffer full, {self._out.pending_bytes} bytes")
         number = self._channels.get(channel)
         copy = b""
         if number is None:
@@ -153,8 +152,8 @@ class SegmentWriter:
         self._out.write(copy)
         self.bytes += len(payload) + _SMALLEST
 
-    def _register(self, channel: Channel) -> tuple[int, bytes]:
-        """Number, and a second copy of the record: a damaged one would take all entries of its resource."""
+    def _register(self, channel: LogChannel) -> tuple[int, bytes]:
+        """Channel id, and a copy of the record: without it damage to the first would lose the channel."""
         schema_id = self._schemas.get(channel.type)
         if schema_id is None:
             data = schema(channel.type)
@@ -175,21 +174,21 @@ class SegmentWriter:
         return number, _channel_record(number, schema_id, topic, metadata)
 
     @property
-    def waiting(self) -> int:
-        """Bytes that the disk has not taken yet."""
-        return self._out.waiting
+    def pending_bytes(self) -> int:
+        """Size of the write buffer, in bytes."""
+        return self._out.pending_bytes
 
     def flush(self) -> int:
-        """Hands everything to the operating system; the size of the file then."""
+        """Writes the buffer; the size of the file."""
         self._out.flush()
         return self._out.tell()
 
     def sync(self) -> None:
-        """Until what was flushed survives a loss of power."""
+        """Waits until the flushed data survives a power failure."""
         self._out.sync()
 
     def finish(self, counters: Mapping[str, int], stamps: Mapping[str, int]) -> None:
-        """Ends the data with how far its queues came, the file with the summary that makes tools fast."""
+        """Writes the final sequence numbers and stamps, and the summary that MCAP tools use as index."""
         if not self._closed:
             self._closed = True
             self._add_numbers(FINAL + COUNTERS, counters)
@@ -197,7 +196,7 @@ class SegmentWriter:
             self._writer.finish()
 
     def close(self) -> None:
-        """Writes what waits and gives the file back. Raises: OSError when the disk does not take it."""
+        """Writes the buffer and closes the file. Raises: OSError when the write fails."""
         try:
             if not self._closed:
                 self._closed = True
@@ -210,36 +209,36 @@ class SegmentWriter:
 class SegmentReader:
     """Reads the entries of one segment from its start, also while it is being written.
 
-    `offset` stands behind the last whole record read: reading goes on there later. What is damaged is
-    passed over and counted.
+    `offset` is the end of the last complete record read: the next call continues there. Damaged bytes are
+    skipped and counted.
     """
 
     def __init__(self, path: Path, offset: int = 0) -> None:
         self.path = path
         self.offset = len(MAGIC)
         self.counters: dict[str, int] = {}
-        """Sequence of each queue when the segment began; after `final` when it ended."""
+        """Sequence number of each queue at the start of the segment; after `final` at its end."""
         self.stamps: dict[str, int] = {}
-        """Newest stamp of each path, likewise."""
+        """Newest stamp of each path, at the same instant as `counters`."""
         self.sound = False
         """Whether `counters` could be read."""
         self.ended = False
-        """Whether the end of the data was seen."""
+        """Whether the end record of the data has been read."""
         self.damaged = 0
-        """Places in which records were damaged."""
+        """Number of damaged places."""
         self.damaged_bytes = 0
         self.read_bytes = 0
-        """Bytes taken from the file so far."""
-        self._channels: dict[int, Channel] = {}
+        """Bytes read from the file so far."""
+        self._channels: dict[int, LogChannel] = {}
         self._sequences: dict[str, int] = {}
         self._room: dict[str, int] = {}
-        """Bytes damaged when the last entry of each queue was read: so many can be missing after it."""
+        """`damaged_bytes` at the last entry of each queue: bounds the number of entries missing after it."""
         self._summary_read = False
         self._resume = offset
-        """Entries before it are skipped, channels are not: they are needed."""
+        """Entries before this offset are skipped; channels are read."""
 
-    def entries(self) -> Iterator[Entry]:
-        """Entries that are complete in the file now."""
+    def entries(self) -> Iterator[LogEntry]:
+        """Complete entries that are in the file now."""
         with self.path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             if self.offset == len(MAGIC) and not self.damaged and file.read(len(MAGIC)) != MAGIC[:size]:
@@ -269,7 +268,7 @@ class SegmentReader:
         self.damaged += 1
         self.damaged_bytes += length
 
-    def _entry(self, record: Record, file: BinaryIO, size: int) -> Entry | None:
+    def _entry(self, record: Record, file: BinaryIO, size: int) -> LogEntry | None:
         number, sequence, utc_ns, stamp_ns = MESSAGE.unpack_from(record.body)
         channel = self._channels.get(number)
         if channel is None and not self._summary_read:
@@ -279,7 +278,7 @@ class SegmentReader:
         if channel is None or utc_ns >= _I64:
             self._count(record.end - record.start)
             return None
-        return Entry(
+        return LogEntry(
             channel.queue,
             self._sequence(channel.queue, sequence, record),
             channel.platform,
@@ -293,7 +292,7 @@ class SegmentReader:
         )
 
     def _sequence(self, queue: str, sequence: int, record: Record) -> int:
-        """The entry's sequence; a damaged one is put right: only damage makes holes in a queue."""
+        """The entry's sequence number; a damaged one is corrected: only damage makes gaps in a queue."""
         last = self._sequences.get(queue)
         if last is None and self.sound:
             last = self.counters.get(queue, 0)
@@ -301,7 +300,7 @@ class SegmentReader:
             room = (self.damaged_bytes - self._room.get(queue, 0)) // _SMALLEST
             if not last < sequence <= last + 1 + room:
                 self._count(record.end - record.start)
-                return last + 1  # the next entry tells whether it was this one, or none of the queue
+                return last + 1  # the next entry shows whether this sequence number was damaged
         self._sequences[queue] = sequence
         self._room[queue] = self.damaged_bytes
         return sequence
@@ -325,7 +324,7 @@ class SegmentReader:
             self.stamps = numbers
 
     def final(self) -> bool:
-        """Reads how far the queues had come when the segment was ended; False when it does not say so."""
+        """Reads the counters at the end of a finished segment; False when there are none."""
         with self.path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             places = _summary(file, size, METADATA_INDEX)
@@ -348,26 +347,26 @@ class SegmentReader:
 
 
 def ended(path: Path) -> bool:
-    """Whether the segment was ended, by its writer or by a repair."""
+    """Whether the segment was finished, by its writer or by a repair."""
     with path.open("rb") as file:
         return has_end(file, os.fstat(file.fileno()).st_size) is not None
 
 
 def _summary(file: BinaryIO, size: int, opcode: int) -> list[bytes]:
-    """Bodies of the records of one kind in the summary of an ended file."""
+    """Bodies of the records with one opcode in the summary of a finished file."""
     start = has_end(file, size)
     if not start:
         return []
     return [record.body for record in Scan(file, size, start, LENGTHS) if record.opcode == opcode]
 
 
-def _summary_channels(file: BinaryIO, size: int) -> dict[int, Channel]:
+def _summary_channels(file: BinaryIO, size: int) -> dict[int, LogChannel]:
     found = map(_channel, _summary(file, size, CHANNEL))
     return dict(one for one in found if one is not None)
 
 
-def _channel(body: bytes) -> tuple[int, Channel] | None:
-    """Number and channel; None when the record is damaged."""
+def _channel(body: bytes) -> tuple[int, LogChannel] | None:
+    """Channel id and channel; None when the record is damaged."""
     number = int.from_bytes(body[0:2], "little")
     try:
         topic, at = _text(body, 4)
@@ -381,11 +380,11 @@ def _channel(body: bytes) -> tuple[int, Channel] | None:
     platform, _, path = topic.removeprefix("/").partition("/")
     queue = metadata.get("queue", f"{platform}:unknown:out")
     kind, type_name = metadata.get("kind", "board"), metadata.get("type", "")
-    return number, Channel(platform, path, kind, type_name, queue, metadata.get("sender", ""))
+    return number, LogChannel(platform, path, kind, type_name, queue, metadata.get("sender", ""))
 
 
 def _numbers(body: bytes) -> tuple[str, dict[str, int]] | None:
-    """Name and content of a metadata record of ours; None when it is damaged."""
+    """Name and content of a metadata record; None when it is damaged."""
     try:
         name, at = _text(body, 0)
         data = _map(body, at)
@@ -402,7 +401,7 @@ def _check(data: Mapping[str, str], name: str) -> str:
 
 
 def _channel_record(number: int, schema_id: int, topic: str, metadata: Mapping[str, str]) -> bytes:
-    """Source: MCAP specification, Channel (op=0x04)."""
+    """The bytes of a channel record. Source: MCAP specification, Channel (op=0x04)."""
     pairs = b"".join(_packed(key) + _packed(value) for key, value in metadata.items())
     body = (
         number.to_bytes(2, "little") + schema_id.to_bytes(2, "little") + _packed(topic) + _packed("msgpack")
@@ -417,17 +416,17 @@ def _packed(text: str) -> bytes:
 
 
 def _text(body: bytes, at: int) -> tuple[str, int]:
-    """Raises: ValueError when it does not end inside, or is no text."""
+    """Reads a string; its end. Raises: ValueError when it exceeds the record, or is not UTF-8."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if at + 4 > len(body) or end > len(body):
-        raise ValueError("a text without its end")
+        raise ValueError("string exceeds its record")
     return body[at + 4 : end].decode(), end
 
 
 def _map(body: bytes, at: int) -> dict[str, str]:
-    """Raises: ValueError when it does not fill its record."""
+    """Reads a map of strings. Raises: ValueError when its length does not match the record."""
     if at + 4 + int.from_bytes(body[at : at + 4], "little") != len(body):
-        raise ValueError("a map of another length than its record")
+        raise ValueError("length of the map differs from its record")
     at += 4
     out: dict[str, str] = {}
     while at < len(body):

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from swarmd.logger.book import Batch, Book
 from swarmd.logger.config import Config
-from swarmd.logger.core import track
+from swarmd.logger.core import logged_resource
+from swarmd.logger.recorder import Batch, Recorder
 from swarmware.frame import Codec, Frame, Kind
-from swarmware.record.query import FolderSource, Query
+from swarmware.recorder.query import FolderSource, Query
 from swarmware.resource import Kind as ResourceKind
 from swarmware.resource import Resource
 from swarmware.types import registry
@@ -19,11 +19,13 @@ FRAME = Frame(Kind.EVENT, 7, stamp_ns=5, payload=registry.encode(Int(3)))
 def test_a_value_is_in_its_writers_queue_a_command_in_its_takers_and_a_gap_is_an_entry(
     tmp_path: Path,
 ) -> None:
-    book = Book(tmp_path, "uav1", Config())
+    book = Recorder(tmp_path, "uav1", Config())
     batch = Batch()
     assert not batch
     for kind, sender in ((ResourceKind.EVENT, ""), (ResourceKind.COMMAND, "operator#1@gcs")):
-        made = track(Resource(path=f"test/{kind}", kind=kind, type="Int", log="all", owner="planner"))
+        made = logged_resource(
+            Resource(path=f"test/{kind}", kind=kind, type="Int", log="all", owner="planner")
+        )
         assert made is not None
         batch.frames.append((made, FRAME, 9, sender))
     batch.gaps.append((LogGap("ring", "uav1:planner:out", "test/event", 4), 6, 10))
@@ -40,8 +42,10 @@ def test_a_value_is_in_its_writers_queue_a_command_in_its_takers_and_a_gap_is_an
 
 
 def test_a_payload_that_cannot_be_read_is_kept_as_it_came(tmp_path: Path) -> None:
-    book = Book(tmp_path, "uav1", Config())
-    made = track(Resource(path="test/event", kind=ResourceKind.EVENT, type="Int", log="all", owner="planner"))
+    book = Recorder(tmp_path, "uav1", Config())
+    made = logged_resource(
+        Resource(path="test/event", kind=ResourceKind.EVENT, type="Int", log="all", owner="planner")
+    )
     assert made is not None
     batch = Batch()
     batch.frames.append((made, Frame(Kind.EVENT, 7, codec=Codec.ZLIB, payload=b"no zlib"), 9, ""))

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from swarmware.record.query import FolderSource, Query
-from swarmware.record.ring import LogRing, Repairs
-from swarmware.record.segment import Channel
+from swarmware.recorder.query import FolderSource, Query
+from swarmware.recorder.ring import LogRing, Repairs
+from swarmware.recorder.segment import LogChannel
 from swarmware.types import registry
 from swarmware.types.scalar import Text
 
-NOTE = Channel("uav1", "mission/note", "event", "Text", "uav1:mission:out")
+NOTE = LogChannel("uav1", "mission/note", "event", "Text", "uav1:mission:out")
 UTC = 1_700_000_000_000_000_000
 CALLS = ("open", "pwrite", "fdatasync", "close")
 """Everything that the writer of segments asks of the disk."""

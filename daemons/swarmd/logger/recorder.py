@@ -1,4 +1,4 @@
-"""The book of a node: batches of frames into the local ring, gaps as rows of their own."""
+"""The recorder of a node: writes batches of frames to the local log ring, and each loss as a gap record."""
 
 from collections import Counter
 from pathlib import Path
@@ -6,11 +6,11 @@ from pathlib import Path
 import msgspec
 
 from swarmd.logger.config import Config
-from swarmd.logger.core import Track
+from swarmd.logger.core import LoggedResource
 from swarmware.errors import SwarmError
 from swarmware.frame import Frame
-from swarmware.record.ring import LogRing, Repairs
-from swarmware.record.segment import Channel, Full
+from swarmware.recorder.ring import LogRing, Repairs
+from swarmware.recorder.segment import BufferFull, LogChannel
 from swarmware.types import registry
 from swarmware.types.log import LogGap
 
@@ -18,28 +18,28 @@ GAPS = "log/gaps"
 
 
 class Batch:
-    """What was taken from shared memory and is not yet on disk."""
+    """Frames and gaps that were read from shared memory and are not on disk yet."""
 
     def __init__(self) -> None:
-        self.frames: list[tuple[Track, Frame, int, str]] = []
-        """Track, frame, the wall clock when it was taken, and of commands who sent it."""
+        self.frames: list[tuple[LoggedResource, Frame, int, str]] = []
+        """Logged resource, frame, UTC of the read in ns, and of a command its sender."""
         self.gaps: list[tuple[LogGap, int, int]] = []
-        """Gap, stamp and wall clock."""
+        """Gap, stamp of the node's clock, UTC in ns."""
 
     def __bool__(self) -> bool:
         return bool(self.frames or self.gaps)
 
 
-class Totals(msgspec.Struct):
-    """Counters since the start."""
+class RecorderTotals(msgspec.Struct):
+    """Entries and bytes written, and entries missing, since the start of the service."""
 
     frames: int = 0
     bytes: int = 0
     missing: int = 0
 
 
-class Book:
-    """Writes batches; blocks on the disk, so its calls belong into a thread."""
+class Recorder:
+    """Writes batches to the ring. Every call may block on the disk: call it in a thread."""
 
     def __init__(
         self, directory: Path, platform: str, config: Config, boot_id: int = 0, repairs: Repairs | None = None
@@ -55,42 +55,42 @@ class Book:
             boot_id=boot_id,
             repairs=repairs,
         )
-        self._channels: dict[tuple[Track, str], Channel] = {}
-        self.totals = Totals()
+        self._channels: dict[tuple[LoggedResource, str], LogChannel] = {}
+        self.totals = RecorderTotals()
         self._lost: Counter[tuple[str, str]] = Counter()
-        """Entries that found no room in memory while the disk took nothing, by queue and path."""
+        """Entries dropped because the write buffer was full, by queue and path."""
 
     @property
     def last_stamps(self) -> dict[str, int]:
-        """Newest stamp of this boot by local path, also from before the start."""
+        """Newest stamp of this boot by local path, including entries of an earlier run."""
         return self._ring.last_stamps
 
     @property
     def counters(self) -> dict[str, int]:
-        """Last sequence of each queue."""
+        """Last sequence number of each queue."""
         return self._ring.counters
 
     @property
-    def waiting(self) -> int:
-        """Bytes in memory that the disk has not taken."""
-        return self._ring.waiting
+    def pending_bytes(self) -> int:
+        """Bytes in the write buffer."""
+        return self._ring.pending_bytes
 
     def write(self, batch: Batch) -> None:
-        """Writes the batch and ends it.
+        """Writes a batch and flushes it.
 
-        Raises: OSError when the disk does not take it: it is kept and written with a later one; what finds
-        no room in memory then is counted, and becomes gaps.
+        Raises: OSError when the write fails. The batch stays in the write buffer and is written with the next
+        one; entries that do not fit into the buffer are counted and reported as gaps.
         """
         totals = self.totals
-        for track, frame, utc_ns, sender in batch.frames:
+        for resource, frame, utc_ns, sender in batch.frames:
             try:
-                data = registry.messagepack(track.type, frame.payload, frame.codec)
+                data = registry.messagepack(resource.type, frame.payload, frame.codec)
             except SwarmError:
                 data = bytes(frame.payload)
-            channel = self._channel(track, sender)
+            channel = self._channel(resource, sender)
             try:
                 self._ring.append(channel, frame.stamp_ns, utc_ns, data)
-            except Full:
+            except BufferFull:
                 self._lost[channel.queue, channel.path] += 1
                 continue
             totals.frames += 1
@@ -106,31 +106,33 @@ class Book:
             self._ring.flush()
 
     def _append_gap(self, gap: LogGap, stamp_ns: int, utc_ns: int) -> None:
-        channel = Channel(self._platform, GAPS, "event", "LogGap", f"{self._platform}:logger:out")
+        channel = LogChannel(self._platform, GAPS, "event", "LogGap", f"{self._platform}:logger:out")
         try:
             self._ring.append(channel, stamp_ns, utc_ns, registry.encode(gap))
-        except Full:
+        except BufferFull:
             self._lost[gap.queue, gap.path] += gap.count
             return
         self.totals.missing += gap.count
 
-    def _channel(self, track: Track, sender: str = "") -> Channel:
-        channel = self._channels.get((track, sender))
+    def _channel(self, resource: LoggedResource, sender: str = "") -> LogChannel:
+        channel = self._channels.get((resource, sender))
         if channel is None:
-            direction = "in" if track.kind == "command" else "out"
-            queue = f"{self._platform}:{track.module}:{direction}"
-            channel = Channel(self._platform, track.path, str(track.kind), track.type, queue, sender)
-            self._channels[track, sender] = channel
+            direction = "in" if resource.kind == "command" else "out"
+            queue = f"{self._platform}:{resource.module}:{direction}"
+            channel = LogChannel(
+                self._platform, resource.path, str(resource.kind), resource.type, queue, sender
+            )
+            self._channels[resource, sender] = channel
         return channel
 
-    def queue(self, track: Track) -> str:
-        """Name of the queue into which the track is written."""
-        return self._channel(track).queue
+    def queue(self, resource: LoggedResource) -> str:
+        """Name of the queue of this resource."""
+        return self._channel(resource).queue
 
     def size(self) -> tuple[int, int]:
-        """Number of segments and their bytes."""
+        """Number of segments, and their size in bytes."""
         return self._ring.size()
 
     def close(self) -> None:
-        """Ends the last segment properly."""
+        """Writes the summary of the last segment and closes it."""
         self._ring.close()

@@ -1,4 +1,4 @@
-"""One entry of the record: a frame that was logged, with the queue it belongs to."""
+"""One log entry: a recorded frame, and the queue it belongs to."""
 
 from functools import lru_cache
 from typing import Any
@@ -10,13 +10,13 @@ from swarmware.errors import NotFound, WireError
 from swarmware.types import registry
 
 
-class Entry(msgspec.Struct, frozen=True, gc=False):
-    """A logged value."""
+class LogEntry(msgspec.Struct, frozen=True, gc=False):
+    """One recorded value of a resource."""
 
     queue: str
     """`<platform>:<module>:<in|out>`: one input and one output queue per functional module (S0.68)."""
     sequence: int
-    """Of the queue, from 1, without a hole unless a gap says so."""
+    """Number in the queue, from 1; every missing number is covered by a gap record."""
     platform: str
     path: str
     """Local path."""
@@ -25,32 +25,32 @@ class Entry(msgspec.Struct, frozen=True, gc=False):
     stamp_ns: int
     """Clock of the platform when the value was sent."""
     utc_ns: int
-    """Wall clock of the logger, for people."""
+    """Wall clock of the logger, for display and queries."""
     payload: bytes
     """MessagePack of the type."""
     sender: str = ""
-    """Who sent it, of commands: `swarmctl#1@gcs`, or the role and platform that its connection proved."""
+    """Sender of a command: `swarmctl#1@gcs`, or the authenticated role and platform; else empty."""
 
     @property
     def topic(self) -> str:
-        """Global path."""
+        """Global path: platform and local path."""
         return names.join(self.platform, self.path)
 
     def value(self) -> msgspec.Struct | None:
-        """The decoded payload, or None when its type is not known here or does not fit."""
+        """The decoded payload; None when the type is unknown here or the payload does not match it."""
         try:
             return registry.decode(registry.find(self.type), self.payload)
         except (NotFound, WireError):
             return None
 
     def plain(self) -> Any:
-        """The payload as dictionaries and lists with field names, for people, JSON and databases."""
+        """The payload as dictionaries and lists with field names, for display, JSON and databases."""
         value = self.value()
         return plain(value if value is not None else list_or_none(self.payload))
 
 
 def list_or_none(payload: bytes) -> Any:
-    """The bare MessagePack of a payload whose type is unknown; None when it is not even that."""
+    """A payload of unknown type, decoded as plain MessagePack; None when it is not MessagePack."""
     try:
         return msgspec.msgpack.decode(payload)
     except (msgspec.DecodeError, ValueError, RecursionError):
@@ -74,7 +74,7 @@ def plain(value: Any) -> Any:
 
 @lru_cache(maxsize=256)
 def schema(type_name: str) -> bytes:
-    """JSON Schema of a type's MessagePack, for readers that are not ours; empty when the type is unknown."""
+    """JSON Schema of a type, for readers outside Swarmware; empty when the type is unknown."""
     try:
         return msgspec.json.encode(msgspec.json.schema(registry.find(type_name)))
     except (NotFound, TypeError):

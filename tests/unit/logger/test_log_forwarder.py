@@ -6,25 +6,25 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.logger.forward import BATCH_BYTES, Forwarder
+from swarmd.logger.log_forwarder import BATCH_BYTES, LogForwarder
 from swarmware.errors import NoAnswer
-from swarmware.record.cursor import Cursor
-from swarmware.record.entry import Entry
-from swarmware.record.ring import LogRing, segments
-from swarmware.record.segment import Channel
+from swarmware.recorder.cursor import Cursor
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.ring import LogRing, segments
+from swarmware.recorder.segment import LogChannel
 from swarmware.types import registry
 from swarmware.types.log import LogGap
 from swarmware.types.scalar import Int
 
 QUEUE = "uav1:navigator:out"
-CHANNEL = Channel("uav1", "nav/count", "board", "Int", QUEUE)
+CHANNEL = LogChannel("uav1", "nav/count", "board", "Int", QUEUE)
 
 
 class Slots:
     """A store of fixed slots that fails when it is told to, before or after it has stored."""
 
     def __init__(self) -> None:
-        self.slots: dict[str, Entry] = {}
+        self.slots: dict[str, LogEntry] = {}
         self.saved = Cursor()
         self.fails: list[str] = []
 
@@ -36,7 +36,7 @@ class Slots:
     def cursor(self, platform: str) -> Cursor:
         return self.saved
 
-    def write(self, entries: list[Entry], platform: str, cursor: Cursor) -> None:
+    def write(self, entries: list[LogEntry], platform: str, cursor: Cursor) -> None:
         fail = self.fails.pop(0) if self.fails else ""
         if fail == "before":
             raise NoAnswer("away")
@@ -56,7 +56,7 @@ def fill(ring: LogRing, numbers: range) -> None:
         ring.append(CHANNEL, number, number, registry.encode(Int(number)))
 
 
-def drain(forwarder: Forwarder) -> None:
+def drain(forwarder: LogForwarder) -> None:
     for _ in range(1000):
         try:
             if forwarder.step() == 0:
@@ -69,7 +69,7 @@ def drain(forwarder: Forwarder) -> None:
 def test_entries_arrive_over_segments_and_while_the_ring_grows(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=2000)
     store = Slots()
-    forwarder = Forwarder(tmp_path, "uav1", store, batch=7)
+    forwarder = LogForwarder(tmp_path, "uav1", store, batch=7)
     for start in range(0, 300, 30):
         fill(ring, range(start, start + 30))
         ring.flush()
@@ -84,7 +84,7 @@ def test_no_gap_and_no_duplicate_whatever_fails_and_whoever_restarts(tmp_path: P
     chance = random.Random(seed)
     ring = LogRing(tmp_path, segment_bytes=3000)
     store = Slots()
-    forwarder = Forwarder(tmp_path, "uav1", store, batch=chance.randint(1, 40))
+    forwarder = LogForwarder(tmp_path, "uav1", store, batch=chance.randint(1, 40))
     written = 0
     for _ in range(60):
         match chance.choice(["write", "write", "step", "fail", "new forwarder", "new ring"]):
@@ -99,7 +99,7 @@ def test_no_gap_and_no_duplicate_whatever_fails_and_whoever_restarts(tmp_path: P
             case "fail":
                 store.fails.append(chance.choice(["before", "half", "after", "prepare"]))
             case "new forwarder":
-                forwarder = Forwarder(tmp_path, "uav1", store, batch=chance.randint(1, 40))
+                forwarder = LogForwarder(tmp_path, "uav1", store, batch=chance.randint(1, 40))
             case "new ring":
                 ring.close()
                 ring = LogRing(tmp_path, segment_bytes=3000)
@@ -114,7 +114,7 @@ def test_no_gap_and_no_duplicate_whatever_fails_and_whoever_restarts(tmp_path: P
 def test_what_the_ring_overwrote_before_it_was_stored_is_a_gap_with_its_size(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=2000, ring_bytes=8000, min_free_bytes=0)
     store = Slots()
-    forwarder = Forwarder(tmp_path, "uav1", store, batch=50)
+    forwarder = LogForwarder(tmp_path, "uav1", store, batch=50)
     fill(ring, range(10))
     ring.flush()
     drain(forwarder)
@@ -137,7 +137,7 @@ def test_a_batch_of_large_entries_is_bounded_by_its_bytes(tmp_path: Path) -> Non
         ring.append(CHANNEL, number, number, bytes(1 << 20))
     ring.flush()
     store = Slots()
-    forwarder = Forwarder(tmp_path, "uav1", store, batch=1000)
+    forwarder = LogForwarder(tmp_path, "uav1", store, batch=1000)
     assert [forwarder.step() for _ in range(6)] == [BATCH_BYTES >> 20] * 5 + [0]
     ring.append(CHANNEL, 20, 20, bytes(BATCH_BYTES + 1))
     ring.flush()
@@ -150,7 +150,7 @@ class Narrow(Slots):
 
     capacity = 30
 
-    def write(self, entries: list[Entry], platform: str, cursor: Cursor) -> None:
+    def write(self, entries: list[LogEntry], platform: str, cursor: Cursor) -> None:
         if len(entries) > self.capacity:
             raise NoAnswer("timed out")
         super().write(entries, platform, cursor)
@@ -163,7 +163,7 @@ def test_batches_that_a_slow_link_cannot_carry_in_time_become_smaller_for_a_whil
     fill(ring, range(2000))
     ring.flush()
     store = Narrow()
-    forwarder = Forwarder(tmp_path, "uav1", store, batch=1000)
+    forwarder = LogForwarder(tmp_path, "uav1", store, batch=1000)
     drain(forwarder)
     assert store.numbers() == list(range(2000))
     store.capacity = 1000

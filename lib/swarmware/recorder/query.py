@@ -1,4 +1,4 @@
-"""One question, the same answer from the local ring, a report folder or MongoDB."""
+"""One query interface over the local ring, a report folder and MongoDB."""
 
 import heapq
 from collections.abc import Iterable, Iterator
@@ -10,29 +10,29 @@ import msgspec
 
 from swarmware import names
 from swarmware.errors import NotFound
-from swarmware.record.entry import Entry
-from swarmware.record.ring import segments, set_aside
-from swarmware.record.segment import SegmentReader
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.ring import segments, set_aside
+from swarmware.recorder.segment import SegmentReader
 
 
 class Query(msgspec.Struct, frozen=True, kw_only=True):
-    """Which entries are wanted."""
+    """Selection of log entries: paths, types, time window, number."""
 
     pattern: str = "/**"
     """Global paths, such as /uav*/nav/pose."""
     types: tuple[str, ...] = ()
     """Type names; empty: all."""
     since_ns: int | None = None
-    """UTC, included."""
+    """UTC in ns, inclusive."""
     until_ns: int | None = None
-    """UTC, excluded."""
+    """UTC in ns, exclusive."""
     limit: int | None = None
-    """At most so many; the newest of them when `newest` is set, else the oldest."""
+    """Maximum number of entries; the newest ones when `newest` is set, else the oldest."""
     newest: bool = False
 
 
 class QueueStats(msgspec.Struct, frozen=True):
-    """What a source holds of one queue."""
+    """Statistics of one queue of a source."""
 
     queue: str
     entries: int
@@ -42,27 +42,27 @@ class QueueStats(msgspec.Struct, frozen=True):
     first_utc_ns: int
     last_utc_ns: int
     missing: int
-    """Sequences between first and last that are not there."""
+    """Sequence numbers between first and last that are missing."""
 
 
-class Source(Protocol):
-    """A place where entries are."""
+class LogSource(Protocol):
+    """Source of log entries: a folder, a database, a stream."""
 
-    def entries(self, query: Query) -> Iterator[Entry]:
-        """Entries that answer the query, by UTC."""
+    def entries(self, query: Query) -> Iterator[LogEntry]:
+        """Entries that match the query, sorted by UTC."""
         ...
 
     def losses(self) -> list[str]:
-        """What could not be read while entries were given, each with its place."""
+        """Data that could not be read during the last `entries`, each with its place."""
         ...
 
-    def nothing(self) -> str:
-        """Why there is no entry at all, when the place itself is the reason; else empty."""
+    def why_empty(self) -> str:
+        """Reason why the source has no entries at all; empty when it has some."""
         ...
 
 
 class FolderSource:
-    """Entries in folders of segments: a node's ring, or the logs of a report."""
+    """Entries in folders of MCAP segments: the ring of a node, or the logs of a report."""
 
     def __init__(self, directories: Iterable[Path]) -> None:
         self.directories = tuple(directories)
@@ -71,13 +71,11 @@ class FolderSource:
             if not directory.is_dir():
                 raise NotFound(f"log folder {directory}: no such directory; expected one with .mcap segments")
 
-    def entries(self, query: Query) -> Iterator[Entry]:
-        """Entries that answer the query, by UTC."""
+    def entries(self, query: Query) -> Iterator[LogEntry]:
+        """Entries that match the query, sorted by UTC."""
         wanted = Filter(query)
         self._damage = {
-            path: "nothing in it can be read"
-            for directory in self.directories
-            for path in set_aside(directory)
+            path: "no readable record" for directory in self.directories for path in set_aside(directory)
         }
         runs = [filter(wanted, self._folder(directory)) for directory in self.directories]
         merged = heapq.merge(*runs, key=_by_utc)
@@ -88,39 +86,39 @@ class FolderSource:
         return islice(merged, query.limit)
 
     def losses(self) -> list[str]:
-        """Segments of which a part could not be read."""
+        """Segments with unreadable parts."""
         return [f"{path}: {what}" for path, what in sorted(self._damage.items())]
 
-    def nothing(self) -> str:
-        """Says when there are no segments."""
+    def why_empty(self) -> str:
+        """Reports folders without segments."""
         if any(segments(directory) for directory in self.directories):
             return ""
         return f"nothing is recorded in {', '.join(map(str, self.directories)) or 'any folder'}"
 
-    def _folder(self, directory: Path) -> Iterator[Entry]:
+    def _folder(self, directory: Path) -> Iterator[LogEntry]:
         for path in segments(directory):
             reader = SegmentReader(path)
             try:
                 yield from reader.entries()
             except FileNotFoundError:
-                continue  # the ring needed its room while we read: its oldest segment
+                continue  # the ring deleted this segment, its oldest, during the read
             except OSError as error:
                 self._damage[path] = f"cannot be read: {error.strerror}"
                 continue
             if reader.damaged:
                 places = "1 place" if reader.damaged == 1 else f"{reader.damaged} places"
-                self._damage[path] = f"{places} damaged, {reader.damaged_bytes} bytes passed over"
+                self._damage[path] = f"{places} damaged, {reader.damaged_bytes} bytes skipped"
 
 
 class Filter:
-    """A query made ready to be asked of many entries."""
+    """A compiled query: a predicate over entries."""
 
     def __init__(self, query: Query) -> None:
         self._query = query
         self._pattern = names.Pattern(query.pattern)
         self._topics: dict[tuple[str, str], bool] = {}
 
-    def __call__(self, entry: Entry) -> bool:
+    def __call__(self, entry: LogEntry) -> bool:
         query = self._query
         if query.since_ns is not None and entry.utc_ns < query.since_ns:
             return False
@@ -135,9 +133,9 @@ class Filter:
         return matches
 
 
-def stats(entries: Iterable[Entry]) -> list[QueueStats]:
-    """Totals by queue."""
-    seen: dict[str, list[Entry]] = {}
+def stats(entries: Iterable[LogEntry]) -> list[QueueStats]:
+    """Statistics of each queue, sorted by name."""
+    seen: dict[str, list[LogEntry]] = {}
     sizes: dict[str, int] = {}
     sequences: dict[str, set[int]] = {}
     for entry in entries:
@@ -160,5 +158,5 @@ def stats(entries: Iterable[Entry]) -> list[QueueStats]:
     ]
 
 
-def _by_utc(entry: Entry) -> int:
+def _by_utc(entry: LogEntry) -> int:
     return entry.utc_ns

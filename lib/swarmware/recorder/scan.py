@@ -1,4 +1,4 @@
-"""Whole records of an MCAP file, also of one that grows, was cut, or is damaged in places."""
+"""Scanner for the complete records of an MCAP file, also of a growing, truncated or damaged one."""
 
 import re
 import struct
@@ -21,7 +21,7 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE_OPCODE, METADATA, METADATA_INDEX, DATA_
     0x0F,
 )
 RECORD_LIMIT: Final = 2 * PAYLOAD_LIMIT
-"""No record that a logger writes is longer."""
+"""Maximum length of a record that a logger writes."""
 
 LENGTHS: Final = {
     HEADER: (8, 4096),
@@ -37,17 +37,17 @@ LENGTHS: Final = {
     0x0E: (17, 17),
     DATA_END: (4, 4),
 }
-"""Opcodes that stand in our files, with the least and greatest length. Source: MCAP specification."""
+"""Opcodes in our files, with minimum and maximum length. Source: MCAP specification."""
 DATA: Final = frozenset({SCHEMA, CHANNEL, MESSAGE_OPCODE, METADATA, DATA_END, FOOTER})
-"""What stands between header and summary."""
+"""Opcodes between header and summary."""
 _CHAIN: Final = 3
-"""Plausible records in a row that are no chance."""
+"""Consecutive plausible records that prove a record boundary."""
 _CANDIDATE: Final = re.compile(rb"[\x01-\x0f](?=.{4}\x00{4})", re.DOTALL)
 _WINDOW: Final = 1 << 20
 
 
 class Record(NamedTuple):
-    """One whole record."""
+    """One complete record of the file."""
 
     start: int
     opcode: int
@@ -56,19 +56,19 @@ class Record(NamedTuple):
 
 
 class Scan:
-    """Records from an offset on; passes over places that are no records, and counts their bytes.
+    """Iterates over the records from an offset on; skips damaged bytes and counts them.
 
-    A record of which the end is missing is left for later: the file may still grow.
+    An incomplete record at the end is not consumed: the file may still grow.
     """
 
     def __init__(self, file: BinaryIO, size: int, at: int, opcodes: Collection[int] = DATA) -> None:
         self._opcodes = opcodes
         self.at = at
-        """Behind the last whole record given."""
+        """Offset behind the last record returned."""
         self.damaged_bytes = 0
-        """Bytes passed over."""
+        """Bytes skipped."""
         self.read_bytes = 0
-        """Bytes taken from the file."""
+        """Bytes read from the file."""
         self._file = file
         self._size = size
         self._base = 0
@@ -86,9 +86,9 @@ class Scan:
             opcode, end = found
             if self._header(end) is not None or end + RECORD.size > self._size:
                 return Record(start, opcode, self._bytes(start + RECORD.size, end), end)
-            # either this length is wrong, or the next record is damaged
+            # either this length is invalid, or the next record is damaged
             again = self._resume(start + 1)
-            if again is None or (again > end and self._half_sound(end, again)):
+            if again is None or (again > end and self._header_half_valid(end, again)):
                 return Record(start, opcode, self._bytes(start + RECORD.size, end), end)
         else:
             again = self._resume(start + 1)
@@ -99,28 +99,28 @@ class Scan:
         return self._next()
 
     def _wanted(self, at: int) -> tuple[int, int] | None:
-        """As `_header`, of the records that stand in this part of the file; the header is the first."""
+        """As `_header`, restricted to the opcodes of this part of the file; the header record comes first."""
         found = self._header(at)
         if found is None or found[0] in self._opcodes or (found[0] == HEADER and at == len(MAGIC)):
             return found
         return None
 
-    def _half_sound(self, at: int, again: int) -> bool:
-        """Whether a damaged record begins there: either its opcode or its length is right."""
+    def _header_half_valid(self, at: int, again: int) -> bool:
+        """Whether a damaged record begins at this offset: its opcode or its length is valid."""
         opcode, length = RECORD.unpack(self._peek(at, RECORD.size))
         return opcode in self._opcodes or at + RECORD.size + length == again
 
     def _header(self, at: int) -> tuple[int, int] | None:
-        """Opcode and end of the record that begins there; None when none can."""
+        """Opcode and end of the record at this offset; None when no record can begin there."""
         head = self._peek(at, RECORD.size)
         if len(head) < RECORD.size:
             return None
         opcode, length = RECORD.unpack(head)
-        least, greatest = LENGTHS.get(opcode, (1, 0))
-        return (opcode, at + RECORD.size + length) if least <= length <= greatest else None
+        shortest, longest = LENGTHS.get(opcode, (1, 0))
+        return (opcode, at + RECORD.size + length) if shortest <= length <= longest else None
 
     def _resume(self, at: int) -> int | None:
-        """The next place from which several records follow each other, or one that ends the file."""
+        """The next offset at which consecutive plausible records begin, or one that ends the file."""
         while at < self._size:
             window = self._bytes(at, min(self._size, at + _WINDOW))
             for found in _CANDIDATE.finditer(window):
@@ -142,7 +142,7 @@ class Scan:
         return True
 
     def _peek(self, at: int, length: int) -> bytes:
-        """A few bytes anywhere; the window stays where it is."""
+        """Reads a few bytes at any offset; the read window stays."""
         begin = at - self._base
         if begin >= 0 and begin + length <= len(self._data):
             return self._data[begin : begin + length]
@@ -151,7 +151,7 @@ class Scan:
         return self._file.read(length)
 
     def _bytes(self, start: int, end: int) -> bytes:
-        """Bytes of the file; fewer at its end."""
+        """Reads a range of the file; shorter at its end."""
         if start < self._base or end > self._base + len(self._data):
             self._file.seek(start)
             self._base = start
@@ -161,7 +161,7 @@ class Scan:
 
 
 def has_end(file: BinaryIO, size: int) -> int | None:
-    """Where the summary of an ended file begins, 0 when it has none; None when the file has no end."""
+    """Offset of the summary of a finished file, 0 when it has none; None for an unfinished file."""
     tail = RECORD.size + 20 + len(MAGIC)
     if size < 2 * len(MAGIC) + tail:
         return None

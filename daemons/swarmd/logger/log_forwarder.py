@@ -1,44 +1,44 @@
-"""Store and forward: from the local ring to MongoDB, each entry once, holes named."""
+"""Store and forward: copies the local log ring to MongoDB, each entry once, and records losses as gaps."""
 
 from pathlib import Path
 from typing import Final, Protocol
 
-from swarmware.record.cursor import Cursor
-from swarmware.record.entry import Entry
-from swarmware.record.ring import segments
-from swarmware.record.segment import SegmentReader
+from swarmware.recorder.cursor import Cursor
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.ring import segments
+from swarmware.recorder.segment import SegmentReader
 from swarmware.types import registry
 from swarmware.types.log import LogGap
 
 OVERWRITTEN: Final = "ring overwritten"
 BATCH_BYTES: Final = 4 << 20
-"""Payload of a batch at most, but for a single entry that has more: what waits in memory for a slow store."""
+"""Maximum payload of a batch of several entries: bounds the memory that a slow database costs."""
 
 
-class Store(Protocol):
-    """Where entries are forwarded to."""
+class LogStore(Protocol):
+    """The destination of forwarded entries."""
 
     def prepare(self) -> None:
-        """Makes what the store needs before the first entry."""
+        """Creates the indexes, once before the first entry."""
         ...
 
     def cursor(self, platform: str) -> Cursor:
-        """How far the platform's ring is stored."""
+        """Position in the platform's ring up to which entries are stored."""
         ...
 
-    def write(self, entries: list[Entry], platform: str, cursor: Cursor) -> None:
+    def write(self, entries: list[LogEntry], platform: str, cursor: Cursor) -> None:
         """Stores entries idempotently, then the cursor."""
         ...
 
 
-class Forwarder:
-    """Follows the ring of one platform; every call may block, so it runs in a thread of its own.
+class LogForwarder:
+    """Forwards the ring of one platform. Every call may block: call it in a thread.
 
-    After any error of the store it starts again from the store's own cursor: what was stored
-    twice falls into the same slots.
+    After an error of the store it resumes at the cursor of the store: an entry that is stored twice
+    overwrites its own slot.
     """
 
-    def __init__(self, directory: Path, platform: str, store: Store, batch: int) -> None:
+    def __init__(self, directory: Path, platform: str, store: LogStore, batch: int) -> None:
         self._directory = directory
         self._platform = platform
         self._store = store
@@ -49,12 +49,12 @@ class Forwarder:
         self.forwarded = 0
         """Entries stored since the start."""
         self.gaps = 0
-        """Entries that the ring overwrote before they were stored."""
+        """Entries that the ring overwrote before they were forwarded."""
 
     def step(self) -> int:
-        """Stores the next batch; how many entries it had, 0 when all is stored.
+        """Forwards the next batch; its number of entries, 0 when all entries are stored.
 
-        Raises: what the store raises; the next call tries again.
+        Raises: the errors of the store; the next call repeats the batch.
         """
         try:
             if self._cursor is None:
@@ -66,20 +66,20 @@ class Forwarder:
             self._cursor = None
             raise
 
-    def behind(self, counters: dict[str, int]) -> int:
-        """Entries that are in the ring's queues and not yet stored."""
+    def backlog(self, counters: dict[str, int]) -> int:
+        """Number of entries in the ring that are not stored yet."""
         stored = self._cursor.sequences if self._cursor is not None else {}
         return sum(max(0, last - stored.get(queue, 0)) for queue, last in counters.items())
 
     def _forward(self, cursor: Cursor) -> int:
         while (reader := self._segment(cursor)) is not None:
             number = int(reader.path.stem)
-            # asked before the reading: what is written in between belongs to a segment not yet done with
+            # checked before reading: entries written after the check must not be skipped with this segment
             complete = self._has_newer(number)
             try:
                 entries = self._next_batch(reader)
             except FileNotFoundError:
-                entries, complete = [], True  # the ring overwrote it while we read
+                entries, complete = [], True  # the ring deleted the segment while it was read
             if entries:
                 sequences = dict(cursor.sequences)
                 documents = self._with_gaps(entries, sequences, "damaged" if reader.damaged else OVERWRITTEN)
@@ -93,8 +93,8 @@ class Forwarder:
             cursor = self._cursor = Cursor(number + 1, 0, cursor.sequences)
         return 0
 
-    def _next_batch(self, reader: SegmentReader) -> list[Entry]:
-        entries: list[Entry] = []
+    def _next_batch(self, reader: SegmentReader) -> list[LogEntry]:
+        entries: list[LogEntry] = []
         room = BATCH_BYTES * self._size // self._batch
         for entry in reader.entries():
             entries.append(entry)
@@ -103,8 +103,8 @@ class Forwarder:
                 break
         return entries
 
-    def _write(self, documents: list[Entry], moved: Cursor) -> None:
-        """Stores a batch; after a failure they are smaller: a slow link may not carry a large one in time."""
+    def _write(self, documents: list[LogEntry], moved: Cursor) -> None:
+        """Stores a batch; a failure halves the batch size: a slow link may not carry a large one in time."""
         try:
             self._store.write(documents, self._platform, moved)
         except BaseException:
@@ -126,8 +126,8 @@ class Forwarder:
         paths = segments(self._directory)
         return bool(paths) and int(paths[-1].stem) > number
 
-    def _with_gaps(self, entries: list[Entry], sequences: dict[str, int], where: str) -> list[Entry]:
-        out: list[Entry] = []
+    def _with_gaps(self, entries: list[LogEntry], sequences: dict[str, int], where: str) -> list[LogEntry]:
+        out: list[LogEntry] = []
         for entry in entries:
             expected = sequences.get(entry.queue, 0) + 1
             if entry.sequence > expected:
@@ -136,13 +136,13 @@ class Forwarder:
             out.append(entry)
         return out
 
-    def _gap(self, entry: Entry, expected: int, sequences: dict[str, int], where: str) -> Entry:
+    def _gap(self, entry: LogEntry, expected: int, sequences: dict[str, int], where: str) -> LogEntry:
         missing = entry.sequence - expected
         self.gaps += missing
         queue = f"{self._platform}:upload:gaps"
         sequences[queue] = sequences.get(queue, 0) + 1
         gap = LogGap(where, entry.queue, "", missing, expected, entry.sequence - 1)
-        return Entry(
+        return LogEntry(
             queue,
             sequences[queue],
             self._platform,

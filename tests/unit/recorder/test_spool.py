@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import WireError
-from swarmware.record.entry import Entry
-from swarmware.record.query import Query
-from swarmware.record.spool import SpoolSource, write
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import Query
+from swarmware.recorder.spool import SpoolSource, write
 from swarmware.types import registry
 from swarmware.types.scalar import Int
 
 ENTRIES = [
-    Entry("uav1:nav:out", n, "uav1", "nav/count", "board", "Int", -n, 1000 + n, registry.encode(Int(n)))
+    LogEntry("uav1:nav:out", n, "uav1", "nav/count", "board", "Int", -n, 1000 + n, registry.encode(Int(n)))
     for n in range(1, 6)
 ]
 
@@ -33,7 +33,7 @@ def test_entries_come_back_as_they_were() -> None:
 
 
 def test_values_of_another_system_are_shown_in_their_order() -> None:
-    values = [{"t": 1, 2: b"x"}, [1, 2.5, None], "text", dict.fromkeys(Entry.__struct_fields__, "wrong")]
+    values = [{"t": 1, 2: b"x"}, [1, 2.5, None], "text", dict.fromkeys(LogEntry.__struct_fields__, "wrong")]
     found = list(spool(b"".join(msgpack.packb(v) for v in values)).entries(Query()))
     assert [entry.topic for entry in found] == ["/foreign/spool"] * 4
     assert [entry.sequence for entry in found] == [1, 2, 3, 4]
@@ -47,7 +47,7 @@ def test_a_stream_that_is_cut_gives_what_was_whole() -> None:
 
 
 def test_garbage_is_named_by_its_byte() -> None:
-    with pytest.raises(WireError, match=r"a\.spool: byte \d+: no MessagePack"):
+    with pytest.raises(WireError, match=r"a\.spool: byte \d+: invalid MessagePack"):
         list(spool(msgpack.packb(1) + b"\xc1").entries(Query()))
 
 
@@ -57,4 +57,4 @@ def test_any_bytes_are_entries_or_a_wire_error(data: bytes) -> None:
         found = list(spool(data).entries(Query()))
     except WireError:
         return
-    assert all(isinstance(entry, Entry) for entry in found)
+    assert all(isinstance(entry, LogEntry) for entry in found)

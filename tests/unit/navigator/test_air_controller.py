@@ -5,8 +5,8 @@ import math
 import pytest
 
 from swarmd.navigator.config import Config
-from swarmd.navigator.core.air_pilot import AirPilot, avoid
-from swarmd.navigator.core.target import NOTHING_AROUND, Neighbour, Surroundings, Target
+from swarmd.navigator.core.air_controller import AirController, avoid
+from swarmd.navigator.core.target import NOTHING_AROUND, MovingObstacle, Surroundings, Target
 from swarmware.types.vehicle import Pose
 
 CONFIG = Config()
@@ -21,35 +21,35 @@ def target(
 
 def test_towards_the_place_in_the_body_frame() -> None:
     pose = Pose.planar(0.0, 0.0, 8.0, math.pi / 2)
-    setpoint = AirPilot(CONFIG).steer(pose, target(0.0, 3.0), NOTHING_AROUND, 1_000_000_000)
+    setpoint = AirController(CONFIG).steer(pose, target(0.0, 3.0), NOTHING_AROUND, 1_000_000_000)
     assert setpoint.vx_m_s > 1.0
     assert setpoint.vy_m_s == pytest.approx(0.0, abs=1e-9)
 
 
 def test_in_its_place_it_moves_with_it() -> None:
-    setpoint = AirPilot(CONFIG).steer(HERE, target(0.0, 0.0, 8.0, (1.5, -0.5, 0.0)), NOTHING_AROUND, 1)
+    setpoint = AirController(CONFIG).steer(HERE, target(0.0, 0.0, 8.0, (1.5, -0.5, 0.0)), NOTHING_AROUND, 1)
     assert (setpoint.vx_m_s, setpoint.vy_m_s) == pytest.approx((1.5, -0.5))
 
 
 def test_it_is_never_faster_than_its_limit() -> None:
-    setpoint = AirPilot(CONFIG).steer(HERE, target(100.0, 0.0, 8.0, (4.0, 3.0, 0.0)), NOTHING_AROUND, 1)
+    setpoint = AirController(CONFIG).steer(HERE, target(100.0, 0.0, 8.0, (4.0, 3.0, 0.0)), NOTHING_AROUND, 1)
     assert math.hypot(setpoint.vx_m_s, setpoint.vy_m_s) == pytest.approx(CONFIG.air.v_max_m_s)
 
 
 def test_a_free_way_is_not_bent() -> None:
-    away = Surroundings(((5.0, 5.0),), (Neighbour(3.0, 3.0, 8.0, 0.0, 0.0, 0.0),))
+    away = Surroundings(((5.0, 5.0),), (MovingObstacle(3.0, 3.0, 8.0, 0.0, 0.0, 0.0),))
     assert avoid(CONFIG, HERE, (2.0, 0.0, 0.3), away) == (2.0, 0.0, 0.3)
 
 
 def test_one_on_the_way_is_flown_around() -> None:
-    ahead = Surroundings((), (Neighbour(4.0, 0.0, 8.0, 0.0, 0.0, 0.0),))
+    ahead = Surroundings((), (MovingObstacle(4.0, 0.0, 8.0, 0.0, 0.0, 0.0),))
     bent = avoid(CONFIG, HERE, (2.0, 0.0, 0.0), ahead)
     assert bent != (2.0, 0.0, 0.0)
     assert bent[0] > 0.0
 
 
 def test_from_one_that_is_too_close_it_may_fly_away() -> None:
-    close = Surroundings((), (Neighbour(0.5, 0.0, 8.0, 0.0, 0.0, 0.0),))
+    close = Surroundings((), (MovingObstacle(0.5, 0.0, 8.0, 0.0, 0.0, 0.0),))
     assert avoid(CONFIG, HERE, (-1.0, 0.0, 0.0), close) == (-1.0, 0.0, 0.0)
     assert avoid(CONFIG, HERE, (1.0, 0.0, 0.0), close)[0] <= 0.0
 
@@ -61,13 +61,13 @@ def test_a_tree_is_as_high_as_the_sky() -> None:
 
 
 def test_one_high_above_is_not_avoided() -> None:
-    above = Surroundings((), (Neighbour(3.0, 0.0, 12.0, 0.0, 0.0, 0.0),))
+    above = Surroundings((), (MovingObstacle(3.0, 0.0, 12.0, 0.0, 0.0, 0.0),))
     assert avoid(CONFIG, HERE, (2.0, 0.0, 0.0), above) == (2.0, 0.0, 0.0)
 
 
 def test_one_that_gives_way_is_given_less_room() -> None:
     def ahead(yields: bool) -> Surroundings:
-        return Surroundings((), (Neighbour(6.0, 1.2, 8.0, -1.0, 0.0, 0.0, yields),))
+        return Surroundings((), (MovingObstacle(6.0, 1.2, 8.0, -1.0, 0.0, 0.0, yields),))
 
     wanted = (2.0, 0.0, 0.0)
     assert avoid(CONFIG, HERE, wanted, ahead(True)) == wanted
@@ -85,7 +85,7 @@ def test_two_that_exchange_places_keep_their_distance_and_arrive(angle_deg: int)
         goals[1] = (goals[1][0], goals[1][1] - 2.5)
     velocities = [[0.0, 0.0], [0.0, 0.0]]
     heights = [8.0, 8.0]
-    pilots = [AirPilot(CONFIG), AirPilot(CONFIG)]
+    pilots = [AirController(CONFIG), AirController(CONFIG)]
     least = math.inf
     dt = 0.05
     for step in range(800):
@@ -95,7 +95,7 @@ def test_two_that_exchange_places_keep_their_distance_and_arrive(angle_deg: int)
         ]
         for i, pilot in enumerate(pilots):
             other = poses[1 - i]
-            seen = Neighbour(other.x_m, other.y_m, other.z_m, other.vx_m_s, other.vy_m_s, 0.0, i == 0)
+            seen = MovingObstacle(other.x_m, other.y_m, other.z_m, other.vx_m_s, other.vy_m_s, 0.0, i == 0)
             place_of = Target(*goals[i], 8.0, None, 3.0, goals[i])
             setpoint = pilot.steer(poses[i], place_of, Surroundings((), (seen,)), (step + 1) * 50_000_000)
             share = 1 - math.exp(-dt / 0.35)

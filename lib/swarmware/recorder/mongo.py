@@ -15,10 +15,10 @@ import msgspec
 
 from swarmware import names
 from swarmware.errors import ConfigError, Denied, NoAnswer, missing_extra
-from swarmware.record.address import password_in, without_password
-from swarmware.record.cursor import Cursor
-from swarmware.record.entry import Entry
-from swarmware.record.query import Query
+from swarmware.recorder.address import password_in, without_password
+from swarmware.recorder.cursor import Cursor
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import Query
 
 try:
     from bson import encode
@@ -30,17 +30,17 @@ except ImportError as error:
     raise missing_extra("mongodb", error, "mongo") from error
 
 QUEUE_SIZE: Final = 1_000_000
-"""Slots of a queue unless the configuration says otherwise: about 300 MB of poses."""
+"""Default number of slots of a queue: about 300 MB of poses."""
 
 QUEUE_BYTES: Final = 64 << 20
-"""Bytes of BSON in a queue: eight queues of a vehicle are as large as its local ring."""
+"""Default size of a queue in BSON: the eight queues of a vehicle are as large as its local ring."""
 _TRIMMED: Final = 0.9
-"""A queue that grew too large is cut to this share of its bound, so that it is measured seldom."""
+"""A queue over its limit is trimmed to this share of it, so that its size is rarely measured."""
 _OWN: Final = frozenset({"admin", "config", "local"})
-"""Databases of the server itself."""
+"""Internal databases of the server."""
 _MS: Final = 1_000_000
 _DOCUMENT_LIMIT: Final = 16_000_000
-"""Of a document the server takes 16 MiB."""
+"""The server limits a document to 16 MiB."""
 _LINE: Final = 160
 _TIMEOUTS: Final = re.compile(r" \(configured timeouts:[^)]*\)")
 _DENIALS: Final = {13, 18}
@@ -50,8 +50,8 @@ _DENIALS: Final = {13, 18}
 class MongoStore:
     """Circular queues in one collection; slot `<queue>:<sequence mod size>`, written idempotently.
 
-    A call may block for `timeout_s` to find the server, and for `answer_s` each time that it is asked.
-    Raises: NoAnswer when the server is away, Denied when it refuses, ConfigError for a URI that is none.
+    A call may block for `timeout_s` to select the server, and for `answer_s` for each request.
+    Raises: NoAnswer when the server is unreachable, Denied when it refuses, ConfigError for an invalid URI.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class MongoStore:
         self._queue_size = queue_size
         self._queue_bytes = queue_bytes
         self._bytes: dict[str, int] = {}
-        """Bytes of each queue written here, at most."""
+        """Upper bound of the size of each queue written here."""
         self._client: Any = client or _client(
             uri,
             serverSelectionTimeoutMS=int(timeout_s * 1000),
@@ -82,7 +82,7 @@ class MongoStore:
         self._cursors = self._client[database]["cursors"]
 
     def prepare(self) -> None:
-        """Makes the B-tree indexes of S0.71; cheap when they are there."""
+        """Creates the B-tree indexes of S0.71; cheap when they exist."""
         with _translated():
             self._frames.create_index(
                 [("source", ASCENDING), ("type", ASCENDING), ("utc_ns", ASCENDING)], name="source_type_time"
@@ -93,10 +93,10 @@ class MongoStore:
             self._frames.create_index([("queue", ASCENDING), ("sequence", ASCENDING)], name="queue_sequence")
             self._frames.create_index([("utc_ns", ASCENDING)], name="time")
 
-    def write(self, entries: Sequence[Entry], platform: str, cursor: Cursor) -> None:
-        """Stores the entries, then remembers how far the platform's ring is stored.
+    def write(self, entries: Sequence[LogEntry], platform: str, cursor: Cursor) -> None:
+        """Stores the entries, then the cursor.
 
-        A crash in between stores the same entries again into the same slots.
+        After a crash in between the same entries are written to the same slots once more.
         """
         with _translated():
             if entries:
@@ -110,7 +110,7 @@ class MongoStore:
                 upsert=True,
             )
 
-    def _slot(self, entry: Entry) -> ReplaceOne[Any]:
+    def _slot(self, entry: LogEntry) -> ReplaceOne[Any]:
         document = to_document(entry, self._queue_size)
         if entry.queue not in self._bytes:
             self._bytes[entry.queue] = self._measured(entry.queue)
@@ -118,13 +118,13 @@ class MongoStore:
         return ReplaceOne({"_id": document["_id"]}, document, upsert=True)
 
     def _measured(self, queue: str) -> int:
-        """Bytes of the documents in a queue."""
+        """Size of the documents of a queue, in bytes."""
         total = {"$group": {"_id": None, "bytes": {"$sum": {"$bsonSize": "$$ROOT"}}}}
         found = list(self._frames.aggregate([{"$match": {"queue": queue}}, total]))
         return int(found[0]["bytes"]) if found else 0
 
     def _trim(self, queue: str) -> None:
-        """Removes the oldest entries of a queue that has grown beyond its bytes."""
+        """Removes the oldest entries of a queue that exceeds its size limit."""
         measured = self._measured(queue)
         if measured > self._queue_bytes:
             excess = measured - int(self._queue_bytes * _TRIMMED)
@@ -140,7 +140,7 @@ class MongoStore:
         self._bytes[queue] = measured
 
     def cursor(self, platform: str) -> Cursor:
-        """How far the platform's ring is stored."""
+        """Position in the platform's ring up to which entries are stored."""
         with _translated():
             found = self._cursors.find_one({"_id": platform})
         if found is None:
@@ -148,12 +148,12 @@ class MongoStore:
         sequences = {queue: int(number) for queue, number in found["sequences"].items()}
         return Cursor(int(found["segment"]), int(found["offset"]), sequences)
 
-    def entries(self, query: Query) -> Iterator[Entry]:
-        """Entries that answer the query, by UTC."""
+    def entries(self, query: Query) -> Iterator[LogEntry]:
+        """Entries that match the query, sorted by UTC."""
         with _translated():
             yield from self._find(query)
 
-    def _find(self, query: Query) -> Iterator[Entry]:
+    def _find(self, query: Query) -> Iterator[LogEntry]:
         pattern = names.Pattern(query.pattern)
         found: Iterable[Mapping[str, Any]] = self._frames.find(to_filter(query)).sort(
             "utc_ns", DESCENDING if query.newest else ASCENDING
@@ -163,19 +163,19 @@ class MongoStore:
         yield from reversed(list(taken)) if query.newest else taken
 
     def losses(self) -> list[str]:
-        """None: an answer is whole, or an error."""
+        """Always empty: a query succeeds completely or raises."""
         return []
 
-    def nothing(self) -> str:
-        """Says when the database does not exist, and which do."""
+    def why_empty(self) -> str:
+        """Reports a database that does not exist, with the names of those that do."""
         with _translated():
             there = sorted(set(self._client.list_database_names()) - _OWN)
         if self._database in there:
             return ""
-        return f"no database {self._database!r} there; there are: {', '.join(there) or 'none'}"
+        return f"no database {self._database!r} on this server; existing: {', '.join(there) or 'none'}"
 
     def ping(self) -> None:
-        """Whether the server answers.
+        """Checks that the server answers.
 
         Raises: NoAnswer, Denied.
         """
@@ -183,12 +183,12 @@ class MongoStore:
             self._client.admin.command("ping")
 
     def close(self) -> None:
-        """Ends the connections."""
+        """Closes the connections to the server."""
         self._client.close()
 
 
-def to_document(entry: Entry, queue_size: int) -> RawBSONDocument:
-    """The slot that holds this entry; a value that BSON cannot hold stays in the payload alone."""
+def to_document(entry: LogEntry, queue_size: int) -> RawBSONDocument:
+    """The document of an entry; a value that BSON cannot represent is stored as payload only."""
     document = {
         "_id": f"{entry.queue}:{entry.sequence % queue_size}",
         "queue": entry.queue,
@@ -213,9 +213,9 @@ def to_document(entry: Entry, queue_size: int) -> RawBSONDocument:
     return RawBSONDocument(data)
 
 
-def from_document(document: Mapping[str, Any]) -> Entry:
-    """The entry in a slot; numbers as plain ones, BSON has a type of its own for them."""
-    return Entry(
+def from_document(document: Mapping[str, Any]) -> LogEntry:
+    """The entry in a document; BSON integers become int."""
+    return LogEntry(
         str(document["queue"]),
         int(document["sequence"]),
         str(document["source"]),
@@ -230,9 +230,9 @@ def from_document(document: Mapping[str, Any]) -> Entry:
 
 
 def check_uri(uri: str) -> None:
-    """Whether a client would take the address; it is not contacted.
+    """Validates the address without contacting the server.
 
-    Raises: ConfigError, without the password in it.
+    Raises: ConfigError; its text never contains the password.
     """
     _client(uri, connect=False).close()
 
@@ -240,21 +240,21 @@ def check_uri(uri: str) -> None:
 def _client(uri: str, **options: Any) -> MongoClient[Any]:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # an option that it does not take is only warned of
+            warnings.simplefilter("error", UserWarning)  # pymongo only warns of an unknown option
             return MongoClient(uri, **options)
     except (PyMongoError, ValueError, TypeError, UserWarning) as error:
-        raise ConfigError(_wrong_uri(uri, error)) from None
+        raise ConfigError(_uri_error(uri, error)) from None
 
 
-def _wrong_uri(uri: str, error: Exception) -> str:
+def _uri_error(uri: str, error: Exception) -> str:
     secret = password_in(uri)
-    shown = without_password(uri).partition("?")[0]  # options may be secrets, too
+    shown = without_password(uri).partition("?")[0]  # options may contain secrets
     text = f"mongodb_uri {shown!r}: {error}"
     return f"{text.replace(secret, '***') if secret else text}; expected mongodb://host:port"
 
 
 def to_filter(query: Query) -> dict[str, Any]:
-    """The part of a query that the database answers by its indexes; the pattern is checked again here."""
+    """The part of a query that the indexes of the database answer; the client checks the pattern again."""
     out: dict[str, Any] = {}
     pattern = names.Pattern(query.pattern)
     platform, local = names.split(query.pattern)
@@ -273,7 +273,7 @@ def to_filter(query: Query) -> dict[str, Any]:
 
 @contextmanager
 def _translated() -> Iterator[None]:
-    """Turns the driver's errors into ours."""
+    """Converts errors of pymongo into SwarmError."""
     try:
         yield
     except OperationFailure as error:

@@ -1,4 +1,4 @@
-"""The address of a database as text: what it names, and how it may be shown."""
+"""The address (URI) of a database: its parts, and its form without the password."""
 
 import re
 from typing import Final
@@ -8,17 +8,17 @@ _PATH: Final = re.compile(r"mongodb(\+srv)?://[^/]+/(?P<database>[^?]+)")
 
 
 def database_in(uri: str) -> str:
-    """The database that an address names behind its hosts; empty when it names none."""
+    """Database name in the address; empty when it has none."""
     found = _PATH.match(uri)
     return found["database"] if found else ""
 
 
 def password_in(uri: str) -> str:
-    """The password in an address; empty when it has none."""
+    """Password in the address; empty when it has none."""
     found = _PASSWORD.search(uri)
     return found[2] if found else ""
 
 
 def without_password(text: str) -> str:
-    """An address, or a text with one in it, as it may be shown."""
+    """An address, or a text that contains one, with the password masked."""
     return _PASSWORD.sub(r"\1***@", text)

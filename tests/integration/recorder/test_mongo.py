@@ -9,16 +9,16 @@ import mongomock
 import msgspec
 import pytest
 from pymongo import MongoClient
-from tests.integration.record.mongod import Mongod
+from tests.integration.recorder.mongod import Mongod
 
-from swarmd.logger.forward import Forwarder
+from swarmd.logger.log_forwarder import LogForwarder
 from swarmware.errors import ConfigError, NoAnswer
-from swarmware.record.cursor import Cursor
-from swarmware.record.entry import Entry
-from swarmware.record.mongo import MongoStore, check_uri, to_document
-from swarmware.record.query import FolderSource, Query, Source, stats
-from swarmware.record.ring import LogRing
-from swarmware.record.segment import Channel
+from swarmware.recorder.cursor import Cursor
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.mongo import MongoStore, check_uri, to_document
+from swarmware.recorder.query import FolderSource, LogSource, Query, stats
+from swarmware.recorder.ring import LogRing
+from swarmware.recorder.segment import LogChannel
 from swarmware.types import registry
 from swarmware.types.scalar import Text
 from swarmware.types.vehicle import BatteryState, Pose
@@ -36,9 +36,9 @@ def mongod(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mongod]:
 
 
 def record(ring: LogRing, platform: str, count: int, start: int = 0) -> None:
-    pose = Channel(platform, "nav/pose", "board", "Pose", f"{platform}:navigator:out")
-    battery = Channel(platform, "power/battery", "board", "BatteryState", f"{platform}:hal:out")
-    note = Channel(platform, "mission/note", "event", "Text", f"{platform}:mission:out")
+    pose = LogChannel(platform, "nav/pose", "board", "Pose", f"{platform}:navigator:out")
+    battery = LogChannel(platform, "power/battery", "board", "BatteryState", f"{platform}:hal:out")
+    note = LogChannel(platform, "mission/note", "event", "Text", f"{platform}:mission:out")
     for number in range(start, start + count):
         utc_ns = START + number * SECOND // 10
         ring.append(pose, number, utc_ns, registry.encode(Pose(float(number), 0.0)))
@@ -49,7 +49,7 @@ def record(ring: LogRing, platform: str, count: int, start: int = 0) -> None:
     ring.flush()
 
 
-def drain(forwarder: Forwarder) -> None:
+def drain(forwarder: LogForwarder) -> None:
     while forwarder.step():
         pass
 
@@ -67,14 +67,14 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.fixture(scope="module", params=["folder", "mongod", "mongomock"])
-def source(request: pytest.FixtureRequest, folders: list[Path], mongod: Mongod) -> Iterator[Source]:
+def source(request: pytest.FixtureRequest, folders: list[Path], mongod: Mongod) -> Iterator[LogSource]:
     if request.param == "folder":
         yield FolderSource(folders)
         return
     if request.param == "mongod":
         store = MongoStore(mongod.uri, "same_answers")
         for directory, platform in zip(folders, ("uav1", "ugv1"), strict=True):
-            drain(Forwarder(directory, platform, store, 300))
+            drain(LogForwarder(directory, platform, store, 300))
     else:
         # mongomock cannot do our bulk write; the shape of the query is what it checks
         client: Any = mongomock.MongoClient()
@@ -99,8 +99,8 @@ QUERIES = [
 
 @pytest.mark.mongod
 @pytest.mark.parametrize("query", QUERIES, ids=repr)
-def test_every_source_gives_the_same_answer(source: Source, folders: list[Path], query: Query) -> None:
-    def key(entry: Entry) -> tuple[int, str, int]:
+def test_every_source_gives_the_same_answer(source: LogSource, folders: list[Path], query: Query) -> None:
+    def key(entry: LogEntry) -> tuple[int, str, int]:
         return entry.utc_ns, entry.queue, entry.sequence
 
     expected = sorted(FolderSource(folders).entries(query), key=key)
@@ -115,7 +115,7 @@ def test_a_queue_is_circular_and_keeps_the_newest(mongod: Mongod, tmp_path: Path
     record(ring, "uav7", 250)
     ring.close()
     store = MongoStore(mongod.uri, "circular", queue_size=100)
-    drain(Forwarder(tmp_path, "uav7", store, 64))
+    drain(LogForwarder(tmp_path, "uav7", store, 64))
     poses = list(store.entries(Query(pattern="/uav7/nav/pose")))
     store.close()
     assert [entry.sequence for entry in poses] == list(range(151, 251))
@@ -143,7 +143,7 @@ def test_a_database_killed_in_the_middle_leaves_no_gap_and_no_duplicate(tmp_path
     ring = LogRing(tmp_path / "log", segment_bytes=20_000)
     store = MongoStore(server.uri, "killed", timeout_s=0.5)
     try:
-        forwarder = Forwarder(tmp_path / "log", "uav1", store, 50)
+        forwarder = LogForwarder(tmp_path / "log", "uav1", store, 50)
         record(ring, "uav1", 400)
         assert forwarder.step() == 50
         forwarder.step()
@@ -170,7 +170,7 @@ def test_answers_hold_plain_numbers_that_json_takes(mongod: Mongod, tmp_path: Pa
     record(ring, "uav5", 20)
     ring.close()
     store = MongoStore(mongod.uri, "plain")
-    drain(Forwarder(tmp_path, "uav5", store, 64))
+    drain(LogForwarder(tmp_path, "uav5", store, 64))
     entries = list(store.entries(Query()))
     store.close()
     assert len(entries) == 20 + 2 + 1
@@ -184,12 +184,12 @@ def test_answers_hold_plain_numbers_that_json_takes(mongod: Mongod, tmp_path: Pa
 def test_a_queue_is_bounded_in_bytes_and_loses_its_oldest_entries(mongod: Mongod, tmp_path: Path) -> None:
     bound = 200_000
     ring = LogRing(tmp_path)
-    channel = Channel("uav6", "a/text", "event", "Text", "uav6:a:out")
+    channel = LogChannel("uav6", "a/text", "event", "Text", "uav6:a:out")
     for number in range(600):
         ring.append(channel, number, START + number, registry.encode(Text("x" * (500 + number % 7 * 300))))
     ring.close()
     store = MongoStore(mongod.uri, "bytes", queue_bytes=bound)
-    drain(Forwarder(tmp_path, "uav6", store, 50))
+    drain(LogForwarder(tmp_path, "uav6", store, 50))
     again = MongoStore(mongod.uri, "bytes", queue_bytes=bound)  # as after a restart
     again.write(list(FolderSource([tmp_path]).entries(Query()))[-10:], "uav6", Cursor())
     sequences = [entry.sequence for entry in again.entries(Query())]
@@ -215,7 +215,7 @@ def test_values_that_bson_cannot_hold_are_stored_as_their_payload(mongod: Mongod
         msgspec.msgpack.encode([0] * 3_000_000),
     ]
     entries = [
-        Entry("uav1:x:out", number, "uav1", "x", "event", "Unknown", 1, START + number, payload)
+        LogEntry("uav1:x:out", number, "uav1", "x", "event", "Unknown", 1, START + number, payload)
         for number, payload in enumerate(payloads, start=1)
     ]
     store.write(entries, "uav1", Cursor())
@@ -228,9 +228,9 @@ def test_an_empty_answer_names_the_databases_there_are(mongod: Mongod) -> None:
     there = MongoStore(mongod.uri, "swarm_lab1")
     there.prepare()
     store = MongoStore(mongod.uri, "swarm")
-    assert re.fullmatch(r"no database 'swarm' there; there are: .*swarm_lab1.*", store.nothing())
+    assert re.fullmatch(r"no database 'swarm' on this server; existing: .*swarm_lab1.*", store.why_empty())
     store.close()
-    assert there.nothing() == ""
+    assert there.why_empty() == ""
     there.close()
 
 

@@ -1,4 +1,4 @@
-"""The local ring of segments: bounded by bytes and by free disk, whole again after any crash."""
+"""The local log ring: segments bounded by size and by free disk space, repaired after a crash."""
 
 import shutil
 from pathlib import Path
@@ -6,23 +6,23 @@ from typing import Final, Literal, NamedTuple
 
 import msgspec
 
-from swarmware.record.scan import MAGIC
-from swarmware.record.segment import TAIL, Channel, SegmentReader, SegmentWriter, ended
+from swarmware.recorder.scan import MAGIC
+from swarmware.recorder.segment import TAIL, LogChannel, SegmentReader, SegmentWriter, ended
 
 Sync = Literal["none", "batch", "segment"]
 
 DAMAGED: Final = ".damaged"
-"""Ending of a segment in which nothing can be read; it ages in the ring like the others."""
+"""Suffix of a segment without a readable record; the ring deletes it in its turn."""
 _BOOT: Final = "#boot"
-"""Stands among the stamps: those of another boot come from another clock."""
-_BARE: Final = 4096
-"""A file that short without a whole record was cut while it was begun: nothing is lost with it."""
-_LOOK_BACK: Final = 3
-"""Segments that are read at a start, at most, for how far the queues have come."""
+"""Key of the boot id among the stamps: stamps of another boot are of another clock."""
+_EMPTY_FILE_BYTES: Final = 4096
+"""A file up to this size without a complete record was cut at its creation: no entry is lost with it."""
+_SEGMENTS_READ: Final = 3
+"""Maximum number of segments that a start reads to restore the sequence numbers."""
 
 
 class Hole(NamedTuple):
-    """Entries that a start found damaged in what the last run had left."""
+    """Entries of one queue that a start found missing in the segment of the last run."""
 
     queue: str
     first: int
@@ -30,20 +30,20 @@ class Hole(NamedTuple):
 
 
 class Repairs(msgspec.Struct):
-    """What was mended of what the last run had left; kept over starts that fail."""
+    """Repairs made at the start; kept over failed attempts to start."""
 
     bytes: int = 0
-    """Of half-written records."""
+    """Size of the incomplete records that were cut off."""
     set_aside: list[Path] = []
-    """Segments in which nothing could be read."""
+    """Segments without a readable record."""
     holes: list[Hole] = []
-    """Entries damaged in the segment that the last run had not ended."""
+    """Entries missing in the segment that the last run had not finished."""
 
 
 class LogRing:
-    """Segments `<number>.mcap` in one directory; the oldest goes when the ring is full.
+    """Segments `<number>.mcap` in one directory; the oldest is deleted when the ring is full.
 
-    One writer; any number of readers. Raises: OSError from the file system as it is.
+    One writer; any number of readers. Raises: OSError of the file system.
     """
 
     def __init__(
@@ -67,15 +67,15 @@ class LogRing:
         self.repairs = Repairs() if repairs is None else repairs
         self._counters: dict[str, int] = {}
         self.last_stamps: dict[str, int] = {}
-        """Newest stamp of this boot by local path; empty in a new ring."""
+        """Newest stamp of this boot, by local path; empty in a new ring."""
         self._recover()
-        self._old: SegmentWriter | None = None
+        self._ended: SegmentWriter | None = None
         self._writer = self._open(self._last_number() + 1)
 
     def _recover(self) -> None:
-        """Ends what the last run had not ended, and learns how far the queues have come.
+        """Repairs unfinished segments and restores the sequence number of every queue.
 
-        Of segments that were ended only the ends are read: a full ring starts as fast as an empty one.
+        Of finished segments only the end is read: a full ring starts as fast as an empty one.
         """
         last: SegmentReader | None = None
         for path in segments(self.directory):
@@ -83,42 +83,42 @@ class LogRing:
                 last = self._repair(path)
         remaining = segments(self.directory)
         if last is not None and remaining and last.path == remaining[-1]:
-            self._learn(last)
+            self._take_counters(last)
             remaining.pop()
             if last.sound:
                 return
-        for path in remaining[: -_LOOK_BACK - 1 : -1]:
+        for path in remaining[: -_SEGMENTS_READ - 1 : -1]:
             reader = SegmentReader(path)
             if not reader.final():
                 _drain(reader)
-            self._learn(reader)
+            self._take_counters(reader)
             if reader.sound:
                 return
 
-    def _learn(self, reader: SegmentReader) -> None:
-        """Takes what a segment knows; what a newer one said holds."""
+    def _take_counters(self, reader: SegmentReader) -> None:
+        """Merges the counters of an older segment; values of a newer one take precedence."""
         self._counters = reader.counters | self._counters
         if reader.stamps.pop(_BOOT, 0) == self._boot_id:
             self.last_stamps = reader.stamps | self.last_stamps
 
     def _repair(self, path: Path) -> SegmentReader | None:
-        """Gives a segment a valid end; None when nothing can be read in it."""
+        """Writes a valid end to an unfinished segment; None when it has no readable record."""
         reader = SegmentReader(path)
         holes = _drain(reader)
         size = path.stat().st_size
         if reader.offset == len(MAGIC):
-            if size <= _BARE:
+            if size <= _EMPTY_FILE_BYTES:
                 path.unlink()
                 self.repairs.bytes += size
             else:
                 self.repairs.set_aside.append(path.rename(path.with_suffix(DAMAGED)))
             return None
         with path.open("r+b") as file:
-            # behind the last whole record only a half one can stand: everything else was read or passed over
+            # only an incomplete record can follow the last complete one
             file.truncate(reader.offset)
             file.seek(0, 2)
             file.write(TAIL)
-        # only now: without room for the end the next start repairs the segment once more
+        # counted last: when the disk is full the next start repeats the repair
         self.repairs.holes += holes
         if not reader.ended:
             self.repairs.bytes += size - reader.offset
@@ -136,18 +136,18 @@ class LogRing:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Last sequence of each queue."""
+        """Last sequence number of each queue."""
         return dict(self._counters)
 
     @property
-    def waiting(self) -> int:
-        """Bytes that the disk has not taken yet."""
-        return self._writer.waiting + (self._old.waiting if self._old is not None else 0)
+    def pending_bytes(self) -> int:
+        """Bytes in the write buffers."""
+        return self._writer.pending_bytes + (self._ended.pending_bytes if self._ended is not None else 0)
 
-    def append(self, channel: Channel, stamp_ns: int, utc_ns: int, payload: bytes) -> int:
-        """Adds an entry to its queue; its sequence there.
+    def append(self, channel: LogChannel, stamp_ns: int, utc_ns: int, payload: bytes) -> int:
+        """Appends an entry to its queue; its sequence number.
 
-        Raises: Full when the disk has taken nothing for too long; the entry has no sequence then.
+        Raises: BufferFull when the disk has not accepted data for too long; no sequence number is used then.
         """
         sequence = self._counters.get(channel.queue, 0) + 1
         self._writer.append(channel, sequence, stamp_ns, utc_ns, payload)
@@ -156,11 +156,11 @@ class LogRing:
         return sequence
 
     def flush(self) -> None:
-        """Ends a batch: it survives the process, and with sync `batch` also a loss of power.
+        """Writes a batch: it survives a crash of the process, with sync `batch` also a power failure.
 
-        Raises: OSError when the disk does not take it; it is kept, and written by a later call.
+        Raises: OSError when the write fails; the batch stays buffered and is written by a later call.
         """
-        self._end_old()
+        self._close_ended()
         if self._writer.flush() >= self._segment_bytes:
             self._rotate()
         elif self._sync == "batch":
@@ -170,17 +170,17 @@ class LogRing:
         self._prune()
         fresh = self._open(int(self._writer.path.stem) + 1)
         self._writer.finish(self._counters, self._stamps())
-        self._old, self._writer = self._writer, fresh
-        self._end_old()
+        self._ended, self._writer = self._writer, fresh
+        self._close_ended()
 
-    def _end_old(self) -> None:
-        """Ends the segment before; again with the next batch when there is no room for its end."""
-        if self._old is None:
+    def _close_ended(self) -> None:
+        """Closes the previous segment; repeated with the next batch when the disk is full."""
+        if self._ended is None:
             return
-        self._old.flush()
+        self._ended.flush()
         if self._sync != "none":
-            self._old.sync()
-        old, self._old = self._old, None  # its bytes are safe, whatever the closing says
+            self._ended.sync()
+        old, self._ended = self._ended, None  # its data is written, even if closing fails
         old.close()
 
     def _prune(self) -> None:
@@ -197,14 +197,14 @@ class LogRing:
             free += size
 
     def size(self) -> tuple[int, int]:
-        """Number of segments, and their bytes on disk."""
+        """Number of segments, and their size on disk in bytes."""
         sizes = [path.stat().st_size for path in _files(self.directory)]
         return len(sizes), sum(sizes)
 
     def close(self) -> None:
-        """Ends the last segment properly."""
+        """Writes the summary of the last segment and closes it."""
         try:
-            self._end_old()
+            self._close_ended()
         finally:
             self._writer.finish(self._counters, self._stamps())
             try:
@@ -216,12 +216,12 @@ class LogRing:
 
 
 def segments(directory: Path) -> list[Path]:
-    """The segments of a ring, oldest first."""
+    """Segments of a ring, oldest first."""
     return sorted(path for path in directory.glob("*.mcap") if path.stem.isdigit())
 
 
 def set_aside(directory: Path) -> list[Path]:
-    """Segments of a ring in which nothing could be read."""
+    """Segments of a ring without a readable record."""
     return sorted(path for path in directory.glob(f"*{DAMAGED}") if path.stem.isdigit())
 
 
@@ -230,7 +230,7 @@ def _files(directory: Path) -> list[Path]:
 
 
 def _drain(reader: SegmentReader) -> list[Hole]:
-    """Reads a segment to its end, for its counters and stamps; what is missing in its queues."""
+    """Reads a segment to its end and updates its counters and stamps; the missing entries of its queues."""
     holes: list[Hole] = []
     for entry in reader.entries():
         expected = reader.counters.get(entry.queue, entry.sequence - 1) + 1

@@ -9,17 +9,17 @@ import msgpack
 
 from swarmware.errors import WireError
 from swarmware.frame import PAYLOAD_LIMIT
-from swarmware.record.entry import Entry
-from swarmware.record.query import Filter, Query
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import Filter, Query
 
 FOREIGN: Final = "foreign"
-"""Platform under which values stand that are no entries of ours: `/foreign/spool`."""
+"""Platform of the values that are not log entries: `/foreign/spool`."""
 
-_KEYS: Final = Entry.__struct_fields__
+_KEYS: Final = LogEntry.__struct_fields__
 
 
-def write(entries: Iterable[Entry], file: BinaryIO) -> int:
-    """Writes entries one after the other; how many there were."""
+def write(entries: Iterable[LogEntry], file: BinaryIO) -> int:
+    """Writes all entries; their number."""
     packer = msgpack.Packer()
     count = 0
     for entry in entries:
@@ -29,16 +29,16 @@ def write(entries: Iterable[Entry], file: BinaryIO) -> int:
 
 
 class SpoolSource:
-    """Entries of a stream, in its order; any other MessagePack value is an entry of `/foreign/spool`."""
+    """Entries of a stream, in its order; any other MessagePack value becomes an entry of `/foreign/spool`."""
 
     def __init__(self, file: BinaryIO, name: str) -> None:
         self._file = file
         self._name = name
 
-    def entries(self, query: Query) -> Iterator[Entry]:
-        """Entries that answer the query.
+    def entries(self, query: Query) -> Iterator[LogEntry]:
+        """Entries that match the query.
 
-        Raises: WireError naming the byte at which the stream is no MessagePack.
+        Raises: WireError with the offset of the first byte that is not MessagePack.
         """
         found = filter(Filter(query), self._read())
         if query.newest and query.limit is not None:
@@ -46,14 +46,14 @@ class SpoolSource:
         return islice(found, query.limit)
 
     def losses(self) -> list[str]:
-        """None: an answer is whole, or an error."""
+        """Always empty: a query succeeds completely or raises."""
         return []
 
-    def nothing(self) -> str:
-        """A stream may be empty."""
+    def why_empty(self) -> str:
+        """Always empty: a stream without entries is valid."""
         return ""
 
-    def _read(self) -> Iterator[Entry]:
+    def _read(self) -> Iterator[LogEntry]:
         unpacker = msgpack.Unpacker(self._file, max_buffer_size=4 * PAYLOAD_LIMIT, strict_map_key=False)
         number = 1
         while True:
@@ -63,15 +63,17 @@ class SpoolSource:
                 return
             except (ValueError, TypeError, msgpack.exceptions.UnpackException, RecursionError) as error:
                 reason = str(error) or type(error).__name__
-                raise WireError(f"{self._name}: byte {unpacker.tell()}: no MessagePack: {reason}") from error
+                raise WireError(
+                    f"{self._name}: byte {unpacker.tell()}: invalid MessagePack: {reason}"
+                ) from error
             number += 1
             yield entry
 
 
-def _entry(value: Any, number: int) -> Entry:
+def _entry(value: Any, number: int) -> LogEntry:
     if isinstance(value, dict) and value.keys() | {"sender"} == set(_KEYS):
-        found = Entry(**value)
-        if all(isinstance(getattr(found, key), kind) for key, kind in Entry.__annotations__.items()):
+        found = LogEntry(**value)
+        if all(isinstance(getattr(found, key), kind) for key, kind in LogEntry.__annotations__.items()):
             return found
     payload = msgpack.packb(value)
-    return Entry(f"{FOREIGN}:spool:in", number, FOREIGN, "spool", "event", "", 0, 0, payload)
+    return LogEntry(f"{FOREIGN}:spool:in", number, FOREIGN, "spool", "event", "", 0, 0, payload)

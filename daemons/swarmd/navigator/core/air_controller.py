@@ -1,4 +1,4 @@
-"""The pilot of a vehicle that flies: velocity towards the place, bent around what is in the way."""
+"""Controller of an air vehicle: velocity towards the target, changed to avoid collisions."""
 
 import math
 from typing import Final
@@ -12,18 +12,18 @@ Vector = tuple[float, float, float]
 
 _DIRECTIONS: Final = 16
 _SPEEDS: Final = (1.0, 0.6, 0.25)
-_RIGHT: Final = 0.02
-"""m/s by which passing on the right is preferred: two that meet must not choose the same side of the map."""
-_URGENT: Final = 6.0
-"""m/s · s: how much detour a meeting one second ahead is worth."""
-_YIELDING: Final = 0.7
-"""Share of separation and horizon kept from one that gives way."""
-_LEAST_M_S: Final = 0.8
-"""Speed of an evading vehicle that would rather stand."""
+_LEFT_COST_M_S: Final = 0.02
+"""Cost of passing on the left, in m/s: two vehicles that meet must both turn right."""
+_COLLISION_COST: Final = 6.0
+"""Cost of a collision, in m/s · s: the deviation that a collision one second ahead is worth."""
+_YIELDING_RATIO: Final = 0.7
+"""Share of separation and horizon kept from a vehicle that gives way."""
+_EVADE_MIN_M_S: Final = 0.8
+"""Minimum speed of an evading vehicle."""
 _CLIMBS_M_S: Final = (0.0, 0.8, -0.8)
 
 
-class AirPilot:
+class AirController:
     """Velocity set-points from a target, in three dimensions."""
 
     __slots__ = ("_altitude", "_config", "_last_ns", "free")
@@ -35,20 +35,20 @@ class AirPilot:
         self._altitude = AltitudeHold(config.altitude)
         self._last_ns = 0
         self.free = True
-        """Always: there is a way around in the air."""
+        """Always true: in the air there is a way around."""
 
     def set_config(self, config: Config) -> None:
-        """New gains."""
+        """Replaces the gains."""
         self._config = config
         self._altitude.set_gains(config.altitude)
 
     def stop(self) -> Setpoint:
-        """Stand still in the air."""
+        """Set-point of zero velocity; clears the altitude integral."""
         self._altitude.reset()
         return Setpoint(0.0)
 
     def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint:
-        """The set-point for now."""
+        """The set-point for this control step."""
         air = self._config.air
         dt_s = min(max((now_ns - self._last_ns) / 1e9, 0.0), 0.2)
         self._last_ns = now_ns
@@ -60,38 +60,41 @@ class AirPilot:
         over = math.hypot(vx, vy) / air.v_max_m_s
         if over > 1:
             vx, vy = vx / over, vy / over
-        most, least = min(air.climb_max_m_s, target.climb_m_s), -min(air.sink_max_m_s, target.climb_m_s)
-        climb = self._altitude.climb_m_s(target.z_m, pose.z_m, pose.vz_m_s, most, least, dt_s)
+        climb_max, climb_min = (
+            min(air.climb_max_m_s, target.climb_m_s),
+            -min(air.sink_max_m_s, target.climb_m_s),
+        )
+        climb = self._altitude.climb_m_s(target.z_m, pose.z_m, pose.vz_m_s, climb_max, climb_min, dt_s)
         wanted = (vx, vy, climb + target.velocity_m_s[2])
-        return self.body(pose, avoid(self._config, pose, wanted, around), target.yaw_rad)
+        return self.to_body(pose, avoid(self._config, pose, wanted, around), target.yaw_rad)
 
-    def body(self, pose: Pose, velocity: Vector, yaw_rad: float | None) -> Setpoint:
-        """A velocity of the map as a set-point of the body."""
+    def to_body(self, pose: Pose, velocity: Vector, yaw_rad: float | None) -> Setpoint:
+        """Converts a velocity in the map frame to a set-point in the body frame."""
         air = self._config.air
         yaw = pose.yaw_rad
-        wrong = 0.0 if yaw_rad is None else math.remainder(yaw_rad - yaw, math.tau)
-        w = min(max(air.yaw_kp_1_s * wrong, -air.w_max_rad_s), air.w_max_rad_s)
+        yaw_error = 0.0 if yaw_rad is None else math.remainder(yaw_rad - yaw, math.tau)
+        w = min(max(air.yaw_kp_1_s * yaw_error, -air.w_max_rad_s), air.w_max_rad_s)
         cos, sin = math.cos(yaw), math.sin(yaw)
         vx, vy, vz = velocity
         return Setpoint(vx * cos + vy * sin, vy * cos - vx * sin, vz, w)
 
 
 def avoid(config: Config, pose: Pose, wanted: Vector, around: Surroundings) -> Vector:
-    """The velocity nearest to the wanted one that meets nothing soon.
+    """The velocity nearest to the commanded one that leads to no collision within the horizon.
 
-    Candidates are only tried when the wanted velocity leads to a meeting.
+    Candidates are only tried when the commanded velocity leads to a collision.
     """
     threats = _threats(config, pose, around)
-    if not threats or math.isinf(_meeting_s(threats, wanted)):
+    if not threats or math.isinf(_collision_time_s(threats, wanted)):
         return wanted
     best, best_cost = wanted, math.inf
     for candidate in _candidates(config, wanted):
         detour = math.dist(candidate, wanted)
         cross = wanted[0] * candidate[1] - wanted[1] * candidate[0]
-        meeting_s = _meeting_s(threats, candidate)
-        price = detour + (_RIGHT if cross > 0 else 0.0)
+        meeting_s = _collision_time_s(threats, candidate)
+        price = detour + (_LEFT_COST_M_S if cross > 0 else 0.0)
         if not math.isinf(meeting_s):
-            price += _URGENT / max(meeting_s, 0.05)
+            price += _COLLISION_COST / max(meeting_s, 0.05)
         if price < best_cost:
             best, best_cost = candidate, price
     return best
@@ -99,7 +102,7 @@ def avoid(config: Config, pose: Pose, wanted: Vector, around: Surroundings) -> V
 
 def _candidates(config: Config, wanted: Vector) -> list[Vector]:
     air = config.air
-    speed = max(math.hypot(wanted[0], wanted[1]), _LEAST_M_S)
+    speed = max(math.hypot(wanted[0], wanted[1]), _EVADE_MIN_M_S)
     heading = math.atan2(wanted[1], wanted[0])
     found = [wanted]
     for more in _CLIMBS_M_S:
@@ -113,7 +116,7 @@ def _candidates(config: Config, wanted: Vector) -> list[Vector]:
 
 
 _Threat = tuple[float, float, float, float, float, float, float, float]
-"""Where it is, seen from here; its velocity; radius to stay out of; how far ahead that counts."""
+"""Relative position; velocity; radius to keep free; horizon in s."""
 
 
 def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
@@ -123,7 +126,7 @@ def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
     for n in around.neighbours:
         dx, dy, dz = n.x_m - pose.x_m, n.y_m - pose.y_m, n.z_m - pose.z_m
         if max(abs(dx), abs(dy), abs(dz)) < reach:
-            share = _YIELDING if n.yields else 1.0
+            share = _YIELDING_RATIO if n.yields else 1.0
             radius, horizon = air.separation_m * share, air.horizon_s * share
             found.append((dx, dy, dz, n.vx_m_s, n.vy_m_s, n.vz_m_s, radius, horizon))
     for x, y in around.points_m:
@@ -131,18 +134,18 @@ def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
     return found
 
 
-def _meeting_s(threats: list[_Threat], velocity: Vector) -> float:
-    """Time until the first threat comes closer than its radius; infinite when none does that counts.
+def _collision_time_s(threats: list[_Threat], velocity: Vector) -> float:
+    """Time until the first threat is closer than its radius; infinite when none is within its horizon.
 
-    What stands (height not a number) is as high as the sky. Who is too close already counts while
-    the distance shrinks.
+    An obstacle of unknown height (NaN) is infinitely high. A threat that is already too close counts while
+    the distance decreases.
     """
     soonest = math.inf
     vx, vy, vz = velocity
     for dx, dy, dz, ox, oy, oz, radius, horizon in threats:
         rx, ry, rz = vx - ox, vy - oy, vz - oz
         if math.isnan(dz):
-            dz = rz = 0.0  # noqa: PLW2901  # an upright thing: only what happens on the map counts
+            dz = rz = 0.0  # noqa: PLW2901  # infinitely high: only the horizontal motion counts
         closing = dx * rx + dy * ry + dz * rz
         if closing <= 0.0:
             continue

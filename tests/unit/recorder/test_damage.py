@@ -7,25 +7,25 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.logger.book import Batch, Book
 from swarmd.logger.config import Config
-from swarmd.logger.core import Track
+from swarmd.logger.core import LoggedResource
+from swarmd.logger.recorder import Batch, Recorder
 from swarmware.frame import Frame
 from swarmware.frame import Kind as FrameKind
 from swarmware.names import ANY
-from swarmware.record.entry import Entry
-from swarmware.record.query import FolderSource, Query
-from swarmware.record.ring import LogRing, segments, set_aside
-from swarmware.record.scan import MAGIC
-from swarmware.record.segment import Channel, SegmentReader
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import FolderSource, Query
+from swarmware.recorder.ring import LogRing, segments, set_aside
+from swarmware.recorder.scan import MAGIC
+from swarmware.recorder.segment import LogChannel, SegmentReader
 from swarmware.resource import Kind
 from swarmware.types import registry
 from swarmware.types.log import LogGap
 from swarmware.types.scalar import Text
 from swarmware.types.vehicle import Pose
 
-POSE = Channel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
-NOTE = Channel("uav1", "mission/note", "event", "Text", "uav1:mission:out")
+POSE = LogChannel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
+NOTE = LogChannel("uav1", "mission/note", "event", "Text", "uav1:mission:out")
 COUNT = 60
 UTC = 1_700_000_000_000_000_000
 
@@ -48,11 +48,11 @@ def write(directory: Path, *, end: bool = True, count: int = COUNT) -> Path:
     return path
 
 
-def key(entry: Entry) -> tuple[str, int, int, bytes]:
+def key(entry: LogEntry) -> tuple[str, int, int, bytes]:
     return entry.topic, entry.sequence, entry.stamp_ns, entry.payload
 
 
-def read(path: Path) -> tuple[SegmentReader, list[Entry]]:
+def read(path: Path) -> tuple[SegmentReader, list[LogEntry]]:
     reader = SegmentReader(path)
     return reader, list(reader.entries())
 
@@ -250,9 +250,9 @@ def test_a_full_disk_costs_nothing_when_there_is_room_again(
 def test_what_finds_no_room_in_memory_either_is_a_gap_of_that_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmware.record.segment.BUFFER_LIMIT", 5000)
-    book = Book(tmp_path, "uav1", Config(min_free_bytes=0))
-    track = Track("a/b", Kind.EVENT, "Text", "me", every=True, period_ns=0)
+    monkeypatch.setattr("swarmware.recorder.segment.BUFFER_LIMIT", 5000)
+    book = Recorder(tmp_path, "uav1", Config(min_free_bytes=0))
+    track = LoggedResource("a/b", Kind.EVENT, "Text", "me", every_value=True, period_ns=0)
     disk = FullDisk(monkeypatch)
 
     def write(first: int) -> None:
