@@ -327,11 +327,11 @@ def main() -> None:
         print(json.dumps(table))
         return
     print(f"{NEIGHBOURS} neighbours at 10 Hz, {found['hot'].bytes:.0f} bytes a datagram; µs, fastest tenth")
-    print(f"{'caches':<8}{'received':>10}{'bare':>8}{'ratio':>8}{'together':>10}{'beacon sent':>11}")
+    print(f"{'caches':<8}{'received':>10}{'bare':>8}{'ratio':>8}{'together':>10}{'beacon sent':>13}")
     for state, costs in found.items():
         print(
             f"{state:<8}{costs.received_us:>10.1f}{costs.bare_us:>8.1f}{costs.ratio:>7.1f}x"
-            f"{costs.together_us:>10.1f}{costs.sent_us:>11.1f}"
+            f"{costs.together_us:>10.1f}{costs.sent_us:>13.1f}"
         )
 
 
