@@ -7,20 +7,16 @@ from functools import partial
 
 from swarmd.mission.blocks.context import Context
 from swarmd.mission.blocks.plugins import Plugins
-from swarmd.mission.core.actions import StartBlock
+from swarmd.mission.core.run import CRASHED, SUCCESS, BlockEnd, BlockResult, StartBlock
 from swarmd.mission.vehicle import VehicleClient
-from swarmware.mission.model import CANCELLED, ERROR, OK
 from swarmware.mission.plugin import BlockError
 from swarmware.module import Module
 
 log = logging.getLogger("swarm.mission")
 
-Ended = Callable[[int, str, str], None]
-"""Token, outcome, text."""
+Ended = Callable[[int, BlockResult, str], None]
+"""Token, result, text."""
 Report = Callable[[int, float, str], None]
-
-CRASHED = f"{ERROR}:crashed"
-"""Outcome of a block that raised what it should not have."""
 
 
 class BlockRunner:
@@ -64,14 +60,14 @@ class BlockRunner:
     def _done(self, token: int, task: asyncio.Task[None]) -> None:
         self._tasks.pop(token, None)
         if task.cancelled():
-            self._ended(token, CANCELLED, "")
+            self._ended(token, BlockResult(BlockEnd.CANCELLED), "")
             return
         error = task.exception()
         if error is None:
-            self._ended(token, OK, "")
+            self._ended(token, SUCCESS, "")
         elif isinstance(error, BlockError):
-            self._ended(token, f"{ERROR}:{error.kind}", str(error))
+            self._ended(token, BlockResult(BlockEnd.ERROR, error.kind), str(error))
         else:
             # whatever a block does, the mission goes on by its error successor or to safety
             log.error("block %s failed", task.get_name(), exc_info=error)
-            self._ended(token, CRASHED, f"{type(error).__name__}: {error}")
+            self._ended(token, BlockResult(BlockEnd.ERROR, CRASHED), f"{type(error).__name__}: {error}")

@@ -12,13 +12,21 @@ from swarmd.mission.blocks.plugins import installed
 from swarmd.mission.builtin import built_in
 from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
-from swarmd.mission.core.actions import Action, Announce, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.core.admission import OrderAdmission
 from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
-from swarmd.mission.core.phases import REST, MissionPhase
+from swarmd.mission.core.run import (
+    REST,
+    Action,
+    Announce,
+    BlockResult,
+    CancelBlock,
+    MissionPhase,
+    ProgressStep,
+    StartBlock,
+)
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import BlockRunner
@@ -334,8 +342,8 @@ class Mission(Service):
 
     # -- what goes out
 
-    def _ended(self, token: int, outcome: str, text: str) -> None:
-        self._driver.feed(self._core.on_ended(token, outcome, text, self.module.now_ns()))
+    def _ended(self, token: int, result: BlockResult, text: str) -> None:
+        self._driver.feed(self._core.on_ended(token, result, text, self.module.now_ns()))
 
     def _perform(self, action: Action) -> None:
         match action:

@@ -9,10 +9,19 @@ from typing import Any
 import msgspec
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.actions import Action, Announce, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.executor import START, MissionExecutor
-from swarmd.mission.core.run import Run
+from swarmd.mission.core.run import (
+    SUCCESS,
+    Action,
+    Announce,
+    BlockEnd,
+    BlockResult,
+    CancelBlock,
+    ProgressStep,
+    Run,
+    StartBlock,
+)
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
@@ -20,6 +29,7 @@ from swarmware.mission.model import Block, Mission
 from swarmware.types.mission import BarrierResult, Member, MissionState
 
 S = 1_000_000_000
+CANCELLED = BlockResult(BlockEnd.CANCELLED)
 BUILT_IN = {
     name: load(
         '{"mission": {"s": {"type": "Start", "next": "b"}, '
@@ -172,7 +182,7 @@ class Ensemble:
                     self._begin(node, token, block)
                 case CancelBlock(token):
                     if node.running.get(token, (None, False))[1]:
-                        self.at(self.now_ns + S // 50, lambda t=token: self._ended(node, t, "cancelled"))  # type: ignore[misc]  # the default binds the value now
+                        self.at(self.now_ns + S // 50, lambda t=token: self._ended(node, t, CANCELLED))  # type: ignore[misc]  # the default binds the value now
                 case ProgressStep(block, "Barrier", outcome) if outcome != "started":
                     self.passages.append(Passage(node.name, block, outcome, self.now_ns))
                 case ProgressStep("", _, "state:running"):
@@ -225,16 +235,16 @@ class Ensemble:
             return
         node.running[token] = (block, True)
         fails = not landing and self.chance.random() < self.world.fail
-        outcome = f"error:{block.spec.errors[0]}" if fails else "ok"
+        result = BlockResult(BlockEnd.ERROR, block.spec.errors[0]) if fails else SUCCESS
         seconds = self.chance.uniform(*self.world.block_s)
-        self.at(self.now_ns + round(seconds * S), lambda: self._ended(node, token, outcome))
+        self.at(self.now_ns + round(seconds * S), lambda: self._ended(node, token, result))
 
-    def _ended(self, node: Node, token: int, outcome: str) -> None:
+    def _ended(self, node: Node, token: int, result: BlockResult) -> None:
         if not node.alive or token not in node.running:
             return
         block, _ = node.running.pop(token)
-        node.landed = outcome == "ok" and block.type in {"Land", "Hold"}
-        self._after(node, node.core.on_ended(token, outcome, "", node.now(self.now_ns)))
+        node.landed = result == SUCCESS and block.type in {"Land", "Hold"}
+        self._after(node, node.core.on_ended(token, result, "", node.now(self.now_ns)))
 
 
 def swarm(ground: int, air: int) -> tuple[Member, ...]:

@@ -1,6 +1,7 @@
 """Barriers between members that hear each other at once and tell the same time."""
 
 import pytest
+from tests.unit.mission.results import result
 
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed, lead_ns
 from swarmware.types.mission import Arrival, BarrierResult, Member, MissionState
@@ -39,7 +40,7 @@ class Ensemble:
 
 
 def outcomes(passed: dict[str, list[Passed]]) -> dict[str, str]:
-    return {name: p.outcome for name, found in passed.items() for p in found}
+    return {name: p.result.label for name, found in passed.items() for p in found}
 
 
 @pytest.mark.parametrize(
@@ -104,7 +105,7 @@ def test_a_time_out_at_one_breaks_the_barrier_for_all_who_wait() -> None:
     assert e.of["a"].deadline_ns() == 3 * S + 1  # silence of the others would break it earlier
     for second in range(1, 10):
         assert outcomes(e.talk(second * S)) == {}
-    assert e.of["a"].on_timer(10 * S) == [Passed(1, "timeout", "without c")]
+    assert e.of["a"].on_timer(10 * S) == [Passed(1, result("timeout"), "without c")]
     assert outcomes(e.talk(10 * S + 1)) == {"b": "error:broken"}
     e.arrive("c", now_ns=11 * S)
     assert outcomes(e.talk(11 * S)) == {"c": "error:broken"}
@@ -115,7 +116,7 @@ def test_a_member_that_is_silent_for_too_long_breaks_the_barrier() -> None:
     e.arrive("a", "b")
     for second in (1, 2, 3):
         assert outcomes(e.talk(second * S, silent=("c",))) == {}
-    assert e.of["a"].on_timer(3 * S + 1) == [Passed(1, "error:broken", "without c")]
+    assert e.of["a"].on_timer(3 * S + 1) == [Passed(1, result("error:broken"), "without c")]
 
 
 def test_a_member_whose_computer_is_alive_gets_three_times_as_long() -> None:
@@ -190,7 +191,7 @@ def test_what_the_first_member_says_at_first_hand_wins() -> None:
     c.on_state("b", e.board("b"), (BarrierResult("x", 1, 700, 0),), 4)
     assert c.deadline_ns() == 601
     c.on_state("b", e.board("b"), (BarrierResult("x", 1, None, 1),), 5)
-    assert c.on_timer(5) == [Passed(1, "error:broken", "without a, b")]
+    assert c.on_timer(5) == [Passed(1, result("error:broken"), "without a, b")]
 
 
 def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
@@ -206,7 +207,7 @@ def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
 def test_a_member_alone_does_not_wait() -> None:
     alone = Barriers("a", MEMBERS[:1], 7, 3 * S, lambda: LEAD)
     alone.arrive(1, GATE, 5)
-    assert alone.on_timer(5) == [Passed(1, "ok")]
+    assert alone.on_timer(5) == [Passed(1, result("ok"))]
 
 
 def test_a_stranger_is_not_listened_to() -> None:
@@ -263,7 +264,7 @@ def test_what_a_ground_station_gave_up_waiting_for_is_not_broken() -> None:
     c.arrive(1, BarrierSpec("x", 1, timeout_s=5.0), 0)
     for name in ("a", "b"):
         c.on_alive(name, 5 * S)
-    assert c.on_timer(5 * S)[0].outcome in {"timeout", "error:broken"}
+    assert c.on_timer(5 * S)[0].result.label in {"timeout", "error:broken"}
     assert c.results[0].leave_ns is None
     e.arrive("a", "b", now_ns=5 * S)
     for now in (5 * S, 5 * S + 1):
@@ -299,9 +300,9 @@ def test_a_member_that_hears_of_the_opening_half_a_second_late_takes_the_alterna
     # the others do not know yet
     assert outcomes({n: b.on_timer(S + LEAD) for n, b in e.of.items()}) == {"a": "ok"}
     e.of["b"].on_state("a", opening, opening.meetings, S + LEAD)
-    assert e.of["b"].on_timer(S + LEAD + S // 2) == [Passed(1, "ok")]
+    assert e.of["b"].on_timer(S + LEAD + S // 2) == [Passed(1, result("ok"))]
     e.of["c"].on_state("a", opening, opening.meetings, 2 * S)
-    assert e.of["c"].on_timer(2 * S) == [Passed(1, "error:broken", "the others left 0.8 s ago")]
+    assert e.of["c"].on_timer(2 * S) == [Passed(1, result("error:broken"), "the others left 0.8 s ago")]
 
 
 def test_a_meeting_that_everybody_has_forgotten_is_over_for_one_who_comes_to_it_now() -> None:

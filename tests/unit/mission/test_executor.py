@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 from tests.unit.mission.nets import net
+from tests.unit.mission.results import result
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.actions import CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.core.announce import Announcer
 from swarmd.mission.core.executor import MissionExecutor
-from swarmd.mission.core.run import Run
+from swarmd.mission.core.run import CancelBlock, ProgressStep, Run, StartBlock
 from swarmware.errors import Conflict
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
@@ -83,7 +83,7 @@ def test_a_mission_alone_begins_at_once_and_ends() -> None:
     m = Member1()
     assert m.order() == ["state:ready", "state:running", "start a 1"]
     assert m.core.state().active == ("a",)
-    assert words(m.core.on_ended(1, "ok", "", S)) == ["state:ending", "state:done"]
+    assert words(m.core.on_ended(1, result("ok"), "", S)) == ["state:ending", "state:done"]
     state = m.core.state()
     assert (state.state, state.progress_ratio, state.mission, state.hash) == ("done", 1.0, "hop", "01234567")
 
@@ -125,20 +125,20 @@ def test_a_second_mission_is_refused_while_one_runs() -> None:
 def test_a_failed_mission_lands_and_is_failed() -> None:
     m = Member1()
     m.order()
-    assert words(m.core.on_ended(1, "error:refused", "no", S)) == [
+    assert words(m.core.on_ended(1, result("error:refused"), "no", S)) == [
         "state:ending",
         "state:recovering",
         "start land 2",
     ]
     assert m.core.state().mission == "land"
-    assert words(m.core.on_ended(2, "ok", "", 2 * S)) == ["state:ending", "state:failed"]
+    assert words(m.core.on_ended(2, result("ok"), "", 2 * S)) == ["state:ending", "state:failed"]
     assert "refused" in m.core.state().text
 
 
 def test_no_mission_is_taken_while_a_built_in_one_runs() -> None:
     m = Member1()
     m.order()
-    m.core.on_ended(1, "error:refused", "", S)
+    m.core.on_ended(1, result("error:refused"), "", S)
     with pytest.raises(Conflict, match="busy: land is recovering"):
         m.order()
 
@@ -146,26 +146,26 @@ def test_no_mission_is_taken_while_a_built_in_one_runs() -> None:
 def test_a_landing_that_fails_is_said() -> None:
     m = Member1()
     m.order()
-    m.core.on_ended(1, "error:refused", "", S)
-    assert words(m.core.on_ended(2, "error:blocked", "", S)) == ["state:ending", "state:failed"]
+    m.core.on_ended(1, result("error:refused"), "", S)
+    assert words(m.core.on_ended(2, result("error:blocked"), "", S)) == ["state:ending", "state:failed"]
     assert m.core.state().text.startswith("land: ")
 
 
 def test_a_ground_station_has_nothing_to_land() -> None:
     m = Member1("gcs")
     m.order()
-    assert words(m.core.on_ended(1, "error:refused", "", S)) == ["state:ending", "state:failed"]
+    assert words(m.core.on_ended(1, result("error:refused"), "", S)) == ["state:ending", "state:failed"]
 
 
 def test_an_abort_cancels_waits_and_does_what_the_operator_says() -> None:
     m = Member1()
     m.order()
     assert words(m.core.on_abort("enough", "hold", S)) == ["state:ending", "cancel 1"]
-    assert words(m.core.on_ended(1, "cancelled", "", S)) == ["state:recovering", "start hold 2"]
+    assert words(m.core.on_ended(1, result("cancelled"), "", S)) == ["state:recovering", "start hold 2"]
     assert words(m.core.on_abort("again", "", S)) == []
     assert words(m.core.on_abort("down", "land", S)) == ["state:ending", "cancel 2"]
-    assert words(m.core.on_ended(2, "cancelled", "", S)) == ["state:recovering", "start land 3"]
-    assert words(m.core.on_ended(3, "ok", "", S)) == ["state:ending", "state:aborted"]
+    assert words(m.core.on_ended(2, result("cancelled"), "", S)) == ["state:recovering", "start land 3"]
+    assert words(m.core.on_ended(3, result("ok"), "", S)) == ["state:ending", "state:aborted"]
 
 
 def test_an_abort_before_the_start_moves_nothing() -> None:
@@ -204,7 +204,7 @@ def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
 def test_an_operator_may_ask_for_a_landing_without_a_mission() -> None:
     m = Member1()
     assert words(m.core.on_abort("operator", "land", S)) == ["state:recovering", "start land 1"]
-    assert words(m.core.on_ended(1, "ok", "", S)) == ["state:ending", "state:done"]
+    assert words(m.core.on_ended(1, result("ok"), "", S)) == ["state:ending", "state:done"]
     assert (m.core.state().mission, m.core.state().text) == ("land", "operator")
     assert words(Member1().core.on_abort("operator", "", S)) == []
 
@@ -229,7 +229,18 @@ def test_a_requirement_that_is_no_longer_met_ends_the_mission() -> None:
     m.values.battery = 0.1
     assert words(m.core.on_timer(2 * S)) == ["state:ending", "cancel 1"]
     assert m.core.unmet == ("battery > 20 %",)
-    assert words(m.core.on_ended(1, "cancelled", "", 2 * S))[-1] == "start land 2"
+    assert words(m.core.on_ended(1, result("cancelled"), "", 2 * S))[-1] == "start land 2"
+
+
+def test_a_mission_that_fails_when_it_comes_to_a_barrier_waits_there_no_longer() -> None:
+    m = Member1()
+    text = net(s="Start>w", w="Wait>x", x={"type": "Barrier", "id": "x", "quorum": 2, "next": "e"}, e="End")
+    m.order(with_requirement(text), members=(A, B))
+    m.core.on_state("b", MissionState(7, "", "ready", (), m.core.state().arrivals), (), 0)
+    m.core.on_timer(S // 4)
+    m.values.battery = 0.1
+    assert words(m.core.on_timer(S // 4 + S)) == ["state:ending", "state:recovering", "start land 3"]
+    assert m.core.state().arrivals == ()
 
 
 def test_a_requirement_that_cannot_be_told_is_given_three_checks() -> None:

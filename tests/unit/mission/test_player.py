@@ -5,16 +5,18 @@ from typing import Any
 
 import pytest
 from tests.unit.mission.nets import choice, net
+from tests.unit.mission.results import result
 
-from swarmd.mission.core.actions import (
+from swarmd.mission.core.player import CANCEL_NS, Player
+from swarmd.mission.core.run import (
     CancelBlock,
     EnterBarrier,
     LeaveBarrier,
     PlayEnded,
+    PlayResult,
     ProgressStep,
     StartBlock,
 )
-from swarmd.mission.core.player import CANCEL_NS, Player
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
@@ -68,8 +70,8 @@ def test_blocks_follow_each_other() -> None:
     p = player(net(s="Start>a", a={"type": "Arm", "next": "b"}, b={"type": "Land", "next": "e"}, e="End"))
     assert short(p.start(0)) == ["start a 1"]
     assert list(p.active) == ["a"]
-    assert short(p.on_outcome(1, "ok", S)) == ["start b 2"]
-    last = p.on_outcome(2, "ok", 2 * S)
+    assert short(p.on_ended(1, result("ok"), S)) == ["start b 2"]
+    last = p.on_ended(2, result("ok"), 2 * S)
     assert short(last) == ["done"]
     assert steps(last) == ["b ok", "e ok"]
     assert list(p.active) == []
@@ -98,8 +100,8 @@ def test_a_join_waits_for_all_its_branches() -> None:
         )
     )
     assert short(p.start(0)) == ["start a 1", "start b 2"]
-    assert short(p.on_outcome(2, "ok", S)) == []
-    assert short(p.on_outcome(1, "ok", S)) == ["start c 3"]
+    assert short(p.on_ended(2, result("ok"), S)) == []
+    assert short(p.on_ended(1, result("ok"), S)) == ["start c 3"]
 
 
 def test_a_join_waits_for_all_its_branches_each_time() -> None:
@@ -115,11 +117,11 @@ def test_a_join_waits_for_all_its_branches_each_time() -> None:
         )
     )
     p.start(0)
-    p.on_outcome(1, "ok", S)
-    assert short(p.on_outcome(2, "ok", S)) == ["start c 3"]
-    assert short(p.on_outcome(3, "ok", S)) == ["start a 4", "start b 5"]
-    assert short(p.on_outcome(4, "ok", S)) == [], "the other branch of the first round does not count"
-    assert short(p.on_outcome(5, "ok", S)) == ["start c 6"]
+    p.on_ended(1, result("ok"), S)
+    assert short(p.on_ended(2, result("ok"), S)) == ["start c 3"]
+    assert short(p.on_ended(3, result("ok"), S)) == ["start a 4", "start b 5"]
+    assert short(p.on_ended(4, result("ok"), S)) == [], "the other branch of the first round does not count"
+    assert short(p.on_ended(5, result("ok"), S)) == ["start c 6"]
 
 
 def test_an_end_cancels_what_still_runs_and_waits_for_it() -> None:
@@ -127,14 +129,14 @@ def test_an_end_cancels_what_still_runs_and_waits_for_it() -> None:
     p.start(0)
     assert short(p.on_timer(S)) == ["cancel 1"]
     assert p.stopping
-    assert short(p.on_outcome(1, "cancelled", S)) == ["done"]
+    assert short(p.on_ended(1, result("cancelled"), S)) == ["done"]
 
 
 def test_an_end_takes_pauses_and_barriers_along_at_once() -> None:
     barrier = {"type": "Barrier", "id": "x", "next": "e"}
     p = player(net(s="Start>f", f="Fork>b,w,a", b=barrier, w="Wait>e", a=ARM, e="End"))
     assert short(p.start(0)) == ["barrier b 1 1", "start a 3"]
-    assert short(p.on_outcome(3, "ok", 1)) == ["leave 1", "done"]
+    assert short(p.on_ended(3, result("ok"), 1)) == ["leave 1", "done"]
 
 
 @pytest.mark.parametrize(
@@ -151,7 +153,7 @@ def test_an_error_goes_to_its_successor_or_fails_the_mission(
 ) -> None:
     p = player(net(s="Start>a", a={**ARM, **block}, x={"type": "Hold", "next": "e"}, e="End"))
     p.start(0)
-    assert short(p.on_outcome(1, outcome, 1, "no")) == [expected]
+    assert short(p.on_ended(1, result(outcome), 1, "no")) == [expected]
 
 
 def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() -> None:
@@ -166,14 +168,14 @@ def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() 
     p.start(0)
     assert p.deadline_ns() == 3 * S
     assert short(p.on_timer(3 * S)) == ["cancel 1"]
-    assert short(p.on_outcome(1, "cancelled", 3 * S + 5)) == ["start x 2"]
+    assert short(p.on_ended(1, result("cancelled"), 3 * S + 5)) == ["start x 2"]
 
 
 def test_a_time_out_without_a_successor_fails_the_mission() -> None:
     p = player(net(s="Start>a", a={**ARM, "timeout_s": 3}, e="End"))
     p.start(0)
     p.on_timer(3 * S)
-    assert short(p.on_outcome(1, "cancelled", 3 * S)) == ["failed: a ended with timeout"]
+    assert short(p.on_ended(1, result("cancelled"), 3 * S)) == ["failed: a ended with timeout"]
 
 
 def test_a_block_that_does_not_end_when_cancelled_is_abandoned() -> None:
@@ -184,7 +186,7 @@ def test_a_block_that_does_not_end_when_cancelled_is_abandoned() -> None:
     actions = p.on_timer(S + CANCEL_NS)
     assert short(actions) == ["failed: a ended with timeout"]
     assert "a abandoned" in steps(actions)
-    assert p.on_outcome(1, "ok", 9 * S) == []
+    assert p.on_ended(1, result("ok"), 9 * S) == []
 
 
 @pytest.mark.parametrize(
@@ -225,7 +227,7 @@ def test_each_visit_of_a_barrier_is_counted() -> None:
         net(s="Start>b", b={"type": "Barrier", "id": "x", "next": "d"}, d=choice("b", "e"), e="End"), chance=0
     )
     assert short(p.start(0)) == ["barrier b 1 1"]
-    assert short(p.on_outcome(1, "ok", 1)) == ["barrier b 2 2"]
+    assert short(p.on_ended(1, result("ok"), 1)) == ["barrier b 2 2"]
 
 
 def test_an_end_may_say_that_the_mission_failed() -> None:
@@ -237,9 +239,9 @@ def test_an_end_may_say_that_the_mission_failed() -> None:
 def test_a_mission_that_is_stopped_says_why_once_all_is_quiet() -> None:
     p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e", e="End"))
     p.start(0)
-    assert short(p.stop("aborted", "operator", 1)) == ["cancel 1"]
-    assert p.stop("failed", "again", 2) == []
-    assert short(p.on_outcome(1, "cancelled", 3)) == ["aborted: operator"]
+    assert short(p.stop(PlayResult.ABORTED, "operator", 1)) == ["cancel 1"]
+    assert p.stop(PlayResult.FAILED, "again", 2) == []
+    assert short(p.on_ended(1, result("cancelled"), 3)) == ["aborted: operator"]
 
 
 def test_an_unsound_mission_fails_instead_of_doubling_a_block() -> None:
@@ -247,12 +249,12 @@ def test_an_unsound_mission_fails_instead_of_doubling_a_block() -> None:
     p.start(0)
     actions = p.on_timer(S)
     assert short(actions) == ["start a 3", "cancel 3"]
-    assert short(p.on_outcome(3, "cancelled", S)) == ["failed: a was entered again while it still ran"]
+    assert short(p.on_ended(3, result("cancelled"), S)) == ["failed: a was entered again while it still ran"]
 
 
 def test_an_unsound_loop_fails_instead_of_hanging() -> None:
     p = player(net(s="Start>d", d=choice("c", "e"), c=choice("d", "e"), e="End"))
-    assert "never rests" in short(p.start(0))[0]
+    assert "livelock" in short(p.start(0))[0]
 
 
 def test_a_second_block_with_the_same_barrier_id_is_the_second_meeting() -> None:
@@ -266,5 +268,5 @@ def test_a_second_block_with_the_same_barrier_id_is_the_second_meeting() -> None
     )
     p = player(text)
     assert short(p.start(0)) == ["barrier a 1 1"]
-    assert short(p.on_outcome(1, "ok", S)) == ["barrier b 2 2"]
-    assert short(p.on_outcome(2, "ok", S)) == ["barrier c 3 1"]
+    assert short(p.on_ended(1, result("ok"), S)) == ["barrier b 2 2"]
+    assert short(p.on_ended(2, result("ok"), S)) == ["barrier c 3 1"]

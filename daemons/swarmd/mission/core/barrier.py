@@ -12,13 +12,14 @@ from typing import Final
 
 import msgspec
 
+from swarmd.mission.core.run import BARRIER_BROKEN, REST, SUCCESS, TIMED_OUT, BlockResult, MissionPhase
 from swarmware.types.mission import Arrival, BarrierResult, Member, MissionState
 
-OVER: Final = frozenset({"idle", "ending", "recovering", "done", "failed", "aborted"})
+OVER: Final = REST | {MissionPhase.ENDING, MissionPhase.RECOVERING}
 """States of a member that will come to no barrier any more."""
 STATION: Final = "gcs"
 """Kind of the members without which the others go on (S1.5)."""
-ORDERED: Final = frozenset({"aborted"})
+ORDERED: Final = frozenset({MissionPhase.ABORTED})
 """States into which only an instruction brings a ground station: they hold for everybody."""
 PATIENCE: Final = 3
 """A member whose mission is silent but whose computer still sends gets so many times longer."""
@@ -59,8 +60,7 @@ class Passed(msgspec.Struct, frozen=True):
     """A wait that is over."""
 
     token: int
-    outcome: str
-    """ok | timeout | error:broken."""
+    result: BlockResult
     text: str = ""
 
 
@@ -216,7 +216,7 @@ class Barriers:
             if not self._is_there(name, waiting.spec, now_ns)
         )
 
-    def _result(self, waiting: _Waiting, now_ns: int) -> tuple[str, str] | None:
+    def _result(self, waiting: _Waiting, now_ns: int) -> tuple[BlockResult, str] | None:
         spec = waiting.spec
         key = (spec.barrier, spec.visit)
         if key not in self._known:
@@ -226,16 +226,16 @@ class Barriers:
             return None
         if known.leave_ns is None:
             if waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
-                return "timeout", self._why(spec, now_ns)
-            return "error:broken", self._why(spec, now_ns)
+                return TIMED_OUT, self._why(spec, now_ns)
+            return BARRIER_BROKEN, self._why(spec, now_ns)
         if known.leave_ns > now_ns:
             return None
         known.passed = True
         # who comes after a quorum has left passes; who waited for all and was cut off must not follow alone
         late = known.since_ns - known.leave_ns > LATE_NS
         if late and spec.quorum is None and waiting.since_ns <= known.leave_ns:
-            return "error:broken", f"the others left {(now_ns - known.leave_ns) / 1e9:.1f} s ago"
-        return "ok", ""
+            return BARRIER_BROKEN, f"the others left {(now_ns - known.leave_ns) / 1e9:.1f} s ago"
+        return SUCCESS, ""
 
     def _judge(self, waiting: _Waiting, now_ns: int) -> None:
         """Opens or breaks the barrier, if that is this member's part now."""

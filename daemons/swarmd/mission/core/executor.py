@@ -1,30 +1,43 @@
 """One member of an ensemble: order, common start, play, failure, built-in missions, state for all to see."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from itertools import count
-from typing import Final, Literal
+from typing import Final
 
 import msgspec
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.actions import (
+from swarmd.mission.core.announce import Announcer
+from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
+from swarmd.mission.core.player import Player
+from swarmd.mission.core.run import (
+    BARRIER_BROKEN,
+    PLAYING,
+    REST,
+    STARTED,
+    SUCCESS,
+    TIMED_OUT,
     Action,
     Announce,
+    BlockResult,
+    CancelBlock,
     EnterBarrier,
     LeaveBarrier,
+    MissionPhase,
+    PhaseEvent,
     PlayEnded,
     PlayerAction,
+    PlayResult,
     ProgressStep,
+    Run,
+    StartBlock,
+    follow,
 )
-from swarmd.mission.core.announce import Announcer
-from swarmd.mission.core.barrier import Barriers, BarrierSpec
-from swarmd.mission.core.phases import MissionPhase, PhaseEvent, follow
-from swarmd.mission.core.player import Player
-from swarmd.mission.core.run import Run
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
-from swarmware.mission.model import ERROR, TIMEOUT, Block, Mission
+from swarmware.mission.model import TIMEOUT, Block, Mission
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.mission import HASH_DIGITS, BarrierResult, Member, MissionState
 
@@ -35,14 +48,13 @@ CHECK_NS: Final = 1_000_000_000
 REQUIREMENT_MISSES: Final = 3
 """Checks in a row in which a requirement cannot be evaluated before it counts as unmet."""
 
-_PLAYING: Final = frozenset({MissionPhase.RUNNING, MissionPhase.RECOVERING})
-_BUSY: Final = frozenset(
-    {MissionPhase.READY, MissionPhase.RUNNING, MissionPhase.ENDING, MissionPhase.RECOVERING}
-)
-
 
 class MissionExecutor:
-    """Decides everything about this platform's mission; the shell runs blocks, writes and listens."""
+    """Decides everything about this platform's mission; the shell runs blocks, writes and listens.
+
+    What the player asks for, and the barriers that are over, are items of one queue, which one loop empties.
+    What an item brings about is handled before the items that were queued before.
+    """
 
     def __init__(
         self,
@@ -77,6 +89,9 @@ class MissionExecutor:
         self._reason = ""
         self._recovery = ""
         self._recovering = False
+        self._queue: deque[PlayerAction | Passed] = deque()
+        self._actions: list[Action] = []
+        """For the shell, of the event that is being handled."""
         self._text = ""
         self._ratios: dict[int, float] = {}
         self._check_ns: int | None = None
@@ -140,7 +155,7 @@ class MissionExecutor:
 
         Raises: Conflict when another one runs, or a requirement is not met.
         """
-        if self._phase in _BUSY:
+        if self._phase not in REST:
             raise Conflict(f"{self._platform} is busy: {self._playing or START} is {self._phase}")
         unmet = [c.text for c in run.mission.requires if c.holds(self._lookup) is not True]
         if unmet:
@@ -159,27 +174,23 @@ class MissionExecutor:
         )
         self._barriers.arrive(0, BarrierSpec(START, 1, timeout_s=self._config.start_timeout_s), now_ns)
         self._text = "ready"
-        actions: list[Action] = []
-        self._move(PhaseEvent.ORDER, now_ns, actions)
-        self._settle(now_ns, actions)
-        return self._done(now_ns, actions)
+        self._move(PhaseEvent.ORDER, now_ns)
+        return self._settle(now_ns)
 
     def on_state(
-        self, platform: str, state: MissionState, meetings: tuple[BarrierResult, ...], now_ns: int
+        self, platform: str, state: MissionState, results: tuple[BarrierResult, ...], now_ns: int
     ) -> list[Action]:
-        """Another platform's state; its meetings on this platform's clock."""
-        return self.on_states([(platform, state, meetings)], now_ns)
+        """Another platform's state; its barrier results on this platform's clock."""
+        return self.on_states([(platform, state, results)], now_ns)
 
     def on_states(
         self, states: Iterable[tuple[str, MissionState, tuple[BarrierResult, ...]]], now_ns: int
     ) -> list[Action]:
         """States of several platforms that are known at the same instant."""
-        actions: list[Action] = []
         if self._barriers is not None:
-            for platform, state, meetings in states:
-                self._barriers.on_state(platform, state, meetings, now_ns)
-            self._settle(now_ns, actions)
-        return self._done(now_ns, actions)
+            for platform, state, results in states:
+                self._barriers.on_state(platform, state, results, now_ns)
+        return self._settle(now_ns)
 
     def on_alive(self, platform: str, now_ns: int) -> list[Action]:
         """Another sign of life of a platform."""
@@ -187,14 +198,12 @@ class MissionExecutor:
             self._barriers.on_alive(platform, now_ns)
         return []
 
-    def on_ended(self, token: int, outcome: str, text: str, now_ns: int) -> list[Action]:
-        """A functional block has ended: ok, error:<kind> or cancelled."""
-        actions: list[Action] = []
+    def on_ended(self, token: int, result: BlockResult, text: str, now_ns: int) -> list[Action]:
+        """A functional block has ended."""
         self._ratios.pop(token, None)
         if self._player is not None:
-            self._apply(self._player.on_outcome(token, outcome, now_ns, text), now_ns, actions)
-            self._settle(now_ns, actions)
-        return self._done(now_ns, actions)
+            self._feed(self._player.on_ended(token, result, now_ns, text), now_ns)
+        return self._settle(now_ns)
 
     def report(self, token: int, ratio: float, text: str) -> None:
         """How far a functional block is."""
@@ -208,21 +217,18 @@ class MissionExecutor:
         """
         if then and self._built_in and then not in self._built_in:
             raise Conflict(f"built-in mission {then!r}: unknown; expected {', '.join(self._built_in)}")
-        actions: list[Action] = []
-        self._stop("aborted", reason, then, now_ns, actions)
-        self._settle(now_ns, actions)
-        return self._done(now_ns, actions)
+        self._stop(PlayResult.ABORTED, reason, then, now_ns)
+        return self._settle(now_ns)
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Time-outs, common times, lost members, requirements."""
-        actions: list[Action] = []
         if self._player is not None:
-            self._apply(self._player.on_timer(now_ns), now_ns, actions)
+            self._feed(self._player.on_timer(now_ns), now_ns)
+            self._empty_queue(now_ns)
         if self._phase is MissionPhase.RUNNING and self._check_ns is not None and self._check_ns <= now_ns:
             self._check_ns += CHECK_NS * max(1, (now_ns - self._check_ns) // CHECK_NS)
-            self._check(now_ns, actions)
-        self._settle(now_ns, actions)
-        return self._done(now_ns, actions)
+            self._check(now_ns)
+        return self._settle(now_ns)
 
     def deadline_ns(self) -> int:
         """When `on_timer` must be called."""
@@ -234,79 +240,81 @@ class MissionExecutor:
         ]
         return min(instant for instant in instants if instant is not None)
 
-    def _done(self, now_ns: int, actions: list[Action]) -> list[Action]:
+    def _settle(self, now_ns: int) -> list[Action]:
+        """Handles the event to its end: until the queue is empty and no barrier is over."""
+        self._empty_queue(now_ns)
+        while self._barriers is not None and (passed := self._barriers.on_timer(now_ns)):
+            self._queue.extend(passed)
+            self._empty_queue(now_ns)
         state = self.state()
         if self._announcer.due(state, now_ns):
-            actions.append(Announce(state))
+            self._actions.append(Announce(state))
+        actions, self._actions = self._actions, []
         return actions
 
-    def _move(self, event: PhaseEvent, now_ns: int, actions: list[Action], text: str = "") -> None:
-        self._phase = follow(self._phase, event)
-        self._since_ns = now_ns
-        actions.append(ProgressStep("", "Mission", f"state:{self._phase}", text, self._playing))
-
-    def _settle(self, now_ns: int, actions: list[Action]) -> None:
-        """Follows barriers that have opened or broken until nothing changes any more."""
-        while self._barriers is not None:
-            passed = self._barriers.on_timer(now_ns)
-            if not passed:
-                return
-            for wait in passed:
-                if wait.token == 0:
-                    self._start(wait.outcome, wait.text, now_ns, actions)
-                    continue
-                block = self._blocks.pop(wait.token, None)
-                if block is None:
-                    continue  # another barrier of this round has ended the mission
-                outcome = wait.outcome
-                if outcome == f"{ERROR}:broken" and not any(e.outcome == outcome for e in block.edges):
-                    # a broken barrier is a time-out that came early, unless the block has an edge for it
-                    outcome = TIMEOUT if block.successor(TIMEOUT) else outcome
-                if self._player is not None:
-                    steps = self._player.on_outcome(wait.token, outcome, now_ns, wait.text)
-                    self._apply(steps, now_ns, actions)
-
-    def _start(self, outcome: str, text: str, now_ns: int, actions: list[Action]) -> None:
-        run, barriers = self._run, self._barriers
-        if run is None or barriers is None or self._phase is not MissionPhase.READY:
-            return
-        if outcome != "ok":
-            reason = f"not all members stand ready: {text}" if text else "not all members stand ready"
-            self._withdraw(reason, now_ns, actions)
-            return
-        self._move(PhaseEvent.BEGIN, now_ns, actions)
-        barriers.expect_all(now_ns)
-        self._check_ns = now_ns + CHECK_NS
-        self._text = "running"
-        self._play(run.mission, run.name, now_ns, actions)
-
-    def _play(self, mission: Mission, name: str, now_ns: int, actions: list[Action]) -> None:
-        self._playing = name
-        self._ratios = {}
-        self._player = Player(mission, self._lookup, self._chance, self._tokens)
-        self._apply(self._player.start(now_ns), now_ns, actions)
-
-    def _apply(self, steps: list[PlayerAction], now_ns: int, actions: list[Action]) -> None:
-        if self._player is not None and self._player.stopping and self._phase in _PLAYING:
-            self._move(PhaseEvent.STOP, now_ns, actions)
-        for step in steps:
-            match step:
+    def _empty_queue(self, now_ns: int) -> None:
+        while self._queue:
+            match self._queue.popleft():
+                case Passed(0, result, text):
+                    self._start(result, text, now_ns)
+                case Passed(token, result, text):
+                    self._leave_barrier(token, result, text, now_ns)
                 case EnterBarrier(token, block, visit):
-                    self._enter(token, block, visit, now_ns)
+                    self._enter_barrier(token, block, visit, now_ns)
                 case LeaveBarrier(token):
                     self._blocks.pop(token, None)
                     if self._barriers is not None:
                         self._barriers.withdraw(token)
-                case PlayEnded(result, reason):
-                    self._end(result, reason, now_ns, actions)
-                case ProgressStep():
-                    if step.event == "started":
+                case PlayEnded(ended, reason):
+                    self._end(ended, reason, now_ns)
+                case ProgressStep() as step:
+                    if step.event == STARTED:
                         self._text = f"{step.block}: {step.type}"
-                    actions.append(msgspec.structs.replace(step, mission=self._playing))
-                case _:
-                    actions.append(step)
+                    self._actions.append(msgspec.structs.replace(step, mission=self._playing))
+                case StartBlock() | CancelBlock() as action:
+                    self._actions.append(action)
 
-    def _enter(self, token: int, block: Block, visit: int, now_ns: int) -> None:
+    def _feed(self, steps: list[PlayerAction], now_ns: int) -> None:
+        """Puts what the player asks for in front of the queue."""
+        if self._player is not None and self._player.stopping and self._phase in PLAYING:
+            self._move(PhaseEvent.STOP, now_ns)
+        self._queue.extendleft(reversed(steps))
+
+    def _move(self, event: PhaseEvent, now_ns: int, text: str = "") -> None:
+        self._phase = follow(self._phase, event)
+        self._since_ns = now_ns
+        self._actions.append(ProgressStep("", "Mission", f"state:{self._phase}", text, self._playing))
+
+    def _start(self, result: BlockResult, text: str, now_ns: int) -> None:
+        run, barriers = self._run, self._barriers
+        if run is None or barriers is None or self._phase is not MissionPhase.READY:
+            return
+        if result != SUCCESS:
+            reason = f"not all members stand ready: {text}" if text else "not all members stand ready"
+            self._withdraw(reason, now_ns)
+            return
+        self._move(PhaseEvent.BEGIN, now_ns)
+        barriers.expect_all(now_ns)
+        self._check_ns = now_ns + CHECK_NS
+        self._text = "running"
+        self._play(run.mission, run.name, now_ns)
+
+    def _play(self, mission: Mission, name: str, now_ns: int) -> None:
+        self._playing = name
+        self._ratios = {}
+        self._player = Player(mission, self._lookup, self._chance, self._tokens)
+        self._feed(self._player.start(now_ns), now_ns)
+
+    def _leave_barrier(self, token: int, result: BlockResult, text: str, now_ns: int) -> None:
+        block = self._blocks.pop(token, None)
+        if block is None or self._player is None:
+            return  # another barrier that was over at the same time has ended the mission
+        if result == BARRIER_BROKEN and not any(edge.outcome == result.label for edge in block.edges):
+            # a broken barrier is a time-out that came early, unless the block has an edge for it
+            result = TIMED_OUT if block.successor(TIMEOUT) else result
+        self._feed(self._player.on_ended(token, result, now_ns, text), now_ns)
+
+    def _enter_barrier(self, token: int, block: Block, visit: int, now_ns: int) -> None:
         params = block.params
         if self._barriers is None or not isinstance(params, Barrier):
             return
@@ -316,61 +324,61 @@ class MissionExecutor:
             token, BarrierSpec(params.id, visit, quorum, params.roles, block.timeout_s), now_ns
         )
 
-    def _stop(
-        self, result: Literal["failed", "aborted"], reason: str, then: str, now_ns: int, actions: list[Action]
-    ) -> None:
+    def _stop(self, result: PlayResult, reason: str, then: str, now_ns: int) -> None:
         """From whatever it does to the built-in mission, or to rest."""
         if self._phase is MissionPhase.RECOVERING and then in {"", self._playing}:
             return  # it is doing that already
-        if self._phase in _PLAYING and self._player is not None:
+        if self._phase in PLAYING and self._player is not None:
             self._recovery = then
-            self._apply(self._player.stop(result, reason, now_ns), now_ns, actions)
+            self._feed(self._player.stop(result, reason, now_ns), now_ns)
             return
         if self._phase is MissionPhase.ENDING:
             self._recovery = then or self._recovery
             return
         if self._phase is MissionPhase.READY:
-            self._withdraw(reason, now_ns, actions)
+            self._withdraw(reason, now_ns)
         if then in self._built_in:
             # no mission runs that this could abort: the built-in one is all there is
             self._verdict, self._reason, self._title = PhaseEvent.DONE, reason, then
-            self._recover(then, reason, now_ns, actions)
+            self._recover(then, reason, now_ns)
 
-    def _withdraw(self, reason: str, now_ns: int, actions: list[Action]) -> None:
+    def _withdraw(self, reason: str, now_ns: int) -> None:
         """Drops an order that has not begun: nothing was played, so nothing was aborted."""
         if self._barriers is not None:
             self._barriers.withdraw(0)
         self._text = f"{self._playing} was not started: {reason}"
-        self._move(PhaseEvent.WITHDRAWN, now_ns, actions, reason)
+        self._move(PhaseEvent.WITHDRAWN, now_ns, reason)
         self._playing = ""
 
-    def _end(self, result: str, reason: str, now_ns: int, actions: list[Action]) -> None:
-        """The player is empty: what now?"""
+    def _end(self, result: PlayResult, reason: str, now_ns: int) -> None:
+        """Goes on after the player has ended: with a built-in mission, or to rest."""
         recovering, self._recovering = self._recovering, False
         recovery, self._recovery = self._recovery, ""
         self._ratios = {}
         if not recovering:
-            self._verdict, self._reason = PhaseEvent(result), reason or result
-            recovery = recovery or (self._run.mission.on_failure if self._run and result != "done" else "")
+            self._verdict, self._reason = PhaseEvent(result.value), reason or result.value
+            recovery = recovery or (
+                self._run.mission.on_failure if self._run and result is not PlayResult.DONE else ""
+            )
         if recovery in self._built_in:
-            self._recover(recovery, reason, now_ns, actions)
+            self._recover(recovery, reason, now_ns)
             return
-        if recovering and result != "done":
-            # a vehicle that could not be brought to safety: the worst there is to say
+        if recovering and result is not PlayResult.DONE:
+            # the vehicle could not be brought to safety, whatever ended the mission before
             self._verdict, self._reason = (
                 PhaseEvent.FAILED,
                 f"{self._playing}: {reason}; before: {self._reason}",
             )
         self._text = self._reason
         self._playing = self._title
-        self._move(self._verdict, now_ns, actions, self._text)
+        self._move(self._verdict, now_ns, self._text)
 
-    def _recover(self, name: str, reason: str, now_ns: int, actions: list[Action]) -> None:
-        self._move(PhaseEvent.RECOVER, now_ns, actions, f"{name}: {reason}")
+    def _recover(self, name: str, reason: str, now_ns: int) -> None:
+        self._move(PhaseEvent.RECOVER, now_ns, f"{name}: {reason}")
         self._recovering = True
-        self._play(self._built_in[name], name, now_ns, actions)
+        self._play(self._built_in[name], name, now_ns)
 
-    def _check(self, now_ns: int, actions: list[Action]) -> None:
+    def _check(self, now_ns: int) -> None:
         if self._run is None:
             return
         unmet: list[str] = []
@@ -382,4 +390,4 @@ class MissionExecutor:
                 unmet.append(condition.text)
         self._unmet = tuple(unmet)
         if unmet:
-            self._stop("failed", f"requirement {unmet[0]!r} is no longer met", "", now_ns, actions)
+            self._stop(PlayResult.FAILED, f"requirement {unmet[0]!r} is no longer met", "", now_ns)

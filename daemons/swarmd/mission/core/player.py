@@ -1,34 +1,56 @@
 """The player: tokens move through a mission's blocks on events (S4.2, S4.3)."""
 
 from collections.abc import Callable, Iterator
-from typing import Final, Literal
+from enum import StrEnum
+from typing import Final
 
 import msgspec
 
-from swarmd.mission.core.actions import (
+from swarmd.mission.core.run import (
+    STARTED,
+    SUCCESS,
+    TIMED_OUT,
+    UNKNOWN_VALUE,
+    BlockEnd,
+    BlockResult,
     CancelBlock,
     EnterBarrier,
     LeaveBarrier,
     PlayEnded,
     PlayerAction,
+    PlayResult,
     ProgressStep,
     StartBlock,
 )
+from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier, DecisionRandom, End, Wait
 from swarmware.mission.condition import Lookup
-from swarmware.mission.model import CANCELLED, ERROR, OK, STEPS_LIMIT, TIMEOUT, Block, Mission
+from swarmware.mission.model import OK, STEPS_LIMIT, Block, Mission
 from swarmware.mission.net import join_place
 
 CANCEL_NS: Final = 2_000_000_000
 """A cancelled block that has not ended by then is abandoned."""
 
-Phase = Literal["idle", "running", "ending", "over"]
+CANCELLED: Final = BlockResult(BlockEnd.CANCELLED)
+ABANDONED: Final = BlockResult(BlockEnd.ABANDONED)
 
-TRANSITIONS: Final[dict[tuple[Phase, str], Phase]] = {
-    ("idle", "start"): "running",
-    ("running", "stop"): "ending",
-    ("ending", "empty"): "over",
+
+class PlayerPhase(StrEnum):
+    """Phase of one play."""
+
+    IDLE = "idle"
+    RUNNING = "running"
+    ENDING = "ending"
+    """Nothing new begins; cancelled blocks are still to end."""
+    OVER = "over"
+
+
+NEXT: Final = {
+    PlayerPhase.IDLE: PlayerPhase.RUNNING,
+    PlayerPhase.RUNNING: PlayerPhase.ENDING,
+    PlayerPhase.ENDING: PlayerPhase.OVER,
 }
+"""A play goes through its phases once, in this order."""
 
 
 class _Running(msgspec.Struct):
@@ -37,8 +59,8 @@ class _Running(msgspec.Struct):
     block: Block
     token: int
     deadline_ns: int | None
-    outcome: str = ""
-    """What it will have ended with, once it is cancelled; empty: it runs."""
+    result: BlockResult | None = None
+    """Its result once it is cancelled; None: it runs."""
 
 
 class Player:
@@ -58,15 +80,17 @@ class Player:
         self._lookup = lookup
         self._chance = chance
         self._tokens = tokens
-        self._phase: Phase = "idle"
+        self._phase = PlayerPhase.IDLE
+        self._actions: list[PlayerAction] = []
+        """For the caller of the event that is being handled."""
         self._running: dict[int, _Running] = {}
         self._arrived: set[str] = set()
         self._visits: dict[str, int] = {}
         """Of each barrier, by its id."""
         self._entered: set[str] = set()
-        self._result = ("", "")
+        self._ended = PlayEnded(PlayResult.DONE)
         self._cause = ""
-        """What went wrong last, for a mission that then comes to a failed End."""
+        """The newest error, the reason of a failed End."""
         self._places: dict[str, frozenset[str]] = {
             join.id: frozenset(
                 join_place(block.id, join.id)
@@ -85,7 +109,7 @@ class Player:
     @property
     def stopping(self) -> bool:
         """Nothing new begins any more."""
-        return self._phase in {"ending", "over"}
+        return self._phase in {PlayerPhase.ENDING, PlayerPhase.OVER}
 
     @property
     def progress_ratio(self) -> float:
@@ -94,68 +118,71 @@ class Player:
 
     def start(self, now_ns: int) -> list[PlayerAction]:
         """Puts the token on Start."""
-        self._move("start")
-        actions: list[PlayerAction] = []
-        self._enter("", self._mission.start, now_ns, actions)
-        return actions
+        self._move(PlayerPhase.RUNNING)
+        self._enter("", self._mission.start, now_ns)
+        return self._taken()
 
-    def on_outcome(self, token: int, outcome: str, now_ns: int, text: str = "") -> list[PlayerAction]:
-        """A block has ended, or a barrier has opened; one that was abandoned is not listened to."""
+    def on_ended(self, token: int, result: BlockResult, now_ns: int, text: str = "") -> list[PlayerAction]:
+        """A block has ended, or a barrier is over; the end of an abandoned block is ignored."""
         running = self._running.pop(token, None)
         if running is None:
             return []
-        actions: list[PlayerAction] = []
-        self._leave(running, outcome, text, now_ns, actions)
-        return actions
+        self._leave(running, result, text, now_ns)
+        return self._taken()
 
-    def stop(self, result: Literal["failed", "aborted"], reason: str, now_ns: int) -> list[PlayerAction]:
+    def stop(self, result: PlayResult, reason: str, now_ns: int) -> list[PlayerAction]:
         """Ends the mission early: everything that runs is cancelled."""
-        actions: list[PlayerAction] = []
-        if self._phase == "running":
-            self._end(result, reason, now_ns, actions)
-        return actions
+        if self._phase is PlayerPhase.RUNNING:
+            self._end(result, reason, now_ns)
+        return self._taken()
 
     def on_timer(self, now_ns: int) -> list[PlayerAction]:
         """Pauses that are over, blocks that take too long, cancelled ones that do not end."""
-        actions: list[PlayerAction] = []
         for running in list(self._running.values()):
             if running.deadline_ns is None or running.deadline_ns > now_ns:
                 continue
             if running.token not in self._running:
                 continue  # an earlier one of this round has ended the mission
-            if running.outcome:
+            if running.result is not None:
                 del self._running[running.token]
-                actions.append(ProgressStep(running.block.id, running.block.type, "abandoned"))
-                self._leave(running, "abandoned", "", now_ns, actions)
+                self._actions.append(ProgressStep(running.block.id, running.block.type, ABANDONED.label))
+                self._leave(running, running.result, "", now_ns)
             elif running.block.type == "Wait":
                 del self._running[running.token]
-                self._leave(running, OK, "", now_ns, actions)
+                self._leave(running, SUCCESS, "", now_ns)
             else:
-                self._cancel(running, TIMEOUT, now_ns, actions)
-        return actions
+                self._cancel(running, TIMED_OUT, now_ns)
+        return self._taken()
 
     def deadline_ns(self) -> int | None:
         """When `on_timer` must be called."""
         return min((r.deadline_ns for r in self._running.values() if r.deadline_ns is not None), default=None)
 
-    def _move(self, event: str) -> None:
-        self._phase = TRANSITIONS[self._phase, event]
+    def _taken(self) -> list[PlayerAction]:
+        actions, self._actions = self._actions, []
+        return actions
 
-    def _enter(self, source: str, target: str, now_ns: int, actions: list[PlayerAction]) -> None:
+    def _move(self, phase: PlayerPhase) -> None:
+        if NEXT.get(self._phase) is not phase:
+            raise Conflict(f"play is {self._phase}: it cannot become {phase}")
+        self._phase = phase
+
+    def _enter(self, source: str, target: str, now_ns: int) -> None:
         """Moves a token to a block, and on through all that take no time."""
         work = [(source, target)]
         for _ in range(STEPS_LIMIT):
-            if not work or self._phase != "running":
+            if not work or self._phase is not PlayerPhase.RUNNING:
                 return
             source, target = work.pop()
             block = self._mission.blocks[target]
             self._entered.add(target)
             match block.type:
                 case "End":
-                    actions.append(ProgressStep(block.id, block.type, OK))
-                    result = block.params.result if isinstance(block.params, End) else "done"
+                    self._actions.append(ProgressStep(block.id, block.type, OK))
+                    result = PlayResult(block.params.result if isinstance(block.params, End) else "done")
                     why = f": {self._cause}" if self._cause else ""
-                    self._end(result, "" if result == "done" else f"came to {block.id}{why}", now_ns, actions)
+                    reason = "" if result is PlayResult.DONE else f"came to {block.id}{why}"
+                    self._end(result, reason, now_ns)
                     return
                 case "Join":
                     self._arrived.add(join_place(source, target))
@@ -174,89 +201,87 @@ class Player:
                 case "Start":
                     outcomes = [OK]
                 case _:
-                    self._begin(block, now_ns, actions)
+                    self._begin(block, now_ns)
                     continue
             if block.type != "Start":
-                actions.append(
+                self._actions.append(
                     ProgressStep(block.id, block.type, OK if block.type == "Fork" else outcomes[0])
                 )
             for outcome in reversed(outcomes):
                 follower = block.successor(outcome)
                 if follower is None:
-                    self._end("failed", f"{block.id} ended with {outcome}", now_ns, actions)
+                    self._end(PlayResult.FAILED, f"{block.id} ended with {outcome}", now_ns)
                     return
                 work.append((target, follower))
-        self._end("failed", f"{target} is in a loop that never rests", now_ns, actions)
+        self._end(PlayResult.FAILED, f"{target} is in a livelock", now_ns)
 
     def _decide(self, block: Block) -> str:
         for edge in block.edges:
             if edge.condition is not None:
                 holds = edge.condition.holds(self._lookup)
                 if holds is None:
-                    return f"{ERROR}:unknown_value"
+                    return BlockResult(BlockEnd.ERROR, UNKNOWN_VALUE).label
                 if holds:
                     return edge.outcome
         return OK
 
-    def _begin(self, block: Block, now_ns: int, actions: list[PlayerAction]) -> None:
+    def _begin(self, block: Block, now_ns: int) -> None:
         if block.id in self.active:
-            self._end("failed", f"{block.id} was entered again while it still ran", now_ns, actions)
+            self._end(PlayResult.FAILED, f"{block.id} was entered again while it still ran", now_ns)
             return
         token = next(self._tokens)
         seconds = block.params.duration_s if isinstance(block.params, Wait) else block.timeout_s
         deadline_ns = None if seconds is None else now_ns + round(seconds * 1e9)
-        actions.append(ProgressStep(block.id, block.type, "started"))
+        self._actions.append(ProgressStep(block.id, block.type, STARTED))
         if block.type == "Barrier":
             # its time-out is the ensemble's business: all members must hear of it
             # one barrier per id, whatever the block: the second block of that id is the second meeting
             barrier = block.params.id if isinstance(block.params, Barrier) else block.id
             visit = self._visits[barrier] = self._visits.get(barrier, 0) + 1
             self._running[token] = _Running(block, token, None)
-            actions.append(EnterBarrier(token, block, visit))
+            self._actions.append(EnterBarrier(token, block, visit))
             return
         self._running[token] = _Running(block, token, deadline_ns)
         if block.type != "Wait":
-            actions.append(StartBlock(token, block))
+            self._actions.append(StartBlock(token, block))
 
-    def _leave(
-        self, running: _Running, outcome: str, text: str, now_ns: int, actions: list[PlayerAction]
-    ) -> None:
+    def _leave(self, running: _Running, result: BlockResult, text: str, now_ns: int) -> None:
         block = running.block
-        outcome = running.outcome or outcome
-        actions.append(ProgressStep(block.id, block.type, outcome, text))
-        if self._phase == "ending":
-            self._check_empty(actions)
+        result = running.result or result
+        self._actions.append(ProgressStep(block.id, block.type, result.label, text))
+        if self._phase is PlayerPhase.ENDING:
+            self._check_empty()
             return
-        reason = f"{block.id} ended with {outcome}" + (f": {text}" if text else "")
-        if outcome != OK:
+        reason = f"{block.id} ended with {result.label}" + (f": {text}" if text else "")
+        if result != SUCCESS:
             self._cause = reason
-        follower = block.successor(outcome)
+        follower = block.successor(result.label)
         if follower is None:
-            self._end("failed", reason, now_ns, actions)
+            self._end(PlayResult.FAILED, reason, now_ns)
         else:
-            self._enter(block.id, follower, now_ns, actions)
+            self._enter(block.id, follower, now_ns)
 
-    def _cancel(self, running: _Running, outcome: str, now_ns: int, actions: list[PlayerAction]) -> None:
+    def _cancel(self, running: _Running, result: BlockResult, now_ns: int) -> None:
         if running.block.type in {"Wait", "Barrier"}:
             del self._running[running.token]
-            actions.append(ProgressStep(running.block.id, running.block.type, outcome))
+            self._actions.append(ProgressStep(running.block.id, running.block.type, result.label))
             if running.block.type == "Barrier":
-                actions.append(LeaveBarrier(running.token))
+                self._actions.append(LeaveBarrier(running.token))
             return
-        if not running.outcome:
+        if running.result is None:
             running.deadline_ns = now_ns + CANCEL_NS
-            actions.append(CancelBlock(running.token))
-        running.outcome = outcome
+            self._actions.append(CancelBlock(running.token))
+        running.result = result
 
-    def _end(self, result: str, reason: str, now_ns: int, actions: list[PlayerAction]) -> None:
-        self._move("stop")
-        self._result = (result, reason)
+    def _end(self, result: PlayResult, reason: str, now_ns: int) -> None:
+        self._move(PlayerPhase.ENDING)
+        self._ended = PlayEnded(result, reason)
         self._arrived.clear()
         for running in list(self._running.values()):
-            self._cancel(running, CANCELLED, now_ns, actions)
-        self._check_empty(actions)
+            self._cancel(running, CANCELLED, now_ns)
+        self._check_empty()
 
-    def _check_empty(self, actions: list[PlayerAction]) -> None:
-        if not self._running and self._phase == "ending":
-            self._move("empty")
-            actions.append(PlayEnded(*self._result))
+    def _check_empty(self) -> None:
+        if not self._running and self._phase is PlayerPhase.ENDING:
+            self._move(PlayerPhase.OVER)
+            self._actions.append(self._ended)

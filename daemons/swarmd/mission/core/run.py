@@ -1,10 +1,14 @@
-"""One run of a mission on one platform, as it was ordered."""
+"""One run of a mission on one platform: what was ordered, its phases and results, actions."""
+
+from enum import StrEnum
+from typing import Final
 
 import msgspec
 
+from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.model import Mission
-from swarmware.types.mission import Member
+from swarmware.mission.model import CANCELLED, ERROR, OK, TIMEOUT, Block, Mission
+from swarmware.types.mission import Member, MissionState
 
 
 class Run(msgspec.Struct, frozen=True):
@@ -18,7 +22,181 @@ class Run(msgspec.Struct, frozen=True):
     members: tuple[Member, ...]
 
     def strict_barriers(self) -> frozenset[str]:
-        """Ids of barriers that name the role of a ground station: there it must be."""
+        """Ids of the barriers that name the role of a ground station, which must then be present."""
         stations = {member.role for member in self.members if member.kind == "gcs"}
         params = [block.params for block in self.mission.barriers()]
         return frozenset(p.id for p in params if isinstance(p, Barrier) and stations & set(p.roles))
+
+
+class MissionPhase(StrEnum):
+    """Phase of a platform's mission; the values are the states of its board."""
+
+    IDLE = "idle"
+    READY = "ready"
+    """The order is accepted; the platform waits until all members have accepted theirs."""
+    RUNNING = "running"
+    ENDING = "ending"
+    """The blocks that still run are being cancelled."""
+    RECOVERING = "recovering"
+    """A built-in mission brings the vehicle to safety."""
+    DONE = "done"
+    FAILED = "failed"
+    ABORTED = "aborted"
+
+
+REST: Final = frozenset({MissionPhase.IDLE, MissionPhase.DONE, MissionPhase.FAILED, MissionPhase.ABORTED})
+"""Phases in which nothing is played."""
+PLAYING: Final = frozenset({MissionPhase.RUNNING, MissionPhase.RECOVERING})
+
+
+class PhaseEvent(StrEnum):
+    """What changes the phase."""
+
+    ORDER = "order"
+    BEGIN = "begin"
+    STOP = "stop"
+    DONE = "done"
+    FAILED = "failed"
+    ABORTED = "aborted"
+    RECOVER = "recover"
+    WITHDRAWN = "withdrawn"
+    """The order is taken back before any member has begun."""
+
+
+TRANSITIONS: Final[dict[tuple[MissionPhase, PhaseEvent], MissionPhase]] = {
+    (MissionPhase.IDLE, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.DONE, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.FAILED, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.ABORTED, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.READY, PhaseEvent.BEGIN): MissionPhase.RUNNING,
+    (MissionPhase.READY, PhaseEvent.WITHDRAWN): MissionPhase.IDLE,
+    (MissionPhase.RUNNING, PhaseEvent.STOP): MissionPhase.ENDING,
+    (MissionPhase.RECOVERING, PhaseEvent.STOP): MissionPhase.ENDING,
+    (MissionPhase.ENDING, PhaseEvent.DONE): MissionPhase.DONE,
+    (MissionPhase.ENDING, PhaseEvent.FAILED): MissionPhase.FAILED,
+    (MissionPhase.ENDING, PhaseEvent.ABORTED): MissionPhase.ABORTED,
+    (MissionPhase.ENDING, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+    # without a mission the operator may still order a built-in one: land, hold, return
+    (MissionPhase.IDLE, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+    (MissionPhase.DONE, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+    (MissionPhase.FAILED, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+    (MissionPhase.ABORTED, PhaseEvent.RECOVER): MissionPhase.RECOVERING,
+}
+
+
+def follow(phase: MissionPhase, event: PhaseEvent) -> MissionPhase:
+    """The phase after an event.
+
+    Raises: Conflict when the event is not allowed in this phase.
+    """
+    try:
+        return TRANSITIONS[phase, event]
+    except KeyError:
+        raise Conflict(f"mission is {phase}: expected another state for {event!r}") from None
+
+
+class BlockEnd(StrEnum):
+    """How a block ends."""
+
+    OK = OK
+    TIMEOUT = TIMEOUT
+    ERROR = ERROR
+    CANCELLED = CANCELLED
+    ABANDONED = "abandoned"
+    """It was cancelled and did not end."""
+
+
+BROKEN: Final = "broken"
+"""Kind of the error of a barrier to which a member that it needs will not come."""
+CRASHED: Final = "crashed"
+"""Kind of the error of a block that raised an exception which is not a BlockError."""
+UNKNOWN_VALUE: Final = "unknown_value"
+"""Kind of the error of a Decision whose condition has no value."""
+
+
+class BlockResult(msgspec.Struct, frozen=True):
+    """How a block has ended."""
+
+    end: BlockEnd
+    error: str = ""
+    """Kind of the error, of the end ERROR only."""
+
+    @property
+    def label(self) -> str:
+        """Its name in a mission's edges and in progress events: `error:blocked`."""
+        return f"{self.end}:{self.error}" if self.error else str(self.end)
+
+
+SUCCESS: Final = BlockResult(BlockEnd.OK)
+TIMED_OUT: Final = BlockResult(BlockEnd.TIMEOUT)
+BARRIER_BROKEN: Final = BlockResult(BlockEnd.ERROR, BROKEN)
+
+
+class PlayResult(StrEnum):
+    """How a mission has been played."""
+
+    DONE = "done"
+    FAILED = "failed"
+    ABORTED = "aborted"
+
+
+class StartBlock(msgspec.Struct, frozen=True):
+    """The shell starts this functional block and reports its end with the token."""
+
+    token: int
+    block: Block
+
+
+class CancelBlock(msgspec.Struct, frozen=True):
+    """The shell cancels that block, and still reports its end."""
+
+    token: int
+
+
+class EnterBarrier(msgspec.Struct, frozen=True):
+    """The mission has come to a barrier."""
+
+    token: int
+    block: Block
+    visit: int
+    """Counts from 1."""
+
+
+class LeaveBarrier(msgspec.Struct, frozen=True):
+    """The mission no longer waits at the barrier."""
+
+    token: int
+
+
+STARTED: Final = "started"
+"""Event of a block that begins."""
+
+
+class ProgressStep(msgspec.Struct, frozen=True):
+    """A progress event for operators and the log."""
+
+    block: str
+    """Empty: the mission as a whole."""
+    type: str
+    event: str
+    text: str = ""
+    mission: str = ""
+    """What is played: the mission, or a built-in one."""
+
+
+class PlayEnded(msgspec.Struct, frozen=True):
+    """The play is over and no block of it runs any more."""
+
+    result: PlayResult
+    reason: str = ""
+
+
+class Announce(msgspec.Struct, frozen=True):
+    """The shell writes the state to its board: it has changed, or the heartbeat is due."""
+
+    state: MissionState
+
+
+PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | ProgressStep | PlayEnded
+Action = StartBlock | CancelBlock | ProgressStep | Announce
+"""What leaves the executor, which handles barriers and ends itself."""
