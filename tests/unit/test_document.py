@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from swarmctl import labs
 from swarmctl.commands.config import effective
 from swarmd.health.journal import JournalFile
-from swarmd.tree.store import Store
+from swarmd.tree.store import SettingsStore
 from swarmlab.run_metadata import RunMetadata
 from swarmware import config, document, template
 from swarmware.appfile.entry import AppEntry, decode, encode
@@ -119,7 +119,7 @@ def application(path: Path) -> None:
 
 def live_settings(path: Path) -> None:
     # kept aside, never fatal
-    assert Store(path).get("config/x") is None or not list(path.parent.glob("*.broken-*"))
+    assert SettingsStore(path).get("config/x") is None or not list(path.parent.glob("*.broken-*"))
     for broken in path.parent.glob("*.broken-*"):
         broken.unlink()
 
@@ -240,8 +240,8 @@ def test_an_application_file_that_nests_too_deep_is_no_application_file() -> Non
 
 
 def test_a_setting_that_is_infinite_is_kept_over_a_restart(tmp_path: Path) -> None:
-    store = Store(tmp_path / "settings.toml")
+    store = SettingsStore(tmp_path / "settings.toml")
     store.put("config/limit", float("inf"), 0.0)
-    kept = Store(tmp_path / "settings.toml").get("config/limit")
+    kept = SettingsStore(tmp_path / "settings.toml").get("config/limit")
     assert kept is not None
     assert kept.value == float("inf")

@@ -16,11 +16,11 @@ from swarmd.mission.config import Config as MissionConfig
 from swarmd.mission.core.barrier import ANNOUNCED, LATE_NS, PATIENCE
 from swarmd.tree.config import Config as TreeConfig
 from swarmd.tree.core import structure
-from swarmd.tree.core.arrivals import AHEAD
-from swarmd.tree.core.held import BYTES_LIMIT, ITEMS_LIMIT
 from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.interest import wish
-from swarmd.tree.core.lane import FLIGHT_BYTES, WINDOW
+from swarmd.tree.core.lane import IN_FLIGHT_BYTES, WINDOW
+from swarmd.tree.core.reorder_buffer import REORDER_WINDOW
+from swarmd.tree.core.subscribers import BYTES_LIMIT, ITEMS_LIMIT
+from swarmd.tree.core.subscription import make_subscription
 from swarmware.appfile import AppTable
 from swarmware.delivery.duplicates import HOLD_NS
 from swarmware.delivery.outbox import GRACE_NS, LOCAL, REMOTE
@@ -242,7 +242,7 @@ def test_the_digest_of_a_subscription_is_that_of_the_page() -> None:
     patterns, rule = ["nav/*", "power/battery"], Rule("power/**", 0.1, 1.0, 5.0)
     data = msgspec.msgpack.encode([patterns, [["power/**", 0.1, 1.0, 5.0]]])
     made = int.from_bytes(blake2b(data, digest_size=8).digest(), "little")
-    assert wish(frozenset(patterns), (rule,)).digest == made
+    assert make_subscription(frozenset(patterns), (rule,)).digest == made
 
 
 def test_the_hash_of_a_mission_is_that_of_the_page() -> None:
@@ -275,8 +275,8 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"or again what the template says, after {tree.expire_s:g} s",
         f"its last {structure.HISTORY}",
         f"at most {structure.PATHS_LIMIT // 1000} 000 resources",
-        f"ahead ({AHEAD} from `first` on",
-        f"at most {WINDOW} notifications and {FLIGHT_BYTES // 1024} KiB unacknowledged",
+        f"ahead ({REORDER_WINDOW} from `first` on",
+        f"at most {WINDOW} notifications and {IN_FLIGHT_BYTES // 1024} KiB unacknowledged",
         f"{ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB in one notification",
         f"every {tree.min_interval_s} s. Changes of the structure wait {tree.coalesce_s} s",
         f"waits there, for {mission.start_timeout_s:g} s",

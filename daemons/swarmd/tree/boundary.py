@@ -1,4 +1,4 @@
-"""Where one thing from outside, or one step of work, may fail without the tree ending."""
+"""Error boundary around one item or action: a failure in it does not end the tree."""
 
 import logging
 from collections import Counter
@@ -11,15 +11,15 @@ log = logging.getLogger("swarm.tree")
 
 
 class Boundary:
-    """`with boundary("notification of uav3"): …`: what fails in the block is counted and named in the log."""
+    """`with boundary("notification of uav3"): …`: a failure in the block is counted and logged."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
-        """What failed, by what it was."""
+        """Number of failures by name."""
 
     @property
     def refused(self) -> int:
-        """All of them."""
+        """Number of all failures."""
         return self.counts.total()
 
     @contextmanager
@@ -33,6 +33,6 @@ class Boundary:
 
     def _count(self, what: str, text: str, error: Exception, *, trace: bool = False) -> None:
         self.counts[what] += 1
-        first = self.counts[what] == 1  # the count tells the rest
+        first = self.counts[what] == 1  # later ones are only counted
         level = (logging.ERROR if trace else logging.WARNING) if first else logging.DEBUG
         log.log(level, text, what, error, exc_info=error if trace and first else None)

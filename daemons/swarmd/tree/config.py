@@ -14,51 +14,51 @@ Pause = Annotated[float, msgspec.Meta(gt=0, le=600)]
 
 
 class RuleConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """When values of other platforms are worth a notification to us."""
+    """When other platforms send a notification of a value."""
 
     pattern: str
-    """Of local paths: `power/**`."""
+    """Pattern of local paths: `power/**`."""
     deadband: Annotated[float, msgspec.Meta(ge=0)] = 0.0
     """A number must differ by more than this from the value sent last; 0: any change."""
     min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=3600)] = 0.0
-    """Least time between two notifications."""
+    """Minimum time between two notifications."""
     max_interval_s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
-    """Told again after this even without a change; 0: never."""
+    """Time after which a value is sent again without a change; 0: never."""
 
     def __post_init__(self) -> None:
         Pattern(self.pattern)
 
     def rule(self) -> Rule:
-        """The same for the wire."""
+        """The rule in wire format."""
         return Rule(self.pattern, self.deadband, self.min_interval_s, self.max_interval_s)
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How patient and how eager the tree is."""
+    """Times, intervals and rules of the tree."""
 
     lost_s: Seconds = 3.0
     """From an owner's end to `lost`; a restart by the guard takes less."""
     expire_s: Seconds = 60.0
-    """From `lost` to the removal of what only that owner had named."""
+    """From `lost` to the removal of resources that are not in the template."""
     coalesce_s: Annotated[float, msgspec.Meta(ge=0, le=10)] = 0.2
-    """A change of the structure waits so long for others to go with it."""
+    """Delay of a change of the structure, so that several are sent together."""
     min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.1
-    """Least time between two notifications of one board, where nothing else is said."""
+    """Minimum time between two notifications of a board without a rule or a rate."""
     lease_s: Annotated[float, msgspec.Meta(ge=1, le=3600)] = 120.0
-    """A subscription of a platform out of reach for so long ends; after half of it that platform asks."""
+    """A subscription ends when its platform was out of reach for so long; after half of it, it is renewed."""
     retry_s: tuple[Pause, ...] = (0.2, 0.5, 1.0, 2.0, 5.0)
     """Pauses after failures in a row."""
     forget_s: Seconds = 600.0
-    """A platform that was away so long is forgotten, with its mirrors."""
+    """A platform that was not reachable for so long is removed with its mirrors."""
     answer_s: Pause = 2.0
-    """Longest wait for the answer of another tree."""
+    """Time-out of requests to other trees."""
     whole_swarm: bool = False
-    """Keep up with the trees of all platforms; else of neighbours, and of those that somebody here reads."""
+    """Replicate the trees of all platforms; else of neighbours, and of those with a subscription."""
     keep: tuple[str, ...] | None = None
     """Local paths of every other platform whose newest value is kept, once a second, for the case that the
     platform is lost; left out: pose, battery and state at a ground station, nothing on a vehicle."""
     rules: tuple[RuleConfig, ...] = ()
-    """The first that matches a path holds for it."""
+    """Rules; the first that matches a path applies."""
 
     def __post_init__(self) -> None:
         if not self.retry_s:
@@ -67,7 +67,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             check_path(path)
 
     def kept(self, kind: str) -> tuple[str, ...]:
-        """What is kept at a node of this kind."""
+        """Paths that are kept at a node of this kind."""
         if self.keep is not None:
             return self.keep
         return KEPT if kind == "gcs" else ()

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import Final
 
-from swarmd.tree.core.mirror import is_news
+from swarmd.tree.core.mirror import is_newer
 from swarmware import frame as wire
 from swarmware import names
 from swarmware.errors import WireError
@@ -50,7 +50,7 @@ class Mirrors:
             raise WireError(f"notification of /{platform}/{item.path}: kind {kind.name.lower()}")
         data = wire.encode(_frame(platform, item, kind, codec))  # before a ring is made for it
         mirror = self._mirror(platform, item.path, kind, len(item.data))
-        if not is_news(item, mirror.sequence, mirror.stamp_ns):
+        if not is_newer(item, mirror.sequence, mirror.stamp_ns):
             return False
         mirror.publication.publish(data)
         mirror.sequence, mirror.stamp_ns = item.sequence, item.stamp_ns

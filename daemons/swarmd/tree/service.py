@@ -1,4 +1,4 @@
-"""The tree's shell: tells the core what happens, carries out what comes back."""
+"""The tree's shell: feeds the core with events, and executes its actions."""
 
 import asyncio
 import contextlib
@@ -9,25 +9,25 @@ from pathlib import Path
 from typing import Final
 
 from swarmd.tree import config as own
-from swarmd.tree.answers import Answers
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import (
     Action,
-    AskStructure,
-    AskSubscription,
-    Forget,
-    KeepOnly,
+    PruneMirrors,
+    RemoveMirrors,
+    RequestStructure,
+    RequestSubscription,
     SendNotify,
     Unwatch,
     Watch,
     WriteMirror,
 )
 from swarmd.tree.core.lane import WINDOW
-from swarmd.tree.core.reach import Reach, reachable
+from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.mirrors import Mirrors
+from swarmd.tree.operator_api import OperatorApi
 from swarmd.tree.settings import Settings
-from swarmd.tree.store import Store
+from swarmd.tree.store import SettingsStore
 from swarmd.tree.taps import Peek, Tap
 from swarmware import names, template
 from swarmware.errors import ConfigError, Denied, SwarmError
@@ -51,15 +51,15 @@ from swarmware.types.tree import (
 )
 
 PROBE_S: Final = 1.0
-"""How often applications that died without a word are looked for."""
+"""Period of looking for applications that died without leaving."""
 AT_ONCE: Final = 32
-"""Requests to other trees on their way at the same time: a large swarm is met at once, not asked at once."""
+"""Maximum number of concurrent requests to other trees, in a large swarm."""
 
 log = logging.getLogger("swarm.tree")
 
 
 class Tree(Service):
-    """The resource tree of this platform, and what is known of the others'."""
+    """The resource tree of this platform, and replicas of others."""
 
     name = "tree"
     Config = own.Config
@@ -79,9 +79,9 @@ class Tree(Service):
         )
         self._peek = Peek(node.shm_dir)
         self._mirrors = Mirrors(node)
-        self._settings = Settings(module, Store(node.config.data_path / "settings.toml"))
+        self._settings = Settings(module, SettingsStore(node.config.data_path / "settings.toml"))
         self._taps: dict[str, Tap] = {}
-        self._reached: dict[str, Reach] = {}
+        self._reached: dict[str, Reachability] = {}
         self._boundary = Boundary()
         self._driver = self.drive(self._tree, self._perform, settled=self._settled, boundary=self._of_action)
         self._structure = 0
@@ -92,7 +92,7 @@ class Tree(Service):
         self._asked = self._answered = self._notes = self._values_in = 0
 
     async def run(self) -> None:
-        """Serves, follows and mirrors until cancelled."""
+        """Serve requests, replicate and mirror until cancelled."""
         module = self.module
         with contextlib.ExitStack() as stack:
             stack.callback(self._close)
@@ -109,7 +109,7 @@ class Tree(Service):
             news = asyncio.Event()
             applications = module.node.applications
             stack.callback(applications.subscribe(lambda _: news.set()).close)
-            self._answers = Answers(
+            self._operator_api = OperatorApi(
                 module,
                 self._tree,
                 self._settings,
@@ -120,8 +120,8 @@ class Tree(Service):
                 self._driver.feed,
             )
             for platform in self._mirrors.platforms():
-                self._driver.feed(self._tree.on_left_behind(platform, module.now_ns()))
-            # before the first answer: others must not be told of a tree without its applications
+                self._driver.feed(self._tree.on_former_mirrors(platform, module.now_ns()))
+            # before the first reply: others must not receive a tree without its applications
             self._take_applications(applications)
             await module.serve(
                 "sys/tree/structure", StructureRequest, self._on_structure, reply=StructureReply
@@ -129,7 +129,7 @@ class Tree(Service):
             await module.serve(
                 "sys/tree/subscribe", SubscribeRequest, self._on_subscribe, reply=SubscribeReply
             )
-            await self._answers.serve()
+            await self._operator_api.serve()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="tree:driver")
                 group.create_task(self._follow_applications(applications, news), name="tree:apps")
@@ -148,7 +148,7 @@ class Tree(Service):
         self._mirrors.close()
         self._peek.close()
 
-    # -- what happens here
+    # -- events of this node
 
     async def _follow_applications(self, applications: Applications, news: asyncio.Event) -> None:
         while True:
@@ -166,8 +166,8 @@ class Tree(Service):
                     self.module.now_ns(),
                 )
             )
-            for text, why in self._tree.interests.refused.items():
-                log.warning("an application wants to read %s: %s", text, why)
+            for text, why in self._tree.local_subscriptions.refused.items():
+                log.warning("read pattern %s of an application: %s", text, why)
 
     async def _report(
         self,
@@ -187,7 +187,7 @@ class Tree(Service):
             lost = StreamLosses(
                 tuple(
                     StreamLoss(path, platform, items)
-                    for (path, platform), items in sorted(self._tree.held.losses().items())
+                    for (path, platform), items in sorted(self._tree.subscribers.losses().items())
                 )
             )
             if lost != self._losses:
@@ -198,21 +198,21 @@ class Tree(Service):
         tree = self._tree
         return TreeStats(
             len(tree.local.index),
-            sum(1 for remote in tree.remotes if remote.index is not None),
+            sum(1 for replica in tree.replicas if replica.index is not None),
             self._asked,
             self._answered,
-            len(tree.held.subscribers()),
-            tree.held.feeds,
-            tree.held.notifications,
-            tree.held.values,
+            len(tree.subscribers.platforms()),
+            tree.subscribers.feeds,
+            tree.subscribers.notifications,
+            tree.subscribers.values,
             self._notes,
             self._values_in,
-            tree.held.failures,
-            tree.held.dropped,
+            tree.subscribers.failures,
+            tree.subscribers.dropped,
             self._boundary.refused,
         )
 
-    # -- what others do
+    # -- events of other platforms
 
     async def _follow_reach(
         self,
@@ -224,7 +224,7 @@ class Tree(Service):
             await board.changed()
             self._on_reach(reachable(self.module.platform, neighbours.value, routes.value))
 
-    def _on_reach(self, found: dict[str, Reach]) -> None:
+    def _on_reach(self, found: dict[str, Reachability]) -> None:
         now_ns = self.module.now_ns()
         before, self._reached = self._reached, found
         for platform in before:
@@ -245,7 +245,7 @@ class Tree(Service):
     async def _follow_notes(self, notes: Inbox[TreeNotify]) -> None:
         async for note in notes:
             if notes.meta is None or notes.meta.sender_hw != names.hardware_id(note.platform):
-                log.warning("a notification in the name of %s came from another; dropped", note.platform)
+                log.warning("notification with the name of %s from another platform; dropped", note.platform)
                 continue
             self._notes += 1
             with self._boundary(f"notification of {note.platform}"):
@@ -255,7 +255,7 @@ class Tree(Service):
         _check_sender(request.platform, meta)
         self._answered += 1
         reply, actions = self._tree.on_structure_asked(request, self.module.now_ns())
-        self._driver.defer(actions)  # the answer goes out first
+        self._driver.defer(actions)  # the reply is sent first
         return reply
 
     def _on_subscribe(self, request: SubscribeRequest, meta: Meta) -> SubscribeReply:
@@ -265,7 +265,7 @@ class Tree(Service):
         self._driver.defer(actions)
         return reply
 
-    # -- what the core wants
+    # -- actions
 
     def _of_action(self, action: Action | None) -> AbstractContextManager[None]:
         match action:
@@ -277,8 +277,8 @@ class Tree(Service):
                 return self._boundary(f"{type(action).__name__} of the tree")
 
     def _settled(self) -> None:
-        """Publishes what follows from the state."""
-        self._answers.learned()
+        """Publish settings and the plan of the beacon if they changed."""
+        self._operator_api.on_structures()
         if self._tree.local.index.digest != self._structure:
             self._structure = self._tree.local.index.digest
             with self._boundary("settings of the tree"):
@@ -290,14 +290,14 @@ class Tree(Service):
     def _tree_plan(self) -> TreePlan:
         tree = self._tree
         return TreePlan(
-            tree.local.version, tuple(tree.held.offers()), tuple(tree.remotes.wants()), self._mission
+            tree.local.version, tuple(tree.subscribers.offers()), tuple(tree.replicas.wants()), self._mission
         )
 
     def _perform(self, action: Action) -> None:
         match action:
-            case AskStructure():
+            case RequestStructure():
                 self.module.start(self._ask_structure(action), f"structure of {action.platform}")
-            case AskSubscription():
+            case RequestSubscription():
                 self.module.start(self._ask_subscription(action), f"subscription at {action.platform}")
             case SendNotify():
                 self.module.start(self._send(action), f"notify {action.platform}")
@@ -308,9 +308,9 @@ class Tree(Service):
                     tap.close()
             case WriteMirror(platform, item):
                 self._values_in += self._mirrors.write(platform, item)
-            case KeepOnly():
+            case PruneMirrors():
                 self._mirrors.keep_only(action.platform, action.paths)
-            case Forget():
+            case RemoveMirrors():
                 self._mirrors.forget(action.platform)
 
     def _watch(self, resource: Resource) -> None:
@@ -319,15 +319,15 @@ class Tree(Service):
             if old is not None:
                 old.close()
             self._taps[resource.path] = Tap(
-                self.module.node, resource, self._on_value, self._tree.held.on_overrun
+                self.module.node, resource, self._on_value, self._tree.subscribers.on_overrun
             )
 
     def _on_value(self, item: TreeItem) -> None:
         with self._boundary(f"value of {item.path}"):
-            # in a turn of its own: values that come together go together
+            # deferred: values of one turn of the event loop are sent together
             self._driver.defer(self._tree.on_value(item, self.module.now_ns()))
 
-    async def _ask_structure(self, action: AskStructure) -> None:
+    async def _ask_structure(self, action: RequestStructure) -> None:
         path, reply = f"/{action.platform}/sys/tree/structure", None
         async with self._at_once:
             self._asked += 1
@@ -340,7 +340,7 @@ class Tree(Service):
         with self._boundary(f"structure of {action.platform}"):
             self._driver.feed(self._tree.on_structure(action.platform, reply, self.module.now_ns()))
 
-    async def _ask_subscription(self, action: AskSubscription) -> None:
+    async def _ask_subscription(self, action: RequestSubscription) -> None:
         path, reply = f"/{action.platform}/sys/tree/subscribe", None
         async with self._at_once:
             self._asked += 1
@@ -364,18 +364,18 @@ class Tree(Service):
 
 
 def _templates(folder: Path) -> list[tuple[Resource, ...]]:
-    """Every template that can be read: what other platforms may be made of."""
+    """Every valid template: other platforms may have it."""
     found = []
     for name in template.names_in(folder):
         try:
             found.append(template.load(name, folder).resources)
         except ConfigError as error:
-            log.warning("a template that is of no use here: %s", error)
+            log.warning("invalid template: %s", error)
     return found
 
 
 def _digest(text: str) -> int:
-    """The number of a mission's hash for the hello; 0 for what is none."""
+    """The number of a mission's hash for the beacon; 0 if it is invalid."""
     try:
         return int(text or "0", 16) & 0xFFFF_FFFF
     except ValueError:

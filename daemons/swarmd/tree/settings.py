@@ -1,4 +1,4 @@
-"""Settings as resources: a board each, its value from the store or the default."""
+"""Settings as resources: one board each, with the stored value or the default."""
 
 import asyncio
 import logging
@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.value import typed
-from swarmd.tree.store import Store
+from swarmd.tree.store import SettingsStore
 from swarmware.errors import Conflict, InvalidInput, NotFound, SwarmError
 from swarmware.module import BoardWriter, Module
 from swarmware.module.module import BOARD_SLOT_BYTES, BOARD_SLOTS
@@ -18,13 +18,13 @@ from swarmware.types import registry
 log = logging.getLogger("swarm.tree")
 
 NEVER_SET: Final = 0
-"""Version of a setting that has its default."""
+"""Version of a setting with its default value."""
 
 
 class Settings:
-    """The settings of this platform."""
+    """Publishes, changes and restores the settings of this platform."""
 
-    def __init__(self, module: Module, store: Store) -> None:
+    def __init__(self, module: Module, store: SettingsStore) -> None:
         self._module = module
         self._store = store
         self._boards: dict[str, BoardWriter[msgspec.Struct]] = {}
@@ -32,7 +32,7 @@ class Settings:
         self._writing = asyncio.Lock()
 
     def publish(self, resources: Iterable[Resource]) -> None:
-        """Makes a board of each setting of the tree, and takes those away that have left it."""
+        """Open a board for each setting of the tree, and remove those of settings that left it."""
         wanted = {resource.path: resource for resource in resources if resource.kind is Kind.SETTING}
         for path in [path for path, board in self._boards.items() if board.resource != wanted.get(path)]:
             self._boards.pop(path).close(unlink=path not in wanted)
@@ -62,11 +62,11 @@ class Settings:
             try:
                 return typed(resource, kept.value, resource.path)
             except SwarmError as error:
-                log.warning("kept setting does not fit any more, the default holds: %s", error)
+                log.warning("stored setting is invalid, the default applies: %s", error)
         return typed(resource, resource.default, resource.path)
 
     def version(self, local: str) -> int | None:
-        """Count of changes of a setting; None when it is none."""
+        """Number of changes of a setting; None for another resource."""
         if local not in self._boards:
             return None
         kept = self._store.get(local)
@@ -75,9 +75,9 @@ class Settings:
     async def set(
         self, resource: Resource, value: msgspec.Struct, shown: str, expected: int | None = None
     ) -> int:
-        """Keeps the value and publishes it; its version. `expected`: the version it must have before.
+        """Store and publish a value; returns its version. `expected`: version before the change.
 
-        Raises: Conflict when it has another version, SwarmError when it cannot be kept; nothing has
+        Raises: Conflict if it has another version, SwarmError if it cannot be stored; nothing has
         changed then.
         """
         async with self._writing:
@@ -98,9 +98,9 @@ class Settings:
             return kept.version
 
     async def undo(self, resource: Resource, shown: str) -> tuple[msgspec.Struct, int]:
-        """Back to the value before the last change; the value and its version.
+        """Restore the value before the last change; returns the value and its version.
 
-        Raises: NotFound when it was never changed, InvalidInput when it is no setting; as `set`.
+        Raises: NotFound if it was never changed, InvalidInput if it is not a setting; as `set`.
         """
         if resource.kind is not Kind.SETTING:
             raise InvalidInput(f"{shown}: a {resource.kind} keeps no former value; expected a setting")
@@ -111,7 +111,7 @@ class Settings:
         return value, await self.set(resource, value, shown, kept.version)
 
     def close(self) -> None:
-        """Stops writing; the values stay readable until the node ends."""
+        """Stop writing; the values stay readable until the node ends."""
         for board in self._boards.values():
             board.close(unlink=False)
         self._boards.clear()

@@ -9,14 +9,14 @@ import msgspec
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import (
     Action,
-    AskStructure,
-    AskSubscription,
+    RequestStructure,
+    RequestSubscription,
     SendNotify,
     Unwatch,
     Watch,
     WriteMirror,
 )
-from swarmd.tree.core.mirror import is_news
+from swarmd.tree.core.mirror import is_newer
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
@@ -168,7 +168,7 @@ class Node:
 
     def _write_mirror(self, platform: str, item: TreeItem, epoch: int) -> None:
         last = self.mirrors.get((platform, item.path))
-        if last is not None and not is_news(item, last.sequence, last.stamp_ns):
+        if last is not None and not is_newer(item, last.sequence, last.stamp_ns):
             return
         self.mirrors[platform, item.path] = item
         if item.kind == FrameKind.EVENT:
@@ -193,9 +193,9 @@ class Node:
                 self._write_mirror(platform, item, self._epoch)
             case Unwatch(path):
                 self._watched.discard(path)
-            case AskStructure(platform, request):
+            case RequestStructure(platform, request):
                 self._network.ask_structure(self, platform, request)
-            case AskSubscription(platform, request):
+            case RequestSubscription(platform, request):
                 self._network.ask_subscription(self, platform, request)
             case SendNotify(platform, notify):
                 self._network.notify(self, platform, notify)

@@ -10,7 +10,7 @@ from tests.simulation.tree.node import Node
 from tests.simulation.tree.radio import Radio
 
 from swarmd.tree.core.action import Action
-from swarmd.tree.core.interest import subscribable
+from swarmd.tree.core.subscription import subscribable
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.frame import Kind as FrameKind
 from swarmware.testing.virtual import VirtualTime
@@ -306,22 +306,22 @@ class Swarm(VirtualTime):
     def _wrong_pair(
         self, node: Node, tree: SwarmTree, other: Node, theirs: SwarmTree, events: bool
     ) -> list[str]:
-        remote = tree.remotes.get(other.name)
-        patterns = tree.interests.of(other.name).patterns
+        replica = tree.replicas.get(other.name)
+        patterns = tree.local_subscriptions.of(other.name).patterns
         if not (patterns or other.name in self.radio.near[node.name] or self.weather.whole_swarm):
             return []
         where = f"{node.name} of {other.name}"
-        if remote is None or not remote.up:
+        if replica is None or not replica.up:
             return [f"{where}: not known to be up"]
-        if remote.digest != theirs.local.digest or remote.epoch != theirs.local.epoch:
+        if replica.digest != theirs.local.digest or replica.epoch != theirs.local.epoch:
             return [f"{where}: another structure"]
         found = []
         for path in sorted(_notified(theirs, theirs.local.digest, patterns)):
             value, mirror = other.values.get(path), node.mirrors.get((other.name, path))
             if value is not None and (events or value.kind == FrameKind.BOARD) and mirror != value:
                 found.append(f"{where}: {path} is {mirror}, not {value}")
-        wants = {resource.path for resource in remote.wants}
-        offers = {offer.path for offer in theirs.held.offers()} if wants else set()
+        wants = {resource.path for resource in replica.wants}
+        offers = {offer.path for offer in theirs.subscribers.offers()} if wants else set()
         if not wants <= offers:
             found.append(f"{where}: wants {wants - offers} that are not offered")
         return found

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.tree.config import Config
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify
+from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.tree import SwarmTree
 from swarmware import template
 from swarmware.delivery import with_lifetime
@@ -84,7 +84,7 @@ class Cell(VirtualTime):
     def _carry(self, name: str, action: Action) -> None:
         tree = self.trees[name]
         match action:
-            case AskStructure(platform, request):
+            case RequestStructure(platform, request):
                 reply, theirs = self.trees[platform].on_structure_asked(request, self.now_ns)
                 self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(request)))
                 answer = registry.encode(Reply(True, registry.encode(reply)))
@@ -93,12 +93,12 @@ class Cell(VirtualTime):
                 self.structure_bytes[platform] += len(reply.data)
                 self.feed(name, tree.on_structure(platform, reply, self.now_ns))
                 self.feed(platform, theirs)
-            case AskSubscription(platform, wish):
-                granted, theirs = self.trees[platform].on_subscribe_asked(wish, self.now_ns)
-                self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(wish)))
+            case RequestSubscription(platform, subscribe):
+                granted, theirs = self.trees[platform].on_subscribe_asked(subscribe, self.now_ns)
+                self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(subscribe)))
                 answer = registry.encode(Reply(True, registry.encode(granted)))
                 self._count(name, platform, HEADER_BYTES + len(answer))
-                self.feed(name, tree.on_subscribed(platform, granted, wish.set_digest, self.now_ns))
+                self.feed(name, tree.on_subscribed(platform, granted, subscribe.set_digest, self.now_ns))
                 self.feed(platform, theirs)
             case SendNotify(platform, notify):
                 self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(notify)))
@@ -108,8 +108,8 @@ class Cell(VirtualTime):
 
     def complete(self) -> bool:
         return all(
-            (remote := self.trees[one].remotes.get(two)) is not None
-            and remote.digest == self.trees[two].local.digest
+            (replica := self.trees[one].replicas.get(two)) is not None
+            and replica.digest == self.trees[two].local.digest
             for one in self.up
             for two in self.up
             if one != two

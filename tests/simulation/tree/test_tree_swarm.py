@@ -10,7 +10,7 @@ import pytest
 from tests.simulation.tree.swarm import Swarm, Weather
 
 SEEDS = 200
-AT_ONCE = 20
+AT_ONCE = 5
 HEALED_S = 3.0
 FIELDS_M = (2200.0, 2700.0, 3300.0)
 """One net of mean degree 8; a net that falls apart and meets again; islands."""

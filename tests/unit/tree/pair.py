@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from swarmd.tree.config import Config, RuleConfig
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify, WriteMirror
+from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify, WriteMirror
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
@@ -130,12 +130,12 @@ class Pair:
     def _carry(self, tree: Tree, action: Action, lose: bool, lose_answers: bool) -> None:
         now_ns = self.now_ns
         match action:
-            case AskStructure(platform, request):
+            case RequestStructure(platform, request):
                 structure = None if lose else self.trees[platform].on_structure_asked(request, now_ns)
                 tree.on_structure(platform, None if lose_answers else structure, now_ns)
-            case AskSubscription(platform, wish):
-                granted = None if lose else self.trees[platform].on_subscribe_asked(wish, now_ns)
-                tree.on_subscribed(platform, None if lose_answers else granted, wish.set_digest, now_ns)
+            case RequestSubscription(platform, subscribe):
+                granted = None if lose else self.trees[platform].on_subscribe_asked(subscribe, now_ns)
+                tree.on_subscribed(platform, None if lose_answers else granted, subscribe.set_digest, now_ns)
             case SendNotify(platform, notify):
                 if not lose:
                     self.hear(platform, notify)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, S, Tree, core, value
 
 from swarmd.tree.core import structure
-from swarmd.tree.core.action import AskStructure, AskSubscription, SendNotify
+from swarmd.tree.core.action import RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.structure import PATHS_LIMIT, Form, Patches
+from swarmd.tree.core.structure import PATHS_LIMIT, Patches, StructureEncoding
 from swarmware import names
 from swarmware.errors import InvalidInput, SwarmError, WireError
 from swarmware.frame import Frame, Kind, encode
@@ -129,12 +129,12 @@ def sendable(tree: Tree, now_ns: int) -> None:
     """What the tree wants sent fits the wire; half of the notifications arrive."""
     for action in tree.drain():
         match action:
-            case AskStructure(_, request) | AskSubscription(_, request):
+            case RequestStructure(_, request) | RequestSubscription(_, request):
                 registry.encode(request)
             case SendNotify(platform, notify):
                 registry.decode(TreeNotify, registry.encode(notify))
                 tree.on_notified(platform, notify, notify.serial % 2 == 0, now_ns)
-    for offer in tree.held.offers():
+    for offer in tree.subscribers.offers():
         registry.encode(offer)
 
 
@@ -162,7 +162,7 @@ def test_a_subscription_that_is_refused_leaves_nothing_behind(interval_s: float)
     for rule in (Rule("**", 0.0, interval_s), Rule("**", 0.0, 0.0, interval_s), Rule("**", interval_s)):
         with pytest.raises(InvalidInput, match=r"rule \*\*"):
             uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("**",), (rule,)), 0)
-        assert uav.held.subscribers() == []
+        assert uav.subscribers.platforms() == []
     with pytest.raises(InvalidInput, match="lease_s"):
         uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, interval_s, 0, False, ("**",)), 0)
     uav.on_applications([STEP], [], 0)
@@ -186,7 +186,7 @@ def test_what_is_no_platform_gets_no_place(platform: str) -> None:
         uav.on_subscribe_asked(SubscribeRequest(platform, 1, 5, 60.0, 0, False, ("**",)), 0)
     with pytest.raises(InvalidInput):
         uav.on_notify(TreeNotify(platform, 1, 1, (value("power/battery", 1.0),)), 0)
-    assert uav.remotes.platforms() == []
+    assert uav.replicas.platforms() == []
 
 
 @pytest.mark.parametrize(
@@ -250,10 +250,12 @@ def test_a_structure_grows_to_its_limit_only() -> None:
     gcs.on_up("uav1", 1, True, 0)
     gcs.drain()
     step = [leaf(Resource(path=f"a/r{index}", type="Float")) for index in range(PATHS_LIMIT)]
-    gcs.on_structure("uav1", StructureReply(1, 5, Form.FULL, 0, structure.encode(step, [], step)), 0)
-    remote = gcs.remotes.get("uav1")
-    assert remote is not None
-    assert remote.index is None
+    gcs.on_structure(
+        "uav1", StructureReply(1, 5, StructureEncoding.FULL, 0, structure.encode(step, [], step)), 0
+    )
+    replica = gcs.replicas.get("uav1")
+    assert replica is not None
+    assert replica.index is None
     with pytest.raises(WireError, match="at most"):
         structure.decode(structure.encode([leaf(STEP)], [])).apply(Index(step))
 

@@ -5,25 +5,31 @@ import pytest
 from tests.unit.tree.pair import CONFIG, POSE, STEP, TEMPLATE, Pair, S, Tree, core, pair, value
 
 from swarmd.tree.core import structure
-from swarmd.tree.core.action import AskStructure, AskSubscription, Forget, KeepOnly, SendNotify
-from swarmd.tree.core.structure import Form
+from swarmd.tree.core.action import (
+    PruneMirrors,
+    RemoveMirrors,
+    RequestStructure,
+    RequestSubscription,
+    SendNotify,
+)
+from swarmd.tree.core.structure import StructureEncoding
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.resource import Resource
 from swarmware.types.tree import StructureReply
 
 
 def knows(both: Pair, one: str, other: str) -> bool:
-    remote = both.trees[one].remotes.get(other)
+    replica = both.trees[one].replicas.get(other)
     tree = both.trees[other].local
-    return remote is not None and (remote.epoch, remote.digest) == (tree.epoch, tree.digest)
+    return replica is not None and (replica.epoch, replica.digest) == (tree.epoch, tree.digest)
 
 
 def test_neighbours_know_each_other_after_one_exchange_each() -> None:
     both = pair()
     assert knows(both, "gcs", "uav1")
     assert knows(both, "uav1", "gcs")
-    assert both.said(AskStructure) == 2
-    assert both.said(AskSubscription) == 0, "nobody wants anything"
+    assert both.said(RequestStructure) == 2
+    assert both.said(RequestSubscription) == 0, "nobody wants anything"
 
 
 @pytest.mark.parametrize("patterns", [(), ("/uav1/power/battery",)])
@@ -49,11 +55,11 @@ def test_a_visit_after_half_a_lease_asks_whether_the_subscription_is_held() -> N
     both.wait(31)
     both.meet()
     both.carry()
-    renewal = both.last("gcs", AskSubscription)
-    assert isinstance(renewal, AskSubscription)
+    renewal = both.last("gcs", RequestSubscription)
+    assert isinstance(renewal, RequestSubscription)
     assert renewal.request.renew
     assert len(msgspec.msgpack.encode(renewal.request)) < 60
-    assert both.said(AskStructure) == 0
+    assert both.said(RequestStructure) == 0
 
 
 def test_a_hello_without_a_version_says_nothing_so_the_visitor_asks() -> None:
@@ -62,7 +68,7 @@ def test_a_hello_without_a_version_says_nothing_so_the_visitor_asks() -> None:
     both.trees["gcs"].on_gone("uav1", both.now_ns)
     both.trees["gcs"].on_up("uav1", None, True, both.now_ns)
     both.carry()
-    assert both.said(AskStructure) == 1
+    assert both.said(RequestStructure) == 1
 
 
 def test_what_changed_while_they_were_apart_is_asked_for_as_changes() -> None:
@@ -85,7 +91,7 @@ def test_a_new_resource_is_pushed_to_whoever_subscribed() -> None:
     assert not knows(both, "gcs", "uav1"), "it waits a moment for others to go with it"
     both.wait(0.3)
     assert knows(both, "gcs", "uav1")
-    assert (both.said(SendNotify), both.said(AskStructure)) == (1, 0)
+    assert (both.said(SendNotify), both.said(RequestStructure)) == (1, 0)
 
 
 def test_who_did_not_subscribe_asks_for_a_new_resource_when_the_hello_tells_of_it() -> None:
@@ -97,7 +103,7 @@ def test_who_did_not_subscribe_asks_for_a_new_resource_when_the_hello_tells_of_i
     both.meet()
     both.carry()
     assert knows(both, "gcs", "uav1")
-    assert both.said(AskStructure) == 1
+    assert both.said(RequestStructure) == 1
 
 
 def test_many_changes_of_a_moment_are_one_notification() -> None:
@@ -114,11 +120,11 @@ def test_many_changes_of_a_moment_are_one_notification() -> None:
 
 def test_changes_that_do_not_fit_what_is_held_are_asked_for_again() -> None:
     both = pair("/uav1/power/battery")
-    remote = both.trees["gcs"].remotes.get("uav1")
-    assert remote is not None
-    assert remote.index is not None
-    remote.index = remote.index.copy()
-    remote.index.remove("nav/pose")  # a fault in memory, if you like
+    replica = both.trees["gcs"].replicas.get("uav1")
+    assert replica is not None
+    assert replica.index is not None
+    replica.index = replica.index.copy()
+    replica.index.remove("nav/pose")  # a fault in memory, if you like
     both.trees["uav1"].on_applications([STEP], [], 0)
     both.wait(0.3)
     assert knows(both, "gcs", "uav1")
@@ -132,7 +138,7 @@ def test_a_version_in_the_hello_that_does_not_fit_is_reason_to_ask() -> None:
     assert both.carry() == 0
     gcs.on_up("uav1", uav.local.version ^ 1, True, 0)
     both.carry()
-    assert both.said(AskStructure) == 1
+    assert both.said(RequestStructure) == 1
     gcs.on_up("uav1", uav.local.version ^ 1, True, 0)
     assert both.carry() == 0, "a rumour that was checked already"
 
@@ -143,7 +149,7 @@ def test_a_structure_that_comes_back_to_what_was_heard_of_it_before_is_asked_for
     before = uav.local.version
     gcs.on_up("uav1", before ^ 1, True, 0)
     (asked,) = gcs.drain()
-    assert isinstance(asked, AskStructure)
+    assert isinstance(asked, RequestStructure)
     gcs.on_up("uav1", before, True, 0)
     uav.on_applications([STEP], [], 0)
     gcs.on_structure("uav1", uav.on_structure_asked(asked.request, 0), 0)
@@ -167,7 +173,7 @@ def test_a_tree_that_started_again_is_noticed_by_its_first_question() -> None:
     both.trees["uav1"].on_up("gcs", both.trees["gcs"].local.version, True, 0)
     both.carry()
     assert knows(both, "gcs", "uav1")
-    assert both.trees["uav1"].held.subscribers() == ["gcs"]
+    assert both.trees["uav1"].subscribers.platforms() == ["gcs"]
 
 
 def test_a_template_that_was_not_known_is_learnt_once() -> None:
@@ -178,7 +184,7 @@ def test_a_template_that_was_not_known_is_learnt_once() -> None:
         both.meet()
         both.carry()
         assert knows(both, "gcs", name)
-        asked = [action for who, action in both.log if who == "gcs" and isinstance(action, AskStructure)]
+        asked = [action for who, action in both.log if who == "gcs" and isinstance(action, RequestStructure)]
         assert [action.request.full for action in asked] == ([False, True] if name == "usv1" else [False])
 
 
@@ -211,36 +217,36 @@ def test_a_lost_platform_whose_values_are_kept_is_not_forgotten() -> None:
     both = Pair(gcs, core("uav1"))
     both.meet()
     both.carry()
-    assert both.trees["uav1"].held.offers()[0].min_interval_ms == 1000
+    assert both.trees["uav1"].subscribers.offers()[0].min_interval_ms == 1000
     gcs.on_gone("uav1", 0)
     gcs.on_timer(10_000 * S)
-    remote = gcs.remotes.get("uav1")
-    assert remote is not None
-    assert remote.index is not None
+    replica = gcs.replicas.get("uav1")
+    assert replica is not None
+    assert replica.index is not None
 
 
 def test_what_leaves_a_structure_is_told_so_that_its_mirrors_go() -> None:
     both = pair("/uav1/plan/*")
     uav = both.trees["uav1"]
-    first = [action for who, action in both.log if who == "gcs" and isinstance(action, KeepOnly)]
+    first = [action for who, action in both.log if who == "gcs" and isinstance(action, PruneMirrors)]
     assert [action.platform for action in first] == ["uav1"], "mirrors of a former start may be there"
     uav.on_applications([STEP], [], 0)
     both.wait(1)
     both.log.clear()
     uav.on_applications([], [], both.now_ns)
     both.wait(20)
-    (kept,) = [action for who, action in both.log if who == "gcs" and isinstance(action, KeepOnly)]
+    (kept,) = [action for who, action in both.log if who == "gcs" and isinstance(action, PruneMirrors)]
     assert kept.paths == {resource.path for resource in TEMPLATE}
 
 
 def test_a_platform_whose_mirrors_were_left_behind_is_forgotten_unless_it_comes() -> None:
     gcs = core("gcs")
-    gcs.on_left_behind("uav1", 0)
-    gcs.on_left_behind("uav2", 0)
+    gcs.on_former_mirrors("uav1", 0)
+    gcs.on_former_mirrors("uav2", 0)
     gcs.on_up("uav2", None, True, 1)
     gcs.drain()
     gcs.on_timer(600 * S)
-    assert gcs.drain() == [Forget("uav1")]
+    assert gcs.drain() == [RemoveMirrors("uav1")]
 
 
 def test_a_platform_that_stays_away_is_forgotten() -> None:
@@ -248,20 +254,20 @@ def test_a_platform_that_stays_away_is_forgotten() -> None:
     gcs = both.trees["gcs"]
     gcs.on_gone("uav1", 0)
     gcs.on_timer(600 * S)
-    assert gcs.drain() == [Forget("uav1")]
-    assert gcs.remotes.get("uav1") is None
-    assert gcs.remotes.wants() == []
+    assert gcs.drain() == [RemoveMirrors("uav1")]
+    assert gcs.replicas.get("uav1") is None
+    assert gcs.replicas.wants() == []
 
 
 @pytest.mark.parametrize(
     "reply",
     [
-        StructureReply(1, 99, Form.UNCHANGED),
-        StructureReply(1, 99, Form.CHANGES, 0, structure.encode([], ["nav/pose"])),
-        StructureReply(1, 99, Form.TEMPLATE, 5, structure.encode([], [])),
-        StructureReply(1, 99, Form.FULL, 5, structure.encode([], [])),
+        StructureReply(1, 99, StructureEncoding.UNCHANGED),
+        StructureReply(1, 99, StructureEncoding.CHANGES, 0, structure.encode([], ["nav/pose"])),
+        StructureReply(1, 99, StructureEncoding.TEMPLATE, 5, structure.encode([], [])),
+        StructureReply(1, 99, StructureEncoding.FULL, 5, structure.encode([], [])),
         StructureReply(1, 99, 77, 5, structure.encode([], [])),
-        StructureReply(1, 99, Form.CHANGES, 0, b"nonsense"),
+        StructureReply(1, 99, StructureEncoding.CHANGES, 0, b"nonsense"),
     ],
 )
 def test_an_answer_that_does_not_fit_itself_is_not_believed(reply: StructureReply) -> None:
@@ -270,19 +276,19 @@ def test_an_answer_that_does_not_fit_itself_is_not_believed(reply: StructureRepl
     gcs.drain()
     gcs.on_structure("uav1", reply, 0)
     (again,) = gcs.drain()
-    assert isinstance(again, AskStructure)
+    assert isinstance(again, RequestStructure)
     assert again.request.full
     gcs.on_structure("uav1", reply, 0)
     assert gcs.drain() == [], "it has been asked for everything: a pause first"
     assert gcs.deadline_ns() == 1 * S
-    remote = gcs.remotes.get("uav1")
-    assert remote is not None
-    assert remote.index is None
+    replica = gcs.replicas.get("uav1")
+    assert replica is not None
+    assert replica.index is None
 
 
 def test_far_platforms_of_which_nobody_wants_anything_are_left_alone() -> None:
     both = pair(near=False)
-    assert both.said(AskStructure) == 0
+    assert both.said(RequestStructure) == 0
     both.trees["gcs"].on_applications([], ["/uav1/power/battery"], 0)
     both.carry()
     assert knows(both, "gcs", "uav1")
@@ -292,12 +298,12 @@ def test_far_platforms_of_which_nobody_wants_anything_are_left_alone() -> None:
 def test_a_look_at_a_far_platform_asks_once_and_subscribes_to_nothing() -> None:
     both = pair(near=False)
     both.trees["gcs"].on_demand("uav1", 0)
-    assert both.trees["gcs"].remotes.asks("uav1")
+    assert both.trees["gcs"].replicas.asks("uav1")
     both.carry()
     assert knows(both, "gcs", "uav1")
-    assert both.said(AskSubscription) == 0
+    assert both.said(RequestSubscription) == 0
     both.trees["gcs"].on_demand("uav9", 0)
-    assert not both.trees["gcs"].remotes.asks("uav9")
+    assert not both.trees["gcs"].replicas.asks("uav9")
 
 
 def test_whole_swarm_follows_everybody() -> None:
@@ -306,7 +312,7 @@ def test_whole_swarm_follows_everybody() -> None:
     both.meet(near=False)
     both.carry()
     assert knows(both, "gcs", "uav1")
-    assert both.trees["uav1"].held.subscribers() == []
+    assert both.trees["uav1"].subscribers.platforms() == []
 
 
 def test_who_comes_near_again_is_asked_although_it_never_went_out_of_reach() -> None:
@@ -324,7 +330,7 @@ def test_a_structure_of_one_kind_is_a_hash_on_the_wire() -> None:
     both = Pair(core("gcs"), core("uav1"))
     both.meet()
     asked = both.trees["gcs"].drain()
-    assert isinstance(asked[0], AskStructure)
+    assert isinstance(asked[0], RequestStructure)
     reply = both.trees["uav1"].on_structure_asked(asked[0].request, 0)
     assert len(TEMPLATE) == 3
     assert len(msgspec.msgpack.encode(asked[0].request)) + len(msgspec.msgpack.encode(reply)) < 100
@@ -343,7 +349,7 @@ def test_what_a_platform_has_of_others_is_not_in_the_structure_that_it_gives() -
     downstream = Pair(relay, core("gcs", templates=((own,), TEMPLATE)))
     downstream.meet()
     downstream.carry()
-    seen = downstream.trees["gcs"].remotes.get("uav2")
+    seen = downstream.trees["gcs"].replicas.get("uav2")
     assert seen is not None
     assert seen.index is not None
     assert [item.resource.path for item in seen.index] == ["relay/load"]

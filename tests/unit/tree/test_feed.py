@@ -21,7 +21,7 @@ EVENT = Resource(path="health/faults", kind=Kind.EVENT, type="Text")
 def take(one: Feed, now_ns: int, limit: int) -> list[TreeItem]:
     """Taken, and on its way no more."""
     taken = one.take(now_ns, limit, 10**9)
-    one.arrived()
+    one.on_acknowledged()
     return taken
 
 
@@ -137,7 +137,7 @@ def test_a_board_that_did_not_arrive_is_sent_as_it_is_by_then() -> None:
     one.offer(item(1.0))
     lost = take(one, 0, 9)
     one.offer(item(2.0, 2))
-    one.put_back(lost)
+    one.requeue(lost)
     assert take(one, S, 9) == [item(2.0, 2)]
 
 
@@ -148,7 +148,7 @@ def test_a_board_that_did_not_arrive_is_sent_although_it_is_what_it_was_before()
     one.offer(item(2.0, 2))
     lost = take(one, 1, 9)
     one.offer(item(1.0, 3))
-    one.put_back(lost)
+    one.requeue(lost)
     assert take(one, S, 9) == [item(1.0, 3)], "nobody knows whether 2.0 arrived"
 
 
@@ -172,7 +172,7 @@ def test_events_go_each_in_order_and_those_that_did_not_arrive_go_first() -> Non
         one.offer(event(sequence))
     lost = take(one, 0, 3)
     assert [each.sequence for each in lost] == [1, 2, 3]
-    one.put_back(lost)
+    one.requeue(lost)
     assert [each.sequence for each in take(one, 0, 9)] == [1, 2, 3, 4, 5]
     assert one.due_ns() is None
 
@@ -192,7 +192,7 @@ def test_a_queue_without_room_drops_the_oldest_and_counts_them() -> None:
     flight = take(one, 0, 50)
     for sequence in range(QUEUE_LIMIT + 10, QUEUE_LIMIT + 40):
         one.offer(event(sequence))
-    one.put_back(flight)
+    one.requeue(flight)
     assert one.dropped == 40
     kept = [each.sequence for each in take(one, 0, 10_000)]
     assert kept == list(range(40, QUEUE_LIMIT + 40))
@@ -216,5 +216,5 @@ def test_while_a_value_of_a_board_is_on_its_way_the_next_one_waits() -> None:
     one.offer(item(2.0, 2))
     one.offer(item(3.0, 3))
     assert one.due_ns() is None
-    one.arrived()
+    one.on_acknowledged()
     assert take(one, S, 9) == [item(3.0, 3)]

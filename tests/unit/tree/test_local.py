@@ -6,8 +6,8 @@ import pytest
 
 from swarmd.tree.core import structure
 from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.local import LocalTree, Timing, merge
-from swarmd.tree.core.structure import Form
+from swarmd.tree.core.local import LocalTree, OwnerTimeouts, merge
+from swarmd.tree.core.structure import StructureEncoding
 from swarmware.resource import Kind, Resource
 from swarmware.types.tree import StructureReply, StructureRequest
 
@@ -20,7 +20,7 @@ EXTRA = Resource(path="plan/step", type="Text", owner="planner")
 
 
 def tree() -> LocalTree:
-    return LocalTree([POSE, BATTERY], 7, Timing(lost_ns=2 * S, expire_ns=10 * S))
+    return LocalTree([POSE, BATTERY], 7, OwnerTimeouts(lost_ns=2 * S, expire_ns=10 * S))
 
 
 def paths(one: LocalTree) -> dict[str, bool]:
@@ -99,16 +99,16 @@ def test_a_contradiction_to_the_template_is_said_and_what_runs_counts(
     live = Resource(path="nav/pose", kind=Kind.EVENT, type="Text", owner="other")
     with caplog.at_level(logging.WARNING):
         assert merge(POSE, live) is live
-    assert "nav/pose: other runs it as event Text, the template says board Pose" in caplog.text
+    assert "nav/pose: other provides it as event Text, the template defines board Pose" in caplog.text
 
 
 def test_a_board_whose_owner_takes_messages_at_its_path_stays_a_board() -> None:
     goal = Resource(path="nav/goal", type="Goal", access="rw")
     inbox = Resource(path="nav/goal", kind=Kind.COMMAND, type="Goal", owner="navigator")
     assert merge(goal, inbox).kind is Kind.BOARD
-    one = LocalTree([], 7, Timing(lost_ns=0, expire_ns=0))
+    one = LocalTree([], 7, OwnerTimeouts(lost_ns=0, expire_ns=0))
     one.set_live([goal, inbox], 0)
-    two = LocalTree([], 7, Timing(lost_ns=0, expire_ns=0))
+    two = LocalTree([], 7, OwnerTimeouts(lost_ns=0, expire_ns=0))
     two.set_live([inbox, goal], 0)
     assert one.digest == two.digest == leaf(goal).mark
 
@@ -119,7 +119,7 @@ def ask(one: LocalTree, held: int, *, full: bool = False) -> StructureReply:
 
 def test_whoever_has_the_structure_is_told_so_in_a_few_bytes() -> None:
     one = tree()
-    assert ask(one, one.digest).form is Form.UNCHANGED
+    assert ask(one, one.digest).form is StructureEncoding.UNCHANGED
 
 
 def test_whoever_has_a_former_structure_gets_the_changes_since() -> None:
@@ -129,7 +129,7 @@ def test_whoever_has_a_former_structure_gets_the_changes_since() -> None:
     one.set_live([], 0)
     one.on_timer(2 * S)
     reply = ask(one, held.digest)
-    assert reply.form is Form.CHANGES
+    assert reply.form is StructureEncoding.CHANGES
     structure.decode(reply.data).apply(held)
     assert held.digest == reply.digest == one.digest
 
@@ -138,19 +138,19 @@ def test_a_newcomer_gets_the_difference_to_the_template() -> None:
     one = tree()
     one.set_live([EXTRA, Resource(path="nav/pose", type="Pose", rate_hz=5.0, owner="navigator")], 0)
     reply = ask(one, 0)
-    assert reply.form is Form.TEMPLATE
+    assert reply.form is StructureEncoding.TEMPLATE
     held = Index([leaf(POSE), leaf(BATTERY)])
     assert reply.base == held.digest
     structure.decode(reply.data).apply(held)
     assert held.digest == reply.digest
-    assert ask(one, 12345).form is Form.TEMPLATE, "of a structure that was never ours"
+    assert ask(one, 12345).form is StructureEncoding.TEMPLATE, "of a structure that was never ours"
 
 
 def test_who_does_not_know_the_template_gets_everything() -> None:
     one = tree()
     one.set_live([EXTRA], 0)
     reply = ask(one, 0, full=True)
-    assert reply.form is Form.FULL
+    assert reply.form is StructureEncoding.FULL
     patch = structure.decode(reply.data)
     held = Index(patch.template)
     assert held.digest == reply.base

@@ -4,9 +4,9 @@ import pytest
 
 from swarmd.tree.config import Config
 from swarmd.tree.core.index import leaf
-from swarmd.tree.core.mirror import is_news
+from swarmd.tree.core.mirror import is_newer
 from swarmd.tree.core.quality import quality
-from swarmd.tree.core.reach import Reach, reachable
+from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.timers import Timers
 from swarmware.config import parse
 from swarmware.errors import ConfigError
@@ -32,7 +32,10 @@ def neighbour(platform: str, state: str, version: int = 5, unit: str = "main") -
 def test_whoever_has_a_route_can_be_reached_and_neighbours_are_near() -> None:
     routes = Routes((route("uav1", "uav1"), route("uav2", "uav1", 7), route("gcs", "gcs")))
     neighbours = Neighbours((neighbour("uav1", "up", 6), neighbour("uav3", "half_open")))
-    assert reachable("gcs", neighbours, routes) == {"uav1": Reach(6, True), "uav2": Reach(7, False)}
+    assert reachable("gcs", neighbours, routes) == {
+        "uav1": Reachability(6, True),
+        "uav2": Reachability(7, False),
+    }
     assert reachable("gcs", None, None) == {}
 
 
@@ -43,7 +46,7 @@ def test_who_has_not_said_its_name_and_other_units_are_left_out() -> None:
 
 
 def test_a_version_that_nobody_has_heard_yet_is_none() -> None:
-    assert reachable("gcs", None, Routes((route("uav1", "uav1", 0),))) == {"uav1": Reach(None, True)}
+    assert reachable("gcs", None, Routes((route("uav1", "uav1", 0),))) == {"uav1": Reachability(None, True)}
 
 
 POSE = Resource(path="nav/pose", type="Pose", rate_hz=10.0)
@@ -92,7 +95,7 @@ def test_a_mirror_of_a_board_at_rest_is_live_between_two_beacons() -> None:
 def test_an_event_that_is_here_does_not_come_again(
     kind: FrameKind, sequence: int, stamp_ns: int, expected: bool
 ) -> None:
-    assert is_news(TreeItem("a", 7, kind, sequence, stamp_ns, b""), 5, 100) is expected
+    assert is_newer(TreeItem("a", 7, kind, sequence, stamp_ns, b""), 5, 100) is expected
 
 
 def test_timers_come_up_once_in_order_and_can_be_moved_and_dropped() -> None:

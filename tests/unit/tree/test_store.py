@@ -9,17 +9,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarmd.tree.store import Kept, Store
+from swarmd.tree.store import SettingsStore, StoredSetting
 
 
 def test_what_was_kept_is_there_after_a_start(tmp_path: Path) -> None:
     path = tmp_path / "data" / "settings.toml"
-    store = Store(path)
+    store = SettingsStore(path)
     assert store.get("config/a") is None
     store.put("config/a", 2.5, 1.0)
     store.put("config/a", 3.5, 2.5)
     store.put("config/b", "text", "")
-    again = Store(path)
+    again = SettingsStore(path)
     kept = again.get("config/a")
     assert kept is not None
     assert (kept.value, kept.version, kept.before) == (3.5, 2, 2.5)
@@ -29,8 +29,8 @@ def test_what_was_kept_is_there_after_a_start(tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", [1, 1.5, True, "text", "", -0.0, 1e300])
 def test_every_plain_value_keeps_its_type(tmp_path: Path, value: bool | int | float | str) -> None:
     path = tmp_path / "settings.toml"
-    Store(path).put("config/a", value, value)
-    kept = Store(path).get("config/a")
+    SettingsStore(path).put("config/a", value, value)
+    kept = SettingsStore(path).get("config/a")
     assert kept is not None
     assert kept.value == value
     assert type(kept.value) is type(value)
@@ -45,23 +45,23 @@ def test_a_broken_file_is_kept_aside_and_said(
     path = tmp_path / "settings.toml"
     path.write_bytes(content)
     with caplog.at_level(logging.ERROR):
-        store = Store(path)
+        store = SettingsStore(path)
     assert store.get("config/a") is None
     (aside,) = tmp_path.iterdir()
     assert aside.read_bytes() == content
     assert aside.name in caplog.text
     store.put("config/a", 1.0, 0.0)
-    assert Store(path).get("config/a") is not None
+    assert SettingsStore(path).get("config/a") is not None
 
 
 def test_what_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "settings.toml"
-    store = Store(path)
+    store = SettingsStore(path)
     store.put("config/a", 1.0, 0.0)
     (tmp_path / f".settings.toml.{os.getpid()}").mkdir()
     with pytest.raises(OSError, match="directory"):
         store.put("config/a", 2.0, 1.0)
-    for one in (store, Store(path)):
+    for one in (store, SettingsStore(path)):
         kept = one.get("config/a")
         assert kept is not None
         assert kept.value == 1.0
@@ -72,7 +72,7 @@ def test_a_full_disk_refuses_a_setting_and_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     path = tmp_path / "settings.toml"
-    store = Store(path)
+    store = SettingsStore(path)
     store.put("config/a", 1.0, 0.0)
 
     def no_room(*_: object, **__: object) -> None:
@@ -87,8 +87,8 @@ def test_a_full_disk_refuses_a_setting_and_leaves_nothing_behind(
         with pytest.raises(OSError, match="No space"):
             store.put("config/a", 2.0, 1.0)
     assert [file.name for file in tmp_path.iterdir()] == ["settings.toml"]
-    for one in (store, Store(path)):
-        assert one.get("config/a") == Kept(value=1.0, version=1, before=0.0)
+    for one in (store, SettingsStore(path)):
+        assert one.get("config/a") == StoredSetting(value=1.0, version=1, before=0.0)
     assert store.put("config/a", 2.0, 1.0).version == 2
 
 
@@ -97,6 +97,6 @@ def test_a_full_disk_refuses_a_setting_and_leaves_nothing_behind(
 def test_any_content_is_settings_or_kept_aside(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "settings.toml"
     path.write_bytes(content)
-    Store(path)
+    SettingsStore(path)
     for file in tmp_path.iterdir():
         file.unlink()

@@ -6,7 +6,7 @@ from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, Pair, S, core, pai
 
 from swarmd.tree.config import RuleConfig
 from swarmd.tree.core.action import SendNotify, Unwatch, Watch
-from swarmd.tree.core.held import BYTES_LIMIT, ITEMS_LIMIT
+from swarmd.tree.core.subscribers import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
@@ -41,7 +41,7 @@ def test_a_far_platform_is_told_when_nothing_of_it_is_wanted_any_more() -> None:
     both = pair("/uav1/power/battery", near=False)
     both.trees["gcs"].on_applications([], [], 0)
     both.carry()
-    assert both.trees["uav1"].held.feeds == 0
+    assert both.trees["uav1"].subscribers.feeds == 0
 
 
 def test_a_pattern_may_match_nothing_yet() -> None:
@@ -50,10 +50,10 @@ def test_a_pattern_may_match_nothing_yet() -> None:
     both.trees["uav1"].on_value(value("plan/step", 1.0), 0)
     both.carry()
     assert [item.path for item in both.received["gcs"]] == ["plan/step"]
-    remote = both.trees["gcs"].remotes.get("uav1")
-    assert remote is not None
-    assert remote.index is not None
-    assert "plan/step" in remote.index, "the structure came with the value"
+    replica = both.trees["gcs"].replicas.get("uav1")
+    assert replica is not None
+    assert replica.index is not None
+    assert "plan/step" in replica.index, "the structure came with the value"
 
 
 def test_who_subscribes_later_gets_the_value_there_is() -> None:
@@ -92,7 +92,7 @@ def test_what_was_not_acknowledged_is_sent_again_after_a_pause() -> None:
     assert got(both) == []
     both.wait(0.2)
     assert got(both) == [0.9]
-    assert both.trees["uav1"].held.failures == 1
+    assert both.trees["uav1"].subscribers.failures == 1
 
 
 def test_what_is_given_up_holds_up_nothing_behind_it() -> None:
@@ -146,9 +146,9 @@ def test_a_notification_of_a_start_not_heard_of_yet_counts_and_is_looked_into() 
     both.hear("gcs", TreeNotify("uav1", 2, 1, (value("power/battery", 0.3),)))
     assert got(both) == [0.3]
     both.carry()
-    remote = both.trees["gcs"].remotes.get("uav1")
-    assert remote is not None
-    assert remote.epoch == 2
+    replica = both.trees["gcs"].replicas.get("uav1")
+    assert replica is not None
+    assert replica.epoch == 2
 
 
 def test_values_that_nobody_asked_for_are_not_taken() -> None:
@@ -186,7 +186,7 @@ def test_a_lease_that_ran_out_ends_and_a_renewal_of_it_is_answered_by_a_request_
     gcs.on_gone("uav1", 0)
     uav.on_gone("gcs", 0)
     both.wait(70)
-    assert uav.held.subscribers() == []
+    assert uav.subscribers.platforms() == []
     both.meet()
     both.carry()
     battery(both, 0.9)
@@ -199,12 +199,12 @@ def test_who_was_away_for_the_owner_only_is_told_that_its_lease_is_over() -> Non
     uav = both.trees["uav1"]
     uav.on_gone("gcs", both.now_ns)
     both.wait(61)
-    assert uav.held.subscribers() == []
+    assert uav.subscribers.platforms() == []
     uav.on_up("gcs", 1, True, both.now_ns)
     both.carry(lose=True)
-    assert uav.held.subscribers() == []
+    assert uav.subscribers.platforms() == []
     both.wait(3)
-    assert uav.held.subscribers() == ["gcs"]
+    assert uav.subscribers.platforms() == ["gcs"]
     battery(both, 0.9)
     both.carry()
     assert got(both) == [0.9]
@@ -217,7 +217,7 @@ def test_who_subscribes_again_gets_what_comes_from_then_on() -> None:
         both.carry()
     both.trees["gcs"].on_applications([], [], both.now_ns)
     both.carry()
-    assert both.trees["uav1"].held.subscribers() == []
+    assert both.trees["uav1"].subscribers.platforms() == []
     both.trees["gcs"].on_applications([], ["/uav1/power/battery"], both.now_ns)
     both.carry()
     for volt in (0.6, 0.5):
@@ -235,7 +235,7 @@ def test_what_comes_after_a_lease_that_ran_out_is_taken_also_when_much_came_befo
     gcs.on_gone("uav1", both.now_ns)
     uav.on_gone("gcs", both.now_ns)
     both.wait(70)
-    assert uav.held.subscribers() == []
+    assert uav.subscribers.platforms() == []
     both.meet()
     both.carry()
     battery(both, 0.6)
@@ -248,11 +248,11 @@ def test_a_subscription_of_a_former_start_that_nobody_wants_is_taken_back() -> N
     both.replace(core("gcs", epoch=5))
     both.meet()
     both.carry()
-    assert both.trees["uav1"].held.subscribers() == ["gcs"]
+    assert both.trees["uav1"].subscribers.platforms() == ["gcs"]
     battery(both, 0.9)
     both.carry()
     assert got(both) == []
-    assert both.trees["uav1"].held.subscribers() == []
+    assert both.trees["uav1"].subscribers.platforms() == []
 
 
 def test_where_nothing_comes_through_for_a_lease_it_ends_though_nobody_says_that_it_has_gone() -> None:
@@ -263,7 +263,7 @@ def test_where_nothing_comes_through_for_a_lease_it_ends_though_nobody_says_that
         both.carry(lose=True)
         both.now_ns += 2 * S
         uav.on_timer(both.now_ns)
-    assert uav.held.subscribers() == []
+    assert uav.subscribers.platforms() == []
 
 
 def test_what_happens_while_the_subscriber_is_away_is_told_when_it_is_back() -> None:
@@ -300,14 +300,14 @@ def test_periodic_boards_are_for_the_beacon() -> None:
     assert gcs.plan_changed()
     assert uav.plan_changed()
     assert not uav.plan_changed()
-    assert uav.held.offers() == [BoardPublication("nav/pose", POSE.data_id, "Pose", 50)]
-    assert gcs.remotes.wants() == [BoardSubscription("uav1", "nav/pose", "Pose", POSE.data_id)]
-    assert uav.held.feeds == 0
+    assert uav.subscribers.offers() == [BoardPublication("nav/pose", POSE.data_id, "Pose", 50)]
+    assert gcs.replicas.wants() == [BoardSubscription("uav1", "nav/pose", "Pose", POSE.data_id)]
+    assert uav.subscribers.feeds == 0
     gcs.on_applications([], [], 0)
     both.carry()
     assert gcs.plan_changed()
     assert uav.plan_changed()
-    assert (uav.held.offers(), gcs.remotes.wants()) == ([], [])
+    assert (uav.subscribers.offers(), gcs.replicas.wants()) == ([], [])
 
 
 def test_of_several_subscribers_the_shortest_interval_sets_the_rate_in_the_beacon() -> None:
@@ -318,7 +318,7 @@ def test_of_several_subscribers_the_shortest_interval_sets_the_rate_in_the_beaco
         both = Pair(other, uav)
         both.meet()
         both.carry()
-    assert [offer.min_interval_ms for offer in uav.held.offers()] == [200]
+    assert [offer.min_interval_ms for offer in uav.subscribers.offers()] == [200]
 
 
 def test_a_notification_has_a_limit_and_the_rest_follows() -> None:

@@ -75,7 +75,7 @@ def test_plain_data_become_a_value(resource: Resource, given_value: object, expe
         ),
         (GOAL, {"seq": 1}, TypeMismatch, "field 'kind' of Goal is missing"),
         (GOAL, {"seq": 1, "kind": "goto", "x_m": "far"}, TypeMismatch, "p.x_m: expected `float`, got `str`"),
-        (GOAL, 5, TypeMismatch, "5 is no Goal; expected its fields seq, kind"),
+        (GOAL, 5, TypeMismatch, "5 is not a Goal; expected its fields seq, kind"),
         (plain("Int"), [1, 2], TypeMismatch, "2 items; Int has the fields value"),
         (plain("Nobody"), 1, NotFound, "type 'Nobody'"),
     ],

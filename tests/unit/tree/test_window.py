@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.unit.tree.pair import S, Tree, core
 
-from swarmd.tree.core.action import Action, AskStructure, AskSubscription, SendNotify
-from swarmd.tree.core.arrivals import AHEAD, Arrivals
+from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.feed import Feed
-from swarmd.tree.core.lane import FLIGHT_BYTES, WINDOW, Lane, Number
+from swarmd.tree.core.lane import IN_FLIGHT_BYTES, WINDOW, LaneNumber, NotificationLane
+from swarmd.tree.core.reorder_buffer import REORDER_WINDOW, ReorderBuffer
 from swarmware.errors import WireError
 from swarmware.frame import Kind as FrameKind
 from swarmware.resource import Kind, Resource
@@ -54,10 +54,12 @@ class Owner:
     def _settle(self, one: Tree, other: Tree) -> None:
         for action in one.drain():
             match action:
-                case AskStructure(platform, request):
+                case RequestStructure(platform, request):
                     one.on_structure(platform, other.on_structure_asked(request, 0), 0)
-                case AskSubscription(platform, wish):
-                    one.on_subscribed(platform, other.on_subscribe_asked(wish, 0), wish.set_digest, 0)
+                case RequestSubscription(platform, subscribe):
+                    one.on_subscribed(
+                        platform, other.on_subscribe_asked(subscribe, 0), subscribe.set_digest, 0
+                    )
 
     def write(self, what: TreeItem) -> None:
         self.written_ns[what.path, what.sequence] = self.net.now_ns
@@ -113,7 +115,7 @@ def test_a_stream_arrives_whole_and_in_order_over_a_lossy_link(
     in_time = len(owner.got["sensor/lidar"])
     net.run_for(20)
     assert owner.got["sensor/lidar"] == list(range(1, count + 1))
-    assert owner.uav.held.dropped == 0
+    assert owner.uav.subscribers.dropped == 0
     assert in_time >= count * share
     assert owner.most_under_way <= 2 * WINDOW
 
@@ -149,11 +151,11 @@ def test_a_busy_stream_starves_neither_another_one_nor_boards_nor_events() -> No
     assert max(after - before for before, after in pairwise(battery_values)) < 66
     for sequences in owner.got.values():
         assert sequences == sorted(set(sequences))
-    lost = owner.uav.held.losses()
+    lost = owner.uav.subscribers.losses()
     assert set(lost) == {("sensor/lidar", "gcs")}, "the stream beyond its way's capacity, and only that"
     net.run_for(60)
     assert lost["sensor/lidar", "gcs"] + len(owner.got["sensor/lidar"]) <= 19_999
-    assert owner.uav.held.losses()["sensor/lidar", "gcs"] + len(owner.got["sensor/lidar"]) == 19_999
+    assert owner.uav.subscribers.losses()["sensor/lidar", "gcs"] + len(owner.got["sensor/lidar"]) == 19_999
 
 
 def test_what_is_under_way_is_bounded_in_number_and_bytes() -> None:
@@ -162,14 +164,14 @@ def test_what_is_under_way_is_bounded_in_number_and_bytes() -> None:
     for number in range(1, 4000):
         net.at(number * S // 4000, partial(owner.write, item("sensor/lidar", number)))
     net.run_until(S + S // 2)
-    assert owner.most_under_way * 32_000 <= FLIGHT_BYTES + 2 * 33_000
+    assert owner.most_under_way * 32_000 <= IN_FLIGHT_BYTES + 2 * 33_000
 
 
 @given(st.randoms(use_true_random=False), st.integers(1, 40), st.integers(1, 5))
 def test_whatever_the_order_and_the_doubles_each_is_taken_once_and_in_order(
     rnd: random.Random, count: int, copies: int
 ) -> None:
-    arrivals = Arrivals()
+    arrivals = ReorderBuffer()
     pool = [TreeNotify("uav1", 1, serial, first=1) for serial in range(1, count + 1)] * copies
     rnd.shuffle(pool)
     taken = [note.serial for came in pool for note in arrivals.take(came)]
@@ -177,7 +179,7 @@ def test_whatever_the_order_and_the_doubles_each_is_taken_once_and_in_order(
 
 
 def test_what_the_owner_gave_up_is_not_waited_for() -> None:
-    arrivals = Arrivals()
+    arrivals = ReorderBuffer()
     note = TreeNotify("uav1", 1, 5, first=3)
     assert arrivals.take(note) == []
     assert arrivals.take(TreeNotify("uav1", 1, 7, first=3)) == []
@@ -188,19 +190,19 @@ def test_what_the_owner_gave_up_is_not_waited_for() -> None:
 
 def test_a_serial_beyond_the_window_is_refused_and_takes_no_memory() -> None:
     with pytest.raises(WireError, match="window"):
-        Arrivals().take(TreeNotify("uav1", 1, 3 + AHEAD, first=3))
+        ReorderBuffer().take(TreeNotify("uav1", 1, 3 + REORDER_WINDOW, first=3))
     with pytest.raises(WireError, match="window"):
-        Arrivals().take(TreeNotify("uav1", 1, 2, first=3))
+        ReorderBuffer().take(TreeNotify("uav1", 1, 2, first=3))
 
 
 def test_what_is_repeated_says_which_serials_a_subscriber_that_started_again_need_not_wait_for() -> None:
-    lane, feed = Lane(Number.NEWS), Feed(FAULTS, Rule("**"), 0)
+    lane, feed = NotificationLane(LaneNumber.UPDATES), Feed(FAULTS, Rule("**"), 0)
     for serial in (1, 2):
         event = item("health/faults", serial, kind=FrameKind.EVENT)
-        lane.launch(TreeNotify("uav1", 1, 0, (event,)), [(feed, [event])], 0)
+        lane.send(TreeNotify("uav1", 1, 0, (event,)), [(feed, [event])], 0)
     lane.delivered(1, 1)
     assert lane.failed(2, 2, (S,))
     (again,) = lane.repeat(3)
     assert (again.serial, again.first) == (2, 2)
-    arrivals = Arrivals()
+    arrivals = ReorderBuffer()
     assert arrivals.take(again) == [again]

@@ -1,4 +1,4 @@
-"""What the core wants done; the shell carries it out and tells how it went."""
+"""Actions of the tree's core, which the shell executes; it reports results by events."""
 
 import msgspec
 
@@ -7,64 +7,73 @@ from swarmware.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
 
-class AskStructure(msgspec.Struct, frozen=True, gc=False):
-    """Request `sys/tree/structure`; tell `on_structure`."""
+class RequestStructure(msgspec.Struct, frozen=True, gc=False):
+    """Request `sys/tree/structure`; the reply goes to `on_structure`."""
 
     platform: str
     request: StructureRequest
 
 
-class AskSubscription(msgspec.Struct, frozen=True, gc=False):
-    """Request `sys/tree/subscribe`; tell `on_subscribed`."""
+class RequestSubscription(msgspec.Struct, frozen=True, gc=False):
+    """Request `sys/tree/subscribe`; the reply goes to `on_subscribed`."""
 
     platform: str
     request: SubscribeRequest
 
 
 class SendNotify(msgspec.Struct, frozen=True, gc=False):
-    """Send a message to `sys/tree/notify`; tell `on_notified`."""
+    """Send a message to `sys/tree/notify`; its outcome goes to `on_notified`."""
 
     platform: str
     notify: TreeNotify
 
     @property
     def kind(self) -> Kind:
-        """How it goes over a link: what is nothing but items of streams lets all else pass."""
+        """Kind of frame, which sets its priority on a link: STREAM if it has only items of streams."""
         items = self.notify.items
         only_streams = bool(items) and not self.notify.digest and all(i.kind == Kind.STREAM for i in items)
         return Kind.STREAM if only_streams else Kind.NOTIFY
 
 
 class Watch(msgspec.Struct, frozen=True, gc=False):
-    """Look at an own resource; tell each of its values to `on_value`."""
+    """Watch an own resource; each value goes to `on_value`."""
 
     resource: Resource
 
 
 class Unwatch(msgspec.Struct, frozen=True, gc=False):
-    """Nobody wants its values any more."""
+    """Stop watching a resource: it has no subscribers."""
 
     path: str
 
 
-class Forget(msgspec.Struct, frozen=True, gc=False):
-    """A platform has been away too long: its mirrors go."""
+class RemoveMirrors(msgspec.Struct, frozen=True, gc=False):
+    """Remove the mirrors of a platform that was not reachable for too long."""
 
     platform: str
 
 
 class WriteMirror(msgspec.Struct, frozen=True, gc=False):
-    """A value of another platform that is read here."""
+    """Write a value of another platform to its mirror."""
 
     platform: str
     item: TreeItem
 
 
-class KeepOnly(msgspec.Struct, frozen=True, gc=False):
-    """These are all resources of a platform: mirrors of others go."""
+class PruneMirrors(msgspec.Struct, frozen=True, gc=False):
+    """Remove the mirrors of a platform except those of these resources."""
 
     platform: str
     paths: frozenset[str]
 
 
-Action = AskStructure | AskSubscription | SendNotify | Watch | Unwatch | Forget | KeepOnly | WriteMirror
+Action = (
+    RequestStructure
+    | RequestSubscription
+    | SendNotify
+    | Watch
+    | Unwatch
+    | RemoveMirrors
+    | PruneMirrors
+    | WriteMirror
+)

@@ -1,4 +1,4 @@
-"""Whether a value is worth a notification: on change, with deadband and intervals (S0.62)."""
+"""Notification rules: on change, with deadband and intervals (S0.62)."""
 
 import math
 from typing import Any, Final
@@ -19,7 +19,7 @@ INTERVAL_MAX_S: Final = 86_400.0
 
 
 def checked_s(name: str, seconds: float, greatest: float) -> float:
-    """The duration itself, at most the greatest one.
+    """The duration, limited to the maximum.
 
     Raises: InvalidInput for a negative, infinite or NaN one.
     """
@@ -29,7 +29,7 @@ def checked_s(name: str, seconds: float, greatest: float) -> float:
 
 
 def check_rule(rule: Rule) -> None:
-    """Raises: InvalidInput for a pattern, deadband or interval that is none."""
+    """Check a rule. Raises: InvalidInput for an invalid pattern, deadband or interval."""
     pattern(rule.pattern)
     where = f"rule {rule.pattern}"
     checked_s(f"{where}: min_interval_s", rule.min_interval_s, INTERVAL_MAX_S)
@@ -39,7 +39,7 @@ def check_rule(rule: Rule) -> None:
 
 
 def rule_for(path: str, rules: tuple[Rule, ...]) -> Rule:
-    """The first rule that holds for a path."""
+    """The first rule whose pattern matches a path."""
     for rule in rules:
         if pattern(rule.pattern).matches(path):
             return rule

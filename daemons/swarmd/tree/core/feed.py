@@ -1,4 +1,4 @@
-"""One resource on its way to one subscriber: what is to be sent, and from when on."""
+"""Values of one resource for one subscriber: what is sent, and when."""
 
 from collections import deque
 from typing import Final
@@ -8,58 +8,70 @@ from swarmware.resource import Kind, Resource
 from swarmware.types.tree import Rule, TreeItem
 
 QUEUE_LIMIT: Final = 4096
-"""Items that wait for one subscriber; what an outage of minutes makes, not of hours."""
+"""Maximum number of waiting items: those of minutes without a link, not of hours."""
 QUEUE_BYTES: Final = 1024 * 1024
-"""Of values in them; one item always has room."""
-BOARDLIKE: Final = frozenset({Kind.BOARD, Kind.SETTING})
-"""Kinds of which only the newest value counts."""
+"""Maximum bytes of values in them; one item is always kept."""
+LATEST_ONLY: Final = frozenset({Kind.BOARD, Kind.SETTING})
+"""Kinds of which only the newest value is sent."""
 
 
 class Feed:
-    """A board: the newest value when it is worth it. Events and streams: each one, in order."""
+    """Of a board: the newest value if it differs enough. Of events and streams: each item, in order."""
 
     __slots__ = (
-        "_interval_ns", "_limit_ns", "_newest", "_pending", "_queue", "_repeat_ns", "_sent", "_sent_ns",
-        "_size", "_under_way", "boardlike", "dropped", "resource", "rule",
+        "_in_flight",
+        "_interval_ns",
+        "_limit_ns",
+        "_newest",
+        "_pending",
+        "_queue",
+        "_repeat_ns",
+        "_sent",
+        "_sent_ns",
+        "_size",
+        "dropped",
+        "latest_only",
+        "resource",
+        "rule",
     )  # fmt: skip
 
     def __init__(self, resource: Resource, rule: Rule, default_interval_ns: int) -> None:
         self.resource = resource
         self.rule = rule
-        self.boardlike = resource.kind in BOARDLIKE
+        self.latest_only = resource.kind in LATEST_ONLY
         wanted_ns = _ns(rule.min_interval_s)
-        if not wanted_ns and self.boardlike:
+        if not wanted_ns and self.latest_only:
             wanted_ns = max(default_interval_ns, round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0)
         self._interval_ns = wanted_ns
-        self._repeat_ns = _ns(rule.max_interval_s) if self.boardlike else 0
+        self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
         self._limit_ns: int | None = 0
-        """Between two values, whatever the subscriber asks for; None: nothing is sent."""
+        """Minimum interval set by an operator; None: nothing is sent."""
         self._newest: TreeItem | None = None
         self._pending: TreeItem | None = None
         self._queue: deque[TreeItem] = deque()
         self._sent: bytes | None = None
-        """Payload that the subscriber has, or that is on its way."""
+        """Payload that was sent last."""
         self._sent_ns = -(1 << 62)
         self._size = 0
-        """Bytes in the queue."""
-        self._under_way = False
-        """A board: the next value waits for the acknowledgement of this one, and is then the newest."""
+        """Bytes of values in the queue."""
+        self._in_flight = False
+        """Of a board: a value is unacknowledged, the next one waits for it."""
         self.dropped = 0
-        """Items for which the queue had no room."""
+        """Items that were dropped from the full queue."""
 
     def limit(self, max_hz: float | None) -> None:
-        """An operator's limit; None: none. Events and streams have none: each item of them is promised."""
-        if self.boardlike:
+        """Set an operator's limit; None: none. Ignored for events and streams, of which each item is sent."""
+        if self.latest_only:
             self._limit_ns = 0 if max_hz is None else None if max_hz <= 0 else round(1e9 / max_hz)
 
     def offer(self, item: TreeItem) -> None:
-        """A value of the resource."""
-        if not self.boardlike:
+        """Add a value of the resource."""
+        if not self.latest_only:
             self._push(item)
             return
         self._newest = item
         changed = self._sent is None or differs(self._sent, item.data, self.rule.deadband)
-        # a value that came back to what was sent last is no news
+        # a value that is equal to the last sent one again is not sent
         self._pending = item if changed else None
 
     def _push(self, item: TreeItem) -> None:
@@ -74,15 +86,15 @@ class Feed:
             self.dropped += 1
 
     def reset(self) -> None:
-        """The subscriber has forgotten what it was sent."""
-        self._under_way = False
+        """Send the newest value again: the subscriber has lost its values."""
+        self._in_flight = False
         self._sent = None
         self._sent_ns = -(1 << 62)
         self._pending = self._newest
 
     def due_ns(self) -> int | None:
-        """From when on there is something to send."""
-        if self._under_way or self._limit_ns is None:
+        """When the next item is due; None: none is."""
+        if self._in_flight or self._limit_ns is None:
             return None
         if self._pending is not None or self._queue:
             return self._sent_ns + max(self._interval_ns, self._limit_ns)
@@ -91,13 +103,13 @@ class Feed:
         return None
 
     def take(self, now_ns: int, limit: int, room: int) -> list[TreeItem]:
-        """What is to be sent now, at most so many items and bytes, but one; it counts as sent."""
-        if self.boardlike:
+        """Take items to be sent, at most `limit` items and about `room` bytes, at least one."""
+        if self.latest_only:
             item = self._pending or self._newest
             if item is None:
                 return []
             self._pending = None
-            self._under_way = True
+            self._in_flight = True
             self._sent, self._sent_ns = item.data, now_ns
             return [item]
         self._sent_ns = now_ns
@@ -108,14 +120,14 @@ class Feed:
         self._size -= sum(len(item.data) for item in taken)
         return taken
 
-    def arrived(self) -> None:
-        """What was taken last is there."""
-        self._under_way = False
+    def on_acknowledged(self) -> None:
+        """The items taken last were acknowledged."""
+        self._in_flight = False
 
-    def put_back(self, items: list[TreeItem]) -> None:
-        """They did not arrive."""
-        self._under_way = False
-        if self.boardlike:
+    def requeue(self, items: list[TreeItem]) -> None:
+        """Return items that were not delivered to the queue."""
+        self._in_flight = False
+        if self.latest_only:
             self._sent = None
             self._pending = self._newest
             return

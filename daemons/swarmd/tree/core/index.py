@@ -19,11 +19,11 @@ HINTS: Final = 3
 
 
 class Leaf(msgspec.Struct, frozen=True, gc=False):
-    """A resource and what became of its owner."""
+    """A resource, and whether its owner is lost."""
 
     resource: Resource
     lost: bool
-    """Its owner ran and has gone."""
+    """Its owner ran and has ended."""
     mark: int
     """64-bit hash of the two: the digest of an index is the exclusive or of its marks."""
 
@@ -48,7 +48,7 @@ class Index:
     def __init__(self, leaves: Iterable[Leaf] = ()) -> None:
         self._leaves = {item.resource.path: item for item in leaves}
         self._paths: SortedList[str] | None = None
-        # made by the first search: most trees of others are only kept
+        # built by the first search: most replicas are never searched
         self.digest = 0
         """Equal for equal content, however it came about."""
         for item in self._leaves.values():
@@ -109,7 +109,7 @@ class Index:
     def match(self, text: str, *, after: str = "") -> Iterator[Leaf]:
         """Leaves whose path matches, sorted by path; only those behind `after`.
 
-        Raises: InvalidInput when the text is no pattern.
+        Raises: InvalidInput if the text is not a pattern.
         """
         wanted = pattern(text)
         if wanted.literal:
@@ -128,7 +128,7 @@ class Index:
                 yield self._leaves[path]
 
     def near(self, path: str) -> list[str]:
-        """Paths that somebody who wrote this one may have meant, best first."""
+        """Paths similar to this one, best match first."""
         paths = self.paths
         branch = path.rpartition("/")[0]
         siblings = list(paths.irange(branch + "/", branch + _AFTER)) if branch else []

@@ -6,25 +6,25 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.core.arrivals import AHEAD
 from swarmd.tree.core.feed import Feed
+from swarmd.tree.core.reorder_buffer import REORDER_WINDOW
 from swarmware.types.tree import TreeItem, TreeNotify
 
 WINDOW: Final = 64
-"""Notifications without an acknowledgement; less than the inbox of the other tree holds."""
-FLIGHT_BYTES: Final = 256 * 1024
-"""Of values in them, except that one notification always has room."""
-SPAN: Final = AHEAD
-"""Serials from the oldest without an acknowledgement on: the receiver may hold all others back for it."""
+"""Maximum number of unacknowledged notifications; less than the inbox of the other tree holds."""
+IN_FLIGHT_BYTES: Final = 256 * 1024
+"""Maximum bytes of values in them; one notification is always sent."""
+SPAN: Final = REORDER_WINDOW
+"""Maximum span of serials: the receiver holds all later ones back for the oldest."""
 SPAN_BYTES: Final = 1024 * 1024
-TOGETHER_NS: Final = 20_000_000
-"""While one is under way, what comes within this goes together in the next."""
+COALESCE_NS: Final = 20_000_000
+"""While one is unacknowledged, values within this time are sent together in the next."""
 
 
-class Number(IntEnum):
-    """What a lane is for: streams must not hold up what is small and matters."""
+class LaneNumber(IntEnum):
+    """Lanes of a subscriber: streams must not delay boards and events."""
 
-    NEWS = 0
+    UPDATES = 0
     """Boards, events, changes of the structure."""
     STREAMS = 1
 
@@ -32,31 +32,31 @@ class Number(IntEnum):
 Parts = list[tuple[Feed, list[TreeItem]]]
 
 
-class Flight:
-    """One notification that is not acknowledged yet."""
+class UnacknowledgedNotification:
+    """A notification that is sent and not acknowledged."""
 
-    __slots__ = ("begins", "notify", "parts", "sent_ns", "size", "under_way")
+    __slots__ = ("in_flight", "notify", "offset", "parts", "sent_ns", "size")
 
-    def __init__(self, notify: TreeNotify, parts: Parts, sent_ns: int, begins: int) -> None:
-        self.begins = begins
-        """Bytes that the lane had launched before."""
+    def __init__(self, notify: TreeNotify, parts: Parts, sent_ns: int, offset: int) -> None:
+        self.offset = offset
+        """Bytes that the lane had sent before."""
         self.notify = notify
         self.parts = parts
         self.sent_ns = sent_ns
         self.size = sum(len(item.data) for item in notify.items)
-        self.under_way = True
-        """False: it failed and waits for its repetition."""
+        self.in_flight = True
+        """False: it failed and waits for its retransmission."""
 
     def failed(self) -> None:
-        """Its boards will come with their newest values; the rest is sent again under the same serial.
+        """Remove its boards, whose newest values follow; the rest is retransmitted with the same serial.
 
-        What arrives twice must not say less the first time, so it only ever loses boards.
+        A duplicate must contain all events of the first copy, so only boards are removed.
         """
-        self.under_way = False
+        self.in_flight = False
         ordered: Parts = []
         for feed, items in self.parts:
-            if feed.boardlike:
-                feed.put_back(items)
+            if feed.latest_only:
+                feed.requeue(items)
             else:
                 ordered.append((feed, items))
         self.parts = ordered
@@ -64,125 +64,127 @@ class Flight:
         self.notify = msgspec.structs.replace(self.notify, items=rest)
 
 
-class Lane:
-    """Serials without gaps; the receiver puts the notifications in their order."""
+class NotificationLane:
+    """Sends notifications with consecutive serials; the receiver restores their order."""
 
     __slots__ = (
         "_arrived_ns",
         "_failures",
-        "_flights",
-        "_launched",
+        "_sent_bytes",
         "_size",
-        "failing_ns",
+        "_unacknowledged",
+        "backoff_until_ns",
+        "failing_since_ns",
         "number",
-        "quiet_ns",
         "sent_ns",
         "serial",
     )
 
-    def __init__(self, number: Number, serial: int = 0) -> None:
-        """`serial`: of the last notification before."""
+    def __init__(self, number: LaneNumber, serial: int = 0) -> None:
+        """`serial`: of the notification before the first one."""
         self.number = number
         self.sent_ns = 0
-        self.quiet_ns = 0
-        """Nothing is sent before: something failed."""
-        self.failing_ns: int | None = None
-        """Since when nothing arrives; None: the newest thing known is that something did."""
+        self.backoff_until_ns = 0
+        """End of the back-off after a failure."""
+        self.failing_since_ns: int | None = None
+        """First failure since the last delivery; None: there was none."""
         self._arrived_ns = -(1 << 62)
         self._failures = 0
-        self._flights: dict[int, Flight] = {}
-        self._launched = 0
+        self._unacknowledged: dict[int, UnacknowledgedNotification] = {}
+        self._sent_bytes = 0
         self.serial = serial
         self._size = 0
 
     def __bool__(self) -> bool:
-        """Whether something is not acknowledged yet."""
-        return bool(self._flights)
+        """Whether a notification is unacknowledged."""
+        return bool(self._unacknowledged)
 
     @property
     def has_room(self) -> bool:
-        """Whether one more may be sent."""
-        if not self._flights:
+        """Whether the window has room for a notification."""
+        if not self._unacknowledged:
             return True
-        first = next(iter(self._flights))
+        first = next(iter(self._unacknowledged))
         return (
-            len(self._flights) < WINDOW
-            and self._size < FLIGHT_BYTES
+            len(self._unacknowledged) < WINDOW
+            and self._size < IN_FLIGHT_BYTES
             and self.serial - first < SPAN - 1
-            and self._launched - self._flights[first].begins < SPAN_BYTES
+            and self._sent_bytes - self._unacknowledged[first].offset < SPAN_BYTES
         )
 
     @property
     def carries_structure(self) -> bool:
-        """Whether a change of the structure is under way: the next one builds on it."""
-        return any(flight.notify.digest for flight in self._flights.values())
+        """Whether a change of the structure is unacknowledged: the next one is relative to it."""
+        return any(flight.notify.digest for flight in self._unacknowledged.values())
 
-    def launch(self, notify: TreeNotify, parts: Parts, now_ns: int) -> TreeNotify:
-        """The notification with its place in the lane; it is kept until it is acknowledged."""
+    def send(self, notify: TreeNotify, parts: Parts, now_ns: int) -> TreeNotify:
+        """Number a notification and keep it until it is acknowledged."""
         self.serial += 1
-        first = next(iter(self._flights), self.serial)
+        first = next(iter(self._unacknowledged), self.serial)
         notify = msgspec.structs.replace(notify, serial=self.serial, lane=int(self.number), first=first)
-        flight = self._flights[self.serial] = Flight(notify, parts, now_ns, self._launched)
+        flight = self._unacknowledged[self.serial] = UnacknowledgedNotification(
+            notify, parts, now_ns, self._sent_bytes
+        )
         self._size += flight.size
-        self._launched += flight.size
+        self._sent_bytes += flight.size
         self.sent_ns = now_ns
         return notify
 
     def due_ns(self) -> int | None:
-        """From when on something is to be repeated."""
-        waits = any(not flight.under_way for flight in self._flights.values())
-        return self.quiet_ns if waits else None
+        """When a retransmission is due; None: none is."""
+        waits = any(not flight.in_flight for flight in self._unacknowledged.values())
+        return self.backoff_until_ns if waits else None
 
     def repeat(self, now_ns: int) -> Iterator[TreeNotify]:
-        """What failed, again."""
-        first = next(iter(self._flights), 0)
-        for flight in self._flights.values():
-            if not flight.under_way:
-                flight.under_way = True
+        """Retransmit what failed."""
+        first = next(iter(self._unacknowledged), 0)
+        for flight in self._unacknowledged.values():
+            if not flight.in_flight:
+                flight.in_flight = True
                 flight.sent_ns = now_ns
                 yield msgspec.structs.replace(flight.notify, first=first)
 
-    def delivered(self, serial: int, now_ns: int) -> Flight | None:
-        """The notification arrived; None: it is known already."""
-        flight = self._flights.pop(serial, None)
+    def delivered(self, serial: int, now_ns: int) -> UnacknowledgedNotification | None:
+        """The notification was acknowledged; None: it was before."""
+        flight = self._unacknowledged.pop(serial, None)
         if flight is not None:
             self._size -= flight.size
             self._arrived_ns = now_ns
-            self.hurry()
+            self.reset_backoff()
             for feed, _ in flight.parts:
-                feed.arrived()
+                feed.on_acknowledged()
         return flight
 
     def failed(self, serial: int, now_ns: int, pauses_ns: tuple[int, ...]) -> bool:
-        """It did not arrive, as far as anybody knows; False: it is known to have."""
-        flight = self._flights.get(serial)
-        if flight is None or not flight.under_way:
+        """It was not acknowledged in time; False: it is not in flight."""
+        flight = self._unacknowledged.get(serial)
+        if flight is None or not flight.in_flight:
             return False
-        if self.failing_ns is None:
-            self.failing_ns = now_ns
-        # where others got through since it was sent, it had bad luck and is sent again at once
-        if flight.sent_ns >= self._arrived_ns and now_ns >= self.quiet_ns:
-            self.quiet_ns = now_ns + pauses_ns[min(self._failures, len(pauses_ns) - 1)]
+        if self.failing_since_ns is None:
+            self.failing_since_ns = now_ns
+        # if a later one was delivered since, only this one was lost: retransmit at once
+        if flight.sent_ns >= self._arrived_ns and now_ns >= self.backoff_until_ns:
+            self.backoff_until_ns = now_ns + pauses_ns[min(self._failures, len(pauses_ns) - 1)]
             self._failures += 1
         self._size -= flight.size
         flight.failed()
         flight.size = sum(len(item.data) for item in flight.notify.items)
         self._size += flight.size
         empty = not flight.notify.items and not flight.notify.digest
-        if empty and serial == self.serial and len(self._flights) == 1:
-            del self._flights[serial]  # the next one says that it is not waited for
+        if empty and serial == self.serial and len(self._unacknowledged) == 1:
+            del self._unacknowledged[serial]  # the next one announces the gap
         return True
 
-    def hurry(self) -> None:
-        """The subscriber is there: no more waiting because of what failed before."""
-        self.quiet_ns = self._failures = 0
-        self.failing_ns = None
+    def reset_backoff(self) -> None:
+        """The subscriber is reachable: end the back-off."""
+        self.backoff_until_ns = self._failures = 0
+        self.failing_since_ns = None
 
     def clear(self) -> None:
-        """The subscriber has forgotten all: what it may not have goes back to where it came from."""
-        for flight in reversed(self._flights.values()):
+        """The subscriber has restarted: return what it may not have to the feeds."""
+        for flight in reversed(self._unacknowledged.values()):
             for feed, items in flight.parts:
-                feed.put_back(items)
-        self._flights.clear()
+                feed.requeue(items)
+        self._unacknowledged.clear()
         self._size = 0
-        self.hurry()
+        self.reset_backoff()

@@ -1,4 +1,4 @@
-"""This platform's own tree: the template, and what running applications add to it."""
+"""The tree of this platform: its template, and the resources of running applications."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -7,38 +7,38 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.index import Index, Leaf, leaf
-from swarmd.tree.core.structure import Form, History, encode, version
+from swarmd.tree.core.structure import History, StructureEncoding, encode, version
 from swarmware.resource import Kind, Resource
 from swarmware.types.tree import StructureReply, StructureRequest
 
 log = logging.getLogger("swarm.tree")
 
 _FACTS: Final = ("owner", "reply", "unit", "rate_hz")
-"""Fields that the running application knows best; the rest is for the template to say."""
+"""Fields that the running application defines; the template defines the others."""
 
 
 _ANSWERS: Final = 64
-"""Answers kept ready: a swarm that was switched on together asks the same."""
+"""Cached replies: platforms that start together request the same."""
 
 
-class Timing(msgspec.Struct, frozen=True, kw_only=True):
-    """How patient the tree is with owners that go away."""
+class OwnerTimeouts(msgspec.Struct, frozen=True, kw_only=True):
+    """Time-outs for owners that have ended."""
 
     lost_ns: int
-    """From an owner's end to `lost`: shorter than a restart would only alarm people."""
+    """From an owner's end to `lost`; longer than a restart."""
     expire_ns: int
     """From `lost` to the removal of what only the owner named."""
 
 
 def merge(base: Resource | None, live: Resource) -> Resource:
-    """One descriptor from the template's and the application's: facts from the one, policy from the other."""
+    """Merge two descriptors: the policy of the template with the facts of the application."""
     if base is None:
         return live
     if live.kind is Kind.COMMAND and base.kind is not Kind.COMMAND and live.type == base.type:
-        return msgspec.structs.replace(base, owner=live.owner)  # it takes messages that set its value
+        return msgspec.structs.replace(base, owner=live.owner)  # messages to it set its value
     if base.kind is not live.kind or base.type != live.type:
         log.warning(
-            "%s: %s runs it as %s %s, the template says %s %s",
+            "%s: %s provides it as %s %s, the template defines %s %s",
             base.path, live.owner, live.kind, live.type, base.kind, base.type,
         )  # fmt: skip
         return live
@@ -51,10 +51,10 @@ def merge(base: Resource | None, live: Resource) -> Resource:
 class LocalTree:
     """The template's resources, merged with those of running applications.
 
-    What an application provided and then left is `lost` after a while; later it is as if it had never run.
+    A resource of an ended application is `lost` after a time, and later as before its start.
     """
 
-    def __init__(self, template: Iterable[Resource], epoch: int, timing: Timing) -> None:
+    def __init__(self, template: Iterable[Resource], epoch: int, timing: OwnerTimeouts) -> None:
         self._timing = timing
         self._base = {resource.path: resource for resource in template}
         self._template = Index(leaf(resource) for resource in self._base.values())
@@ -62,18 +62,18 @@ class LocalTree:
         self.epoch = epoch
         self._live: dict[str, Resource] = {}
         self._gone: dict[str, int] = {}
-        """Path whose owner has gone → since when."""
+        """Path of an ended owner → when it ended."""
         self._history = History()
         self._answers: dict[tuple[int, bool], StructureReply] = {}
 
     @property
     def digest(self) -> int:
-        """Of the structure now."""
+        """Digest of the present structure."""
         return self.index.digest
 
     @property
     def version(self) -> int:
-        """For the hello."""
+        """Version that the beacon carries."""
         return version(self.epoch, self.index.digest)
 
     def owner(self, path: str) -> str:
@@ -82,11 +82,11 @@ class LocalTree:
         return "" if live is None else live.owner
 
     def set_live(self, provided: Iterable[Resource], now_ns: int) -> bool:
-        """What the running applications provide now; whether the structure changed."""
+        """Set the resources of the running applications; whether the structure changed."""
         live: dict[str, Resource] = {}
         for resource in provided:
             other = live.get(resource.path)
-            # an application may take messages at the path of its board: the board is the resource
+            # an application may have an inbox at the path of its board: the board is the resource
             if other is None or other.kind is Kind.COMMAND:
                 live[resource.path] = resource
         for path in self._live.keys() - live.keys():
@@ -99,7 +99,7 @@ class LocalTree:
         return self._change(leaves.values(), ())
 
     def on_timer(self, now_ns: int) -> bool:
-        """Declare lost, remove; whether the structure changed."""
+        """Mark resources as lost, remove expired ones; whether the structure changed."""
         lost: list[Leaf] = []
         removed: list[str] = []
         for path, since_ns in list(self._gone.items()):
@@ -118,7 +118,7 @@ class LocalTree:
         return self._change(lost, removed)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has something to do."""
+        """Next call of `on_timer`."""
         if not self._gone:
             return None
         deadlines = [
@@ -140,7 +140,7 @@ class LocalTree:
         return True
 
     def changes_since(self, digest: int) -> bytes | None:
-        """Changes from a former state of the structure, for the wire; None when they are not known."""
+        """Encoded changes from a former structure; None if they are unknown."""
         paths = self._history.since(digest)
         if paths is None:
             return None
@@ -148,7 +148,7 @@ class LocalTree:
         return _encode(found)
 
     def answer(self, request: StructureRequest) -> StructureReply:
-        """Step 3 of S0.56, in the fewest bytes that the asker can use."""
+        """Reply to a structure request (step 3 of S0.56), in the smallest encoding for the requester."""
         known = self._answers.get((request.held, request.full))
         if known is None:
             if len(self._answers) >= _ANSWERS:
@@ -159,11 +159,11 @@ class LocalTree:
     def _make_answer(self, request: StructureRequest) -> StructureReply:
         digest = self.index.digest
         if request.held == digest and not request.full:
-            return StructureReply(self.epoch, digest, Form.UNCHANGED)
+            return StructureReply(self.epoch, digest, StructureEncoding.UNCHANGED)
         if request.held and not request.full:
             changes = self.changes_since(request.held)
             if changes is not None:
-                return StructureReply(self.epoch, digest, Form.CHANGES, 0, changes)
+                return StructureReply(self.epoch, digest, StructureEncoding.CHANGES, 0, changes)
         found: dict[str, Leaf | None] = {
             item.resource.path: item
             for item in self.index
@@ -172,8 +172,10 @@ class LocalTree:
         found |= {item.resource.path: None for item in self._template if item.resource.path not in self.index}
         if request.full:
             data = _encode(found, self._template)
-            return StructureReply(self.epoch, digest, Form.FULL, self._template.digest, data)
-        return StructureReply(self.epoch, digest, Form.TEMPLATE, self._template.digest, _encode(found))
+            return StructureReply(self.epoch, digest, StructureEncoding.FULL, self._template.digest, data)
+        return StructureReply(
+            self.epoch, digest, StructureEncoding.TEMPLATE, self._template.digest, _encode(found)
+        )
 
 
 def _encode(found: Mapping[str, Leaf | None], template: Iterable[Leaf] = ()) -> bytes:

@@ -1,13 +1,13 @@
-"""What may be written to a mirror: an event that came already does not come again."""
+"""Duplicate check of values for a mirror."""
 
 from swarmware.frame import Kind
 from swarmware.types.tree import TreeItem
 
 
-def is_news(item: TreeItem, sequence: int, stamp_ns: int) -> bool:
+def is_newer(item: TreeItem, sequence: int, stamp_ns: int) -> bool:
     """Whether an item is newer than the newest one in the mirror, of this sequence and stamp.
 
     A notification is sent again when only its acknowledgement was lost. A board shows what came last;
-    a sequence that begins anew with a later stamp is a new start of its owner.
+    a smaller sequence with a later stamp is from a restart of its owner.
     """
     return item.kind == Kind.BOARD or item.sequence > sequence or item.stamp_ns > stamp_ns

@@ -15,7 +15,7 @@ class Quality(StrEnum):
 
     LIVE = "live"
     STALE = "stale"
-    """Older than it may be, or of an age that cannot be told."""
+    """Older than it may be, or of unknown age."""
     LOST = "lost"
     """Its owner has gone, or its platform cannot be reached."""
     NONE = "none"

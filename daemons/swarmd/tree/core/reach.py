@@ -1,4 +1,4 @@
-"""Which platforms can be reached now, from what the broker says about neighbours and routes."""
+"""Reachable platforms, from the broker's neighbours and routes."""
 
 import msgspec
 
@@ -6,24 +6,24 @@ from swarmware.names import hardware_id
 from swarmware.types.net import Neighbours, Routes
 
 
-class Reach(msgspec.Struct, frozen=True, gc=False):
-    """One platform that can be reached."""
+class Reachability(msgspec.Struct, frozen=True, gc=False):
+    """How one platform is reachable."""
 
     version: int | None
-    """Of its tree, as last heard; None: nothing was heard."""
+    """Version of its tree in the newest beacon or route; None: unknown."""
     near: bool
     """Without a hop."""
 
 
-def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reach]:
-    """Every other platform with a route whose main computer has said its name."""
-    found: dict[str, Reach] = {}
+def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reachability]:
+    """Every other platform with a route whose name is known."""
+    found: dict[str, Reachability] = {}
     for route in routes.routes if routes is not None else ():
-        # as long as nobody said the name there is a number in its place
+        # a platform of unknown name has a number in its place
         if route.hardware == hardware_id(route.platform):
-            found[route.platform] = Reach(route.tree_version or None, route.via == route.platform)
+            found[route.platform] = Reachability(route.tree_version or None, route.via == route.platform)
     for one in neighbours.neighbours if neighbours is not None else ():
         if one.platform and one.state == "up" and one.hardware == hardware_id(one.platform):
-            found[one.platform] = Reach(one.tree_version or None, True)
+            found[one.platform] = Reachability(one.tree_version or None, True)
     found.pop(own, None)
     return found

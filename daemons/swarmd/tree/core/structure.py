@@ -1,4 +1,4 @@
-"""Structures on the wire: changes to something the other side has, in few bytes."""
+"""Wire format of structures: changes relative to a structure that the other side has."""
 
 import zlib
 from collections import OrderedDict
@@ -14,17 +14,17 @@ from swarmware.names import PATH_LIMIT
 from swarmware.resource import Resource
 
 HISTORY: Final = 64
-"""States of the own structure from which changes can still be told."""
+"""Former states of the own structure for which changes are kept."""
 _ODD: Final = 0x9E37_79B1
 """Spreads the epoch over 32 bits. Source: Knuth, The Art of Computer Programming 3, section 6.4."""
 
 
-class Form(IntEnum):
-    """How an answer tells the structure."""
+class StructureEncoding(IntEnum):
+    """Encoding of the structure in a reply."""
 
     UNCHANGED = 0
     CHANGES = 1
-    """To the structure the asker holds."""
+    """Changes to the structure of the requester."""
     TEMPLATE = 2
     """Changes to a template that both sides have."""
     FULL = 3
@@ -39,7 +39,7 @@ DICTIONARY: Final = (
     b"\x94\x90\x90\x90\x90\x94\x91\x84\x94\x91\x85\xde\x00\x05\xa4path\xa7app/\xa4type\xa4Text"
     b"\xa8category\xabconditional\xa4link\xa6notify\xa5owner\xa7planner\x90\x90\x90"
 )
-"""What both sides of the compression know beforehand (RFC 1950, FDICT): words of most descriptors. One
+"""Preset dictionary of the compression (RFC 1950, FDICT): frequent words of descriptors. One
 resource beside a template takes 27 bytes with it, 88 without."""
 PATHS_LIMIT: Final = 10_000
 """Resources of one platform, and paths in one change: a hundred times the largest template."""
@@ -53,14 +53,14 @@ _Paths = Annotated[
 
 
 class Changes(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What makes one structure out of another."""
+    """Changes from one structure to another."""
 
     put: _Resources = ()
     lost: _Resources = ()
-    """Put too, their owners have gone."""
+    """Put too; their owners are lost."""
     removed: _Paths = ()
     template: _Resources = ()
-    """To start from, instead of anything the other side has."""
+    """Base of the changes, instead of a structure of the other side."""
 
 
 class Patch(msgspec.Struct, frozen=True, gc=False):
@@ -111,7 +111,7 @@ def encode(put: Iterable[Leaf], removed: Iterable[str], template: Iterable[Leaf]
 
 
 class Patches:
-    """Changes from the wire; platforms of one kind say the same, and share what comes out.
+    """Decodes changes from the wire and caches them: platforms of one kind send the same ones.
 
     Bounded by the number of paths that are held, not by the number of changes.
     """
@@ -120,7 +120,7 @@ class Patches:
         self._room = paths
         self._held: OrderedDict[bytes, Patch] = OrderedDict()
         self.paths = 0
-        """Held at present."""
+        """Number of paths in the cache."""
 
     def decode(self, data: bytes) -> Patch:
         """The changes in these bytes. Raises: WireError."""
@@ -160,13 +160,13 @@ class History:
 
     def add(self, before: int, paths: frozenset[str]) -> None:
         """The structure with that digest was changed at these paths."""
-        self._steps.pop(before, None)  # it came back to a former state: only the way from now counts
+        self._steps.pop(before, None)  # a former state occurs again: only later changes count
         self._steps[before] = paths
         while len(self._steps) > HISTORY:
             self._steps.popitem(last=False)
 
     def since(self, digest: int) -> set[str] | None:
-        """Paths that changed since then; None when that is not known any more."""
+        """Paths that changed since then; None if that is unknown."""
         if digest not in self._steps:
             return None
         paths: set[str] = set()

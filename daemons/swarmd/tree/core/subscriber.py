@@ -1,13 +1,13 @@
-"""One platform that holds a subscription here: its lease, what it is owed, what is on its way to it."""
+"""One platform with a subscription here: its lease, its feeds, its notifications."""
 
 from swarmd.tree.core.feed import Feed
-from swarmd.tree.core.interest import Wish, wish
-from swarmd.tree.core.lane import Lane, Number
+from swarmd.tree.core.lane import LaneNumber, NotificationLane
+from swarmd.tree.core.subscription import Subscription, make_subscription
 from swarmware.resource import Kind, Resource
 
 
 class Subscriber:
-    """One subscriber."""
+    """State of one subscriber."""
 
     __slots__ = (
         "beacon_boards",
@@ -19,32 +19,32 @@ class Subscriber:
         "platform",
         "structure",
         "structure_ns",
+        "subscription",
         "turn",
         "up",
-        "wish",
     )  # fmt: skip
 
     def __init__(self, platform: str, epoch: int, serial: int = 0) -> None:
-        """`serial`: its notifications are numbered from the next one on."""
+        """`serial`: of the notification before the first one."""
         self.platform = platform
         self.epoch = epoch
         self.lease_span_ns = 0
         self.lease_ns = 0
-        """When it ends, counted from when the platform was reachable last."""
-        self.wish: Wish = wish(frozenset(), ())
+        """End of the lease, which begins when the platform was reachable last."""
+        self.subscription: Subscription = make_subscription(frozenset(), ())
         self.feeds: dict[str, Feed] = {}
         self.beacon_boards: tuple[Resource, ...] = ()
-        self.lanes = {number: Lane(number, serial) for number in Number}
-        self.turn: dict[Number, str] = {}
-        """Of each lane the feed that was served last: the others come before it."""
+        self.lanes = {number: NotificationLane(number, serial) for number in LaneNumber}
+        self.turn: dict[LaneNumber, str] = {}
+        """Path of the feed that was served last in each lane, for round-robin order."""
         self.structure = 0
         """Digest of the structure that the subscriber has."""
         self.structure_ns: int | None = None
         self.up = True
 
-    def of(self, number: Number) -> list[Feed]:
-        """The feeds of a lane, those first that have waited longest for their turn."""
-        streams = number is Number.STREAMS
+    def of(self, number: LaneNumber) -> list[Feed]:
+        """The feeds of a lane in round-robin order."""
+        streams = number is LaneNumber.STREAMS
         feeds = [feed for feed in self.feeds.values() if (feed.resource.kind is Kind.STREAM) is streams]
         served = self.turn.get(number)
         for index, feed in enumerate(feeds):
@@ -54,17 +54,17 @@ class Subscriber:
 
     @property
     def serial(self) -> int:
-        """Of its newest notification."""
+        """Serial number of its newest notification."""
         return max(lane.serial for lane in self.lanes.values())
 
-    def hurry(self) -> None:
-        """It is there."""
+    def on_reachable(self) -> None:
+        """It is reachable: retry at once."""
         self.up = True
         for lane in self.lanes.values():
-            lane.hurry()
+            lane.reset_backoff()
 
     def restarted(self, epoch: int) -> None:
-        """Its tree service has forgotten what it was sent."""
+        """Its tree service has restarted and lost its values: send them again."""
         self.epoch = epoch
         for lane in self.lanes.values():
             lane.clear()

@@ -1,4 +1,4 @@
-"""Many deadlines, one question: which is the next."""
+"""Deadlines by key, with the next one first."""
 
 import heapq
 from collections.abc import Hashable
@@ -16,20 +16,20 @@ class Timers(Generic[Key]):
         self._count = 0
 
     def set(self, key: Key, when_ns: int) -> None:
-        """Have the key come up at an instant."""
+        """Set the key's deadline."""
         if self._due.get(key) != when_ns:
             self._due[key] = when_ns
             self._count += 1  # keys need not have an order
             heapq.heappush(self._heap, (when_ns, self._count, key))
 
     def sooner(self, key: Key, when_ns: int) -> None:
-        """Have the key come up at an instant, or earlier if it is due earlier."""
+        """Set the key's deadline unless it has an earlier one."""
         due = self._due.get(key)
         if due is None or when_ns < due:
             self.set(key, when_ns)
 
     def drop(self, key: Key) -> None:
-        """Forget the key's deadline."""
+        """Remove the key's deadline."""
         self._due.pop(key, None)
 
     def due_ns(self, key: Key) -> int | None:
@@ -47,7 +47,7 @@ class Timers(Generic[Key]):
         return None
 
     def pop(self, now_ns: int) -> Key | None:
-        """A key whose time has come; None: nothing more is due."""
+        """Remove and return a key that is due; None: none is."""
         when_ns = self.next_ns()
         if when_ns is None or when_ns > now_ns:
             return None

@@ -1,4 +1,4 @@
-"""From what an operator typed to a value of a resource's type: checked before anything happens."""
+"""Conversion of an operator's input to a value of a resource's type, with all checks."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ _SETTABLE = frozenset({Kind.SETTING, Kind.COMMAND, Kind.BOARD})
 
 
 def check_settable(resource: Resource, path: str) -> None:
-    """Raises: Denied when nobody but the owner may set it, InvalidInput when it has no value to set."""
+    """Raises: Denied if only the owner may set it, InvalidInput if it has no value."""
     if resource.kind not in _SETTABLE:
         raise InvalidInput(f"{path}: a {resource.kind} cannot be set; expected a setting, command or board")
     if not resource.writable and resource.kind is not Kind.COMMAND:
@@ -37,7 +37,7 @@ def typed(resource: Resource, plain: Any, path: str) -> msgspec.Struct:
         plain = dict(zip(fields, plain, strict=False))
     if not isinstance(plain, dict):
         raise TypeMismatch(
-            f"{path}: {plain!r} is no {resource.type}; expected its fields {', '.join(fields)}"
+            f"{path}: {plain!r} is not a {resource.type}; expected its fields {', '.join(fields)}"
         )
     strange = [name for name in plain if name not in fields]
     if strange:
@@ -78,9 +78,9 @@ def _check_range(resource: Resource, value: msgspec.Struct, path: str) -> None:
 
 
 def with_field(current: msgspec.Struct | None, fields: str, plain: Any, path: str) -> dict[str, Any]:
-    """The fields of the present value with one of them changed.
+    """The fields of the present value with one of them replaced.
 
-    Raises: NotFound when there is no value yet or no such field.
+    Raises: NotFound if there is no value or no such field.
     """
     if current is None:
         raise NotFound(f"{path}: no value yet, so no field of it can be set; expected the whole value")
@@ -93,9 +93,9 @@ def with_field(current: msgspec.Struct | None, fields: str, plain: Any, path: st
 def unpacked(data: bytes, path: str) -> Any:
     """The plain data of a request.
 
-    Raises: InvalidInput when it is no MessagePack.
+    Raises: InvalidInput if it is not MessagePack.
     """
     try:
         return msgspec.msgpack.decode(data)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
-        raise InvalidInput(f"{path}: value is no MessagePack: {error}") from error
+        raise InvalidInput(f"{path}: value is not MessagePack: {error}") from error

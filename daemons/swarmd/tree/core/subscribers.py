@@ -1,4 +1,4 @@
-"""Subscriptions that other platforms hold here: leases, feeds, and what is sent to each."""
+"""Subscriptions of other platforms at this one: leases, feeds, and notifications to each."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -8,12 +8,12 @@ import msgspec
 
 from swarmd.tree.core.action import Action, SendNotify, Unwatch, Watch
 from swarmd.tree.core.condition import check_rule, checked_s, rule_for
-from swarmd.tree.core.feed import BOARDLIKE, Feed
+from swarmd.tree.core.feed import LATEST_ONLY, Feed
 from swarmd.tree.core.index import Leaf, pattern
-from swarmd.tree.core.interest import Wish, subscribable, wish
-from swarmd.tree.core.lane import TOGETHER_NS, Lane, Number
+from swarmd.tree.core.lane import COALESCE_NS, LaneNumber, NotificationLane
 from swarmd.tree.core.local import LocalTree
 from swarmd.tree.core.subscriber import Subscriber
+from swarmd.tree.core.subscription import Subscription, make_subscription, subscribable
 from swarmd.tree.core.timers import Timers
 from swarmware.names import check_platform
 from swarmware.resource import Resource
@@ -24,25 +24,25 @@ ITEMS_LIMIT: Final = 64
 FEED_LIMIT: Final = 32
 """Items of one feed in one notification: a busy stream leaves room for others."""
 BYTES_LIMIT: Final = 32 * 1024
-"""Of values in one notification: a lost one is sent again whole."""
+"""Bytes of values in one notification: a lost one is retransmitted whole."""
 LEASE_MAX_S: Final = 3600.0
 SUBSCRIBERS_LIMIT: Final = 2000
 """Bounds the memory that invented names can take; twenty times the swarm of `tests/simulation/tree`."""
 
 
 class Intervals(msgspec.Struct, frozen=True, kw_only=True):
-    """How eager the owner is."""
+    """Intervals of notifications."""
 
     coalesce_ns: int
-    """A change of the structure waits so long for others to go with it."""
+    """Delay of a change of the structure, so that several are sent together."""
     min_interval_ns: int
-    """Between two notifications of a board, where neither subscriber nor rate says more."""
+    """Minimum interval of notifications of a board without a rule or a rate."""
     retry_ns: tuple[int, ...]
     """Pauses after failures in a row."""
 
 
-class Held:
-    """What this platform owes to others."""
+class Subscribers:
+    """Sends notifications to the subscribers of this platform's resources."""
 
     def __init__(
         self, own: str, tree: LocalTree, intervals: Intervals, emit: Callable[[Action], None]
@@ -58,12 +58,12 @@ class Held:
         self._timers: Timers[str] = Timers()
         self._limits: tuple[ChannelLimit, ...] = ()
         self._lapsed: dict[str, None] = {}
-        """Platforms whose lease ended while they were away, and that may not know."""
+        """Platforms whose lease ended while they were not reachable, and that are to be notified."""
         self._serial = 0
         """Largest of any subscription that has ended: the subscriber drops what it takes for an older one."""
         self._lost: Counter[tuple[str, str]] = Counter()
-        self.plan_count = 0
-        """Rises with each change of `offers`."""
+        self.plan_version = 0
+        """Incremented by each change of `offers`."""
         self.notifications = 0
         """Acknowledged by their receivers."""
         self.values = 0
@@ -73,11 +73,11 @@ class Held:
 
     @property
     def dropped(self) -> int:
-        """Items of events and streams that no queue had room for."""
+        """Number of items of events and streams that were dropped from a full queue."""
         return self.losses().total()
 
     def losses(self) -> Counter[tuple[str, str]]:
-        """Of each resource and subscriber, the items that no queue had room for."""
+        """Number of dropped items of each resource and subscriber."""
         lost = self._lost.copy()
         for one in self._subscribers.values():
             for path, feed in one.feeds.items():
@@ -90,16 +90,16 @@ class Held:
         """Pairs of subscriber and resource."""
         return sum(len(one.feeds) for one in self._subscribers.values())
 
-    def subscribers(self) -> list[str]:
+    def platforms(self) -> list[str]:
         """Platforms with a lease."""
         return list(self._subscribers)
 
     def offers(self) -> list[BoardPublication]:
-        """Boards that somebody wants in the beacon, each with the shortest interval wanted."""
+        """Boards with subscribers in the beacon, each with its shortest interval."""
         found: dict[str, BoardPublication] = {}
         for one in self._subscribers.values():
             for resource in one.beacon_boards:
-                rule = rule_for(resource.path, one.wish.rules)
+                rule = rule_for(resource.path, one.subscription.rules)
                 interval_s = rule.min_interval_s or (1 / resource.rate_hz if resource.rate_hz > 0 else 0.0)
                 interval_ms = round(interval_s * 1000)
                 known = found.get(resource.path)
@@ -111,15 +111,15 @@ class Held:
 
     # -- from subscribers
 
-    def on_asked(self, request: SubscribeRequest, now_ns: int) -> SubscribeReply:
+    def on_subscribe(self, request: SubscribeRequest, now_ns: int) -> SubscribeReply:
         """A subscription or its renewal; one that is refused changes nothing.
 
-        Raises: InvalidInput for a platform, pattern, interval or lease that is none.
+        Raises: InvalidInput for an invalid platform, pattern, interval or lease.
         """
         check_platform(request.platform)
         reply = SubscribeReply(self._tree.epoch, self._tree.digest)
         one = self._subscribers.get(request.platform)
-        held = one is not None and one.wish.digest == request.set_digest
+        held = one is not None and one.subscription.digest == request.set_digest
         if request.renew and not held:
             return msgspec.structs.replace(reply, unknown=True)
         lease_span_ns = round(checked_s("lease_s", request.lease_s, LEASE_MAX_S) * 1e9)
@@ -129,12 +129,12 @@ class Held:
         if not held:
             for rule in request.rules:
                 check_rule(rule)
-            asked = wish(frozenset(request.patterns), request.rules)
+            asked = make_subscription(frozenset(request.patterns), request.rules)
             plan = self._plan(asked, {} if one is None else one.feeds)
         self._lapsed.pop(request.platform, None)
         if asked is not None and not asked.patterns:
             if one is not None:
-                self._drop(one)  # it takes its subscription back
+                self._drop(one)  # it ends its subscription
             return reply
         if one is None:
             one = self._subscribers[request.platform] = Subscriber(
@@ -142,37 +142,37 @@ class Held:
             )
         one.lease_span_ns = lease_span_ns
         one.lease_ns = now_ns + lease_span_ns
-        one.hurry()
+        one.on_reachable()
         if one.epoch != request.epoch:
             one.restarted(request.epoch)
         if asked is not None and plan is not None:
-            self.plan_count += bool(one.beacon_boards)  # the rules may be others
-            one.wish = asked
+            self.plan_version += bool(one.beacon_boards)  # the rules may be others
+            one.subscription = asked
             self._set_plan(one, *plan)
-        if not one.lanes[Number.NEWS].carries_structure:
+        if not one.lanes[LaneNumber.UPDATES].carries_structure:
             one.structure = request.held
-        # what it holds is answered here already: it asks by itself when it is not ours
+        # the reply has the digest: the subscriber requests a structure that differs
         one.structure_ns = None
         self._flush(one, now_ns)
         return reply
 
-    def on_told(self, platform: str) -> None:
-        """It was sent the structure because it asked for it."""
+    def on_structure_sent(self, platform: str) -> None:
+        """The structure was sent to it on request."""
         one = self._subscribers.get(platform)
         if one is not None:
             one.structure = self._tree.digest
 
     def on_up(self, platform: str, now_ns: int) -> None:
-        """The platform can be reached."""
+        """The platform is reachable."""
         if platform in self._lapsed:
-            self._tell_lapsed(platform)
+            self._notify_lapsed(platform)
         one = self._subscribers.get(platform)
         if one is not None:
-            one.hurry()
+            one.on_reachable()
             self._flush(one, now_ns)
 
     def on_gone(self, platform: str, now_ns: int) -> None:
-        """It cannot be reached: what it holds waits for it as long as its lease runs."""
+        """It is not reachable: its subscription is kept until the lease ends."""
         one = self._subscribers.get(platform)
         if one is not None and one.up:
             one.up = False
@@ -180,7 +180,7 @@ class Held:
             self._timers.set(platform, one.lease_ns)
 
     def on_notified(self, platform: str, notify: TreeNotify, delivered: bool, now_ns: int) -> None:
-        """What became of a notification on its way."""
+        """A notification was delivered, or has failed."""
         if notify.lapsed:
             if delivered:
                 self._lapsed.pop(platform, None)
@@ -190,7 +190,7 @@ class Held:
         one = self._subscribers.get(platform)
         if one is None:
             return
-        lane = one.lanes[Number(notify.lane)]
+        lane = one.lanes[LaneNumber(notify.lane)]
         if delivered:
             flight = lane.delivered(notify.serial, now_ns)
             if flight is None:
@@ -203,8 +203,8 @@ class Held:
                     one.structure_ns = now_ns
         elif lane.failed(notify.serial, now_ns, self._intervals.retry_ns):
             self.failures += 1
-            if lane.failing_ns is not None and now_ns >= lane.failing_ns + one.lease_span_ns:
-                self._lapse(one)  # nobody says that it has gone, and nothing comes through
+            if lane.failing_since_ns is not None and now_ns >= lane.failing_since_ns + one.lease_span_ns:
+                self._lapse(one)  # it counts as reachable, but nothing is delivered
                 return
         self._flush(one, now_ns)
 
@@ -214,7 +214,7 @@ class Held:
         """The own structure has changed."""
         self._matched.clear()
         for one in self._subscribers.values():
-            self._set_plan(one, *self._plan(one.wish, one.feeds))
+            self._set_plan(one, *self._plan(one.subscription, one.feeds))
             if one.structure_ns is None:
                 one.structure_ns = now_ns + self._intervals.coalesce_ns
             self._flush(one, now_ns)
@@ -229,7 +229,7 @@ class Held:
             self._flush(one, now_ns)
 
     def set_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> None:
-        """What operators set for the rates of resources, the first that matches counts."""
+        """Set the rate limits of operators; the first that matches applies."""
         self._limits = limits
         for one in self._subscribers.values():
             for path, feed in one.feeds.items():
@@ -240,51 +240,53 @@ class Held:
         return next((one.max_hz for one in self._limits if pattern(one.pattern).matches(path)), None)
 
     def on_overrun(self, path: str, items: int) -> None:
-        """Items of a watched resource were overwritten before they could be taken."""
+        """Items of a watched resource were overwritten before they were read."""
         for one in self._by_path.get(path, {}).values():
             one.feeds[path].dropped += items
 
     def on_timer(self, now_ns: int) -> None:
-        """Leases that ran out, intervals that are over, retries."""
+        """End leases, send what is due, retry."""
         while (platform := self._timers.pop(now_ns)) is not None:
             one = self._subscribers.get(platform)
             if one is None:
                 if platform in self._lapsed:
-                    self._tell_lapsed(platform)
+                    self._notify_lapsed(platform)
             elif not one.up and now_ns >= one.lease_ns:
                 self._lapse(one)
             else:
                 self._flush(one, now_ns)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has something to do."""
+        """Next call of `on_timer`."""
         return self._timers.next_ns()
 
     # -- inside
 
     def _lapse(self, one: Subscriber) -> None:
-        """Its lease is over; it is told when it is back, it may think that it still has it."""
+        """End its lease, and notify it when it is reachable again."""
         self._drop(one)
         if len(self._lapsed) < SUBSCRIBERS_LIMIT:
             self._lapsed[one.platform] = None
 
-    def _tell_lapsed(self, platform: str) -> None:
+    def _notify_lapsed(self, platform: str) -> None:
         self._emit(SendNotify(platform, TreeNotify(self._own, self._tree.epoch, 0, lapsed=True)))
 
     def _drop(self, one: Subscriber) -> None:
         self._set_feeds(one, {})
-        self.plan_count += bool(one.beacon_boards)
+        self.plan_version += bool(one.beacon_boards)
         self._serial = max(self._serial, one.serial)
         del self._subscribers[one.platform]
         self._timers.drop(one.platform)
 
     def _set_plan(self, one: Subscriber, beacon_boards: tuple[Resource, ...], feeds: dict[str, Feed]) -> None:
-        self.plan_count += beacon_boards != one.beacon_boards
+        self.plan_version += beacon_boards != one.beacon_boards
         one.beacon_boards = beacon_boards
         self._set_feeds(one, feeds)
 
-    def _plan(self, asked: Wish, held: dict[str, Feed]) -> tuple[tuple[Resource, ...], dict[str, Feed]]:
-        """What a subscriber with this wish is owed: boards in the beacon, and feeds; those it has go on."""
+    def _plan(
+        self, asked: Subscription, held: dict[str, Feed]
+    ) -> tuple[tuple[Resource, ...], dict[str, Feed]]:
+        """Boards in the beacon and feeds for a subscription; existing feeds continue."""
         matched = self._matched.get(asked.digest)
         if matched is None:
             matched = tuple(_wanted(self._tree, asked.patterns))
@@ -294,7 +296,7 @@ class Held:
         beacon_boards = tuple(item.resource for item in matched if item.resource.link == "tick")
         feeds: dict[str, Feed] = {}
         # boards first: each has one value, a stream may fill a notification alone
-        for item in sorted(matched, key=lambda item: item.resource.kind not in BOARDLIKE):
+        for item in sorted(matched, key=lambda item: item.resource.kind not in LATEST_ONLY):
             resource = item.resource
             if resource.link == "tick":
                 continue
@@ -306,7 +308,7 @@ class Held:
             feed = feeds[resource.path] = Feed(resource, rule, self._intervals.min_interval_ns)
             feed.limit(self._max_hz(resource.path))
             newest = self._newest.get(resource.path)
-            if newest is not None and feed.boardlike:
+            if newest is not None and feed.latest_only:
                 feed.offer(newest)
         return beacon_boards, feeds
 
@@ -328,11 +330,11 @@ class Held:
             if not readers or changed:
                 self._emit(Watch(feed.resource))
             if changed:
-                self._newest.pop(path, None)  # of another type, perhaps; the watch tells it anew
+                self._newest.pop(path, None)  # its type may differ; the watch reads it again
             readers[one.platform] = one
 
     def _flush(self, one: Subscriber, now_ns: int) -> None:
-        """Send what is due; come back when there will be more."""
+        """Send what is due, and set the timer for the rest."""
         wake_ns = None if one.up else one.lease_ns
         if one.up:
             for lane in one.lanes.values():
@@ -345,11 +347,11 @@ class Held:
         else:
             self._timers.set(one.platform, wake_ns)
 
-    def _due_ns(self, one: Subscriber, lane: Lane) -> int | None:
-        """From when on there is something to send, or to send again."""
+    def _due_ns(self, one: Subscriber, lane: NotificationLane) -> int | None:
+        """When the next notification or retransmission is due."""
         repeat_ns = lane.due_ns()
         if repeat_ns is not None:
-            return repeat_ns  # in its order: nothing new overtakes it
+            return repeat_ns  # retransmissions first, to keep the order
         if not lane.has_room:
             return None
         dues = [due_ns for feed in one.of(lane.number) if (due_ns := feed.due_ns()) is not None]
@@ -357,15 +359,17 @@ class Held:
             dues.append(one.structure_ns)
         if not dues:
             return None
-        due_ns = max(min(dues), lane.quiet_ns)
-        return max(due_ns, lane.sent_ns + TOGETHER_NS) if lane else due_ns
+        due_ns = max(min(dues), lane.backoff_until_ns)
+        return max(due_ns, lane.sent_ns + COALESCE_NS) if lane else due_ns
 
-    def _owes_structure(self, one: Subscriber, lane: Lane) -> bool:
+    def _owes_structure(self, one: Subscriber, lane: NotificationLane) -> bool:
         if one.structure == self._tree.digest:
             one.structure_ns = None
-        return one.structure_ns is not None and lane.number is Number.NEWS and not lane.carries_structure
+        return (
+            one.structure_ns is not None and lane.number is LaneNumber.UPDATES and not lane.carries_structure
+        )
 
-    def _send(self, one: Subscriber, lane: Lane, now_ns: int) -> None:
+    def _send(self, one: Subscriber, lane: NotificationLane, now_ns: int) -> None:
         if lane.due_ns() is not None:
             for notify in lane.repeat(now_ns):
                 self._emit(SendNotify(one.platform, notify))
@@ -386,12 +390,12 @@ class Held:
         base = digest = 0
         structure = b""
         if self._owes_structure(one, lane):
-            # due or not: a value must not come before the resource is known, and the way is paid for
+            # also before it is due: a value must not arrive before its resource is known
             one.structure_ns = None
             base, digest = one.structure or 1, self._tree.digest
             structure = self._tree.changes_since(one.structure) or b""
         notify = TreeNotify(self._own, self._tree.epoch, 0, tuple(items), base, digest, structure)
-        self._emit(SendNotify(one.platform, lane.launch(notify, parts, now_ns)))
+        self._emit(SendNotify(one.platform, lane.send(notify, parts, now_ns)))
 
 
 def _wanted(tree: LocalTree, patterns: tuple[str, ...]) -> Iterable[Leaf]:

@@ -1,4 +1,4 @@
-"""What applications here want of other platforms, as sets of local patterns per platform."""
+"""Subscriptions of this platform's applications at other platforms, as sets of local patterns."""
 
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
@@ -17,34 +17,34 @@ _encoder = msgspec.msgpack.Encoder()
 
 ANYTHING = "**"
 KEEP_S: Final = 1.0
-"""Between two values that are kept for the case that their platform is lost, and that nobody reads."""
+"""Interval of values that no application reads, kept for the loss of their platform."""
 
 
-class Wish(msgspec.Struct, frozen=True):
-    """What one platform asks of another: the body of a subscription."""
+class Subscription(msgspec.Struct, frozen=True):
+    """Body of a subscription of one platform at another."""
 
     patterns: tuple[str, ...]
     rules: tuple[Rule, ...]
     digest: int
-    """Of the two; both sides compare it instead of the body."""
+    """Digest of patterns and rules, which both sides compare instead of the body."""
 
 
 @lru_cache(maxsize=1024)
-def wish(patterns: frozenset[str], rules: tuple[Rule, ...]) -> Wish:
-    """The wish for local patterns; equal content gives the same object."""
+def make_subscription(patterns: frozenset[str], rules: tuple[Rule, ...]) -> Subscription:
+    """The subscription for local patterns; equal content gives the same object."""
     ordered = tuple(sorted(patterns))
     mark = blake2b(_encoder.encode((ordered, rules)), digest_size=8).digest()
-    return Wish(ordered, rules, int.from_bytes(mark, "little"))
+    return Subscription(ordered, rules, int.from_bytes(mark, "little"))
 
 
-NOTHING: Final = wish(frozenset(), ())
-"""Asked of a platform, it takes a subscription back."""
+NO_SUBSCRIPTION: Final = make_subscription(frozenset(), ())
+"""Sent to a platform, it ends the subscription there."""
 
 
 def subscribable(item: Leaf, patterns: Iterable[str]) -> bool:
-    """Whether one of the patterns asks for the values of this resource.
+    """Whether one of the patterns subscribes to the values of this resource.
 
-    Whatever travels only on request is given to those who name exactly its path.
+    A resource with the link `request` is sent only to a subscriber that names its exact path.
     """
     resource = item.resource
     if resource.kind in {Kind.BRANCH, Kind.COMMAND, Kind.FILE}:
@@ -55,20 +55,20 @@ def subscribable(item: Leaf, patterns: Iterable[str]) -> bool:
     return any(pattern(text).matches(path) for text in patterns)
 
 
-class Interests:
+class LocalSubscriptions:
     """Patterns of this platform's applications, by the platforms they name."""
 
     def __init__(self, own: str, rules: Iterable[Rule], keep: Iterable[str] = ()) -> None:
-        """`keep`: local paths of every other platform that are wanted also when no application reads them."""
+        """`keep`: local paths of every other platform to which the node always subscribes."""
         self._own = own
         self._rules = tuple(rules)
         self.keep = tuple(keep)
         self._by_platform: dict[str, frozenset[str]] = {}
         self.refused: dict[str, str] = {}
-        """Text of an application that is no pattern → what is wrong with it."""
+        """Invalid pattern of an application → the error."""
 
     def set_patterns(self, patterns: Iterable[str]) -> bool:
-        """All patterns of all applications now; whether anything changed."""
+        """Set the patterns of all applications; whether they changed."""
         grouped: dict[str, set[str]] = {}
         self.refused = {}
         for text in patterns:
@@ -88,8 +88,8 @@ class Interests:
         self._by_platform = now
         return changed
 
-    def of(self, platform: str) -> Wish:
-        """What is wanted of one platform."""
+    def of(self, platform: str) -> Subscription:
+        """The subscription at one platform."""
         found: frozenset[str] = frozenset()
         for text, locals_ in self._by_platform.items():
             if text == platform or pattern(text).matches(platform):
@@ -97,7 +97,7 @@ class Interests:
         kept = [path for path in self.keep if not any(pattern(text).matches(path) for text in found)]
         found |= frozenset(kept)
         slow = tuple(Rule(path, min_interval_s=KEEP_S) for path in kept)
-        return wish(found, (*self._rules, *slow) if found else ())
+        return make_subscription(found, (*self._rules, *slow) if found else ())
 
     def texts(self) -> Mapping[str, frozenset[str]]:
         """Platform pattern → local patterns."""

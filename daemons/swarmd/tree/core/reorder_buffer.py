@@ -1,16 +1,16 @@
-"""Notifications of one lane as they arrive: put in their order, each once."""
+"""Reorder buffer of one lane of notifications: delivers them in order, each once."""
 
 from typing import Final
 
 from swarmware.errors import WireError
 from swarmware.types.tree import TreeNotify
 
-AHEAD: Final = 512
-"""Serials from the oldest that the owner still sends: ten seconds of one every 20 ms."""
+REORDER_WINDOW: Final = 512
+"""Serials from the oldest unacknowledged one: ten seconds of one every 20 ms."""
 
 
-class Arrivals:
-    """Holds back what came too early; forgets what came before."""
+class ReorderBuffer:
+    """Holds notifications that arrive early; drops duplicates."""
 
     __slots__ = ("_expected", "_waiting")
 
@@ -19,16 +19,16 @@ class Arrivals:
         self._waiting: dict[int, TreeNotify] = {}
 
     def take(self, notify: TreeNotify) -> list[TreeNotify]:
-        """What can be taken now, in order. Raises: WireError for a serial out of the window."""
+        """Add a notification; returns those in order. Raises: WireError for a serial out of the window."""
         serial = notify.serial
         first = notify.first or serial
-        if not first <= serial < first + AHEAD:
+        if not first <= serial < first + REORDER_WINDOW:
             raise WireError(f"notification {serial} of {notify.platform}: its window begins with {first}")
         ready: list[TreeNotify] = []
         if self._expected is None:
             self._expected = first
         elif first > self._expected:
-            # the owner holds nothing older: what has not come by now never does
+            # the owner does not retransmit older ones: what is missing never arrives
             ready = [self._waiting.pop(held) for held in sorted(self._waiting) if held < first]
             self._expected = first
         if serial >= self._expected:

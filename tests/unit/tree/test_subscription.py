@@ -3,15 +3,15 @@
 import pytest
 
 from swarmd.tree.core.index import leaf
-from swarmd.tree.core.interest import Interests, subscribable, wish
+from swarmd.tree.core.subscription import LocalSubscriptions, make_subscription, subscribable
 from swarmware.resource import Kind, Resource
 from swarmware.types.tree import Rule
 
 RULE = Rule("power/**", 0.1)
 
 
-def interests(*patterns: str) -> Interests:
-    found = Interests("gcs", [RULE])
+def interests(*patterns: str) -> LocalSubscriptions:
+    found = LocalSubscriptions("gcs", [RULE])
     found.set_patterns(patterns)
     return found
 
@@ -37,12 +37,14 @@ def test_rules_go_along_only_where_something_is_wanted() -> None:
 def test_equal_wishes_are_one_object_and_differ_by_digest_from_others() -> None:
     found = interests("/*/nav/pose")
     assert found.of("uav1") is found.of("uav2")
-    assert wish(frozenset({"a"}), ()).digest != wish(frozenset({"b"}), ()).digest
-    assert wish(frozenset({"a"}), ()).digest != wish(frozenset({"a"}), (RULE,)).digest
+    assert make_subscription(frozenset({"a"}), ()).digest != make_subscription(frozenset({"b"}), ()).digest
+    assert (
+        make_subscription(frozenset({"a"}), ()).digest != make_subscription(frozenset({"a"}), (RULE,)).digest
+    )
 
 
 def test_it_says_whether_anything_changed() -> None:
-    found = Interests("gcs", [])
+    found = LocalSubscriptions("gcs", [])
     assert found.set_patterns(["/uav1/nav/pose"])
     assert not found.set_patterns(["/uav1/nav/pose", "nav/goal"])
     assert found.set_patterns([])
@@ -74,7 +76,7 @@ def test_values_move_by_interest(resource: Resource, patterns: tuple[str, ...], 
 
 
 def test_what_is_kept_is_wanted_of_everybody_slowly_unless_an_application_reads_it() -> None:
-    found = Interests("gcs", [RULE], ["nav/pose", "power/battery"])
+    found = LocalSubscriptions("gcs", [RULE], ["nav/pose", "power/battery"])
     slow = Rule("nav/pose", min_interval_s=1.0)
     assert found.of("uav1").patterns == ("nav/pose", "power/battery")
     assert found.of("uav1").rules == (RULE, slow, Rule("power/battery", min_interval_s=1.0))

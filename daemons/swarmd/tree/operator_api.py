@@ -1,4 +1,4 @@
-"""Answers to operators: values, lists and changes of resources, of this platform and of the others."""
+"""Requests of operators: values, lists and changes of resources of this platform and of others."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -36,13 +36,13 @@ from swarmware.types.tree import (
 )
 
 LIMIT: Final = 5000
-"""Entries of one answer at most: it must fit a frame."""
+"""Maximum number of entries in a reply, which must fit into a frame."""
 DEMAND_S: Final = 1.0
-"""How long a list waits for the structures of platforms that nobody here has looked at before."""
+"""Time-out of a list for structures that are unknown here."""
 _VALUELESS: Final = frozenset({Kind.BRANCH, Kind.COMMAND, Kind.FILE})
 
 
-class Answers:
+class OperatorApi:
     """Serves `sys/tree/get`, `set`, `undo` and `list`."""
 
     def __init__(
@@ -65,7 +65,7 @@ class Answers:
         self._changes = changes
         self._answer_s = answer_s
         self._feed = feed
-        self._learned = asyncio.Event()
+        self._structures_changed = asyncio.Event()
         self._access = Access()
 
     async def serve(self) -> None:
@@ -76,9 +76,9 @@ class Answers:
         await serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
         await serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
 
-    def learned(self) -> None:
-        """The structure of another platform may have become known."""
-        self._learned.set()
+    def on_structures(self) -> None:
+        """The structure of another platform may have changed."""
+        self._structures_changed.set()
 
     # -- where things are
 
@@ -91,15 +91,15 @@ class Answers:
     def _index(self, platform: str) -> Index | None:
         if platform == self._module.platform:
             return self._tree.local.index
-        remote = self._tree.remotes.get(platform)
-        return None if remote is None else remote.index
+        replica = self._tree.replicas.get(platform)
+        return None if replica is None else replica.index
 
     def _reachable(self, platform: str) -> bool:
-        remote = self._tree.remotes.get(platform)
-        return platform == self._module.platform or (remote is not None and remote.up)
+        replica = self._tree.replicas.get(platform)
+        return platform == self._module.platform or (replica is not None and replica.up)
 
     def _platforms(self) -> list[str]:
-        return sorted({self._module.platform, *self._tree.remotes.platforms()}, key=names.natural)
+        return sorted({self._module.platform, *self._tree.replicas.platforms()}, key=names.natural)
 
     def _own_leaf(self, local: str) -> Leaf:
         """A resource of this platform. Raises: NotFound with what may have been meant."""
@@ -112,8 +112,8 @@ class Answers:
         return found
 
     def _check_platform(self, platform: str) -> None:
-        """Raises: NotFound for a platform that nobody here has heard of."""
-        if self._tree.remotes.get(platform) is None:
+        """Raises: NotFound for an unknown platform."""
+        if self._tree.replicas.get(platform) is None:
             known = ", ".join(self._platforms())
             raise NotFound(
                 f"platform {platform!r}: not known to {self._module.platform}; expected one of {known}"
@@ -122,7 +122,7 @@ class Answers:
     # -- rights
 
     def _by(self, meta: Meta) -> str:
-        """Who asks, for the audit: as the way it came says, never as it says itself."""
+        """The requester for the record of changes, as identified by the transport."""
         if meta.sender is not None:
             return str(meta.sender)
         if meta.sender_hw == self._module.node.hardware:
@@ -137,7 +137,7 @@ class Answers:
         self._access.check(meta.sender, verb, resource.path)
 
     def _check_direct(self, meta: Meta, path: str) -> None:
-        """Others get nothing changed elsewhere with the rights of this platform. Raises: Denied."""
+        """Reject a change at a third platform, which would have this platform's rights. Raises: Denied."""
         if meta.sender is not None:
             raise Denied(f"{path}: asked of {self._module.platform}; expected a request to its own platform")
 
@@ -154,7 +154,7 @@ class Answers:
             return mirrored
         if not self._reachable(platform):
             raise NoAnswer(f"{request.path}: {platform} cannot be reached, and no value of it was kept here")
-        # the owner knows best, also which of its paths may have been meant
+        # the owner has the newest value, and finds similar paths
         found = await self._module.request(
             f"/{platform}/sys/tree/get", TreeGet(local), TreeValue, timeout_s=self._answer_s
         )
@@ -177,13 +177,13 @@ class Answers:
         return self._value(path, leaf, frame, age_s, "own", self._settings.version(local))
 
     def _mirrored(self, platform: str, local: str) -> TreeValue | None:
-        """What is mirrored here, if it is kept up to date or is all there is."""
-        remote = self._tree.remotes.get(platform)
-        leaf = None if remote is None or remote.index is None else remote.index.get(local)
-        if remote is None or leaf is None:
+        """The mirrored value, if it is kept up to date or the only one available."""
+        replica = self._tree.replicas.get(platform)
+        leaf = None if replica is None or replica.index is None else replica.index.get(local)
+        if replica is None or leaf is None:
             return None
-        if remote.up and not remote.follows(leaf):
-            return None  # somebody may have read it once
+        if replica.up and not replica.receives(leaf):
+            return None  # left from a former subscription
         frame = self._peek.frame(local, platform)
         if frame is None:
             return None
@@ -196,9 +196,9 @@ class Answers:
         stamp_ns = self._module.remote_clocks.to_local(frame.sender_hw, frame.stamp_ns)
         if stamp_ns is not None:
             return (now_ns - stamp_ns) / 1e9
-        remote = self._tree.remotes.get(platform)
-        # its clock is forgotten: the value is at least as old as the silence
-        return None if remote is None or remote.up else (now_ns - remote.gone_ns) / 1e9
+        replica = self._tree.replicas.get(platform)
+        # its clock is unknown: the value is at least as old as the loss
+        return None if replica is None or replica.up else (now_ns - replica.gone_ns) / 1e9
 
     def _value(
         self, path: str, leaf: Leaf, frame: Frame, age_s: float | None, source: str, version: int | None
@@ -264,10 +264,10 @@ class Answers:
         if request.version is not None and (frame is None or frame.sequence != request.version):
             have = "no value" if frame is None else f"version {frame.sequence}"
             raise Conflict(f"{shown}: has {have} now; expected version {request.version}")
-        return await self._hand_over(resource, shown, value)
+        return await self._forward_to_owner(resource, shown, value)
 
-    async def _hand_over(self, resource: Resource, shown: str, value: msgspec.Struct) -> TreeSetDone:
-        """To the application that takes it: as a message, or as a request where it answers one."""
+    async def _forward_to_owner(self, resource: Resource, shown: str, value: msgspec.Struct) -> TreeSetDone:
+        """Forward a value to the application that receives it, as a message or a request."""
         taker = self._applications.table.serving_path(resource.path)
         if taker is None or taker[1].type != resource.type:
             owner = resource.owner or "no application"
@@ -326,7 +326,7 @@ class Answers:
         rest = "**" if first == "**" or not rest else rest
         Pattern(rest)
         wanted = Pattern("*" if first == "**" else first)
-        await self._demand(wanted)
+        await self._request_structures(wanted)
         limit = max(1, min(request.limit, LIMIT))
         entries: list[TreeEntry] = []
         more = 0
@@ -337,19 +337,19 @@ class Answers:
                 more += 1
         return TreeListing(tuple(entries), more, tuple(map(self._platform, self._platforms())))
 
-    async def _demand(self, wanted: Pattern) -> None:
-        """Ask those whose structure nobody here has wanted before, and wait for the answers, not for long."""
-        remotes = self._tree.remotes
-        asked = [platform for platform in remotes.platforms() if wanted.matches(platform)]
+    async def _request_structures(self, wanted: Pattern) -> None:
+        """Request unknown structures, and wait for the replies for at most DEMAND_S."""
+        replicas = self._tree.replicas
+        asked = [platform for platform in replicas.platforms() if wanted.matches(platform)]
         for platform in asked:
             self._feed(self._tree.on_demand(platform, self._module.now_ns()))
         try:
             async with asyncio.timeout(DEMAND_S):
-                while any(remotes.asks(platform) for platform in asked):
-                    self._learned.clear()
-                    await self._learned.wait()
+                while any(replicas.asks(platform) for platform in asked):
+                    self._structures_changed.clear()
+                    await self._structures_changed.wait()
         except TimeoutError:
-            return  # what is known is listed; the rest says that nothing is known of it
+            return  # known structures are listed, others as unknown
 
     def _matching(self, wanted: Pattern, rest: str, after: str) -> Iterator[tuple[str, Leaf]]:
         last, last_local = names.split(after) if after else (None, "")
