@@ -72,15 +72,17 @@ class RingFollower:
     def newest(self) -> Frame | None:
         """The newest frame; None when there is none that `newest()` has not given or refused before."""
         ring = self.ring
-        data: bytes | None = None
-        if ring is None or ring.moved:
-            if ring is not None:  # a ring that is withdrawn or replaced may hold the newest frame
-                data = self._newest_of(ring)
-            ring = self._open(0)
-            if ring is None:
-                return None
-        data = self._newest_of(ring) or data
-        return None if data is None else self._decoded(data)
+        data = self._newest_elsewhere(ring) if ring is None or ring.moved else self._newest_of(ring)
+        if data is None:
+            return None
+        try:
+            frame = decode(data)
+            if frame.data_id == self._data_id or self._data_id is None:
+                return frame
+            raise self._foreign(frame)
+        except WireError as error:
+            self.refuse(error)
+            return None
 
     def peek(self) -> Frame | None:
         """The newest frame, also one that `newest()` has given; None without a ring at the path."""
@@ -90,8 +92,7 @@ class RingFollower:
             if ring is None or ring.moved:
                 return None
         ring.seen = 0
-        data = self._newest_of(ring)
-        return None if data is None else self._decoded(data)
+        return self.newest()
 
     def next(self) -> Frame | None:
         """The next frame in order; None when there is none yet. What was overwritten is counted in `lost`."""
@@ -100,12 +101,17 @@ class RingFollower:
             if ring is None:
                 return None
             data = ring.next()
-            if data is not None:
-                frame = self._decoded(data)
-                if frame is not None:
+            if data is None:
+                if not ring.moved or self._open(0) is ring:
+                    return None
+                continue
+            try:
+                frame = decode(data)
+                if frame.data_id == self._data_id or self._data_id is None:
                     return frame
-            elif not ring.moved or self._open(0) is ring:
-                return None
+                raise self._foreign(frame)
+            except WireError as error:
+                self.refuse(error)
 
     def refuse(self, error: SwarmError) -> None:
         """Count a frame that cannot be used; the first one is logged."""
@@ -184,14 +190,13 @@ class RingFollower:
             )
         return data
 
-    def _decoded(self, data: bytes) -> Frame | None:
-        try:
-            frame = decode(data)
-            if self._data_id is not None and frame.data_id != self._data_id:
-                raise WireError(
-                    f"data id {frame.data_id:#010x}, of another type or path; expected {self._data_id:#010x}"
-                )
-        except WireError as error:
-            self.refuse(error)
-            return None
-        return frame
+    def _newest_elsewhere(self, former: RingReader | None) -> bytes | None:
+        """Bytes of the newest frame when the ring is not there yet, was withdrawn or replaced."""
+        data = None if former is None else self._newest_of(former)  # it may hold the newest frame
+        ring = self._open(0)
+        return data if ring is None or ring is former else self._newest_of(ring) or data
+
+    def _foreign(self, frame: Frame) -> WireError:
+        return WireError(
+            f"data id {frame.data_id:#010x}, of another type or path; expected {self._data_id or 0:#010x}"
+        )
