@@ -24,7 +24,7 @@ SOURCES = [
     for path in sorted((ROOT / folder).rglob("*.py"))
     if "__pycache__" not in path.parts
 ]
-LONGEST: Final = 352
+LONGEST: Final = 67
 """Entries when the list was made: it is never longer."""
 
 INSTEAD: Final = {
