@@ -6,9 +6,13 @@ import msgspec
 
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.finding import Finding, Severity, too_large
-from swarmware.mission.meetings import BROKEN, Participant, search
+from swarmware.mission.finding import TOO_LARGE, Finding, Severity, too_large
+from swarmware.mission.meetings import BROKEN, Participant, TooLarge, search
 from swarmware.mission.model import TIMEOUT, Block, Mission
+
+PARALLEL = 4
+"""From so many barriers at the same time on these are what makes an ensemble too large."""
+BLOCKS_SHOWN = 4
 
 COPIES_LIMIT = 3
 """Members of one role that are looked at together; two show all that no quorum above two can do."""
@@ -48,11 +52,19 @@ def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
     if not any(role.mission.barriers() for role in roles):
         return []
     hang = search([_part(role) for role in roles], budget)
-    if budget.spent:
-        return [too_large(roles[0].mission.file)]
     if hang is None:
         return []
+    if isinstance(hang, TooLarge) and len(hang.blocks) < PARALLEL:
+        return [too_large(roles[0].mission.file)]
     role = next(role for role in roles if role.name == hang.role)
+    if isinstance(hang, TooLarge):
+        shown = ", ".join(hang.blocks[:BLOCKS_SHOWN]) + (", …" if len(hang.blocks) > BLOCKS_SHOWN else "")
+        message = (
+            f"too large to check: memory or time ran out; role {role.name!r} can wait at {len(hang.blocks)} "
+            f"barriers at the same time ({shown}), which open in any order; expected fewer side by side, "
+            "or one barrier after the Join of their branches"
+        )
+        return [role.finding(role.mission.blocks[hang.blocks[0]], TOO_LARGE, message, "unknown")]
     return [role.finding(role.mission.blocks[hang.block], "barrier", hang.message, trace=hang.trace)]
 
 

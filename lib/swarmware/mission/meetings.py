@@ -64,9 +64,18 @@ class Hang(msgspec.Struct, frozen=True):
     trace: tuple[str, ...]
 
 
-def search(parts: list[Participant], budget: Budget) -> Hang | None:
-    """The shortest way into a state that hangs; None when there is none, or the budget is spent."""
-    return _Ensemble(parts, budget).search()
+class TooLarge(msgspec.Struct, frozen=True):
+    """The budget is spent: where a member waits at the largest number of barriers at the same time."""
+
+    role: str = ""
+    blocks: tuple[str, ...] = ()
+
+
+def search(parts: list[Participant], budget: Budget) -> Hang | TooLarge | None:
+    """The shortest way into a state that hangs; None when there is none."""
+    ensemble = _Ensemble(parts, budget)
+    found = ensemble.search()
+    return ensemble.widest if budget.spent else found
 
 
 class _Role:
@@ -196,6 +205,7 @@ class _Ensemble:
         self._came: dict[Everybody, tuple[Everybody | None, str]] = {}
         self._queue: deque[Everybody] = deque()
         self._found: Hang | None = None
+        self.widest = TooLarge()
 
     def search(self) -> Hang | None:
         nobody = tuple(0 for _ in self._names)
@@ -302,6 +312,8 @@ class _Ensemble:
             return visits
         role = self._roles[number]
         waits = [role.gates[place] for place in role.gates_of(marking)]
+        if len(waits) > len(self.widest.blocks):
+            self.widest = TooLarge(role.part.role, tuple(block.id for block, _, _ in waits))
         counted = list(visits)
         for place in role.gates_of(entered):
             block, params, barrier = role.gates[place]

@@ -290,3 +290,12 @@ def test_two_hundred_pauses_beside_a_barrier_are_checked_in_an_ensemble() -> Non
     manifest = 'name = "trial"\n[[roles]]\nname = "a"\nfile = "m.json"\nkinds = ["uav", "ugv"]\n'
     folder = from_files([MissionFile("mission.toml", manifest), MissionFile("m.json", text)], "")
     assert check_folder(folder, budget=Budget(8 << 20)) == []
+
+
+def test_an_ensemble_with_too_many_barriers_side_by_side_names_them() -> None:
+    text = wide(14, lambda n: {f"w{n}": {"type": "Barrier", "id": f"b{n}", "next": "j"}})
+    manifest = 'name = "trial"\n[[roles]]\nname = "air"\nfile = "m.json"\nkinds = ["uav"]\n'
+    folder = from_files([MissionFile("mission.toml", manifest), MissionFile("m.json", text)], "")
+    (finding,) = [f for f in check_folder(folder, budget=Budget(4 << 20)) if f.severity != "warning"]
+    assert (finding.severity, finding.rule, finding.pointer) == ("unknown", "too-large", "/mission/w0")
+    assert "role 'air' can wait at 14 barriers at the same time (w0, w1, w2, w3, …)" in finding.message
