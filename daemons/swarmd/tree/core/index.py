@@ -41,7 +41,7 @@ def pattern(text: str) -> Pattern:
 
 
 class Index:
-    """Path → leaf; prefixes and patterns are found without a look at all the others."""
+    """Path → leaf; prefixes and patterns are found by range search."""
 
     __slots__ = ("_leaves", "_paths", "digest")
 
