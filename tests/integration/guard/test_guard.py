@@ -23,6 +23,7 @@ from swarmware.types.health import (
     GuardStatus,
     HealthState,
     RestartOrder,
+    WatchedService,
 )
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
@@ -89,14 +90,23 @@ async def test_a_guard_that_is_killed_twice_adopts_what_runs_and_goes_on_restart
             assert {name: after[name] for name in SERVICES if name != "guard"} == {
                 name: before[name] for name in SERVICES if name != "guard"
             }
-        os.kill(after["timesync"], signal.SIGKILL)
-        await back(run_dir, "timesync", after["timesync"])
         async with Module("probe", config_dir=config) as module:
-            status = await asked(module, "sys/guard/status", Empty(), GuardStatus)
-            timesync = next(one for one in status.services if one.name == "timesync")
+            async with asyncio.timeout(PATIENCE_S):
+                while not (await service(module, "timesync")).adopted:
+                    pass
+            os.kill(after["timesync"], signal.SIGKILL)
+            await back(run_dir, "timesync", after["timesync"])
+            timesync = await service(module, "timesync")
             assert timesync.restarts == 1
             assert timesync.reason in {"died", "died while no guard ran"}
-            assert next(one for one in status.services if one.name == "sim").adopted
+            assert (await service(module, "sim")).adopted
+
+
+async def service(module: Module, name: str) -> WatchedService:
+    """What the guard knows of one service."""
+    status = await asked(module, "sys/guard/status", Empty(), GuardStatus)
+    found: WatchedService = next(one for one in status.services if one.name == name)
+    return found
 
 
 async def asked(module: Module, path: str, request: Any, reply: Any) -> Any:

@@ -11,7 +11,8 @@ from tests.simulation.tree.swarm import Swarm, Weather
 
 SEEDS = 200
 AT_ONCE = 5
-HEALED_S = 3.0
+HEALED_S = 9.0
+"""A request that was lost twice is repeated after 4 s, and that one may be lost, too."""
 FIELDS_M = (2200.0, 2700.0, 3300.0)
 """One net of mean degree 8; a net that falls apart and meets again; islands."""
 
