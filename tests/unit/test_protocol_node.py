@@ -280,7 +280,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"{ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB in one notification",
         f"every {tree.min_interval_s} s. Changes of the structure wait {tree.coalesce_s} s",
         f"waits there, for {mission.start_timeout_s:g} s",
-        f"its clock + {mission.barrier_lead_s} s",
+        f"its clock + a lead (at least {mission.barrier_lead_s} s;",
         f"more than {LATE_NS / 1e9} s too late",
         f"silent for {mission.lost_after_s:g} s; while a route to it exists, for"
         f" {PATIENCE * mission.lost_after_s:g} s",
