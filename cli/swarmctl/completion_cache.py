@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from swarmware.filewriter import replace_file
+from swarmware.runtime.filewriter import replace_file
 
 LIMIT: Final = 20_000
 """Paths kept: about 1 MB, read within 20 ms by a shell that waits for it."""

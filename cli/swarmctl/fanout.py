@@ -7,8 +7,8 @@ import msgspec
 
 from swarmctl.session import Session
 from swarmctl.tree_access import newest
-from swarmware import names
 from swarmware.errors import SwarmError
+from swarmware.model import names
 from swarmware.types import registry
 
 R = TypeVar("R", bound=msgspec.Struct)

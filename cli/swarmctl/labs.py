@@ -9,9 +9,9 @@ from typing import Final
 import msgspec
 
 from swarmctl.processes import NODE_MARK, ProcessIdentity, marked, marks
-from swarmware import document
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
-from swarmware.filewriter import replace_file
+from swarmware.model import document
+from swarmware.runtime.filewriter import replace_file
 
 FILE: Final = "lab.json"
 _NAME: Final = re.compile(r"[a-z][a-z0-9_-]{0,23}\Z")

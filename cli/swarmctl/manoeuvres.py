@@ -13,8 +13,8 @@ from swarmctl.vehicle_observer import (
     raise_failures,
 )
 from swarmctl.vehicles import choose
-from swarmware import names
 from swarmware.errors import SwarmError
+from swarmware.model import names
 from swarmware.types.mission import MissionAbort
 
 ABORT = "cmd/abort"

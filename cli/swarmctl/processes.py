@@ -15,7 +15,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.shm.ticks import start_ticks
+from swarmware.transport.shm.ticks import start_ticks
 
 MARK: Final = "SWARM_LAB"
 """Environment variable that every process of a lab inherits; its value is the lab's folder."""

@@ -10,11 +10,11 @@ import msgspec
 
 from swarmctl.output import Output
 from swarmctl.settings import CliSettings
-from swarmware import names
-from swarmware.appfile import AppTable
-from swarmware.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
 from swarmware.errors import NoAnswer, NotFound, SwarmError
-from swarmware.module import Module
+from swarmware.model import names
+from swarmware.model.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
+from swarmware.module.module import Module
+from swarmware.transport.appfile.table import AppTable
 from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeList, TreeListing

@@ -28,7 +28,7 @@ class CliSettings(NamedTuple):
     @property
     def config_dir(self) -> Path | None:
         """The folder that was given, by `--config` or, where no lab is named, by SWARM_CONFIG; else None."""
-        from swarmware.config import CONFIG_VARIABLE
+        from swarmware.model.config import CONFIG_VARIABLE
 
         given = self.config or ("" if self.lab else os.environ.get(CONFIG_VARIABLE, ""))
         return Path(given) if given else None

@@ -7,8 +7,8 @@ import msgspec
 
 from swarmctl.session import Session
 from swarmctl.values import decoded, decoded_payload, field, typed
-from swarmware import names
 from swarmware.errors import NoAnswer, NotFound, SwarmError
+from swarmware.model import names
 from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeValue
 
 FRESH_S: Final = 1.0

@@ -7,8 +7,8 @@ import msgspec
 from swarmctl import completion_cache
 from swarmctl.completion_cache import VALUED, CachedResource
 from swarmctl.session import Session, config_dir
-from swarmware import names
 from swarmware.errors import NotFound
+from swarmware.model import names
 from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeValue
 
 PAGE: Final = 2000

@@ -10,7 +10,8 @@ import msgspec
 from swarmctl.session import Session
 from swarmctl.vehicles import STATION
 from swarmware.errors import NoAnswer, Partial, SwarmError
-from swarmware.module import BoardReader, BoardSet
+from swarmware.module.board import BoardReader
+from swarmware.module.boardset import BoardSet
 from swarmware.types.mission import MissionState
 from swarmware.types.vehicle import NavStatus, Pose, VehicleState
 

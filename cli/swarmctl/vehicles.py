@@ -8,9 +8,9 @@ import click
 from swarmctl.fanout import platforms
 from swarmctl.session import Session
 from swarmctl.tree_listing import is_pattern
-from swarmware import names
 from swarmware.errors import InvalidInput, NotFound
-from swarmware.names import Pattern
+from swarmware.model import names
+from swarmware.model.names import Pattern
 from swarmware.types.mission import MissionState
 
 STATION: Final = "gcs"

@@ -12,13 +12,13 @@ from swarmlab.plot_data import NodeFigures, ObservedLink, PlotData, TimeSeries
 from swarmlab.recording import TRUTH, Recording
 from swarmlab.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
 from swarmlab.run_metadata import RunMetadata
-from swarmware.config import load, share_dir
+from swarmware.geometry.world import World
+from swarmware.model.config import load, share_dir
 from swarmware.types import net
 from swarmware.types.log import LogGap
 from swarmware.types.mission import MissionProgress
 from swarmware.types.time import TimeFunctions
 from swarmware.types.vehicle import Collision, Goal
-from swarmware.world import World
 
 GOAL: Final = "nav/goal"
 COLLISION: Final = "sim/collision"

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 from swarmware.types.time import TimeFunctions
 
 

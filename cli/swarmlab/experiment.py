@@ -22,10 +22,11 @@ from swarmlab.provisioning import RADIUS_M, LabSpec
 from swarmlab.run_metadata import NodeMetadata, RunMetadata, failure
 from swarmlab.running import RunningLab, exit_description
 from swarmlab.watch import ENDED, SwarmWatch
-from swarmware import __version__, document, paths
-from swarmware.config import share_dir
+from swarmware import __version__
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.mission.folder import MANIFEST
+from swarmware.model import document, paths
+from swarmware.model.config import share_dir
 from swarmware.types.mission import MissionFile, MissionPlan, MissionState, MissionTask, TaskAnswer
 
 PLAN: Final = "sys/mission/plan"

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from swarmlab.measure import Floats, VehicleTrack, resample, resample_yaw
-from swarmware.formation import Formation
+from swarmware.geometry.formation import Formation
 from swarmware.types.vehicle import Goal, Pose
 
 Goals = Sequence[tuple[float, Goal]]

@@ -3,7 +3,7 @@
 import msgspec
 
 from swarmlab.measure import Floats, VehicleTrack
-from swarmware.world import Obstacle
+from swarmware.geometry.world import Obstacle
 
 
 class TimeSeries(msgspec.Struct, frozen=True):

@@ -17,8 +17,8 @@ from matplotlib.patches import Rectangle
 
 from swarmlab.plot_data import ObservedLink, PlotData
 from swarmlab.report import Receipt
-from swarmware.names import natural
-from swarmware.world import Circle, Obstacle
+from swarmware.geometry.world import Circle, Obstacle
+from swarmware.model.names import natural
 
 DPI: Final = 130
 PAPER_GLOBAL_KBPS: Final = 56.07

@@ -18,7 +18,7 @@ from swarmctl.labs import LabNode, LabState
 from swarmlab import plan
 from swarmlab.plan import PlannedNode
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
-from swarmware.security import make_swarm
+from swarmware.transport.security import make_swarm
 
 SHM: Final = Path("/dev/shm")
 LOOPBACK: Final = "127.0.0.1"

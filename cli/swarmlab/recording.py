@@ -9,8 +9,8 @@ import numpy as np
 
 from swarmlab.clocks import ClockTruth
 from swarmlab.measure import VehicleTrack
-from swarmware import names
 from swarmware.errors import WireError
+from swarmware.model import names
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose

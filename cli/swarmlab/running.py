@@ -17,8 +17,8 @@ from swarmctl.labs import LabNode, LabState
 from swarmctl.processes import MARK, NODE_MARK
 from swarmlab import provisioning
 from swarmlab.notify import NotifySocket, Restarts
-from swarmware.config import CONFIG_VARIABLE
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.model.config import CONFIG_VARIABLE
 from swarmware.runtime.restart_policy import RestartPolicy
 
 T = TypeVar("T")

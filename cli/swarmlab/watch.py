@@ -8,7 +8,8 @@ import msgspec
 
 from swarmctl.session import Session
 from swarmware.errors import NoAnswer
-from swarmware.module import BoardReader, BoardSet
+from swarmware.module.board import BoardReader
+from swarmware.module.boardset import BoardSet
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
 from swarmware.types.net import Traffic

@@ -84,7 +84,7 @@ def _carry_out(options: argparse.Namespace) -> int:
 
 
 def _folder(given: Path | None) -> Path:
-    from swarmware.config import find_config_dir
+    from swarmware.model.config import find_config_dir
 
     return find_config_dir(given)
 
@@ -98,7 +98,7 @@ def _list() -> int:
 
 
 def _units(config_dir: Path) -> int:
-    from swarmware.config import load_node
+    from swarmware.model.config import load_node
 
     for name in load_node(config_dir).services:
         sys.stdout.write(f"swarmd@{name}.service\n")
@@ -113,7 +113,7 @@ def _run(config_dir: Path, names: list[str]) -> int:
 
 def _forks(config_dir: Path, names: list[str]) -> int:
     from swarmd.forkserver import ForkServer, preload
-    from swarmware.config import load_node
+    from swarmware.model.config import load_node
 
     run_dir = load_node(config_dir).run_path
     preload(names)
@@ -123,8 +123,8 @@ def _forks(config_dir: Path, names: list[str]) -> int:
 
 def _node(config_dir: Path) -> int:
     from swarmd.parent import become
-    from swarmware.config import load_node
     from swarmware.errors import ConfigError
+    from swarmware.model.config import load_node
     from swarmware.service.starting import GUARD
 
     node = load_node(config_dir)

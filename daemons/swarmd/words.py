@@ -10,7 +10,7 @@ from contextlib import suppress
 from swarmware.errors import Conflict
 from swarmware.service.fork import FOLDER, own_folder
 from swarmware.service.starting import PARENT_SOCKET
-from swarmware.shm.lock import lock_within
+from swarmware.transport.shm.lock import lock_within
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:

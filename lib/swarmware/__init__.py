@@ -20,13 +20,13 @@ TYPE_CHECKING = False  # the parent of a node lives without `typing`, which cost
 if TYPE_CHECKING:
     from typing import Any
 
-    from swarmware.module import Module
-    from swarmware.service import Service
+    from swarmware.module.module import Module
+    from swarmware.service.service import Service
 
 __version__ = "0.1.0"
 __all__ = ["Module", "Service", "__version__"]
 
-_HOMES = {"Module": "swarmware.module", "Service": "swarmware.service"}
+_HOMES = {"Module": "swarmware.module.module", "Service": "swarmware.service.service"}
 
 
 def __getattr__(name: str) -> Any:

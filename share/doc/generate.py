@@ -23,8 +23,8 @@ import swarmware.types
 from swarmctl.main import cli
 from swarmd.tree.core import structure
 from swarmlab import report
-from swarmware import resource, template
-from swarmware.appfile import entry
+from swarmware.model import resource, template
+from swarmware.transport.appfile import entry
 from swarmware.types.quantised import Form
 
 HERE = Path(__file__).parent

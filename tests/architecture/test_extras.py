@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.testing import make_node
+from swarmware.testing.tmpnode import make_node
 
 ROOT = Path(__file__).parents[2]
 EXTRA = ("bson", "jsonschema", "matplotlib", "numpy", "pymongo")

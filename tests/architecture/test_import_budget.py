@@ -19,7 +19,7 @@ HEAVY: Final = {
     ),
     *("cryptography", "jsonschema", "matplotlib", "mcap", "msgpack", "msgspec", "numpy", "psutil", "pymongo"),
     *("rich", "sortedcontainers", "tomli_w", "uvloop", "zmq", "zstandard"),
-    *("swarmware.module", "swarmware.node", "swarmware.types", "swarmware.config"),
+    *("swarmware.module", "swarmware.node", "swarmware.types", "swarmware.model.config"),
     *("swarmctl.output", "swarmlab.command"),
 }
 """None of these may stand between an operator and the list of commands."""

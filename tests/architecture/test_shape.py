@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from swarmware.config import NodeConfig
+from swarmware.model.config import NodeConfig
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted(

@@ -33,11 +33,11 @@ from swarmd.broker.core.sessions import Sessions
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.service import Broker
-from swarmware.clock import Clock
-from swarmware.module import Module
-from swarmware.names import data_id, hardware_id
-from swarmware.security import Keys, Opened, Opener, Sealer
-from swarmware.testing import make_node
+from swarmware.model.clock import Clock
+from swarmware.model.names import data_id, hardware_id
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.security import Keys, Opened, Opener, Sealer
 from swarmware.types.mission import MissionState
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.registry import pack

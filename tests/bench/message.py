@@ -23,10 +23,10 @@ import uvloop
 import zmq
 
 from swarmd.broker.config import Config
-from swarmware.module import Module
-from swarmware.security import Keys, make_swarm
-from swarmware.testing import make_node
+from swarmware.module.module import Module
 from swarmware.testing.process import Process, run_python, spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.security import Keys, make_swarm
 from swarmware.types.scalar import Blob
 
 ROUNDS = 5

@@ -28,13 +28,13 @@ from typing import Any, Protocol
 import uvloop
 import zmq
 
-from swarmware import frame as wire
-from swarmware.frame import Frame, Kind
-from swarmware.names import ANY
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import readers_folder
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.model import frame as wire
+from swarmware.model.frame import Frame, Kind
+from swarmware.model.names import ANY
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import readers_folder
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.ring import RingReader, RingWriter
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose
 

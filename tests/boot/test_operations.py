@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.boot.machine import ROOT, CannotBoot, Machine, wheels, why_not
 
-from swarmware.config import NodeConfig
+from swarmware.model.config import NodeConfig
 
 PAGE = ROOT / "share/doc/operations.md"
 USER = "olivia"

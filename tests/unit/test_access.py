@@ -5,11 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core.access_filter import REPORT_NS, AccessFilter
-from swarmware.access import Access, Role, Rule, Sender, Verb
-from swarmware.delivery import arrival_ns, sender_of, with_lifetime, with_sender
 from swarmware.errors import ConfigError, Denied, WireError
-from swarmware.frame import ADDRESSED, Flag, Frame, Kind
-from swarmware.security import Member, Roster
+from swarmware.model.access import Access, Role, Rule, Sender, Verb
+from swarmware.model.frame import ADDRESSED, Flag, Frame, Kind
+from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.delivery.sender import arrival_ns, sender_of, with_sender
+from swarmware.transport.security import Member, Roster
 
 GCS = Sender("gcs", Role.OPERATOR)
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 
 MONO = st.integers(0, 10**17)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware import config
 from swarmware.errors import ConfigError
+from swarmware.model import config
 
 
 @pytest.mark.parametrize(

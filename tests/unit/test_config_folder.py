@@ -12,7 +12,7 @@ from swarmctl.session import config_dir
 from swarmctl.settings import CliSettings
 from swarmware import Module
 from swarmware.errors import ConfigError, NotFound
-from swarmware.testing import make_node
+from swarmware.testing.tmpnode import make_node
 
 
 def by_module(*_: str) -> int:
@@ -81,7 +81,7 @@ def test_there_is_no_second_variable(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("swarmware.config.DEFAULT_DIR", tmp_path / "usual")
+    monkeypatch.setattr("swarmware.model.config.DEFAULT_DIR", tmp_path / "usual")
     monkeypatch.setattr("swarmctl.session.DEFAULT_DIR", tmp_path / "usual")
     monkeypatch.setenv(variable, str(tmp_path / "other"))
     assert start() != 0

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.course import TURN_RADIUS_M, WINDOW_M, Course
 from swarmware.errors import InvalidInput
+from swarmware.geometry.course import TURN_RADIUS_M, WINDOW_M, Course
 
 COURSE = ((0.0, 0.0), (32.0, 0.0), (62.0, 20.0), (95.0, 20.0))
 

@@ -18,13 +18,13 @@ from swarmctl.commands.config import effective
 from swarmd.health.journal import JournalFile
 from swarmd.tree.store import SettingsStore
 from swarmlab.run_metadata import RunMetadata
-from swarmware import config, document, template
-from swarmware.appfile.entry import AppEntry, decode, encode
-from swarmware.config import NodeConfig, share_dir
 from swarmware.errors import ConfigError, SwarmError, WireError
+from swarmware.geometry.world import World
 from swarmware.mission.folder import Manifest
-from swarmware.security import Keys, make_swarm
-from swarmware.world import World
+from swarmware.model import config, document, template
+from swarmware.model.config import NodeConfig, share_dir
+from swarmware.transport.appfile.entry import AppEntry, decode, encode
+from swarmware.transport.security import Keys, make_swarm
 
 DEEP = 5_000
 BOMBS = {

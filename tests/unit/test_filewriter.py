@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.filewriter import replace_file
+from swarmware.runtime.filewriter import replace_file
 
 
 def test_a_file_is_made_and_replaced_with_its_mode_whatever_the_umask_is(tmp_path: Path) -> None:

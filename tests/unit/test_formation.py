@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import InvalidInput
-from swarmware.formation import Formation, place
+from swarmware.geometry.formation import Formation, place
 from swarmware.types.vehicle import Pose
 
 COURSE = ((0.0, 0.0), (32.0, 0.0), (62.0, 20.0), (95.0, 20.0))

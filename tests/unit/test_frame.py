@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware import frame as wire
 from swarmware.errors import WireError
-from swarmware.frame import Codec, Flag, Frame, Kind
+from swarmware.model import frame as wire
+from swarmware.model.frame import Codec, Flag, Frame, Kind
 
 U32 = st.integers(0, 2**32 - 1)
 FRAMES = st.builds(

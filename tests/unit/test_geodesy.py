@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.config import parse
 from swarmware.errors import ConfigError
-from swarmware.geodesy import FLATTENING, SEMI_MAJOR_M, LocalMap, Origin
+from swarmware.geometry.geodesy import FLATTENING, SEMI_MAJOR_M, LocalMap, Origin
+from swarmware.model.config import parse
 
 E2 = FLATTENING * (2 - FLATTENING)
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware import names
 from swarmware.errors import InvalidInput
+from swarmware.model import names
 
 SEGMENT = st.from_regex(r"[a-z0-9_]{1,8}", fullmatch=True)
 LOCAL = st.lists(SEGMENT, min_size=1, max_size=5).map("/".join)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmware import paths
-from swarmware.names import check_application, check_path
+from swarmware.model import paths
+from swarmware.model.names import check_application, check_path
 
 PAGE = (Path(__file__).parents[2] / "share/doc/protocol.md").read_text()
 

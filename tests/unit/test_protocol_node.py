@@ -21,22 +21,23 @@ from swarmd.tree.core.lane import IN_FLIGHT_BYTES, WINDOW
 from swarmd.tree.core.reorder_buffer import REORDER_WINDOW
 from swarmd.tree.core.subscribers import BYTES_LIMIT, ITEMS_LIMIT
 from swarmd.tree.core.subscription import make_subscription
-from swarmware.appfile import AppTable
-from swarmware.delivery.duplicates import HOLD_NS
-from swarmware.delivery.outbox import GRACE_NS, LOCAL, REMOTE
 from swarmware.errors import KINDS, WireError
-from swarmware.master.record import Holder, RecordFile
 from swarmware.mission.content import content_hash
-from swarmware.module import Meta, Module
+from swarmware.model.names import data_id
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
 from swarmware.module.rpc import IN_WORK_LIMIT
-from swarmware.names import data_id
-from swarmware.post.post import WINDOW as POST_WINDOW
-from swarmware.resource import Kind, Resource
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import readers_folder
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.ring import RingReader, RingWriter
-from swarmware.testing import make_node
+from swarmware.node.master.record import Holder, RecordFile
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.delivery.duplicates import HOLD_NS
+from swarmware.transport.delivery.outbox import GRACE_NS, LOCAL, REMOTE
+from swarmware.transport.messaging.post import WINDOW as POST_WINDOW
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import readers_folder
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.ring import RingReader, RingWriter
 from swarmware.types.scalar import Text
 from swarmware.types.time import AGEING, HOPS_LIMIT, LINK_SKEW_LIMIT, Conversion
 from swarmware.types.tree import Rule

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import NotFound, OutOfRange, WireError
-from swarmware.frame import PAYLOAD_LIMIT, Codec
+from swarmware.model.frame import PAYLOAD_LIMIT, Codec
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.vehicle import BatteryState, Pose

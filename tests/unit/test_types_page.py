@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from swarmware.frame import Codec
+from swarmware.model.frame import Codec
 from swarmware.types import registry
 from swarmware.types.mission import STATES, Arrival, BarrierResult, MissionState
 from swarmware.types.vehicle import Pose

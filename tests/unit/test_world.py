@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.config import load, parse
-from swarmware.course import Course
 from swarmware.errors import ConfigError, InvalidInput
-from swarmware.world import Bounds, Box, Circle, World
+from swarmware.geometry.course import Course
+from swarmware.geometry.world import Bounds, Box, Circle, World
+from swarmware.model.config import load, parse
 
 WORLDS = Path(__file__).parents[2] / "share/swarm/worlds"
 BOUNDS = Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0))

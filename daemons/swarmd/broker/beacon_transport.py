@@ -18,10 +18,10 @@ from swarmd.broker.core.sessions import ACCEPTED, SessionOutcome, Sessions
 from swarmd.broker.core.topology import LinkState
 from swarmd.broker.core.traffic import EVERYBODY, Counters
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
-from swarmware.clock import Clock
 from swarmware.errors import SwarmError, WireError
-from swarmware.names import hardware_id
-from swarmware.security import Keys, Opener, Refusal, Sealer
+from swarmware.model.clock import Clock
+from swarmware.model.names import hardware_id
+from swarmware.transport.security import Keys, Opener, Refusal, Sealer
 
 UNRETURNED_MAX: Final = 20
 """Own beacons without loopback, and without any other node's, after which multicast counts as missing."""

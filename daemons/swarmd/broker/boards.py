@@ -9,10 +9,11 @@ from swarmd.broker.core.published_boards import PublishedBoard, PublishedBoards
 from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import NotFound, SwarmError, WireError
-from swarmware.frame import HEADER_BYTES, Codec, Frame, Kind, encode, restamp
-from swarmware.node import Node, Publication
+from swarmware.model.frame import HEADER_BYTES, Codec, Frame, Kind, encode, restamp
 from swarmware.node.follower import RingFollower
-from swarmware.shm.layout import ring_file
+from swarmware.node.node import Node
+from swarmware.node.publication import Publication
+from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 from swarmware.types.net import BoardSubscription
 

@@ -8,8 +8,8 @@ from swarmd.broker.core.beacon_rate import IDLE_HZ
 from swarmd.broker.core.declared_period import CEILINGS_NS
 from swarmd.broker.core.neighbour import notice_ns
 from swarmware.errors import Denied
-from swarmware.filewriter import replace_file
-from swarmware.security import next_session
+from swarmware.runtime.filewriter import replace_file
+from swarmware.transport.security import next_session
 
 SESSION: Final = "broker.session"
 PERIOD: Final = "broker.period"

@@ -13,15 +13,16 @@ from swarmd.broker.core.send_queue import QueuedFrame
 from swarmd.broker.core.sessions import Sessions
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
-from swarmware.access import Access
-from swarmware.appfile import AppTable
-from swarmware.clock import Clock
-from swarmware.delivery import Status, answerable
 from swarmware.errors import Denied, WireError
-from swarmware.frame import HOPS, Flag, Frame, Kind, decode, encode
-from swarmware.names import hardware_id
-from swarmware.post import Post
-from swarmware.security import Keys
+from swarmware.model.access import Access
+from swarmware.model.clock import Clock
+from swarmware.model.frame import HOPS, Flag, Frame, Kind, decode, encode
+from swarmware.model.names import hardware_id
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.delivery.answer import answerable
+from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.messaging.post import Post
+from swarmware.transport.security import Keys
 from swarmware.types.net import Denial
 
 log = logging.getLogger("swarm.broker")

@@ -23,15 +23,15 @@ from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.links.udp import loopback_only
 from swarmd.broker.report import NetReport
-from swarmware.clock import utc_ns
 from swarmware.errors import InvalidInput, OutOfRange
-from swarmware.module import Module
+from swarmware.model.clock import utc_ns
+from swarmware.model.names import Pattern
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
-from swarmware.names import Pattern
-from swarmware.resource import Kind, Resource
 from swarmware.runtime.instant import wait_s
-from swarmware.security import Keys
-from swarmware.service import Service
+from swarmware.service.service import Service
+from swarmware.transport.security import Keys
 from swarmware.types.net import (
     BoardSubscription,
     ChannelLimits,

@@ -17,10 +17,13 @@ from swarmd.guard.core import (
     WatchProcess,
 )
 from swarmd.guard.supervisor import InProcessSupervisor, ProcessSupervisor, Supervisor, SystemdSupervisor
-from swarmware import paths
 from swarmware.errors import NotFound
-from swarmware.module import BoardReader, BoardWriter, Meta, Module
-from swarmware.service import Service
+from swarmware.model import paths
+from swarmware.module.board import BoardReader
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.service.service import Service
 from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus

@@ -7,7 +7,7 @@ import msgspec
 
 from swarmd.hal.config import Config
 from swarmware.errors import SwarmError
-from swarmware.module import Module
+from swarmware.module.module import Module
 
 
 class DeviceError(SwarmError):

@@ -10,7 +10,7 @@ from swarmd.hal.core.schedule import Schedule
 from swarmd.hal.driver import DeviceError, Driver, Site
 from swarmware.errors import SwarmError
 from swarmware.runtime.instant import stage_phase_ns, until
-from swarmware.service import Service
+from swarmware.service.service import Service
 from swarmware.types.vehicle import DriverTable
 
 STAGE: Final = 1

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import msgspec
 
-from swarmware import document
 from swarmware.errors import ConfigError
-from swarmware.filewriter import replace_file
+from swarmware.model import document
+from swarmware.runtime.filewriter import replace_file
 from swarmware.types.health import CheckRegistration, Fault
 
 

@@ -20,16 +20,20 @@ from swarmd.health.core.monitor import (
     RunningApp,
 )
 from swarmd.health.journal import JournalFile
-from swarmware import paths, template
-from swarmware.appfile import AppEntry
-from swarmware.appfile.trace import died
 from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
-from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
-from swarmware.names import Pattern
+from swarmware.model import paths, template
+from swarmware.model.names import Pattern
+from swarmware.module.board import BoardReader
+from swarmware.module.inbox import Inbox
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.node.applications import ApplicationEvent, Change
 from swarmware.runtime.processes import ProcessWatcher
-from swarmware.service import Service
+from swarmware.service.service import Service
+from swarmware.transport.appfile.entry import AppEntry
+from swarmware.transport.appfile.trace import died
 from swarmware.types import registry
 from swarmware.types.health import (
     CheckRegistration,

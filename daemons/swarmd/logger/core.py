@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 
 LOGGED_KINDS: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM, Kind.SETTING, Kind.COMMAND})
 """Kinds of resource that have a ring in shared memory."""

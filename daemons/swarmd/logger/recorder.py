@@ -8,7 +8,7 @@ import msgspec
 from swarmd.logger.config import Config
 from swarmd.logger.core import LoggedResource
 from swarmware.errors import SwarmError
-from swarmware.frame import Frame
+from swarmware.model.frame import Frame
 from swarmware.recorder.ring import LogRing, Repairs
 from swarmware.recorder.segment import BufferFull, LogChannel
 from swarmware.types import registry

@@ -12,15 +12,17 @@ from swarmd.logger.core import LoggedResource, SamplingPlan
 from swarmd.logger.recorder import GAPS, Batch, Recorder
 from swarmd.logger.taps import LogTap
 from swarmd.logger.upload import Upload
-from swarmware import paths, template
-from swarmware.clock import utc_ns
-from swarmware.delivery import sender_of
-from swarmware.frame import Frame
-from swarmware.module import BoardWriter, Meta, Module
+from swarmware.model import paths, template
+from swarmware.model.clock import utc_ns
+from swarmware.model.frame import Frame
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.recorder.address import password_in
 from swarmware.recorder.ring import Repairs
-from swarmware.resource import Kind, Resource
-from swarmware.service import Service
+from swarmware.service.service import Service
+from swarmware.transport.delivery.sender import sender_of
 from swarmware.types.log import LogGap, LogStats, LogStatsRequest
 
 log = logging.getLogger("swarm.logger")

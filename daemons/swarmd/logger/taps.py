@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Final
 
 from swarmd.logger.core import LoggedResource
-from swarmware.frame import Frame
+from swarmware.model.frame import Frame
 from swarmware.node.follower import RingFollower
-from swarmware.shm.layout import ring_file
+from swarmware.transport.shm.layout import ring_file
 
 LOOK_NS: Final = 500_000_000
 """Period of the search for a missing ring; a change of the applications starts one at once."""

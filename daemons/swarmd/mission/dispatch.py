@@ -10,14 +10,15 @@ import msgspec
 from swarmd.mission.checking import Checker, refuse
 from swarmd.mission.config import Config
 from swarmd.mission.store import MissionStore
-from swarmware.clock import utc_ns
 from swarmware.errors import NotFound, SwarmError
 from swarmware.mission.assign import Assignment, MemberAssignment, Platform, assign
 from swarmware.mission.catalogue import VEHICLES
 from swarmware.mission.content import content_hash
 from swarmware.mission.folder import Folder, files_hash, from_files
-from swarmware.module import BoardWriter, Module
-from swarmware.names import join, natural
+from swarmware.model.clock import utc_ns
+from swarmware.model.names import join, natural
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.mission import (
     LeftOut,
     MissionAbort,

@@ -1,6 +1,8 @@
 """Where the vehicle was armed: kept on a board, so that a restarted daemon still knows it."""
 
-from swarmware.module import BoardReader, BoardWriter, Module
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.vehicle import Pose, VehicleState
 
 PATH = "vehicle/home"

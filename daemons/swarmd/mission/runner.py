@@ -10,7 +10,7 @@ from swarmd.mission.blocks.plugins import Plugins
 from swarmd.mission.core.run import CRASHED, SUCCESS, BlockEnd, BlockResult, StartBlock
 from swarmd.mission.vehicle import VehicleClient
 from swarmware.mission.plugin import BlockError
-from swarmware.module import Module
+from swarmware.module.module import Module
 
 log = logging.getLogger("swarm.mission")
 

@@ -36,10 +36,15 @@ from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import Conflict, SwarmError
 from swarmware.mission.assign import Platform
 from swarmware.mission.catalogue import VEHICLES
-from swarmware.module import BoardReader, BoardSet, BoardWriter, Inbox, Meta, Module
-from swarmware.names import hardware_id
-from swarmware.security import read_roster
-from swarmware.service import Service
+from swarmware.model.names import hardware_id
+from swarmware.module.board import BoardReader
+from swarmware.module.boardset import BoardSet
+from swarmware.module.inbox import Inbox
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.service.service import Service
+from swarmware.transport.security import read_roster
 from swarmware.types.mission import (
     AbortAnswer,
     BarrierResult,

@@ -7,8 +7,9 @@ import msgspec
 
 from swarmware.errors import NotFound
 from swarmware.mission.condition import Scalar
-from swarmware.module import BoardReader, Module
-from swarmware.names import split
+from swarmware.model.names import split
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
 from swarmware.types import registry
 
 WELL_KNOWN: Final = {

@@ -8,7 +8,9 @@ from swarmd.mission.core.nav_fault import NavFaultTimeouts
 from swarmd.mission.home import Home
 from swarmware.errors import Denied, NoAnswer, NotFound, SwarmError
 from swarmware.mission.plugin import BlockError
-from swarmware.module import BoardReader, BoardWriter, Module
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.vehicle import ArmRequest, Goal, NavError, NavStatus, Pose, VehicleState
 
 Settled = Callable[[NavStatus], bool]

@@ -5,7 +5,9 @@ from typing import Generic, TypeVar
 import msgspec
 
 from swarmd.navigator.core.navigator import NavigatorCore
-from swarmware.module import BoardReader, BoardSet, Module
+from swarmware.module.board import BoardReader
+from swarmware.module.boardset import BoardSet
+from swarmware.module.module import Module
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import GnssFix, Goal, Imu, Pose, Range, VehicleState
 

@@ -8,13 +8,13 @@ from swarmd.navigator import config as settings
 from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.navigator import Controller, NavigatorCore
 from swarmd.navigator.inputs import Fresh, Inputs
-from swarmware.config import load
 from swarmware.errors import missing_extra
-from swarmware.module import BoardWriter
-from swarmware.service import Service
+from swarmware.geometry.world import World
+from swarmware.model.config import load
+from swarmware.module.writer import BoardWriter
+from swarmware.service.service import Service
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import NavStatus, Pose, Setpoint
-from swarmware.world import World
 
 GAINS: Final = {
     "heading_weight": ("dwa", "heading_weight"),

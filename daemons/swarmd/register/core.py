@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.register.config import Config
-from swarmware.names import natural
+from swarmware.model.names import natural
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.register import ApplicationTable, KnownUnit
 

@@ -5,10 +5,13 @@ import asyncio
 from swarmd.register import config as settings
 from swarmd.register.core import Action, Forgotten, ReadRoutes, RegisterCore
 from swarmware import __version__
-from swarmware.clock import utc_ns
-from swarmware.master.master import RESOURCE
-from swarmware.module import BoardReader, BoardSet, Meta, Module
-from swarmware.service import Service
+from swarmware.model.clock import utc_ns
+from swarmware.module.board import BoardReader
+from swarmware.module.boardset import BoardSet
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.node.master.master import RESOURCE
+from swarmware.service.service import Service
 from swarmware.types.net import Routes
 from swarmware.types.register import ApplicationTable
 from swarmware.types.register import Register as RegisterReply

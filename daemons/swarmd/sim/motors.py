@@ -7,7 +7,9 @@ import msgspec
 
 from swarmd.sim.core.simulation import Simulation
 from swarmware.errors import Denied
-from swarmware.module import BoardWriter, Meta, Module
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, VehicleState
 
 

@@ -7,10 +7,13 @@ from typing import ClassVar, Final
 from swarmd.sim import config as settings
 from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmd.sim.motors import Motors
-from swarmware.config import load
-from swarmware.module import BoardReader, BoardWriter, Module
+from swarmware.geometry.world import World
+from swarmware.model.config import load
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.runtime.instant import until
-from swarmware.service import Service
+from swarmware.service.service import Service
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -22,7 +25,6 @@ from swarmware.types.vehicle import (
     Setpoint,
     VehicleState,
 )
-from swarmware.world import World
 
 _RESUME_S: Final = 10.0
 """Longest interruption of the simulation after which the vehicle continues at its last pose."""

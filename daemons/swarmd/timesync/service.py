@@ -19,8 +19,12 @@ from swarmd.timesync.core import (
 )
 from swarmd.timesync.peer import Exchange
 from swarmware.errors import SwarmError
-from swarmware.module import BoardReader, BoardWriter, Meta, Module, StreamReader
-from swarmware.service import Service
+from swarmware.module.board import BoardReader
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.stream import StreamReader
+from swarmware.module.writer import BoardWriter
+from swarmware.service.service import Service
 from swarmware.types.net import Routes, TimingBatch, TimingSample
 from swarmware.types.rpc import Empty
 from swarmware.types.time import TimeFunctions

@@ -4,7 +4,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from swarmware.names import Pattern, check_path
+from swarmware.model.names import Pattern, check_path
 from swarmware.types.tree import Rule
 
 KEPT: Final = ("nav/pose", "power/battery", "vehicle/state", "mission/state")

@@ -4,14 +4,15 @@ from collections.abc import Collection
 from typing import Final
 
 from swarmd.tree.core.mirror import is_newer
-from swarmware import frame as wire
-from swarmware import names
 from swarmware.errors import WireError
-from swarmware.frame import Codec, Frame, Kind
-from swarmware.node import Node, Publication
+from swarmware.model import frame as wire
+from swarmware.model import names
+from swarmware.model.frame import Codec, Frame, Kind
 from swarmware.node.follower import RingFollower
-from swarmware.shm.layout import RING_SUFFIX, ring_file, ring_path
-from swarmware.shm.reap import mirror_folders, reap_ring
+from swarmware.node.node import Node
+from swarmware.node.publication import Publication
+from swarmware.transport.shm.layout import RING_SUFFIX, ring_file, ring_path
+from swarmware.transport.shm.reap import mirror_folders, reap_ring
 from swarmware.types.tree import TreeItem
 
 MIRRORED: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM})

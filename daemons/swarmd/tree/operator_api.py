@@ -13,14 +13,16 @@ from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.settings import Settings
 from swarmd.tree.taps import Peek
-from swarmware import names
-from swarmware.access import Access, Verb
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
-from swarmware.frame import Frame
-from swarmware.module import BoardWriter, Meta, Module
-from swarmware.names import Pattern
+from swarmware.model import names
+from swarmware.model.access import Access, Verb
+from swarmware.model.frame import Frame
+from swarmware.model.names import Pattern
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.node.applications import Applications
-from swarmware.resource import Kind, Resource
 from swarmware.types import registry
 from swarmware.types.tree import (
     TreeChange,

@@ -29,12 +29,16 @@ from swarmd.tree.operator_api import OperatorApi
 from swarmd.tree.settings import Settings
 from swarmd.tree.store import SettingsStore
 from swarmd.tree.taps import Peek, Tap
-from swarmware import names, template
 from swarmware.errors import ConfigError, Denied, SwarmError
-from swarmware.module import BoardReader, BoardWriter, Inbox, Meta, Module
+from swarmware.model import names, template
+from swarmware.model.resource import Resource
+from swarmware.module.board import BoardReader
+from swarmware.module.inbox import Inbox
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.node.applications import Applications
-from swarmware.resource import Resource
-from swarmware.service import Service
+from swarmware.service.service import Service
 from swarmware.types.mission import MissionState
 from swarmware.types.net import ChannelLimits, Neighbours, Routes, TreePlan
 from swarmware.types.tree import (

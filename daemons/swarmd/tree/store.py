@@ -6,11 +6,11 @@ from pathlib import Path
 import msgspec
 import tomli_w
 
-from swarmware import document
-from swarmware.clock import utc_ns
 from swarmware.errors import ConfigError
-from swarmware.filewriter import replace_file
-from swarmware.resource import Plain
+from swarmware.model import document
+from swarmware.model.clock import utc_ns
+from swarmware.model.resource import Plain
+from swarmware.runtime.filewriter import replace_file
 
 log = logging.getLogger("swarm.tree")
 

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from swarmware.frame import Frame
-from swarmware.node import Node
+from swarmware.model.frame import Frame
+from swarmware.model.resource import Kind, Resource
 from swarmware.node.follower import RingFollower
-from swarmware.resource import Kind, Resource
-from swarmware.shm.layout import ring_file
+from swarmware.node.node import Node
+from swarmware.transport.shm.layout import ring_file
 from swarmware.types.tree import TreeItem
 
 _ORDERED: Final = frozenset({Kind.EVENT, Kind.STREAM})

@@ -8,12 +8,13 @@ from typing import Any, Final, Generic, TypeVar
 
 import msgspec
 
-from swarmware import paths
-from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, SwarmError
 from swarmware.health.debouncer import Debouncer
 from swarmware.health.reported_condition import ReportedCondition
-from swarmware.module import BoardWriter, Module
+from swarmware.model import paths
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types.health import (
     OK_STATE,
     CheckRegistration,

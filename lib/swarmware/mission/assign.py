@@ -5,7 +5,7 @@ import msgspec
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding
 from swarmware.mission.folder import Folder, RoleSpec, name_roles
-from swarmware.names import natural
+from swarmware.model.names import natural
 from swarmware.types.mission import Member, ParamValue
 
 

@@ -7,14 +7,14 @@ from typing import Annotated, Final
 
 import msgspec
 
-from swarmware import document
-from swarmware.config import parse as parse_toml
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import VEHICLES, Catalogue, Name, built_in
 from swarmware.mission.content import content_hash
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
+from swarmware.model import document
+from swarmware.model.config import parse as parse_toml
 from swarmware.types.mission import MissionFile, ParamValue
 
 MANIFEST: Final = "mission.toml"

@@ -8,8 +8,6 @@ from typing import Any, Final, get_type_hints
 import msgspec
 import msgspec.inspect
 
-from swarmware import template
-from swarmware.config import share_dir
 from swarmware.errors import NotFound
 from swarmware.mission.condition import (
     Age,
@@ -25,8 +23,10 @@ from swarmware.mission.condition import (
 )
 from swarmware.mission.finding import Severity
 from swarmware.mission.model import Mission
-from swarmware.names import split
-from swarmware.resource import Kind, Resource
+from swarmware.model import template
+from swarmware.model.config import share_dir
+from swarmware.model.names import split
+from swarmware.model.resource import Kind, Resource
 from swarmware.types import registry
 
 _RATIO: Final = "_ratio"

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from swarmware.errors import ConfigError, SwarmError
-from swarmware.frame import Frame, encode
+from swarmware.model.frame import Frame, encode
 
 if TYPE_CHECKING:
-    from swarmware.node import Node, Publication
+    from swarmware.node.node import Node
+    from swarmware.node.publication import Publication
 
 SLOTS: Final = 16
 """The logger looks ten times a second; a vehicle is not commanded faster than this."""
@@ -80,8 +81,8 @@ def recorded(template_name: str, folder: Path) -> frozenset[str]:
 
     Raises: ConfigError when the template cannot be used.
     """
-    from swarmware import template
-    from swarmware.resource import Kind
+    from swarmware.model import template
+    from swarmware.model.resource import Kind
 
     return frozenset(
         resource.path

@@ -5,13 +5,13 @@ from typing import Generic, TypeVar
 import msgspec
 
 from swarmware.errors import NoAnswer, WireError
+from swarmware.model.names import split
 from swarmware.module.meta import Meta
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.wakeup import Deadline, Wakeup
-from swarmware.names import split
-from swarmware.node import Node
 from swarmware.node.follower import RingFollower
-from swarmware.shm.layout import ring_file
+from swarmware.node.node import Node
+from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)

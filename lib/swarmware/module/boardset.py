@@ -6,13 +6,13 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from swarmware import paths
 from swarmware.errors import InvalidInput, NoAnswer
+from swarmware.model import paths
+from swarmware.model.names import Pattern, check_path
 from swarmware.module.board import BoardReader
 from swarmware.module.wakeup import Deadline, Wakeup
-from swarmware.names import Pattern, check_path
-from swarmware.node import Node
-from swarmware.shm.layout import ring_file
+from swarmware.node.node import Node
+from swarmware.transport.shm.layout import ring_file
 
 T = TypeVar("T", bound=msgspec.Struct)
 

@@ -6,13 +6,13 @@ from typing import Final, Generic, TypeVar
 
 import msgspec
 
-from swarmware.delivery import Outcome, Status
 from swarmware.errors import NoAnswer, WireError
-from swarmware.frame import Frame
+from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
-from swarmware.node import Node
+from swarmware.node.node import Node
+from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -2,9 +2,9 @@
 
 import msgspec
 
-from swarmware.access import Sender
-from swarmware.delivery import arrival_ns, sender_of
-from swarmware.frame import Frame
+from swarmware.model.access import Sender
+from swarmware.model.frame import Frame
+from swarmware.transport.delivery.sender import arrival_ns, sender_of
 
 
 class Meta(msgspec.Struct, frozen=True, gc=False):

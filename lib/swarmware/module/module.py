@@ -10,11 +10,11 @@ from typing import Any, Literal, Protocol, Self, TypeVar
 
 import msgspec
 
-from swarmware import names
-from swarmware.appfile import AppEntry, AppFile, Served
-from swarmware.delivery import Outcome, Status, with_lifetime
 from swarmware.errors import Conflict, InvalidInput, OutOfRange, TypeMismatch
-from swarmware.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, Kind
+from swarmware.model import names
+from swarmware.model.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, Kind
+from swarmware.model.resource import Access, Link, Resource
+from swarmware.model.resource import Kind as ResourceKind
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
 from swarmware.module.answer import answer
@@ -27,10 +27,12 @@ from swarmware.module.stream import StreamReader
 from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.ticker import Lateness, Ticker
 from swarmware.module.writer import BoardWriter
-from swarmware.node import Node
-from swarmware.resource import Access, Link, Resource
-from swarmware.resource import Kind as ResourceKind
+from swarmware.node.node import Node
 from swarmware.runtime.instant import stage_phase_ns
+from swarmware.transport.appfile.entry import AppEntry, Served
+from swarmware.transport.appfile.file import AppFile
+from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -2,12 +2,12 @@
 
 from typing import TYPE_CHECKING
 
-from swarmware.names import data_id
+from swarmware.model.names import data_id
 from swarmware.types.time import Conversion, TimeFunctions
 
 if TYPE_CHECKING:
     from swarmware.module.board import BoardReader
-    from swarmware.node import Node
+    from swarmware.node.node import Node
 
 PATH = "time/functions"
 

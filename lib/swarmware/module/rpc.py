@@ -8,7 +8,7 @@ from typing import Any, Final
 import msgspec
 
 from swarmware.errors import KINDS, SwarmError
-from swarmware.frame import Frame
+from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
 from swarmware.types import registry

@@ -5,12 +5,13 @@ from typing import TypeVar
 
 import msgspec
 
+from swarmware.model.names import data_id
+from swarmware.model.resource import Resource
 from swarmware.module.board import BoardReader
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.writer import BoardWriter
-from swarmware.names import data_id
-from swarmware.node import Node, Publication
-from swarmware.resource import Resource
+from swarmware.node.node import Node
+from swarmware.node.publication import Publication
 from swarmware.types.tree import StreamLosses
 
 T = TypeVar("T", bound=msgspec.Struct)

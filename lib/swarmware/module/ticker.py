@@ -1,6 +1,6 @@
 """A period: ticks at multiples of it on the node's clock, misses counted and never made up for."""
 
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 from swarmware.runtime.instant import until
 
 

@@ -5,11 +5,12 @@ from typing import Final, Generic, TypeVar
 import msgspec
 
 from swarmware.errors import TypeMismatch
-from swarmware.frame import HEADER_BYTES, Frame, Kind, encode
-from swarmware.names import ANY
-from swarmware.node import Node, Publication
-from swarmware.resource import Kind as ResourceKind
-from swarmware.resource import Resource
+from swarmware.model.frame import HEADER_BYTES, Frame, Kind, encode
+from swarmware.model.names import ANY
+from swarmware.model.resource import Kind as ResourceKind
+from swarmware.model.resource import Resource
+from swarmware.node.node import Node
+from swarmware.node.publication import Publication
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -2,8 +2,3 @@
 
 Here lives what a process has once: configuration, clock, doorbell, post, the table of applications.
 """
-
-from swarmware.node.node import Node, Watcher
-from swarmware.node.publication import Publication
-
-__all__ = ["Node", "Publication", "Watcher"]

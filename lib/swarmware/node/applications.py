@@ -5,10 +5,11 @@ from collections.abc import Callable
 from enum import Enum
 from typing import NamedTuple
 
-from swarmware import paths
-from swarmware.appfile import AppEntry, AppTable
-from swarmware.appfile.trace import died
+from swarmware.model import paths
 from swarmware.node.node import Node
+from swarmware.transport.appfile.entry import AppEntry
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.appfile.trace import died
 
 
 class Change(Enum):

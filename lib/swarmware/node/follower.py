@@ -5,11 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from swarmware.errors import NotFound, SwarmError, WireError
-from swarmware.frame import Frame, decode
+from swarmware.model.frame import Frame, decode
 from swarmware.node.node import Node
-from swarmware.shm.layout import readers_folder
-from swarmware.shm.ring import RingReader
-from swarmware.shm.ringfile import absent
+from swarmware.transport.shm.layout import readers_folder
+from swarmware.transport.shm.ring import RingReader
+from swarmware.transport.shm.ringfile import absent
 
 log = logging.getLogger("swarm.follower")
 

@@ -8,13 +8,13 @@ import fcntl
 import os
 from pathlib import Path
 
-from swarmware import paths
-from swarmware.appfile.trace import DEAD_SUFFIX
-from swarmware.clock import utc_ns
 from swarmware.errors import Denied
-from swarmware.shm.access import is_guest, make_folder, share
-from swarmware.shm.lock import try_lock
-from swarmware.shm.reap import reap, remove_all
+from swarmware.model import paths
+from swarmware.model.clock import utc_ns
+from swarmware.transport.appfile.trace import DEAD_SUFFIX
+from swarmware.transport.shm.access import is_guest, make_folder, share
+from swarmware.transport.shm.lock import try_lock
+from swarmware.transport.shm.reap import reap, remove_all
 
 
 class NodeIncarnation:

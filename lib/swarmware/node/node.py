@@ -9,20 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
 from weakref import WeakSet
 
-from swarmware import paths
-from swarmware.appfile import AppTable
-from swarmware.clock import Clock, utc_ns
-from swarmware.config import NodeConfig, find_config_dir, load_node
 from swarmware.errors import SwarmError
-from swarmware.master import Master
-from swarmware.names import hardware_id
+from swarmware.model import paths
+from swarmware.model.clock import Clock, utc_ns
+from swarmware.model.config import NodeConfig, find_config_dir, load_node
+from swarmware.model.names import hardware_id
 from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
+from swarmware.node.master.master import Master
 from swarmware.node.publication import Publication
-from swarmware.post import Post
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import ring_file
-from swarmware.shm.notifier import ReaderNotifier
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.messaging.post import Post
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import ring_file
+from swarmware.transport.shm.notifier import ReaderNotifier
 
 if TYPE_CHECKING:
     from swarmware.node.applications import Applications

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.errors import OutOfRange
-from swarmware.shm.doorbell import DoorbellSenders
-from swarmware.shm.layout import MAX_SLOT_BYTES, readers_folder
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.ring import RingWriter
-from swarmware.shm.ringfile import EpochPosition
+from swarmware.transport.shm.doorbell import DoorbellSenders
+from swarmware.transport.shm.layout import MAX_SLOT_BYTES, readers_folder
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.ring import RingWriter
+from swarmware.transport.shm.ringfile import EpochPosition
 
 ALIGN: Final = 256
 """Slots grow in steps of this many bytes."""

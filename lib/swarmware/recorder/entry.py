@@ -5,8 +5,8 @@ from typing import Any
 
 import msgspec
 
-from swarmware import names
 from swarmware.errors import NotFound, WireError
+from swarmware.model import names
 from swarmware.types import registry
 
 

@@ -13,8 +13,8 @@ from typing import Any, Final
 
 import msgspec
 
-from swarmware import names
 from swarmware.errors import ConfigError, Denied, NoAnswer, missing_extra
+from swarmware.model import names
 from swarmware.recorder.address import password_in, without_password
 from swarmware.recorder.cursor import Cursor
 from swarmware.recorder.entry import LogEntry

@@ -8,8 +8,8 @@ from typing import Protocol
 
 import msgspec
 
-from swarmware import names
 from swarmware.errors import NotFound
+from swarmware.model import names
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.ring import segments, set_aside
 from swarmware.recorder.segment import SegmentReader

@@ -5,7 +5,7 @@ import struct
 from collections.abc import Collection, Iterator
 from typing import BinaryIO, Final, NamedTuple
 
-from swarmware.frame import PAYLOAD_LIMIT
+from swarmware.model.frame import PAYLOAD_LIMIT
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 RECORD: Final = struct.Struct("<BQ")

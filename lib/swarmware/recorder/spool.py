@@ -8,7 +8,7 @@ from typing import Any, BinaryIO, Final
 import msgpack
 
 from swarmware.errors import WireError
-from swarmware.frame import PAYLOAD_LIMIT
+from swarmware.model.frame import PAYLOAD_LIMIT
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import Filter, Query
 

@@ -5,14 +5,14 @@ import logging
 from contextlib import suppress
 from typing import Final
 
-from swarmware.appfile import AppEntry
-from swarmware.appfile.trace import died, last_of
 from swarmware.errors import NotFound, SwarmError
-from swarmware.node import Node
+from swarmware.node.node import Node
 from swarmware.runtime.processes import process_end
 from swarmware.runtime.restart_policy import PAUSES_S, RestartPolicy
 from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
 from swarmware.service.supervised_process import SupervisedProcess
+from swarmware.transport.appfile.entry import AppEntry
+from swarmware.transport.appfile.trace import died, last_of
 
 LOOK_S: Final = 0.5
 """Period of looking for a missing guard: a process that was starting it may have been killed."""

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from swarmware.errors import NotFound, SwarmError
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.reason import reason
 from swarmware.service.status import Reporter, beat
 
 if TYPE_CHECKING:
-    from swarmware.node import Node
+    from swarmware.node.node import Node
     from swarmware.service.service import Service
 
 BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)

@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import uvloop
 
-from swarmware import config
 from swarmware.errors import SwarmError
-from swarmware.node import Node
+from swarmware.model import config
+from swarmware.node.node import Node
 from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
 from swarmware.service.find import find

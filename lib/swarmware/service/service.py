@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import msgspec
 
 from swarmware.health.monitor import HealthMonitor
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.runtime.core import Action, Core
 from swarmware.runtime.driver import Boundary, CoreDriver
 

@@ -13,8 +13,8 @@ from contextlib import suppress
 
 from swarmware.service.fork import FOLDER as PARENT_FOLDER
 from swarmware.service.fork import StartedProcess, own_folder, request_fork
-from swarmware.shm.lock import held_by_other, lock_within
-from swarmware.shm.ticks import start_ticks
+from swarmware.transport.shm.lock import held_by_other, lock_within
+from swarmware.transport.shm.ticks import start_ticks
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:

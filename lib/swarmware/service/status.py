@@ -7,16 +7,17 @@ import os
 import time
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from swarmware import paths
 from swarmware.errors import SwarmError
+from swarmware.model import paths
 from swarmware.module.ticker import Lateness, Ticker
 from swarmware.types.system import AppStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from swarmware.clock import Clock
-    from swarmware.module import BoardWriter, Module
+    from swarmware.model.clock import Clock
+    from swarmware.module.module import Module
+    from swarmware.module.writer import BoardWriter
 
 PERIOD_S: Final = 1.0
 SLOW_S: Final = 0.05

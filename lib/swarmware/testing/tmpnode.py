@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from swarmware.config import NodeConfig, convert
-from swarmware.node import Node
+from swarmware.model.config import NodeConfig, convert
+from swarmware.node.node import Node
 
 
 def make_node(

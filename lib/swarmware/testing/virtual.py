@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable
 from itertools import count
 from typing import Generic, TypeVar
 
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 from swarmware.runtime.core import Action, Core, HardwareClock
 from swarmware.runtime.driver import CoreDriver
 

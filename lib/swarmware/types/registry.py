@@ -11,7 +11,7 @@ import msgspec
 
 import swarmware.types
 from swarmware.errors import NotFound, OutOfRange, WireError
-from swarmware.frame import PAYLOAD_LIMIT, Codec
+from swarmware.model.frame import PAYLOAD_LIMIT, Codec
 
 T = TypeVar("T", bound=msgspec.Struct)
 

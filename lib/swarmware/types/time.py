@@ -6,8 +6,8 @@ from typing import Annotated, Final
 
 import msgspec
 
-from swarmware import names
 from swarmware.errors import InvalidInput
+from swarmware.model import names
 from swarmware.types.bounds import Count, Instant, Uint32
 from swarmware.types.registry import register
 

@@ -16,7 +16,7 @@ from tests.integration.broker.swarm import Station, swarm
 
 from swarmd.broker.links.zmq_links import SEND_HIGH_WATER
 from swarmd.tree.core.action import SendNotify
-from swarmware.frame import Kind
+from swarmware.model.frame import Kind
 from swarmware.types.scalar import Text
 from swarmware.types.tree import TreeItem, TreeNotify
 

@@ -14,12 +14,14 @@ import uvloop
 from swarmd.broker.config import Config
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.service import Broker
-from swarmware.config import load_service
-from swarmware.module import BoardReader, Module
-from swarmware.names import data_id
-from swarmware.node import Node
-from swarmware.security import make_swarm
-from swarmware.testing import make_node, no_leaks
+from swarmware.model.config import load_service
+from swarmware.model.names import data_id
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.node.node import Node
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.security import make_swarm
 from swarmware.types.health import CheckReports
 from swarmware.types.net import BoardPublication, BoardSubscription, Neighbours, Routes, Traffic, TreePlan
 from swarmware.types.rpc import Empty

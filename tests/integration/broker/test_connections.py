@@ -8,7 +8,7 @@ import pytest
 from tests.integration.broker.namespace import figures_of
 from tests.integration.broker.swarm import free_port, on_uvloop, swarm
 
-from swarmware.frame import Kind
+from swarmware.model.frame import Kind
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Text

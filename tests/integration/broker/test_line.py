@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 
-from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
-from swarmware.frame import HEADER_BYTES, Kind
-from swarmware.names import join
+from swarmware.model.frame import HEADER_BYTES, Kind
+from swarmware.model.names import join
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types.net import ChannelLimits, SetChannel, TimingBatch, Traffic
 from swarmware.types.scalar import Float, Text
 from swarmware.types.vehicle import Pose

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from tests.integration.broker.swarm import PATIENCE_S, on_uvloop, swarm
 
-from swarmware.access import Role, Sender
-from swarmware.delivery import Status
 from swarmware.errors import Denied
+from swarmware.model.access import Role, Sender
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types.net import Denial
 from swarmware.types.scalar import Text
 

@@ -13,9 +13,9 @@ from tests.integration.broker.swarm import Station, on_uvloop, swarm
 
 from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.beacon import Beacon, Header
-from swarmware.module import BoardWriter
-from swarmware.names import hardware_id
-from swarmware.security import Keys, Sealer
+from swarmware.model.names import hardware_id
+from swarmware.module.writer import BoardWriter
+from swarmware.transport.security import Keys, Sealer
 from swarmware.types.net import Traffic
 from swarmware.types.vehicle import Pose
 

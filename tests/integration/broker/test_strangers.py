@@ -14,12 +14,12 @@ from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uv
 
 from swarmd.broker.config import Config
 from swarmd.broker.links.tcp_count import HALF_OPEN_MAX
-from swarmware.delivery import Status
 from swarmware.errors import Denied
-from swarmware.frame import Frame, Kind, encode
-from swarmware.names import data_id, hardware_id
-from swarmware.security import Keys, Member, Roster, make_swarm, sign_roster
-from swarmware.testing import make_node
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.names import data_id, hardware_id
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.security import Keys, Member, Roster, make_swarm, sign_roster
 from swarmware.types.scalar import Text
 
 

@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 from tests.integration.cli.conftest import Ctl, Lab
 
-from swarmware.clock import utc_ns
+from swarmware.model.clock import utc_ns
 
 GAIN = "/uav2/config/navigator/altitude_kp"
 

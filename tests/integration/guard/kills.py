@@ -20,11 +20,13 @@ from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from swarmware.appfile import AppEntry, scan
 from swarmware.errors import NoAnswer, NotFound, WireError
-from swarmware.module import Module
-from swarmware.shm.ring import RingReader
-from swarmware.testing import Process, make_node, spawn
+from swarmware.module.module import Module
+from swarmware.testing.process import Process, spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.appfile.entry import AppEntry
+from swarmware.transport.appfile.table import scan
+from swarmware.transport.shm.ring import RingReader
 from swarmware.types.health import GuardStatus
 from swarmware.types.system import AppStatus
 

@@ -11,9 +11,12 @@ import pytest
 from swarmware.errors import InvalidInput, NoAnswer, SwarmError
 from swarmware.health.criterion import Above
 from swarmware.health.monitor import HealthMonitor
-from swarmware.module import Module, StreamReader
-from swarmware.service import Service
-from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.module.module import Module
+from swarmware.module.stream import StreamReader
+from swarmware.service.service import Service
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import Fault, FaultList, FaultQuery, HealthReport, HealthState, Phase
 from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Float

@@ -5,9 +5,13 @@ from pathlib import Path
 
 from tests.integration.broker.swarm import free_port
 
-from swarmware.module import BoardReader, Module, StreamReader
-from swarmware.security import make_swarm
-from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.stream import StreamReader
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.security import make_swarm
 from swarmware.types.health import Fault, HealthState, Phase
 from swarmware.types.net import Routes
 

@@ -6,7 +6,8 @@ from pathlib import Path
 from swarmd.guard.supervisor import SystemdSupervisor
 from swarmware.service.starting import spawn, starting_pid
 from swarmware.service.supervised_process import SupervisedProcess
-from swarmware.testing import make_node, no_leaks
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.tmpnode import make_node
 
 
 def written(log: Path) -> str:

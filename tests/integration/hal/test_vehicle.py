@@ -12,8 +12,11 @@ from swarmd.hal.config import Config as HalConfig
 from swarmd.sim.config import BatteryConfig
 from swarmd.sim.config import Config as SimConfig
 from swarmware.errors import Denied, SwarmError
-from swarmware.module import BoardReader, Module
-from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.scalar import Blob, Float
 from swarmware.types.system import SystemLoad
 from swarmware.types.vehicle import (

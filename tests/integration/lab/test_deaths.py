@@ -19,7 +19,7 @@ from swarmctl.processes import NODE_MARK, ProcessIdentity
 from swarmlab.notify import Restarts
 from swarmlab.run_metadata import RunMetadata
 from swarmware.errors import SwarmError
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo

@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from swarmctl import labs
-from swarmware.config import share_dir
+from swarmware.model.config import share_dir
 
 Done = subprocess.CompletedProcess[str]
 

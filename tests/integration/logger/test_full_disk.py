@@ -13,9 +13,11 @@ from tests.integration.logger.test_logger import counted, events, flushed
 
 from swarmctl.commands.doctor.checks import examine
 from swarmware.errors import SwarmError
-from swarmware.module import BoardReader, Module
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
 from swarmware.recorder.query import FolderSource, Query
-from swarmware.testing import make_node, spawn
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import HealthState
 from swarmware.types.scalar import Int
 from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeValue

@@ -12,10 +12,11 @@ from tests.integration.logger.test_logger import COUNT, counted, events, flushed
 from tests.integration.recorder.mongod import Mongod
 
 from swarmware.errors import SwarmError
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.recorder.mongo import MongoStore
 from swarmware.recorder.query import Query
-from swarmware.testing import make_node, spawn
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import Fault, FaultList, FaultQuery
 from swarmware.types.log import LogStats
 from swarmware.types.scalar import Int

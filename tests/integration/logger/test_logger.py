@@ -5,9 +5,11 @@ from typing import Any
 
 from tests.integration.recorder.mongod import Mongod
 
-from swarmware.module import BoardWriter, Module
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.recorder.query import FolderSource, Query
-from swarmware.testing import make_node, spawn
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.log import LogGap, LogStats, LogStatsRequest
 from swarmware.types.mission import MissionAbort
 from swarmware.types.scalar import Float, Int, Text

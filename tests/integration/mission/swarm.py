@@ -12,13 +12,18 @@ import uvloop
 
 from swarmd.mission.config import Config
 from swarmd.mission.service import Mission
-from swarmware.delivery import with_sender
 from swarmware.errors import Denied, NoAnswer
-from swarmware.frame import Frame, Kind, encode
-from swarmware.module import BoardReader, BoardWriter, Meta, Module, StreamReader
-from swarmware.names import data_id, hardware_id, join
-from swarmware.node import Node
-from swarmware.testing import no_leaks, tmp_node
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.names import data_id, hardware_id, join
+from swarmware.module.board import BoardReader
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.stream import StreamReader
+from swarmware.module.writer import BoardWriter
+from swarmware.node.node import Node
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.delivery.sender import with_sender
 from swarmware.types import registry
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionProgress, MissionState, MissionStatus, OrderReceipt

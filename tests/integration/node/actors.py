@@ -7,7 +7,8 @@ from collections.abc import Awaitable, Callable
 import uvloop
 
 from swarmware.errors import NotFound
-from swarmware.module import Meta, Module
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
 from swarmware.types.scalar import Int, Text
 from swarmware.types.vehicle import Goal, Pose
 

@@ -3,7 +3,7 @@
 import asyncio
 import sys
 
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.types.scalar import Float
 
 

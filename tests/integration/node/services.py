@@ -7,8 +7,9 @@ from typing import Annotated
 
 import msgspec
 
-from swarmware.module import Meta, Module
-from swarmware.service import Service
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.service.service import Service
 from swarmware.types.scalar import Int, Text
 
 

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import pytest
 
-from swarmware.appfile import scan
-from swarmware.config import load_node
 from swarmware.errors import SwarmError
-from swarmware.module import Module
-from swarmware.testing import make_node, no_leaks, spawn
-from swarmware.testing.process import run_python
+from swarmware.model.config import load_node
+from swarmware.module.module import Module
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import run_python, spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.appfile.table import scan
 from swarmware.types.health import FaultList, FaultQuery, GuardStatus, HealthReport
 from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Int, Text

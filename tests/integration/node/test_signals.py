@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.appfile import scan
 from swarmware.errors import NoAnswer
-from swarmware.module import Module
-from swarmware.testing import make_node, no_leaks, spawn
-from swarmware.testing.process import run_python
+from swarmware.module.module import Module
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import run_python, spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.appfile.table import scan
 from swarmware.types.health import Fault, HealthReport
 from swarmware.types.rpc import Empty
 

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.module import BoardWriter, Inbox, Module
-from swarmware.testing import make_node, no_leaks
+from swarmware.module.inbox import Inbox
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.scalar import Int
 
 LOOPS = 3

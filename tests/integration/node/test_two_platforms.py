@@ -9,13 +9,14 @@ from typing import NamedTuple
 import pytest
 import zmq
 
-from swarmware import names
-from swarmware.delivery import Status
 from swarmware.errors import InvalidInput, NoAnswer
-from swarmware.frame import Codec, Frame, Kind, decode, encode
-from swarmware.module import Module
-from swarmware.node import Node
-from swarmware.testing import no_leaks, tmp_node
+from swarmware.model import names
+from swarmware.model.frame import Codec, Frame, Kind, decode, encode
+from swarmware.module.module import Module
+from swarmware.node.node import Node
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int
 from swarmware.types.time import Conversion, TimeFunctions

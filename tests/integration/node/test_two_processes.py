@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.delivery import Status
 from swarmware.errors import NoAnswer, NotFound, SwarmError, TypeMismatch
-from swarmware.module import Module
-from swarmware.testing import Process, make_node, no_leaks
-from swarmware.testing.process import run_python
+from swarmware.module.module import Module
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import Process, run_python
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.vehicle import Goal, Pose
 

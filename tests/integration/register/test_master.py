@@ -8,9 +8,11 @@ import time
 from pathlib import Path
 
 from swarmware.errors import SwarmError
-from swarmware.master import Role
-from swarmware.module import Module
-from swarmware.testing import make_node, no_leaks, spawn
+from swarmware.module.module import Module
+from swarmware.node.master.role import Role
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.register import ApplicationTable, Register
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo

@@ -7,7 +7,7 @@ from pathlib import Path
 from tests.integration.tree.pair import PATIENCE_S, SERVICES, Platform, on_uvloop, platforms
 
 from swarmware.errors import SwarmError
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.types.register import Register
 from swarmware.types.rpc import Empty
 

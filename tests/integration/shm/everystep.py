@@ -19,13 +19,13 @@ from collections.abc import Callable
 from pathlib import Path
 from types import CodeType, FrameType
 
-from swarmware import paths
 from swarmware.errors import NotFound
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import CHECKED_SLOT_BYTES, readers_folder, ring_file
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import reap, remove_all
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.model import paths
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import CHECKED_SLOT_BYTES, readers_folder, ring_file
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.reap import reap, remove_all
+from swarmware.transport.shm.ring import RingReader, RingWriter
 
 LIBRARY = str(Path(sys.modules[RingWriter.__module__].__file__ or "").parent)
 SMALL, LARGE = 64, CHECKED_SLOT_BYTES + 64

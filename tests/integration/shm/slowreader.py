@@ -3,10 +3,10 @@
 import sys
 from pathlib import Path
 
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import readers_folder
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.ring import RingReader
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import readers_folder
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.ring import RingReader
 
 
 def main() -> None:

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from swarmware import paths
 from swarmware.errors import NotFound
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import RingBusy, readers_folder, ring_file
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import reap
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.model import paths
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import RingBusy, readers_folder, ring_file
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.reap import reap
+from swarmware.transport.shm.ring import RingReader, RingWriter
 
 HERE = Path(__file__).parent
 KILLS = 30
@@ -175,8 +175,8 @@ def test_of_many_processes_exactly_one_writes(folder: Path) -> None:
     code = (
         "import sys\n"
         "from pathlib import Path\n"
-        "from swarmware.shm.layout import RingBusy\n"
-        "from swarmware.shm.ring import RingWriter\n"
+        "from swarmware.transport.shm.layout import RingBusy\n"
+        "from swarmware.transport.shm.ring import RingWriter\n"
         "sys.stdin.readline()\n"
         "try:\n"
         "    writer = RingWriter(Path(sys.argv[1]), slots=4, slot_bytes=64)\n"
@@ -212,8 +212,8 @@ def test_reaping_never_takes_what_a_living_process_uses(folder: Path) -> None:
     code = (
         "import sys\n"
         "from pathlib import Path\n"
-        "from swarmware.shm.doorbell import DoorbellSenders, Doorbell\n"
-        "from swarmware.shm.ring import RingReader, RingWriter\n"
+        "from swarmware.transport.shm.doorbell import DoorbellSenders, Doorbell\n"
+        "from swarmware.transport.shm.ring import RingReader, RingWriter\n"
         "folder = Path(sys.argv[1])\n"
         "for turn in range(400):\n"
         "    with RingWriter(folder / 'a.ring', slots=4 + turn % 3, slot_bytes=64) as writer:\n"

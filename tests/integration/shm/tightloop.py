@@ -9,10 +9,10 @@ import os
 import sys
 from pathlib import Path
 
-from swarmware.shm.doorbell import DoorbellSenders
-from swarmware.shm.layout import readers_folder
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.ring import RingWriter
+from swarmware.transport.shm.doorbell import DoorbellSenders
+from swarmware.transport.shm.layout import readers_folder
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.ring import RingWriter
 
 MOST_FRAMES = 3_000_000
 """A writer that nobody kills ends by itself, in less than a minute."""

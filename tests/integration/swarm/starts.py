@@ -5,7 +5,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from swarmware.testing import make_node, spawn
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
 
 QUIET_S = 1.0
 """A killed daemon is back within this time on a machine that does nothing else."""

@@ -16,7 +16,8 @@ from swarmlab import provisioning
 from swarmlab.provisioning import LabSpec
 from swarmlab.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.module import BoardReader, Module
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
 from swarmware.types.net import Neighbours
 from swarmware.types.tree import TreeList, TreeListing, TreeStats
 

@@ -21,7 +21,8 @@ from tests.integration.swarm.swarm import (
 
 from swarmctl.labs import LabState
 from swarmware.errors import SwarmError
-from swarmware.module import BoardReader, Module
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
 from swarmware.types.health import WatchedService
 from swarmware.types.net import Neighbours, Routes
 from swarmware.types.system import AppStatus

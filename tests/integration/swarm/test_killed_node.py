@@ -18,7 +18,7 @@ from tests.integration.swarm.swarm import (
 )
 
 from swarmctl.labs import LabState
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, Query, stats
 from swarmware.types.health import HealthState

@@ -10,7 +10,7 @@ from tests.integration.swarm.swarm import NAMES, Swarm, swarm, until, until_tree
 
 from swarmctl import labs
 from swarmctl.labs import LabState
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.types.net import Neighbours, Traffic
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo

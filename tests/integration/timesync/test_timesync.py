@@ -6,13 +6,16 @@ from pathlib import Path
 
 import msgspec
 
-from swarmware.clock import Clock
-from swarmware.delivery import reply
 from swarmware.errors import NoAnswer
-from swarmware.frame import Frame, Kind
-from swarmware.module import BoardReader, BoardWriter, Module
-from swarmware.names import hardware_id
-from swarmware.testing import make_node, spawn
+from swarmware.model.clock import Clock
+from swarmware.model.frame import Frame, Kind
+from swarmware.model.names import hardware_id
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.delivery.answer import reply
 from swarmware.types import registry
 from swarmware.types.net import TimingBatch, TimingSample
 from swarmware.types.rpc import Empty, Reply

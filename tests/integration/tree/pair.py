@@ -12,10 +12,12 @@ import msgspec
 import uvloop
 
 from swarmware.errors import SwarmError
-from swarmware.module import BoardReader, Module
-from swarmware.security import make_swarm
-from swarmware.testing import make_node, no_leaks
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.security import make_swarm
 from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeSet, TreeSetDone, TreeValue
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -19,7 +19,7 @@ from swarmware.errors import (
     SwarmError,
     TypeMismatch,
 )
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.net import ChannelLimits, SetChannel
 from swarmware.types.scalar import Blob, Float, Int, Text
 from swarmware.types.tree import StreamLosses, TreeChange, TreeSet, TreeSetDone, TreeUndo

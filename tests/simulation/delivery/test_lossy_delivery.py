@@ -5,19 +5,12 @@ from functools import partial
 
 import pytest
 
-from swarmware.delivery import (
-    Complete,
-    DuplicateFilter,
-    DuplicateState,
-    Outbox,
-    Status,
-    Transmit,
-    expired_here,
-    reply,
-    with_lifetime,
-)
-from swarmware.frame import Frame, Kind, decode, encode
-from swarmware.testing import VirtualSwarm
+from swarmware.model.frame import Frame, Kind, decode, encode
+from swarmware.testing.virtual import VirtualSwarm
+from swarmware.transport.delivery.answer import expired_here, reply, with_lifetime
+from swarmware.transport.delivery.duplicates import DuplicateFilter, DuplicateState
+from swarmware.transport.delivery.outbox import Complete, Outbox, Transmit
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
 from swarmware.types.rpc import Ack
 from swarmware.types.time import Conversion

@@ -20,8 +20,8 @@ from swarmd.broker.core.beacon import Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmware.names import data_id, hardware_id
-from swarmware.security import GroupKey, Opened, Opener, Sealer
+from swarmware.model.names import data_id, hardware_id
+from swarmware.transport.security import GroupKey, Opened, Opener, Sealer
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.vehicle import Pose
 

@@ -20,7 +20,7 @@ from swarmd.broker.core.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.neighbour import NeighbourTable
 from swarmd.broker.core.topology import LinkChanged, LinkEvent, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
-from swarmware.names import data_id, hardware_id
+from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, TreePlan
 
 SECOND: Final = 1_000_000_000

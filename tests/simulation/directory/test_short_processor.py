@@ -19,7 +19,7 @@ from swarmd.broker.core.beacon_rate import BeaconSchedule, Slowdown
 from swarmd.broker.core.link import LinkEvent
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmware.names import data_id, hardware_id
+from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, TreePlan
 
 SECOND: Final = 1_000_000_000

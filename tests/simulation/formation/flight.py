@@ -13,10 +13,10 @@ from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.core.simulation import Simulation
-from swarmware.config import load
-from swarmware.formation import Formation, place
+from swarmware.geometry.formation import Formation, place
+from swarmware.geometry.world import World
+from swarmware.model.config import load
 from swarmware.types.vehicle import Collision, Goal, NavStatus, Pose
-from swarmware.world import World
 
 ROOT = Path(__file__).parents[3]
 COURSE = ((0.0, 0.0), (32.0, 0.0), (62.0, 20.0), (95.0, 20.0))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.simulation.formation.flight import COURSE, ROOT, SPEED_M_S, Flight, Result
 
-from swarmware.course import Course
+from swarmware.geometry.course import Course
 
 FOLDER = Path(ROOT) / "share/swarm/missions/formation"
 

@@ -18,10 +18,10 @@ from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.core.simulation import Simulation
-from swarmware.names import data_id, hardware_id
+from swarmware.geometry.world import Bounds, World
+from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.vehicle import Goal, Pose
-from swarmware.world import Bounds, World
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS

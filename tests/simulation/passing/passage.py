@@ -10,8 +10,8 @@ from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.target import Surroundings, Target
 from swarmd.sim.config import GroundLimits
 from swarmd.sim.core.ground import Ground
+from swarmware.geometry.world import Bounds, Circle, World
 from swarmware.types.vehicle import Pose
-from swarmware.world import Bounds, Circle, World
 
 STEP_S: Final = 0.02
 BEAMS: Final = 72

@@ -11,12 +11,12 @@ import pytest
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.tree import SwarmTree
-from swarmware import template
-from swarmware.delivery import with_lifetime
-from swarmware.frame import HEADER_BYTES
-from swarmware.resource import Resource
+from swarmware.model import template
+from swarmware.model.frame import HEADER_BYTES
+from swarmware.model.resource import Resource
 from swarmware.runtime.driver import CoreDriver
-from swarmware.testing import VirtualTime
+from swarmware.testing.virtual import VirtualTime
+from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.tree import TreeItem

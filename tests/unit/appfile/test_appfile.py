@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.appfile import AppEntry, AppFile, AppTable, Served, entry, scan
 from swarmware.errors import Conflict, InvalidInput, WireError
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
+from swarmware.transport.appfile import entry
+from swarmware.transport.appfile.entry import AppEntry, Served
+from swarmware.transport.appfile.file import AppFile
+from swarmware.transport.appfile.table import AppTable, scan
 
 
 def join(run_dir: Path, name: str, instance: int | None = None) -> AppFile:

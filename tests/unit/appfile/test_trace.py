@@ -4,9 +4,10 @@ import fcntl
 import os
 from pathlib import Path
 
-from swarmware.appfile import AppFile, AppTable
-from swarmware.appfile.trace import died, last_of, set_aside
 from swarmware.service.starting import spawn_missing, starting_pid, write_start_record
+from swarmware.transport.appfile.file import AppFile
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.appfile.trace import died, last_of, set_aside
 
 
 def join(run_dir: Path, name: str = "guard") -> AppFile:

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core.accounting import NOTIFY_ID, shares, values_in
-from swarmware.frame import Frame, Kind
+from swarmware.model.frame import Frame, Kind
 from swarmware.types import registry
 from swarmware.types.tree import TreeItem, TreeNotify
 

@@ -18,7 +18,7 @@ from swarmd.broker.core.beacon_protocol import (
 from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.broker.core.topology import LinkState, Topology
 from swarmd.broker.core.traffic import Counters
-from swarmware.names import data_id, hardware_id
+from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, BoardSubscription, SetChannel, TreePlan
 
 MS: Final = 1_000_000

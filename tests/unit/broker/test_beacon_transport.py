@@ -11,9 +11,9 @@ from swarmd.broker.core.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.sessions import Sessions, digest
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmware.clock import Clock
-from swarmware.names import hardware_id
-from swarmware.security import Keys, Sealer
+from swarmware.model.clock import Clock
+from swarmware.model.names import hardware_id
+from swarmware.transport.security import Keys, Sealer
 
 SECOND = 1_000_000_000
 

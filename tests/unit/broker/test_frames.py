@@ -19,8 +19,8 @@ from swarmd.broker.core.send_queue import (
     priority,
 )
 from swarmd.broker.core.traffic import CHANNEL_LIMIT, Counters
-from swarmware.frame import HOPS, Flag, Frame, Kind
-from swarmware.names import hardware_id
+from swarmware.model.frame import HOPS, Flag, Frame, Kind
+from swarmware.model.names import hardware_id
 
 ME, A, B, FAR = 1, 2, 3, 9
 MS: Final = 1_000_000

@@ -23,9 +23,9 @@ from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import WireError
-from swarmware.frame import Frame, Kind
-from swarmware.frame import encode as encode_frame
-from swarmware.names import data_id, hardware_id
+from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import encode as encode_frame
+from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, BoardSubscription, TimingBatch, TimingSample, TreePlan
 from swarmware.types.registry import encode
 

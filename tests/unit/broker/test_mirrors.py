@@ -9,11 +9,11 @@ import pytest
 from swarmd.broker.boards import Mirrors
 from swarmd.broker.core.relay_cache import RemoteValue
 from swarmware.errors import WireError
-from swarmware.frame import Codec, Frame, Kind, decode, encode, restamp
-from swarmware.names import data_id
-from swarmware.shm.layout import ring_file
-from swarmware.shm.ring import RingReader
-from swarmware.testing import tmp_node
+from swarmware.model.frame import Codec, Frame, Kind, decode, encode, restamp
+from swarmware.model.names import data_id
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.shm.layout import ring_file
+from swarmware.transport.shm.ring import RingReader
 from swarmware.types.net import BoardSubscription
 
 POSE: Final = data_id("nav/pose", "Pose")

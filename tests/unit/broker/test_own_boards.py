@@ -8,10 +8,10 @@ from swarmd.broker.boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
 from swarmd.broker.core.published_boards import PublishedBoards
 from swarmd.broker.core.rate_limits import RateLimits
 from swarmd.broker.core.traffic import Counters
-from swarmware.frame import Frame, Kind, encode
-from swarmware.names import data_id
-from swarmware.node import Node
-from swarmware.testing import tmp_node
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.names import data_id
+from swarmware.node.node import Node
+from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.net import BoardPublication
 
 PATH: Final = "plan/note"

@@ -17,9 +17,10 @@ from swarmd.broker.core.send_queue import (
 )
 from swarmd.tree.core.action import SendNotify
 from swarmware.errors import InvalidInput
-from swarmware.frame import Flag, Frame, Kind, encode
-from swarmware.module import Module
-from swarmware.testing import no_leaks, tmp_node
+from swarmware.model.frame import Flag, Frame, Kind, encode
+from swarmware.module.module import Module
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.scalar import Blob, Text
 from swarmware.types.tree import TreeItem, TreeNotify
 

@@ -29,12 +29,12 @@ from swarmd.broker.core.routing_table import (
 )
 from swarmd.broker.core.session_checks import CheckKind
 from swarmd.broker.core.sessions import ALIVE_NS, ENDED_NS
-from swarmware import frame as wire
-from swarmware.access import Role
-from swarmware.delivery import with_lifetime
-from swarmware.frame import HOPS, Codec, Flag, Frame, Kind
-from swarmware.names import ANY, application_id, data_id, hardware_id
-from swarmware.security import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
+from swarmware.model import frame as wire
+from swarmware.model.access import Role
+from swarmware.model.frame import HOPS, Codec, Flag, Frame, Kind
+from swarmware.model.names import ANY, application_id, data_id, hardware_id
+from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.security import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text
 from swarmware.types.vehicle import Pose

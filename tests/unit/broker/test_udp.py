@@ -10,7 +10,7 @@ import pytest
 
 from swarmd.broker.config import Config
 from swarmd.broker.links.udp import REST_WINDOW_NS, TURN, WINDOW_NS, Address, Udp
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 
 LOOPBACK: Final = "127.0.0.1"
 WINDOW_S: Final = WINDOW_NS / 1e9

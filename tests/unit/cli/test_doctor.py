@@ -4,8 +4,8 @@ import asyncio
 from pathlib import Path
 
 from swarmctl.commands.doctor.checks import CheckResult, examine
-from swarmware.module import Module
-from swarmware.testing import make_node
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
 from swarmware.types.net import Denial
 

@@ -11,10 +11,10 @@ from swarmctl.commands.doctor import checks
 from swarmctl.commands.log import sources
 from swarmctl.settings import CliSettings
 from swarmlab.provisioning import LabSpec, make, remove
-from swarmware.config import load_service
 from swarmware.errors import NotFound, Partial
+from swarmware.model.config import load_service
 from swarmware.recorder.query import FolderSource, Query
-from swarmware.testing import make_node
+from swarmware.testing.tmpnode import make_node
 
 URI = "mongodb://swarm:s3cret@127.0.0.1:1"
 

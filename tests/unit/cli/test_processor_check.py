@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from swarmctl.commands.doctor.checks import processor
-from swarmware.frame import Frame, Kind, encode
-from swarmware.names import data_id
-from swarmware.shm.layout import ring_file
-from swarmware.shm.ring import RingWriter
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.names import data_id
+from swarmware.transport.shm.layout import ring_file
+from swarmware.transport.shm.ring import RingWriter
 from swarmware.types import registry
 from swarmware.types.net import Refused, Traffic
 

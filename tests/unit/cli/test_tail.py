@@ -8,11 +8,11 @@ from pathlib import Path
 from swarmctl.commands.log.interleaving import PATIENCE_NS, Interleaving
 from swarmctl.commands.log.tail import SegmentFollower, follow
 from swarmctl.settings import CliSettings
-from swarmware.clock import utc_ns
-from swarmware.module import Module
+from swarmware.model.clock import utc_ns
+from swarmware.module.module import Module
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.segment import LogChannel, SegmentWriter
-from swarmware.testing import make_node
+from swarmware.testing.tmpnode import make_node
 from swarmware.types.log import LogStats
 
 BEGAN = 1_000

@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.delivery import DuplicateFilter, DuplicateState, expired, expired_here, with_lifetime
-from swarmware.delivery.answer import lifetime_ns
-from swarmware.frame import Frame, Kind
+from swarmware.model.frame import Frame, Kind
+from swarmware.transport.delivery.answer import expired, expired_here, lifetime_ns, with_lifetime
+from swarmware.transport.delivery.duplicates import DuplicateFilter, DuplicateState
 from swarmware.types.time import Conversion
 
 A, B, C = (1, 2, 3, 4), (1, 2, 3, 5), (1, 2, 3, 6)

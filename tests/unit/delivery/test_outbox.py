@@ -2,9 +2,10 @@
 
 import pytest
 
-from swarmware.delivery import Action, Complete, Outbox, Outcome, Status, Transmit, answerable
-from swarmware.delivery.outbox import GRACE_NS
-from swarmware.frame import Flag, Frame, Kind
+from swarmware.model.frame import Flag, Frame, Kind
+from swarmware.transport.delivery.answer import answerable
+from swarmware.transport.delivery.outbox import GRACE_NS, Action, Complete, Outbox, Transmit
+from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types.rpc import Ack
 
 MS = 1_000_000

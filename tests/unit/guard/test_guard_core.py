@@ -21,7 +21,7 @@ from swarmd.guard.core import (
     Terminate,
     WatchProcess,
 )
-from swarmware.testing import VirtualTime
+from swarmware.testing.virtual import VirtualTime
 from swarmware.types.health import GuardStatus, WatchedService
 
 SECOND = 1_000_000_000

@@ -8,8 +8,8 @@ import pytest
 from swarmd.hal.config import Config as HalConfig
 from swarmd.navigator.config import Config as NavigatorConfig
 from swarmd.sim.config import Config as SimConfig
-from swarmware.config import load, parse
 from swarmware.errors import ConfigError
+from swarmware.model.config import load, parse
 
 SERVICES = Path(__file__).parents[3] / "etc/swarm/services"
 

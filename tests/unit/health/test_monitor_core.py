@@ -17,7 +17,7 @@ from swarmd.health.core.monitor import (
     RegistrationChanged,
     RunningApp,
 )
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
 from swarmware.types.health import CheckRegistration, CheckReport, CheckReports, Fault, Phase, StateRule
 from swarmware.types.system import AppStatus
 

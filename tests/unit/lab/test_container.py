@@ -8,9 +8,9 @@ import pytest
 import tomli_w
 
 from swarmlab import container
-from swarmware.config import NodeConfig, parse
 from swarmware.errors import ConfigError
-from swarmware.security import Keys
+from swarmware.model.config import NodeConfig, parse
+from swarmware.transport.security import Keys
 
 
 def test_each_container_gets_a_name_of_its_own_and_the_same_again(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from swarmlab.clocks import ClockTruth
 from swarmlab.recording import TRUTH, Recording
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose

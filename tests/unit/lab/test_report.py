@@ -13,7 +13,7 @@ from swarmlab.host import HostInfo
 from swarmlab.measure import VehicleTrack
 from swarmlab.plot_data import NodeFigures, ObservedLink, PlotData, TimeSeries
 from swarmlab.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
-from swarmware.world import Box, Circle
+from swarmware.geometry.world import Box, Circle
 
 GOOD = ExperimentReport(
     nodes=16,

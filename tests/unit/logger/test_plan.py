@@ -3,9 +3,9 @@
 import pytest
 
 from swarmd.logger.core import SamplingPlan, logged_resource
-from swarmware import template
-from swarmware.config import share_dir
-from swarmware.resource import Kind, Resource
+from swarmware.model import template
+from swarmware.model.config import share_dir
+from swarmware.model.resource import Kind, Resource
 
 SECOND = 1_000_000_000
 

@@ -5,10 +5,10 @@ from pathlib import Path
 from swarmd.logger.config import Config
 from swarmd.logger.core import logged_resource
 from swarmd.logger.recorder import Batch, Recorder
-from swarmware.frame import Codec, Frame, Kind
+from swarmware.model.frame import Codec, Frame, Kind
+from swarmware.model.resource import Kind as ResourceKind
+from swarmware.model.resource import Resource
 from swarmware.recorder.query import FolderSource, Query
-from swarmware.resource import Kind as ResourceKind
-from swarmware.resource import Resource
 from swarmware.types import registry
 from swarmware.types.log import LogGap
 from swarmware.types.scalar import Int

@@ -7,11 +7,11 @@ import pytest
 
 from swarmd.logger.core import LoggedResource, logged_resource
 from swarmd.logger.taps import LogTap
-from swarmware.frame import Frame, Kind, encode
-from swarmware.resource import Kind as ResourceKind
-from swarmware.resource import Resource
-from swarmware.shm.layout import ring_file
-from swarmware.shm.ring import RingWriter
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.resource import Kind as ResourceKind
+from swarmware.model.resource import Resource
+from swarmware.transport.shm.layout import ring_file
+from swarmware.transport.shm.ring import RingWriter
 from swarmware.types import registry
 from swarmware.types.scalar import Int
 

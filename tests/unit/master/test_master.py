@@ -9,10 +9,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from swarmware.appfile.entry import encode
-from swarmware.master import master
-from swarmware.module import Module
-from swarmware.testing import tmp_node
+from swarmware.module.module import Module
+from swarmware.node.master import master
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.appfile.entry import encode
 from swarmware.types.register import ApplicationTable
 from swarmware.types.scalar import Int
 

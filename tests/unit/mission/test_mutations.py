@@ -11,7 +11,6 @@ from typing import Any
 import jsonschema
 import pytest
 
-from swarmware.config import share_dir
 from swarmware.errors import ConfigError
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import QUICK_BYTES, Budget
@@ -19,6 +18,7 @@ from swarmware.mission.check import check_folder, check_text
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import MANIFEST, from_files
 from swarmware.mission.schema import mission_schema
+from swarmware.model.config import share_dir
 from swarmware.types.mission import MissionFile
 
 FORMATION = share_dir() / "missions" / "formation"

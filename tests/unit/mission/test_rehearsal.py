@@ -13,8 +13,8 @@ from swarmd.mission.values import Values
 from swarmware.mission.assign import Platform, assign
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.check import check_text
-from swarmware.module import Module
-from swarmware.testing import tmp_node
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
 
 UAV1, UAV2, GCS = Platform("uav1", "uav"), Platform("uav2", "uav"), Platform("gcs", "gcs")
 MANIFEST = """

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmware.config import share_dir
 from swarmware.mission import catalogue
 from swarmware.mission.binding import Binding
 from swarmware.mission.loader import read
 from swarmware.mission.schema import mission_schema
+from swarmware.model.config import share_dir
 
 SHIPPED = share_dir() / "schemas" / "mission.schema.json"
 PUBLISHED = Path(__file__).parents[2] / "data" / "bdl"

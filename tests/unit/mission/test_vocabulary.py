@@ -9,7 +9,7 @@ from swarmware.mission.check import check_text
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.loader import load
 from swarmware.mission.vocabulary import Vocabulary
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
 
 
 def found(condition: str, kinds: tuple[str, ...] = (), kind: str = "uav") -> list[Finding]:

@@ -3,14 +3,14 @@
 import asyncio
 from pathlib import Path
 
-from swarmware.delivery import with_sender
-from swarmware.frame import Flag, Frame, Kind, decode
-from swarmware.module import Module
+from swarmware.model.frame import Flag, Frame, Kind, decode
+from swarmware.model.names import ANY, data_id, hardware_id
 from swarmware.module.accepted import SLOTS
-from swarmware.names import ANY, data_id, hardware_id
-from swarmware.shm.layout import ring_file
-from swarmware.shm.ring import RingReader
-from swarmware.testing import tmp_node
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.delivery.sender import with_sender
+from swarmware.transport.shm.layout import ring_file
+from swarmware.transport.shm.ring import RingReader
 from swarmware.types import registry
 from swarmware.types.mission import MissionAbort
 from swarmware.types.scalar import Text

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from swarmware.errors import NoAnswer
-from swarmware.frame import Frame, Kind, encode
-from swarmware.module import Module
-from swarmware.names import data_id, hardware_id
-from swarmware.testing import tmp_node
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.names import data_id, hardware_id
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int
 from swarmware.types.time import Conversion, TimeFunctions

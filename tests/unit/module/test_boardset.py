@@ -6,11 +6,13 @@ from pathlib import Path
 import pytest
 
 from swarmware.errors import NoAnswer
-from swarmware.frame import Frame, Kind, encode
-from swarmware.module import BoardSet, Module
-from swarmware.names import data_id, hardware_id
-from swarmware.node import Node, Publication
-from swarmware.testing import tmp_node
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.names import data_id, hardware_id
+from swarmware.module.boardset import BoardSet
+from swarmware.module.module import Module
+from swarmware.node.node import Node
+from swarmware.node.publication import Publication
+from swarmware.testing.tmpnode import tmp_node
 from swarmware.types import registry
 from swarmware.types.scalar import Float
 

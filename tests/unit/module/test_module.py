@@ -7,13 +7,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from swarmware import names
-from swarmware.delivery import Status, with_sender
 from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
-from swarmware.frame import Frame, Kind, encode
-from swarmware.module import Meta, Module
+from swarmware.model import names
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
-from swarmware.testing import tmp_node
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.delivery.sender import with_sender
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import StreamLoss, StreamLosses

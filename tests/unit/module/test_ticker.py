@@ -4,9 +4,8 @@ import asyncio
 
 import pytest
 
-from swarmware.clock import Clock
-from swarmware.module import Ticker
-from swarmware.module.ticker import Lateness
+from swarmware.model.clock import Clock
+from swarmware.module.ticker import Lateness, Ticker
 
 PERIOD_NS = 1_000_000
 

@@ -11,8 +11,8 @@ from swarmd.navigator.config import EstimatorConfig
 from swarmd.navigator.core.estimator import Estimator, KalmanAxis
 from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import SensorErrors
+from swarmware.geometry.world import Bounds, World
 from swarmware.types.vehicle import GnssFix, Imu, Pose
-from swarmware.world import Bounds, World
 
 WORLD = World(description="", bounds=Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0)))
 MS = 1_000_000

@@ -7,8 +7,8 @@ import pytest
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.altitude import AltitudeHold
 from swarmd.navigator.service import GAINS, controller, with_gains
-from swarmware.resource import Kind
-from swarmware.template import load
+from swarmware.model.resource import Kind
+from swarmware.model.template import load
 
 TEMPLATES = Path(__file__).parents[3] / "share/swarm/templates"
 PREFIX = "config/navigator/"

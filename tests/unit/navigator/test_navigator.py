@@ -9,7 +9,7 @@ from swarmd.navigator.config import Config
 from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.navigator import NavigatorCore, NavigatorOutput
-from swarmware.geodesy import LocalMap, Origin
+from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.types.vehicle import (
     GnssFix,
     Goal,

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import msgspec
 
-from swarmware.appfile import AppFile
-from swarmware.node import Node
 from swarmware.node.applications import ApplicationEvent, Change
-from swarmware.testing import tmp_node
+from swarmware.node.node import Node
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.appfile.file import AppFile
 
 
 class Seen:

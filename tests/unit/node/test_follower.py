@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.frame import Frame, Kind, encode
-from swarmware.node import Publication
+from swarmware.model.frame import Frame, Kind, encode
 from swarmware.node.follower import RingFollower
-from swarmware.shm.doorbell import DoorbellSenders
+from swarmware.node.publication import Publication
 from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.shm.doorbell import DoorbellSenders
 
 POSE = 7
 """Data id of the frames that the followers expect."""

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.clock import utc_ns
-from swarmware.module import Module
+from swarmware.model.clock import utc_ns
+from swarmware.module.module import Module
 from swarmware.node.incarnation import NodeIncarnation
-from swarmware.testing import make_node
+from swarmware.testing.tmpnode import make_node
 
 
 def test_who_comes_while_somebody_lives_there_has_the_same_number_and_the_next_start_a_larger_one(

@@ -3,11 +3,11 @@
 import asyncio
 from pathlib import Path
 
-from swarmware.module import Module
-from swarmware.node import Node
-from swarmware.shm.layout import readers_folder, ring_file
-from swarmware.shm.ring import RingReader
-from swarmware.testing import make_node, tmp_node
+from swarmware.module.module import Module
+from swarmware.node.node import Node
+from swarmware.testing.tmpnode import make_node, tmp_node
+from swarmware.transport.shm.layout import readers_folder, ring_file
+from swarmware.transport.shm.ring import RingReader
 from swarmware.types.scalar import Float
 
 

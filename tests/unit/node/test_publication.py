@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from swarmware.node.publication import Publication
-from swarmware.shm.doorbell import DoorbellSenders
-from swarmware.shm.ring import RingReader
+from swarmware.transport.shm.doorbell import DoorbellSenders
+from swarmware.transport.shm.ring import RingReader
 
 
 @pytest.fixture

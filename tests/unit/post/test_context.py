@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from swarmware.post.port import IO_NICE, make_context
+from swarmware.transport.messaging.port import IO_NICE, make_context
 
 THREADS = Path("/proc/self/task")
 

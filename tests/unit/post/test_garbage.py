@@ -7,12 +7,12 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmware import names
-from swarmware.delivery import Outcome, Status
-from swarmware.frame import Codec, Frame, Kind, encode
-from swarmware.names import ANY
-from swarmware.node import Node
-from swarmware.testing import tmp_node
+from swarmware.model import names
+from swarmware.model.frame import Codec, Frame, Kind, encode
+from swarmware.model.names import ANY
+from swarmware.node.node import Node
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 

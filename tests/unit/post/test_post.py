@@ -5,14 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from swarmware import names
-from swarmware.delivery import Outcome, Status, reply, with_lifetime
 from swarmware.errors import NoAnswer
-from swarmware.frame import Flag, Frame, Kind
-from swarmware.names import ANY
-from swarmware.node import Node
-from swarmware.post.post import WINDOW
-from swarmware.testing import tmp_node
+from swarmware.model import names
+from swarmware.model.frame import Flag, Frame, Kind
+from swarmware.model.names import ANY
+from swarmware.node.node import Node
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.delivery.answer import reply, with_lifetime
+from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.messaging.post import WINDOW
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.time import Conversion

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from swarmware.errors import InvalidInput
-from swarmware.post.wire import QUEUE_LIMIT, Identity, Wire
+from swarmware.transport.messaging.wire import QUEUE_LIMIT, Identity, Wire
 
 
 class Heard:

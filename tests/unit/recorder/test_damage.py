@@ -10,15 +10,15 @@ import pytest
 from swarmd.logger.config import Config
 from swarmd.logger.core import LoggedResource
 from swarmd.logger.recorder import Batch, Recorder
-from swarmware.frame import Frame
-from swarmware.frame import Kind as FrameKind
-from swarmware.names import ANY
+from swarmware.model.frame import Frame
+from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.names import ANY
+from swarmware.model.resource import Kind
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.recorder.ring import LogRing, segments, set_aside
 from swarmware.recorder.scan import MAGIC
 from swarmware.recorder.segment import LogChannel, SegmentReader
-from swarmware.resource import Kind
 from swarmware.types import registry
 from swarmware.types.log import LogGap
 from swarmware.types.scalar import Text

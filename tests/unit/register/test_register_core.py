@@ -2,7 +2,7 @@
 
 from swarmd.register.config import Config
 from swarmd.register.core import Action, Forgotten, ReadRoutes, RegisterCore
-from swarmware.testing import VirtualTime
+from swarmware.testing.virtual import VirtualTime
 from swarmware.types.register import Application, ApplicationTable
 
 SECOND = 1_000_000_000

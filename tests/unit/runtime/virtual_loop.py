@@ -6,7 +6,7 @@ from collections.abc import Callable, Coroutine
 from contextvars import Context
 from typing import Any, TypeVarTuple
 
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 
 _Ts = TypeVarTuple("_Ts")
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from zmq.utils import z85
 
 from swarmware.errors import ConfigError, Denied, InvalidInput
-from swarmware.security import (
+from swarmware.transport.security import (
     REPLAY_WINDOW,
     GroupKey,
     Keys,

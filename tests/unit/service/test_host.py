@@ -8,13 +8,13 @@ from typing import ClassVar
 import pytest
 
 from swarmware.errors import Conflict, NotFound
-from swarmware.module import BoardReader, Module
-from swarmware.node import Node
-from swarmware.service import Service
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.node.node import Node
 from swarmware.service import host as host_module
 from swarmware.service.host import PreparedService, ServiceEnded, ServiceHost
-from swarmware.service.service import NoSettings
-from swarmware.testing import tmp_node
+from swarmware.service.service import NoSettings, Service
+from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.scalar import Int
 from swarmware.types.system import AppStatus
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from swarmware.shm.ringfile import absent
+from swarmware.transport.shm.ringfile import absent
 
 
 def test_only_where_there_is_nothing_at_all_a_reader_waits_without_a_word(tmp_path: Path) -> None:

@@ -10,14 +10,15 @@ from typing import NamedTuple
 import msgspec
 import pytest
 
-from swarmware.appfile import AppFile, AppTable
 from swarmware.errors import Denied
 from swarmware.node.incarnation import NodeIncarnation
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.owner import Owner
-from swarmware.shm.reap import remove_all
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.transport.appfile.file import AppFile
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.owner import Owner
+from swarmware.transport.shm.reap import remove_all
+from swarmware.transport.shm.ring import RingReader, RingWriter
 
 GROUP = 60_000
 OWNER, MEMBER, STRANGER = 60_001, 60_002, 60_003

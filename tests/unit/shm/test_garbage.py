@@ -10,11 +10,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swarmware.errors import Denied, SwarmError, WireError
-from swarmware.shm import layout
-from swarmware.shm.doorbell import DoorbellSenders
-from swarmware.shm.layout import Geometry
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.transport.shm import layout
+from swarmware.transport.shm.doorbell import DoorbellSenders
+from swarmware.transport.shm.layout import Geometry
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.ring import RingReader, RingWriter
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders, open_sender
-from swarmware.shm.layout import RingFull
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.readers import ENTRIES
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders, open_sender
+from swarmware.transport.shm.layout import RingFull
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.readers import ENTRIES
 
 
 @pytest.fixture

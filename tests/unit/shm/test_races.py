@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from swarmware import paths
 from swarmware.errors import Conflict
-from swarmware.shm import doorbell, ringfile
-from swarmware.shm import reap as reaping
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import RingBusy
-from swarmware.shm.lock import lock_within, try_lock
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import reap
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.model import paths
+from swarmware.transport.shm import doorbell, ringfile
+from swarmware.transport.shm import reap as reaping
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import RingBusy
+from swarmware.transport.shm.lock import lock_within, try_lock
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.reap import reap
+from swarmware.transport.shm.ring import RingReader, RingWriter
 
 
 def once(before: Callable[[], object]) -> Callable[[int], bool]:

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmware import paths
-from swarmware.shm.doorbell import Doorbell, DoorbellSenders
-from swarmware.shm.layout import readers_folder, ring_file
-from swarmware.shm.notifier import ReaderNotifier
-from swarmware.shm.reap import reap, remove_all
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.model import paths
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
+from swarmware.transport.shm.layout import readers_folder, ring_file
+from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.reap import reap, remove_all
+from swarmware.transport.shm.ring import RingReader, RingWriter
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from swarmware.errors import Conflict, NotFound, OutOfRange, WireError
-from swarmware.shm import layout
-from swarmware.shm.layout import RingBusy, RingFull, ring_file
-from swarmware.shm.ring import RingReader, RingWriter
+from swarmware.transport.shm import layout
+from swarmware.transport.shm.layout import RingBusy, RingFull, ring_file
+from swarmware.transport.shm.ring import RingReader, RingWriter
 
 SMALL, LARGE = 256, layout.CHECKED_SLOT_BYTES + 1000
 """With and without a checksum in the slots."""

@@ -9,9 +9,9 @@ import pytest
 
 from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import GRAVITY_M_S2, SensorErrors
-from swarmware.geodesy import LocalMap
+from swarmware.geometry.geodesy import LocalMap
+from swarmware.geometry.world import Bounds, Circle, World
 from swarmware.types.vehicle import Pose
-from swarmware.world import Bounds, Circle, World
 
 WORLD = World(
     description="",

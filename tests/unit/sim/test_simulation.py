@@ -7,8 +7,8 @@ import pytest
 from swarmd.sim.config import BatteryConfig, Config
 from swarmd.sim.core.simulation import BOUNDS, GROUND, Simulation, SimulationOutput
 from swarmware.errors import Denied
+from swarmware.geometry.world import Bounds, Circle, World
 from swarmware.types.vehicle import Pose, Setpoint
-from swarmware.world import Bounds, Circle, World
 
 WORLD = World(
     description="",

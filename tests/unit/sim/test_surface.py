@@ -8,10 +8,10 @@ import pytest
 from swarmd.sim.config import Config, SurfaceLimits
 from swarmd.sim.core.simulation import model
 from swarmd.sim.core.surface import Surface
-from swarmware.config import load, share_dir
 from swarmware.errors import InvalidInput
+from swarmware.geometry.world import World
+from swarmware.model.config import load, share_dir
 from swarmware.types.vehicle import Pose, Setpoint
-from swarmware.world import World
 
 DT = 0.02
 

@@ -5,8 +5,8 @@ import math
 import msgspec
 import pytest
 
-from swarmware.names import data_id
-from swarmware.resource import Kind, Resource
+from swarmware.model.names import data_id
+from swarmware.model.resource import Kind, Resource
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware import config, template
 from swarmware.errors import ConfigError
-from swarmware.resource import Kind
+from swarmware.model import config, template
+from swarmware.model.resource import Kind
 
 SHARE = config.share_dir()
 SHIPPED = sorted((SHARE / "templates").glob("*.toml"))

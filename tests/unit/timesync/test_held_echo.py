@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.timesync.peer import ClockEstimator, Exchange
-from swarmware.clock import Clock
+from swarmware.model.clock import Clock
 
 DELAY_NS = 30_000
 

@@ -8,8 +8,8 @@ import msgspec
 from swarmd.tree.config import Config, RuleConfig
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify, WriteMirror
 from swarmd.tree.core.tree import SwarmTree
-from swarmware.frame import Kind as FrameKind
-from swarmware.resource import Kind, Resource
+from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import TreeItem, TreeNotify
 
 S = 1_000_000_000

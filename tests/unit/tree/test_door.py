@@ -16,10 +16,10 @@ from swarmd.tree.core import structure
 from swarmd.tree.core.action import RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.index import Index, leaf
 from swarmd.tree.core.structure import PATHS_LIMIT, Patches, StructureEncoding
-from swarmware import names
 from swarmware.errors import InvalidInput, SwarmError, WireError
-from swarmware.frame import Frame, Kind, encode
-from swarmware.resource import Resource
+from swarmware.model import names
+from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.resource import Resource
 from swarmware.types import registry
 from swarmware.types.tree import (
     Rule,

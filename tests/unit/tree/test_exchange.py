@@ -14,7 +14,7 @@ from swarmd.tree.core.action import (
 )
 from swarmd.tree.core.structure import StructureEncoding
 from swarmd.tree.core.tree import SwarmTree
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureReply
 
 

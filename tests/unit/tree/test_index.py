@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from swarmd.tree.core.index import Index, Leaf, leaf
 from swarmware.errors import InvalidInput
-from swarmware.names import Pattern
-from swarmware.resource import Resource
+from swarmware.model.names import Pattern
+from swarmware.model.resource import Resource
 
 
 def board(path: str, **fields: object) -> Leaf:

@@ -8,7 +8,7 @@ from swarmd.tree.core import structure
 from swarmd.tree.core.index import Index, leaf
 from swarmd.tree.core.local import LocalTree, OwnerTimeouts, merge
 from swarmd.tree.core.structure import StructureEncoding
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import StructureReply, StructureRequest
 
 S = 1_000_000_000

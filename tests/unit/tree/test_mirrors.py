@@ -10,9 +10,9 @@ from tests.unit.tree.pair import value
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.mirrors import Mirrors
 from swarmware.errors import WireError
-from swarmware.frame import Kind
-from swarmware.shm.layout import ring_file
-from swarmware.testing import tmp_node
+from swarmware.model.frame import Kind
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.shm.layout import ring_file
 
 
 @pytest.mark.parametrize(

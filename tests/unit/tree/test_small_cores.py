@@ -8,11 +8,11 @@ from swarmd.tree.core.mirror import is_newer
 from swarmd.tree.core.quality import quality
 from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.timers import Timers
-from swarmware.config import parse
 from swarmware.errors import ConfigError
-from swarmware.frame import Kind as FrameKind
-from swarmware.names import hardware_id
-from swarmware.resource import Resource
+from swarmware.model.config import parse
+from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.names import hardware_id
+from swarmware.model.resource import Resource
 from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState
 from swarmware.types.tree import Rule, TreeItem
 

@@ -14,7 +14,7 @@ from swarmd.tree.core import structure
 from swarmd.tree.core.index import Index, leaf
 from swarmd.tree.core.structure import HISTORY, Changes, History
 from swarmware.errors import WireError
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
 
 A = leaf(Resource(path="a", type="Float"))
 B = leaf(Resource(path="b", type="Int", unit="m"))

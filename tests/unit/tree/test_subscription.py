@@ -4,7 +4,7 @@ import pytest
 
 from swarmd.tree.core.index import leaf
 from swarmd.tree.core.subscription import LocalSubscriptions, make_subscription, subscribable
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import Rule
 
 RULE = Rule("power/**", 0.1)

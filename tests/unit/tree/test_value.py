@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmware.errors import Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.scalar import Bool, Float, Int, Text
 from swarmware.types.vehicle import Goal, Pose
 

@@ -9,9 +9,9 @@ import msgspec
 from swarmctl.output import Column, Output
 from swarmctl.session import local_config_dir
 from swarmctl.settings import CliSettings
-from swarmware import document
-from swarmware.config import NodeConfig, load_node, load_service
 from swarmware.errors import NotFound
+from swarmware.model import document
+from swarmware.model.config import NodeConfig, load_node, load_service
 from swarmware.recorder.address import without_password
 from swarmware.service.find import find, installed
 

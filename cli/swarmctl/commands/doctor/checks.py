@@ -13,17 +13,17 @@ from typing import Final, Literal
 import msgspec
 
 from swarmctl import labs
-from swarmware import paths
-from swarmware.appfile import AppTable
-from swarmware.config import load_node, load_service, share_dir
 from swarmware.errors import ConfigError, SwarmError
-from swarmware.frame import decode
+from swarmware.model import paths
+from swarmware.model.config import load_node, load_service, share_dir
+from swarmware.model.frame import decode
 from swarmware.recorder.address import password_in, without_password
-from swarmware.security import Keys
 from swarmware.service.find import find
-from swarmware.shm.layout import ring_file
-from swarmware.shm.reap import reap
-from swarmware.shm.ring import RingReader
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.security import Keys
+from swarmware.transport.shm.layout import ring_file
+from swarmware.transport.shm.reap import reap
+from swarmware.transport.shm.ring import RingReader
 from swarmware.types import registry
 from swarmware.types.net import Traffic
 

@@ -8,7 +8,7 @@ import msgspec
 
 from swarmctl.session import NAME
 from swarmware.errors import SwarmError
-from swarmware.module import Module
+from swarmware.module.module import Module
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
 from swarmware.types.net import Denial
 

@@ -70,7 +70,7 @@ def clear(ctx: click.Context, pattern: str, yes: bool) -> None:
     from swarmctl.commands.health.report import clear_faults
     from swarmctl.confirmation import confirm
     from swarmctl.session import run
-    from swarmware.names import Pattern
+    from swarmware.model.names import Pattern
 
     Pattern(pattern)  # a wrong one is refused before anybody is asked
     confirm(yes, f"clear the faults that match {pattern}")

@@ -4,8 +4,8 @@ from swarmctl.fanout import platforms, read_boards, warn_errors
 from swarmctl.output import Cell, Column
 from swarmctl.quantities import spoken
 from swarmctl.session import Session
-from swarmware import names
 from swarmware.errors import NotFound, Partial
+from swarmware.model import names
 from swarmware.types.health import FaultClear, FaultList, FaultQuery, HealthReport, HealthState
 from swarmware.types.rpc import Empty
 

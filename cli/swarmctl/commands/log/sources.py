@@ -15,11 +15,11 @@ from swarmctl.quantities import span_s
 from swarmctl.session import config_dir
 from swarmctl.settings import CliSettings
 from swarmctl.values import brief
-from swarmware import paths
-from swarmware.clock import utc_ns
-from swarmware.config import load_node, load_service
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
-from swarmware.names import Pattern
+from swarmware.model import paths
+from swarmware.model.clock import utc_ns
+from swarmware.model.config import load_node, load_service
+from swarmware.model.names import Pattern
 from swarmware.recorder.address import database_in
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, LogSource, Query

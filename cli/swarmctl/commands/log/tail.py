@@ -12,12 +12,13 @@ from swarmctl.commands.log.interleaving import Interleaving
 from swarmctl.commands.log.sources import absolute
 from swarmctl.session import config_dir, local_config_dir
 from swarmctl.settings import CliSettings
-from swarmware import paths
-from swarmware.clock import utc_ns
-from swarmware.config import load_node
 from swarmware.errors import NotFound
-from swarmware.module import BoardReader, Module
-from swarmware.names import Pattern
+from swarmware.model import paths
+from swarmware.model.clock import utc_ns
+from swarmware.model.config import load_node
+from swarmware.model.names import Pattern
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.ring import segments
 from swarmware.recorder.segment import SegmentReader

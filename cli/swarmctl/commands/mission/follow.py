@@ -7,8 +7,8 @@ import msgspec
 from swarmctl.fanout import ask_all
 from swarmctl.session import Session
 from swarmctl.vehicle_observer import first_of
-from swarmware import names
 from swarmware.errors import NotFound, Partial, SwarmError
+from swarmware.model import names
 from swarmware.types.mission import MissionState, MissionStatus
 from swarmware.types.rpc import Empty
 

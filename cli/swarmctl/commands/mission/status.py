@@ -2,7 +2,7 @@
 
 from swarmctl.output import Column
 from swarmctl.session import Session
-from swarmware import names
+from swarmware.model import names
 from swarmware.types.mission import MissionList, MissionState, MissionStatus
 from swarmware.types.rpc import Empty
 

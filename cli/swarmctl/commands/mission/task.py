@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 
 from swarmctl.output import Column, Output
-from swarmware.config import share_dir
 from swarmware.errors import InvalidInput, MissionError, NotFound
 from swarmware.mission.check import check_files
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import read_files
+from swarmware.model.config import share_dir
 from swarmware.types.mission import MissionTask, ParamValue
 
 

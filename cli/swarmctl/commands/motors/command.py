@@ -61,7 +61,7 @@ def kill(ctx: click.Context, platform: str, again: str, reason: str, wait_s: flo
     from swarmctl.commands.motors import requests
     from swarmctl.confirmation import confirm_by_name
     from swarmctl.session import run
-    from swarmware import names
+    from swarmware.model import names
 
     names.check_platform(platform)
     confirm_by_name(platform, again, f"kill {platform}: motors off, in the air it falls")

@@ -7,8 +7,8 @@ from swarmctl.confirmation import confirm
 from swarmctl.session import Session
 from swarmctl.vehicle_observer import VehicleObserver, VehicleResult, print_result, raise_failures
 from swarmctl.vehicles import choose
-from swarmware import names
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.model import names
 from swarmware.types.vehicle import ArmRequest, KillRequest, VehicleState
 
 ARM = "sys/vehicle/arm"

@@ -8,8 +8,8 @@ from swarmctl.fanout import ask_all, platforms, read_boards, warn_errors
 from swarmctl.output import Cell, Column
 from swarmctl.quantities import spoken
 from swarmctl.session import Session
-from swarmware import names
 from swarmware.errors import Partial, SwarmError
+from swarmware.model import names
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
 from swarmware.types.net import RouteState

@@ -7,8 +7,8 @@ from typing import Any, BinaryIO
 
 import msgspec
 
-from swarmware import names
 from swarmware.errors import missing_extra
+from swarmware.model import names
 from swarmware.types.net import Neighbours
 
 

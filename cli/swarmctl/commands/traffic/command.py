@@ -63,8 +63,8 @@ def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
     from swarmctl.commands.traffic.rates import set_limit
     from swarmctl.quantities import rate_hz, span_s
     from swarmctl.session import run
-    from swarmware import names
-    from swarmware.names import Pattern
+    from swarmware.model import names
+    from swarmware.model.names import Pattern
 
     Pattern(names.split(pattern)[1])  # a wrong one is refused before the node is joined
     run(settings(ctx), set_limit, pattern, rate_hz(rate), span_s(span) if span else 0.0)

@@ -4,8 +4,8 @@ import click
 
 from swarmctl.output import Column
 from swarmctl.session import Session
-from swarmware import names
-from swarmware.names import Pattern
+from swarmware.model import names
+from swarmware.model.names import Pattern
 from swarmware.types.net import ChannelLimits, SetChannel, Traffic
 from swarmware.types.rpc import Empty
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from swarmware import names
+from swarmware.model import names
 from swarmware.types.tree import TreeEntry
 
 

@@ -9,7 +9,8 @@ from swarmctl.session import Session
 from swarmctl.tree_listing import is_pattern, valued
 from swarmctl.values import brief, field, single
 from swarmware.errors import Partial
-from swarmware.module import BoardReader, StreamReader
+from swarmware.module.board import BoardReader
+from swarmware.module.stream import StreamReader
 from swarmware.types import registry
 from swarmware.types.tree import TreeEntry
 

@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Final
 
-from swarmware.access import Access, Role, Sender, Verb
-from swarmware.delivery import answerable, with_sender
-from swarmware.frame import Frame
+from swarmware.model.access import Access, Role, Sender, Verb
+from swarmware.model.frame import Frame
+from swarmware.transport.delivery.answer import answerable
+from swarmware.transport.delivery.sender import with_sender
 from swarmware.types.net import Denial
 
 REPORT_NS: Final = 1_000_000_000

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import Final
 
 from swarmware.errors import WireError
-from swarmware.frame import Frame, Kind
-from swarmware.names import data_id
+from swarmware.model.frame import Frame, Kind
+from swarmware.model.names import data_id
 from swarmware.types import registry
 from swarmware.types.tree import TreeNotify
 

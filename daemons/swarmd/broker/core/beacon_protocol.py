@@ -24,7 +24,7 @@ from swarmd.broker.core.relay_cache import RelayCache, RemoteValue
 from swarmd.broker.core.routing_table import HYSTERESIS, RouteChanged
 from swarmd.broker.core.topology import ClockSample, LinkChanged, LinkState, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, ChannelCounters, Counters
-from swarmware.names import hardware_id
+from swarmware.model.names import hardware_id
 from swarmware.types.net import BoardSubscription, TreePlan
 
 HELLO_NS: Final = 2_000_000_000

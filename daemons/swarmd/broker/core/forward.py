@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.core.routing_table import RoutingTable
-from swarmware.frame import HOPS, Frame
+from swarmware.model.frame import HOPS, Frame
 
 SEEN_MAX: Final = 4096
 LOOP_NS: Final = 90_000_000

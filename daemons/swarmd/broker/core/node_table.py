@@ -8,7 +8,7 @@ import msgspec
 from swarmd.broker.core.beacon import Hello, MemberRow, PlatformKind
 from swarmd.broker.core.beacon_codec import member_bytes
 from swarmware.errors import InvalidInput
-from swarmware.names import check_platform, hardware_id
+from swarmware.model.names import check_platform, hardware_id
 
 REPEAT_NS: Final = 30_000_000_000
 """Period in which an unchanged member row is repeated."""

@@ -1,6 +1,6 @@
 """Rate limits of channels: by resource pattern, set at run time."""
 
-from swarmware.names import Pattern
+from swarmware.model.names import Pattern
 from swarmware.types.net import ChannelLimit, ChannelLimits, SetChannel
 
 

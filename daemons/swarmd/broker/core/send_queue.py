@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.frame import Flag, Frame, Kind
+from swarmware.model.frame import Flag, Frame, Kind
 
 FRAMES_MAX: Final = 2048
 BYTES_MAX: Final = 8 * 1024 * 1024

@@ -12,8 +12,8 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmware.clock import Clock
 from swarmware.errors import ConfigError
+from swarmware.model.clock import Clock
 from swarmware.runtime.instant import wait_s
 
 Address = tuple[str, int]

@@ -15,9 +15,9 @@ from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
 from swarmd.broker.links.zmq_socket import ConnectionMonitor, Socket, ZmqSocket
 from swarmware.errors import ConfigError
-from swarmware.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
-from swarmware.post.port import make_context
-from swarmware.security import Keys
+from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
+from swarmware.transport.messaging.port import make_context
+from swarmware.transport.security import Keys
 
 SEND_HIGH_WATER: Final = 4
 """Frames inside libzmq per connection; the rest waits in the send queue, which has priorities."""

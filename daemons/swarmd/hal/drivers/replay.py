@@ -5,7 +5,8 @@ from pathlib import Path
 from swarmd.hal.config import Config, ReplayDriver
 from swarmd.hal.core.packet_clock import PacketClock
 from swarmd.hal.driver import DeviceError, Driver, Site
-from swarmware.module import BoardWriter, Module
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Blob
 
 

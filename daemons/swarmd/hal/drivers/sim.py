@@ -7,7 +7,9 @@ import msgspec
 from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Driver, Site
-from swarmware.module import BoardReader, BoardWriter, Module
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Range
 

@@ -6,7 +6,8 @@ import psutil
 
 from swarmd.hal.config import Config
 from swarmd.hal.driver import Driver, Site
-from swarmware.module import BoardWriter, Module
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.system import SystemLoad
 
 

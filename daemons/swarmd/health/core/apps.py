@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
 from swarmware.types.health import OK_STATE, Level
 from swarmware.types.system import AppStatus
 

@@ -10,8 +10,8 @@ from swarmd.health.core.faults import CheckSample, FaultTable
 from swarmd.health.core.platforms import PlatformPresence
 from swarmd.health.core.reports import RegisteredCheck, RegisteredChecks
 from swarmd.health.core.rules import AgeRule, LimitRule
-from swarmware.names import Pattern
-from swarmware.resource import Resource
+from swarmware.model.names import Pattern
+from swarmware.model.resource import Resource
 from swarmware.types.health import (
     OK_STATE,
     CheckRegistration,

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Final
 
 from swarmware.health.debouncer import Debouncer
-from swarmware.resource import STALE_PERIODS, Resource
+from swarmware.model.resource import STALE_PERIODS, Resource
 from swarmware.types.health import OK_STATE, Level
 
 STALE: Final = "stale"

@@ -6,7 +6,7 @@ from typing import Any
 from swarmd.mission.vehicle import VehicleClient
 from swarmware.mission.catalogue import BLOCKS, BlockType, Params
 from swarmware.mission.plugin import BlockError
-from swarmware.module import Module
+from swarmware.module.module import Module
 
 
 class Context:

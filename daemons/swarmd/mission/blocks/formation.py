@@ -2,7 +2,7 @@
 
 from swarmd.mission.blocks.context import Context, spec
 from swarmd.mission.vehicle import Way
-from swarmware.formation import place
+from swarmware.geometry.formation import place
 from swarmware.mission import catalogue
 from swarmware.types.vehicle import NavStatus
 

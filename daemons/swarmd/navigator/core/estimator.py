@@ -5,7 +5,7 @@ from typing import Final
 
 from swarmd.navigator.config import EstimatorConfig
 from swarmd.navigator.core.standstill import Standstill
-from swarmware.geodesy import LocalMap, Origin
+from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 
 GRAVITY_M_S2: Final = 9.80665

@@ -8,7 +8,7 @@ import msgspec
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.target import Target
 from swarmware.errors import InvalidInput
-from swarmware.formation import Formation, Slot
+from swarmware.geometry.formation import Formation, Slot
 from swarmware.types.vehicle import Goal, Pose
 
 _MOVES_M_S: Final = 0.05

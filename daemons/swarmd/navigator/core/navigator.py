@@ -10,7 +10,7 @@ from swarmd.navigator.core.estimator import Estimator
 from swarmd.navigator.core.keeper import FormationKeeper
 from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.errors import InvalidInput
-from swarmware.geodesy import Origin
+from swarmware.geometry.geodesy import Origin
 from swarmware.types.vehicle import (
     GOAL_KINDS,
     GnssFix,

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from typing import Final
 
 from swarmd.sim.config import SensorsConfig
-from swarmware.geodesy import LocalMap
+from swarmware.geometry.geodesy import LocalMap
+from swarmware.geometry.world import World
 from swarmware.types.vehicle import GnssFix, Imu, Pose, Range
-from swarmware.world import World
 
 GRAVITY_M_S2: Final = 9.80665
 _HEIGHT_FACTOR: Final = 1.5

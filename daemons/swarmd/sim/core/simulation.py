@@ -12,6 +12,7 @@ from swarmd.sim.core.multirotor import Multirotor
 from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
 from swarmd.sim.core.surface import Surface
 from swarmware.errors import Denied, InvalidInput
+from swarmware.geometry.world import World
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -22,7 +23,6 @@ from swarmware.types.vehicle import (
     Setpoint,
     VehicleState,
 )
-from swarmware.world import World
 
 BOUNDS: Final = "bounds"
 GROUND: Final = "ground"

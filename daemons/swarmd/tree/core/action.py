@@ -2,8 +2,8 @@
 
 import msgspec
 
-from swarmware.frame import Kind
-from swarmware.resource import Resource
+from swarmware.model.frame import Kind
+from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
 

@@ -4,7 +4,7 @@ from collections import deque
 from typing import Final
 
 from swarmd.tree.core.condition import INTERVAL_MAX_S, differs
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import Rule, TreeItem
 
 QUEUE_LIMIT: Final = 4096

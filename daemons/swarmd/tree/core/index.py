@@ -9,8 +9,8 @@ from typing import Final
 import msgspec
 from sortedcontainers import SortedList
 
-from swarmware.names import Pattern
-from swarmware.resource import Resource
+from swarmware.model.names import Pattern
+from swarmware.model.resource import Resource
 
 _encoder = msgspec.msgpack.Encoder()
 _AFTER: Final = chr(ord("/") + 1)

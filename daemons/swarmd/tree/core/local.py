@@ -8,7 +8,7 @@ import msgspec
 
 from swarmd.tree.core.index import Index, Leaf, leaf
 from swarmd.tree.core.structure import History, StructureEncoding, encode, version
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import StructureReply, StructureRequest
 
 log = logging.getLogger("swarm.tree")

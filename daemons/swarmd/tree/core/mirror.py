@@ -1,6 +1,6 @@
 """Duplicate check of values for a mirror."""
 
-from swarmware.frame import Kind
+from swarmware.model.frame import Kind
 from swarmware.types.tree import TreeItem
 
 

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from swarmware.names import hardware_id
+from swarmware.model.names import hardware_id
 from swarmware.types.net import Neighbours, Routes
 
 

@@ -3,7 +3,7 @@
 from swarmd.tree.core.index import Index, Leaf
 from swarmd.tree.core.reorder_buffer import ReorderBuffer
 from swarmd.tree.core.subscription import Subscription, subscribable
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
 
 
 class Replica:

@@ -16,8 +16,8 @@ from swarmd.tree.core.structure import Patches, StructureEncoding
 from swarmd.tree.core.subscription import NO_SUBSCRIPTION, LocalSubscriptions, subscribable
 from swarmd.tree.core.timers import Timers
 from swarmware.errors import OutOfRange, WireError
-from swarmware.names import check_platform
-from swarmware.resource import Resource
+from swarmware.model.names import check_platform
+from swarmware.model.resource import Resource
 from swarmware.types.net import BoardSubscription
 from swarmware.types.tree import (
     StructureReply,

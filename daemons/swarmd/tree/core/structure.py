@@ -10,8 +10,8 @@ import msgspec
 
 from swarmd.tree.core.index import Index, Leaf, leaf
 from swarmware.errors import WireError
-from swarmware.names import PATH_LIMIT
-from swarmware.resource import Resource
+from swarmware.model.names import PATH_LIMIT
+from swarmware.model.resource import Resource
 
 HISTORY: Final = 64
 """Former states of the own structure for which changes are kept."""

@@ -3,7 +3,7 @@
 from swarmd.tree.core.feed import Feed
 from swarmd.tree.core.lane import LaneNumber, NotificationLane
 from swarmd.tree.core.subscription import Subscription, make_subscription
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 
 
 class Subscriber:

@@ -15,8 +15,8 @@ from swarmd.tree.core.local import LocalTree
 from swarmd.tree.core.subscriber import Subscriber
 from swarmd.tree.core.subscription import Subscription, make_subscription, subscribable
 from swarmd.tree.core.timers import Timers
-from swarmware.names import check_platform
-from swarmware.resource import Resource
+from swarmware.model.names import check_platform
+from swarmware.model.resource import Resource
 from swarmware.types.net import BoardPublication, ChannelLimit
 from swarmware.types.tree import SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 

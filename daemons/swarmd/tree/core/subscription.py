@@ -9,8 +9,8 @@ import msgspec
 
 from swarmd.tree.core.index import Leaf, pattern
 from swarmware.errors import InvalidInput
-from swarmware.names import split
-from swarmware.resource import Kind
+from swarmware.model.names import split
+from swarmware.model.resource import Kind
 from swarmware.types.tree import Rule
 
 _encoder = msgspec.msgpack.Encoder()

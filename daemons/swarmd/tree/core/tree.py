@@ -8,7 +8,7 @@ from swarmd.tree.core.local import LocalTree, OwnerTimeouts
 from swarmd.tree.core.replicas import Replicas, ReplicaTimeouts
 from swarmd.tree.core.subscribers import Intervals, Subscribers
 from swarmd.tree.core.subscription import LocalSubscriptions
-from swarmware.resource import Resource
+from swarmware.model.resource import Resource
 from swarmware.types.net import ChannelLimit
 from swarmware.types.tree import (
     StructureReply,

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from swarmware.errors import Denied, InvalidInput, NotFound, OutOfRange, TypeMismatch
-from swarmware.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource
 from swarmware.types import registry
 
 _SETTABLE = frozenset({Kind.SETTING, Kind.COMMAND, Kind.BOARD})

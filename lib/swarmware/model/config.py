@@ -1,0 +1,221 @@
+"""Configuration files: TOML into typed Structs, every mistake named by file, key and expectation."""
+
+import os
+import re
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, TypeVar
+
+import msgspec
+
+from swarmware.errors import ConfigError, InvalidInput
+from swarmware.model import document
+from swarmware.model.names import check_application, check_platform, segment
+
+T = TypeVar("T")
+
+DEFAULT_DIR: Final = Path("/etc/swarm")
+CONFIG_VARIABLE: Final = "SWARM_CONFIG"
+"""Environment variable that names the configuration folder, for daemons, commands and modules alike."""
+
+_WHERE = re.compile(r" - at `\$\.?(?P<key>[^`]*)`$")
+_UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
+
+
+class ClockConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The simulated error of this node's clock; zero outside the lab."""
+
+    offset_s: Annotated[float, msgspec.Meta(ge=-3600, le=3600)] = 0.0
+    """Added to the machine's monotonic clock."""
+    drift_ppm: Annotated[float, msgspec.Meta(ge=-500, le=500)] = 0.0
+    """How much faster it runs."""
+
+
+class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A node: which platform it is, what runs on it and where its files are (node.toml)."""
+
+    platform: str = "uav1"
+    """Name of the platform: [a-z][a-z0-9_]{0,30}."""
+    unit: str = "main"
+    """Name of this computer on the platform."""
+    kind: Literal["uav", "ugv", "usv", "gcs"] = "uav"
+    template: str = "multirotor"
+    """Resource template, a file of share/swarm/templates without its ending."""
+    services: tuple[str, ...] = (
+        "broker",
+        "tree",
+        "register",
+        "timesync",
+        "health",
+        "guard",
+        "mission",
+        "logger",
+        "hal",
+        "sim",
+        "navigator",
+    )
+    """Services of this node, in the order in which they start."""
+    processes: Literal["one", "per-daemon"] = "one"
+    """All services in one process, or a process for each."""
+    run_dir: str = "/run/swarm"
+    """Sockets, doorbells and application files; keep it short, a socket's path has 107 bytes at most."""
+    shm_dir: str = ""
+    """Shared memory; empty: /dev/shm/swarm-<platform>."""
+    data_dir: str = "/var/lib/swarm"
+    """Logs, settings, missions."""
+    keys_dir: str = "/etc/swarm/keys"
+    """Identity and roster; without them only loopback is served."""
+    share_dir: str = ""
+    """Templates, worlds, missions; empty: where the package was installed."""
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
+    clock: ClockConfig = ClockConfig()
+
+    def __post_init__(self) -> None:
+        """Checks what the types cannot say; msgspec turns ValueError into its ValidationError."""
+        check_platform(self.platform)
+        check_platform(self.unit)
+        seen: dict[str, str] = {}
+        for name in self.services:
+            check_application(name)
+            other = seen.setdefault(segment(name), name)
+            if other != name:
+                raise ValueError(f"services: {other!r} and {name!r} have the same resource paths")
+        if len(set(self.services)) != len(self.services):
+            raise ValueError("services: a name stands there twice")
+
+    @property
+    def shm_path(self) -> Path:
+        """Directory of this node's shared memory."""
+        return Path(self.shm_dir or f"/dev/shm/swarm-{self.platform}")
+
+    @property
+    def run_path(self) -> Path:
+        """Directory of this node's sockets and application files."""
+        return Path(self.run_dir)
+
+    @property
+    def data_path(self) -> Path:
+        """Directory of what this node keeps."""
+        return Path(self.data_dir)
+
+    @property
+    def share_path(self) -> Path:
+        """Directory of templates, worlds and missions."""
+        return Path(self.share_dir) if self.share_dir else share_dir()
+
+
+def share_dir() -> Path:
+    """Where templates, worlds, missions and schemas of this installation are.
+
+    Raises: ConfigError when neither a checkout nor an installation holds them.
+    """
+    here = Path(__file__).resolve()
+    candidates = [
+        Path(os.environ["SWARM_SHARE"]) if "SWARM_SHARE" in os.environ else None,
+        here.parents[2] / "share" / "swarm",  # a checkout: lib/swarmware/model/config.py
+        *(parent / "share" / "swarm" for parent in here.parents[3:6]),  # <venv>/lib/python3/site-packages
+        Path("/usr/local/share/swarm"),
+        Path("/usr/share/swarm"),
+    ]
+    for candidate in candidates:
+        if candidate is not None and (candidate / "templates").is_dir():
+            return candidate
+    raise ConfigError("share directory: not found; expected templates/ in it; set SWARM_SHARE to where it is")
+
+
+def find_config_dir(config_dir: Path | str | None = None) -> Path:
+    """The configuration folder of a node: the one given, else of SWARM_CONFIG, else /etc/swarm."""
+    return Path(config_dir or os.environ.get(CONFIG_VARIABLE) or DEFAULT_DIR).resolve()
+
+
+def load_node(config_dir: Path) -> NodeConfig:
+    """The node's own configuration.
+
+    Raises: ConfigError when the file is missing or does not fit.
+    """
+    path = config_dir / "node.toml"
+    if not path.exists():
+        raise ConfigError(
+            f"{path}: no such file; expected a NodeConfig in TOML; {CONFIG_VARIABLE} names another folder"
+        )
+    return load(path, NodeConfig)
+
+
+def load_service(config_dir: Path, name: str, cls: type[T]) -> T:
+    """Configuration of one service: its file under services/, or the defaults when there is none.
+
+    Raises: ConfigError when the file does not fit.
+    """
+    path = config_dir / "services" / f"{name}.toml"
+    other = path.with_name(f"{segment(name)}.toml")
+    if other != path and other.exists():
+        raise ConfigError(f"{other}: of no service; the settings of {name!r} are expected in {path.name}")
+    return load(path, cls) if path.exists() else cls()
+
+
+def load(path: Path, cls: type[T]) -> T:
+    """The file as a Struct.
+
+    Raises: ConfigError with file, key and what was expected.
+    """
+    try:
+        text = document.read(path)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; expected a {cls.__name__} in TOML") from None
+    return parse(text, cls, str(path))
+
+
+def parse(text: str, cls: type[T], source: str) -> T:
+    """The TOML text as a Struct; `source` is named in errors.
+
+    Raises: ConfigError with source, key and what was expected.
+    """
+    return convert(document.toml(text, source), cls, source)
+
+
+def convert(raw: Any, cls: type[T], source: str) -> T:
+    """Plain TOML or JSON data as a Struct; `source` is named in errors.
+
+    Raises: ConfigError with source, key and what was expected.
+    """
+    try:
+        return msgspec.convert(raw, cls, strict=True)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{source}: {_explain(str(error), raw, cls)}") from error
+    except InvalidInput as error:
+        raise ConfigError(f"{source}: {error}") from error
+
+
+def _explain(message: str, raw: Any, cls: Any) -> str:
+    where = _WHERE.search(message)
+    prefix = f"{where['key']}." if where and where["key"] else ""
+    if unknown := _UNKNOWN.search(message):
+        known = _fields_at(cls, prefix.rstrip("."))
+        near = get_close_matches(unknown["key"], known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
+        return f"key {prefix}{unknown['key']}: unknown; {hint}"
+    text = message[: where.start()] if where else message
+    if not prefix:
+        return text
+    value = _value_at(raw, prefix.rstrip("."))
+    return f"key {prefix.rstrip('.')}: {text[:1].lower() + text[1:]} (it is {value!r})"
+
+
+def _fields_at(cls: Any, key: str) -> list[str]:
+    for part in filter(None, re.split(r"[.\[]", key)):
+        if part.endswith("]") or part == "...":
+            return []
+        found = {f.name: f.type for f in msgspec.structs.fields(cls)}.get(part)
+        if not (isinstance(found, type) and issubclass(found, msgspec.Struct)):
+            return []
+        cls = found
+    return [f.encode_name for f in msgspec.structs.fields(cls)]
+
+
+def _value_at(raw: Any, key: str) -> Any:
+    for part in filter(None, re.split(r"[.\[\]]", key)):
+        try:
+            raw = raw[int(part)] if isinstance(raw, list) else raw[part]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return None
+    return raw

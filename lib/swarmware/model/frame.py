@@ -1,0 +1,217 @@
+"""The frame: one 48-byte header and a payload, the same in shared memory, ipc, network and log."""
+
+import struct
+from enum import IntEnum, IntFlag
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import WireError
+from swarmware.model.names import ANY
+
+MAGIC: Final = b"SW"
+VERSION: Final = 1
+HEADER_BYTES: Final = 48
+PAYLOAD_LIMIT: Final = 4 * 1024 * 1024
+"""Largest payload of one frame on a link: libzmq's MAXMSGSIZE follows it; more is refused to its sender."""
+
+_HEADER = struct.Struct("<2sBBHBBIIIIIIqII")
+assert _HEADER.size == HEADER_BYTES
+_MOVING = struct.Struct("<IqII")
+_MOVING_AT: Final = HEADER_BYTES - _MOVING.size
+"""The end of the header: sequence, stamp and echo times."""
+
+HOPS: Final = 24
+"""Hops a frame may take. Radios spread at random, each in range of nine others, are at most 14 hops apart
+among 100 and 22 among 300; among 500 a few pairs are up to 26 apart."""
+
+
+class Kind(IntEnum):
+    """What a frame is for."""
+
+    BOARD = 1
+    MESSAGE = 2
+    STREAM = 3
+    FILE = 4
+    ACK = 5
+    REQUEST = 6
+    REPLY = 7
+    NOTIFY = 8
+    BEACON = 9
+    HELLO = 10
+    ROUTE = 11
+    EVENT = 12
+
+
+class Flag(IntFlag):
+    """Header flags; the codec of the payload stands in bits 8–10, the others are reserved."""
+
+    URGENT = 2
+    WANTS_ACK = 4
+
+
+class Codec(IntEnum):
+    """How the payload is coded on top of its type's MessagePack."""
+
+    NONE = 0
+    ZLIB = 1
+    ZSTD = 2
+    PACKED = 7
+    """The type's own quantised form instead of MessagePack."""
+
+
+ADDRESSED: Final = frozenset({Kind.MESSAGE, Kind.NOTIFY, Kind.EVENT, Kind.STREAM, Kind.FILE})
+"""Kinds that go to an inbox; the kind decides how urgent they are on a link."""
+
+
+_CODEC_SHIFT: Final = 8
+_CODEC_MASK: Final = 0x7 << _CODEC_SHIFT
+_CODECS: Final = {int(codec): codec for codec in Codec}
+_KINDS: Final = {int(kind): kind for kind in Kind}
+
+
+class Frame(msgspec.Struct, gc=False):
+    """One unit of data that moves."""
+
+    kind: Kind
+    data_id: int
+    """Of resource path and type, see `names.data_id`."""
+    sender_hw: int = 0
+    sender_app: int = 0
+    receiver_hw: int = ANY
+    receiver_app: int = ANY
+    sequence: int = 0
+    """Per (sender, data id), modulo 2³²."""
+    stamp_ns: int = 0
+    """Sender's hardware clock at send."""
+    echo_tx_us: int = 0
+    """The receiver's last send time, 32-bit µs of the receiver's clock."""
+    echo_rx_us: int = 0
+    """When that arrived here, 32-bit µs of the sender's clock."""
+    flags: int = 0
+    codec: Codec = Codec.NONE
+    hops_left: int = HOPS
+    extension: bytes = b""
+    payload: bytes | memoryview = b""
+
+
+def encode(frame: Frame) -> bytes:
+    """The frame as bytes.
+
+    Raises: WireError when a number does not fit its field of the header.
+    """
+    try:
+        header = _HEADER.pack(
+            MAGIC,
+            VERSION,
+            frame.kind,
+            frame.flags | frame.codec << _CODEC_SHIFT,
+            frame.hops_left,
+            len(frame.extension),
+            frame.data_id,
+            frame.sender_hw,
+            frame.sender_app,
+            frame.receiver_hw,
+            frame.receiver_app,
+            frame.sequence & 0xFFFF_FFFF,
+            frame.stamp_ns,
+            frame.echo_tx_us & 0xFFFF_FFFF,
+            frame.echo_rx_us & 0xFFFF_FFFF,
+        )
+    except struct.error as error:
+        raise WireError(_misfit(frame)) from error
+    return b"".join((header, frame.extension, frame.payload))
+
+
+def restamp(
+    frame: bytearray, sequence: int, stamp_ns: int, *, echo_tx_us: int = 0, echo_rx_us: int = 0
+) -> None:
+    """Another sequence number and other times for an encoded frame, in place.
+
+    Raises: WireError when the stamp does not fit its field.
+    """
+    try:
+        frame[_MOVING_AT:HEADER_BYTES] = _MOVING.pack(
+            sequence & 0xFFFF_FFFF,
+            stamp_ns,
+            echo_tx_us & 0xFFFF_FFFF,
+            echo_rx_us & 0xFFFF_FFFF,
+        )
+    except struct.error as error:
+        raise WireError(f"frame: stamp_ns is {stamp_ns}: expected 64 bits") from error
+
+
+_RANGES: Final = {
+    "data_id": (0, ANY),
+    "sender_hw": (0, ANY),
+    "sender_app": (0, ANY),
+    "receiver_hw": (0, ANY),
+    "receiver_app": (0, ANY),
+    "stamp_ns": (-(2**63), 2**63 - 1),
+    "hops_left": (0, 255),
+    "flags": (0, 0xFFFF),
+}
+
+
+def _misfit(frame: Frame) -> str:
+    for name, (least, greatest) in _RANGES.items():
+        number = getattr(frame, name)
+        if not least <= number <= greatest:
+            return f"frame: {name} is {number}: expected {least} to {greatest}"
+    return f"frame: an extension of {len(frame.extension)} bytes: expected at most 255"
+
+
+def decode(data: bytes | memoryview) -> Frame:
+    """The frame in these bytes; the payload is a slice of them (bytes stay bytes, a view stays a view).
+
+    Raises: WireError for anything that is no frame of a version we speak.
+    """
+    if len(data) < HEADER_BYTES:
+        raise WireError(f"frame of {len(data)} bytes: expected at least {HEADER_BYTES}")
+    (
+        magic,
+        version,
+        kind_number,
+        flags,
+        hops_left,
+        extension_length,
+        data_id,
+        sender_hw,
+        sender_app,
+        receiver_hw,
+        receiver_app,
+        sequence,
+        stamp_ns,
+        echo_tx_us,
+        echo_rx_us,
+    ) = _HEADER.unpack_from(data)
+    if magic != MAGIC:
+        raise WireError(f"frame starts with {magic!r}: expected {MAGIC!r}")
+    if not VERSION - 1 <= version <= VERSION + 1:
+        raise WireError(f"frame of version {version}: expected {VERSION}, one before or one after")
+    kind = _KINDS.get(kind_number)
+    if kind is None:
+        raise WireError(f"frame of unknown kind {kind_number}: expected one of {sorted(_KINDS)}")
+    codec = _CODECS.get((flags & _CODEC_MASK) >> _CODEC_SHIFT)
+    if codec is None:
+        raise WireError(f"frame of unknown codec {(flags & _CODEC_MASK) >> _CODEC_SHIFT}")
+    start = HEADER_BYTES + extension_length
+    if len(data) < start:
+        raise WireError(f"frame of {len(data)} bytes: its extension needs {start}")
+    return Frame(
+        kind,
+        data_id,
+        sender_hw,
+        sender_app,
+        receiver_hw,
+        receiver_app,
+        sequence,
+        stamp_ns,
+        echo_tx_us,
+        echo_rx_us,
+        flags & ~_CODEC_MASK,
+        codec,
+        hops_left,
+        bytes(data[HEADER_BYTES:start]),
+        data[start:],
+    )

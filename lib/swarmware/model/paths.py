@@ -1,0 +1,70 @@
+"""Where things of a node are: files below its folders, and resource paths that follow from a name.
+
+`share/doc/protocol.md` states them for other implementations.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from swarmware.model.names import segment
+
+APPLICATION_PATTERN: Final = "*.toml"
+SOCKET_PATTERN: Final = "*.sock"
+
+
+def applications(run_dir: Path) -> Path:
+    """Folder of the application files."""
+    return run_dir / "apps"
+
+
+def application_file(run_dir: Path, name: str, instance: int) -> Path:
+    """Application file of one instance."""
+    return applications(run_dir) / f"{name}#{instance}.toml"
+
+
+def sockets(run_dir: Path) -> Path:
+    """Folder of the sockets of all processes."""
+    return run_dir / "p"
+
+
+def socket(run_dir: Path, doorbell: str) -> Path:
+    """Socket of the process with this doorbell."""
+    return sockets(run_dir) / f"{doorbell}.sock"
+
+
+def doorbells(run_dir: Path) -> Path:
+    """Folder of the doorbells of all processes."""
+    return run_dir / "bells"
+
+
+def applications_watchers(shm_dir: Path) -> Path:
+    """Doorbells that are rung when applications join, leave or change."""
+    return shm_dir / "apps.readers"
+
+
+def mirrors_watchers(shm_dir: Path) -> Path:
+    """Doorbells that are rung when a mirror of another platform's resource appears."""
+    return shm_dir / "mirrors.readers"
+
+
+def master_watchers(shm_dir: Path) -> Path:
+    """Doorbells of all processes: rung when the role of the master changes hands."""
+    return shm_dir / "master.readers"
+
+
+def log(data_dir: Path) -> Path:
+    """Folder of the local log."""
+    return data_dir / "log"
+
+
+def status(application: str) -> str:
+    """Resource path at which a service reports its state and its beat."""
+    return f"app/{segment(application)}/status"
+
+
+def checks(application: str, instance: int) -> str:
+    """Resource path of the checks that an application runs itself."""
+    suffix = "" if instance == 1 else f"_{instance}"
+    return f"health/checks/{segment(application)}{suffix}"

@@ -1,0 +1,181 @@
+"""The resource: one named thing of a platform, as its descriptor says it."""
+
+from __future__ import annotations
+
+import math
+import re
+from enum import StrEnum
+from typing import Literal
+
+import msgspec
+
+from swarmware.errors import SwarmError
+from swarmware.model import names
+
+
+class Kind(StrEnum):
+    """What a resource is; the kind decides how its value may move."""
+
+    BRANCH = "branch"
+    """An inner node of the tree: has a description, no value."""
+    BOARD = "board"
+    """The newest value wins; a reader knows its age."""
+    EVENT = "event"
+    """Something happened: each one counts, none is overwritten unseen."""
+    COMMAND = "command"
+    """A message or a request that the owner carries out."""
+    STREAM = "stream"
+    """Every increment, in order."""
+    FILE = "file"
+    """Complete and correct, or not at all."""
+    SETTING = "setting"
+    """A persistent value that an operator may change; readable as a board."""
+
+
+Access = Literal["r", "rw"]
+Category = Literal["", "periodic", "conditional"]
+Link = Literal["", "tick", "notify", "request"]
+Plain = bool | int | float | str
+
+STALE_PERIODS = 3.0
+"""A periodic value that missed three periods in a row is stale; two lost datagrams in a row are usual."""
+
+SLOWEST_HZ = 1e-6
+FASTEST_HZ = 1e6
+OLDEST_S = 1e9
+"""Periods and ages in nanoseconds fit 64 bits: a descriptor comes over the wire."""
+
+_LOG = re.compile(r"^(?:all|none|(?:[0-9]+(?:\.[0-9]+)?)hz)$")
+_PLAIN_TYPES: dict[str, type[Plain]] = {"Float": float, "Int": int, "Bool": bool, "Text": str}
+
+
+class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """Descriptor of one resource: everything about it but its value.
+
+    Empty `category` and `link` are filled in when the descriptor is made, from kind and rate.
+    Raises: ValueError when two fields contradict each other.
+    """
+
+    path: str
+    """Local path, without the platform: `nav/pose`."""
+    kind: Kind = Kind.BOARD
+    type: str = ""
+    """Name of the registered Struct; a command: of its request. Empty for a branch."""
+    reply: str = ""
+    """A command that answers: name of the Struct of the answer."""
+    unit: str = ""
+    """SI unit of a plain value; empty where the field names of the Struct say it."""
+    range: tuple[float, float] | None = None
+    """Least and greatest permitted number, both included."""
+    choices: tuple[str, ...] = ()
+    """The permitted texts; empty: any."""
+    access: Access = "r"
+    """What others may do: only read, or set it too."""
+    rate_hz: float = 0.0
+    """Nominal rate of a periodic resource; 0: no period."""
+    critical: bool = False
+    """Without a fresh value the platform must not move: its loss is an error, else a warning."""
+    max_age_s: float = 0.0
+    """Older than this is stale; 0: three periods, or never where there is no period."""
+    category: Category = ""
+    link: Link = ""
+    """Default way to other platforms: in the beacon, by notification, or only on request."""
+    log: str = "none"
+    """What the logger keeps: `all`, `<n>hz` (decimated), `none`."""
+    owner: str = ""
+    """Name of the application that provides it."""
+    default: Plain | None = None
+    """First value of a setting."""
+    description: str = ""
+    confirm: str = ""
+    """What will happen when somebody sets it; an operator is asked before. Empty: nothing to ask."""
+
+    def __post_init__(self) -> None:
+        try:
+            names.check_path(self.path)
+        except SwarmError as error:
+            raise ValueError(str(error)) from error
+        if self.path.startswith("/"):
+            raise ValueError(f"path {self.path!r}: names a platform; expected a local path such as nav/pose")
+        if not self.category:
+            periodic = self.rate_hz > 0 and self.kind in {Kind.BOARD, Kind.STREAM}
+            msgspec.structs.force_setattr(self, "category", "periodic" if periodic else "conditional")
+        if not self.link:
+            msgspec.structs.force_setattr(self, "link", self._default_link())
+        self._check()
+
+    def _default_link(self) -> Link:
+        if self.kind in {Kind.COMMAND, Kind.FILE, Kind.BRANCH, Kind.STREAM}:
+            return "request"
+        return "tick" if self.kind is Kind.BOARD and self.category == "periodic" else "notify"
+
+    def _check(self) -> None:
+        if not _LOG.match(self.log):
+            raise ValueError(f"log of {self.path}: {self.log!r}, expected 'all', 'none' or '<n>hz'")
+        if self.rate_hz != 0 and not SLOWEST_HZ <= self.rate_hz <= FASTEST_HZ:
+            raise ValueError(
+                f"rate_hz of {self.path}: {self.rate_hz}, expected 0 or {SLOWEST_HZ} to {FASTEST_HZ:g}"
+            )
+        if not 0 <= self.max_age_s <= OLDEST_S:
+            raise ValueError(f"max_age_s of {self.path}: {self.max_age_s}, expected 0 to {OLDEST_S:g}")
+        if self.range is not None and not self.range[0] <= self.range[1]:
+            raise ValueError(f"range of {self.path}: {list(self.range)}, expected [least, greatest]")
+        if self.kind is not Kind.BRANCH and not self.type:
+            raise ValueError(f"type of {self.path}: missing, expected the name of a type")
+        if self.confirm and not self.writable:
+            raise ValueError(f"confirm of {self.path}: nobody may set it; expected access 'rw'")
+        if self.link == "tick" and self.kind is not Kind.BOARD:
+            raise ValueError(f"link of {self.path}: 'tick' carries boards only, not a {self.kind}")
+        if self.kind is Kind.SETTING and self.default is None:
+            raise ValueError(f"default of {self.path}: missing, expected the first value of the setting")
+        if self.default is not None:
+            self._check_default(self.default)
+
+    def _check_default(self, default: Plain) -> None:
+        expected = _PLAIN_TYPES.get(self.type)
+        if expected is None:
+            raise ValueError(
+                f"default of {self.path}: only {', '.join(_PLAIN_TYPES)} have one, not {self.type}"
+            )
+        fits = type(default) is expected or (expected is float and type(default) is int)
+        if not fits:
+            raise ValueError(f"default of {self.path}: {default!r}, expected {self.type}")
+        if self.range is not None and not isinstance(default, str) and not self.in_range(default):
+            raise ValueError(f"default of {self.path}: {default}, expected {self.range[0]}..{self.range[1]}")
+        if self.choices and default not in self.choices:
+            raise ValueError(
+                f"default of {self.path}: {default!r}, expected one of {', '.join(self.choices)}"
+            )
+
+    def in_range(self, value: float) -> bool:
+        """Whether a number may be set; NaN never may where there is a range."""
+        return self.range is None or self.range[0] <= value <= self.range[1]
+
+    @property
+    def data_id(self) -> int:
+        """Identity of path and type in frame headers."""
+        return names.data_id(self.path, self.type)
+
+    @property
+    def periodic(self) -> bool:
+        return self.category == "periodic"
+
+    @property
+    def writable(self) -> bool:
+        return self.access == "rw"
+
+    @property
+    def stale_after_s(self) -> float:
+        """Age from which the value is stale; infinite for a conditional one without a limit."""
+        if self.max_age_s > 0:
+            return self.max_age_s
+        if self.periodic and self.rate_hz > 0:
+            return STALE_PERIODS / self.rate_hz
+        return math.inf
+
+    @property
+    def log_hz(self) -> float:
+        """Rate at which the logger keeps it: 0 for never, infinite for all."""
+        if self.log == "all":
+            return math.inf
+        return 0.0 if self.log == "none" else float(self.log[:-2])

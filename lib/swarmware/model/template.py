@@ -1,0 +1,206 @@
+"""Resource templates: TOML files that say what a platform of a kind has, with inheritance."""
+
+from collections.abc import Mapping
+from hashlib import blake2b
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from swarmware.errors import ConfigError, InvalidInput
+from swarmware.model import config, document
+from swarmware.model.names import Pattern
+from swarmware.model.resource import Access, Category, Kind, Link, Plain, Resource
+
+HASH_BYTES: Final = 8
+"""Templates of one swarm are few: 64 bits never collide by accident."""
+
+_ENDING = ".toml"
+_encoder = msgspec.msgpack.Encoder()
+
+
+class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What one file says about one resource; what it leaves out is inherited."""
+
+    kind: Kind | UnsetType = UNSET
+    type: str | UnsetType = UNSET
+    reply: str | UnsetType = UNSET
+    unit: str | UnsetType = UNSET
+    range: tuple[float, float] | UnsetType = UNSET
+    choices: tuple[str, ...] | UnsetType = UNSET
+    access: Access | UnsetType = UNSET
+    rate_hz: Annotated[float, Meta(ge=0)] | UnsetType = UNSET
+    critical: bool | UnsetType = UNSET
+    max_age_s: Annotated[float, Meta(ge=0)] | UnsetType = UNSET
+    category: Category | UnsetType = UNSET
+    link: Link | UnsetType = UNSET
+    log: Annotated[str, Meta(pattern="^(all|none|[0-9]+([.][0-9]+)?hz)$")] | UnsetType = UNSET
+    owner: str | UnsetType = UNSET
+    default: Plain | UnsetType = UNSET
+    confirm: str | UnsetType = UNSET
+    description: str | UnsetType = UNSET
+
+
+PlatformKind = Literal["uav", "ugv", "usv", "gcs"]
+
+
+class TemplateFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One file of the templates folder."""
+
+    description: str = ""
+    kinds: tuple[PlatformKind, ...] = ()
+    """Kinds of platforms that it describes."""
+    extends: str | tuple[str, ...] = ()
+    remove: tuple[str, ...] = ()
+    resources: dict[str, Entry] = {}
+
+
+class Template(msgspec.Struct, frozen=True):
+    """What a platform of this kind has, inheritance carried out."""
+
+    name: str
+    description: str
+    resources: tuple[Resource, ...]
+    """Sorted by path."""
+    kinds: tuple[str, ...] = ()
+    """Kinds of platforms that it describes; empty: the file names none, nor does what it extends."""
+
+    @property
+    def digest(self) -> bytes:
+        """Hash of the resources: two nodes that agree on it need not send them."""
+        return digest(self.resources)
+
+
+def digest(resources: tuple[Resource, ...]) -> bytes:
+    """Hash of a sorted sequence of descriptors."""
+    return blake2b(_encoder.encode(resources), digest_size=HASH_BYTES).digest()
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of a template file, for editors and other programs."""
+    out = msgspec.json.schema(TemplateFile)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Swarmware resource template",
+    } | out
+
+
+def load(name: str, folder: Path) -> Template:
+    """The template `<folder>/<name>.toml` with everything it inherits.
+
+    Raises: ConfigError naming file, path and what was expected.
+    """
+    merged: dict[str, dict[str, Any]] = {}
+    origin: dict[str, str] = {}
+    top = _merge(name, folder, (), merged, origin)
+    resources = tuple(_resource(path, merged[path], origin[path]) for path in sorted(merged))
+    _refuse_leaf_parents(resources, origin)
+    return Template(name, top.description, resources, _kinds(top, folder))
+
+
+def _kinds(file: TemplateFile, folder: Path) -> tuple[str, ...]:
+    """Its own, or those of what it extends, later ones first."""
+    for parent in () if file.kinds else reversed(_parents(file)):
+        if kinds := _kinds(_read(folder / (parent + _ENDING)), folder):
+            return kinds
+    return file.kinds
+
+
+def _parents(file: TemplateFile) -> tuple[str, ...]:
+    return (file.extends,) if isinstance(file.extends, str) else file.extends
+
+
+def names_in(folder: Path) -> list[str]:
+    """Names of the templates in a folder."""
+    return sorted(path.stem for path in folder.glob("*" + _ENDING))
+
+
+def whole(folder: Path) -> list[Template]:
+    """The templates that platforms have; not those without a kind that are only there to be extended.
+
+    Raises: ConfigError when a template is wrong.
+    """
+    names = names_in(folder)
+    parts = {parent for name in names for parent in _parents(_read(folder / (name + _ENDING)))}
+    return [found for name in names if (found := load(name, folder)).kinds or name not in parts]
+
+
+def _merge(
+    name: str,
+    folder: Path,
+    trail: tuple[str, ...],
+    merged: dict[str, dict[str, Any]],
+    origin: dict[str, str],
+) -> TemplateFile:
+    """Lays the file and what it extends over `merged`; `trail` are the files that led here."""
+    source = folder / (name + _ENDING)
+    if name in trail:
+        raise ConfigError(
+            f"{folder / (trail[-1] + _ENDING)}: key extends: {' → '.join((*trail, name))} is a circle"
+        )
+    if not source.is_file():
+        where = f"{folder / (trail[-1] + _ENDING)}: key extends: " if trail else f"{folder}: "
+        known = ", ".join(names_in(folder)) or "none there"
+        raise ConfigError(f"{where}no template {name!r}; expected one of: {known}")
+    file = _read(source)
+    for parent in _parents(file):
+        _merge(parent, folder, (*trail, name), merged, origin)
+    for text in file.remove:
+        _remove(text, str(source), merged)
+    for path, entry in file.resources.items():
+        fields = {
+            field: value for field in Entry.__struct_fields__ if (value := getattr(entry, field)) is not UNSET
+        }
+        merged[path] = merged.get(path, {}) | fields
+        origin[path] = str(source)
+    return file
+
+
+def _read(source: Path) -> TemplateFile:
+    try:
+        raw = document.toml(document.read(source), str(source))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{source}: has just gone; expected a template") from error
+    resources = raw.get("resources")
+    if not isinstance(resources, Mapping):
+        return config.convert(raw, TemplateFile, str(source))
+    # One by one, so that an error names the path and not only "resources[...]".
+    entries = {
+        path: config.convert(table, Entry, f'{source}: resources."{path}"')
+        for path, table in resources.items()
+    }
+    rest = config.convert({**raw, "resources": {}}, TemplateFile, str(source))
+    return msgspec.structs.replace(rest, resources=entries)
+
+
+def _remove(text: str, source: str, merged: dict[str, dict[str, Any]]) -> None:
+    try:
+        pattern = Pattern(text)
+    except InvalidInput as error:
+        raise ConfigError(f"{source}: key remove: {error}") from error
+    gone = [path for path in merged if pattern.matches(path)]
+    if not gone:
+        raise ConfigError(f"{source}: key remove: {text!r} matches nothing; expected an inherited path")
+    for path in gone:
+        del merged[path]
+
+
+def _resource(path: str, fields: dict[str, Any], source: str) -> Resource:
+    try:
+        return Resource(path=path, **fields)
+    except ValueError as error:
+        raise ConfigError(f'{source}: resources."{path}": {error}') from error
+
+
+def _refuse_leaf_parents(resources: tuple[Resource, ...], origin: dict[str, str]) -> None:
+    leaves = {resource.path for resource in resources if resource.kind is not Kind.BRANCH}
+    for resource in resources:
+        parent = resource.path.rpartition("/")[0]
+        while parent:
+            if parent in leaves:
+                raise ConfigError(
+                    f'{origin[resource.path]}: resources."{resource.path}": {parent} has a value; '
+                    "expected a branch above it"
+                )
+            parent = parent.rpartition("/")[0]

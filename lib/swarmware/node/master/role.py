@@ -1,0 +1,188 @@
+"""Election of the master: a file lock decides, a pidfd reports the holder's death, doorbells report requests.
+
+The kernel drops the lock and readies the pidfd in the same instant, so a stand-by takes over within
+milliseconds; a lease in shared memory would have to run out first. A lock survives in a forked child, so no
+process that holds one is ever forked (ADR 20).
+"""
+
+import asyncio
+import fcntl
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from swarmware.node.master.record import NOBODY, Holder, RecordFile
+from swarmware.runtime.processes import WatchedProcess
+from swarmware.transport.shm.lock import try_lock
+from swarmware.transport.shm.ticks import start_ticks
+
+LOCK_NAME: Final = "master.lock"
+RETRY_S: Final = 0.005
+"""First pause while the holder of the lock has not written its record yet: some ten microseconds."""
+RETRY_LIMIT_S: Final = 0.2
+"""Last pause, for a holder that cannot be watched: one of another PID namespace."""
+
+log = logging.getLogger("swarm.master")
+
+
+class Role:
+    """The candidature of one process for the role.
+
+    `ring` wakes all others of the node; when woken, they call `poll`. `on_gained` gets the fencing number.
+    """
+
+    def __init__(
+        self,
+        run_dir: Path,
+        label: str,
+        *,
+        ring: Callable[[], None],
+        on_gained: Callable[[int], None],
+        on_lost: Callable[[], None],
+    ) -> None:
+        self._file = RecordFile(run_dir / LOCK_NAME)
+        self._label = label
+        self._ring = ring
+        self._on_gained = on_gained
+        self._on_lost = on_lost
+        self._loop = asyncio.get_running_loop()
+        self._me = (os.getpid(), start_ticks(os.getpid()))
+        self._mark = b""
+        self._watched: WatchedProcess | None = None
+        self._retry: asyncio.TimerHandle | None = None
+        self._retry_s = RETRY_S
+        self._closed = False
+        self.holding = False
+        self.preferred = False
+
+    def start(self) -> None:
+        """Start to contend."""
+        self._contend()
+
+    @property
+    def holder(self) -> Holder:
+        """Who holds the role."""
+        return self._file.holder() or NOBODY
+
+    def poll(self) -> None:
+        """The doorbell has rung: the role may have changed hands, or the preferred process may request it."""
+        if self._closed:
+            return
+        if self.holding:
+            if not self.preferred and self._requested():
+                self._yield()
+        elif self._file.mark() != self._mark:
+            self._contend()
+
+    def volunteer(self, label: str) -> None:
+        """Make this the preferred process: another holder yields the role to it."""
+        self.preferred = True
+        self._label = label
+        if self.holding:
+            self._file.write_holder(Holder(self.holder.epoch, *self._me, label))
+            self._on_gained(self.holder.epoch)
+        else:
+            self._file.request_leadership(*self._me)
+            self._ring()
+            self._contend()
+
+    def step_back(self, label: str) -> None:
+        """Contend as any other process."""
+        self.preferred = False
+        self._label = label
+        self._withdraw_request()
+        if self.holding:
+            self._file.write_holder(Holder(self.holder.epoch, *self._me, label))
+            self.poll()
+
+    def close(self) -> None:
+        """Stop contending; give the role back and wake the other processes."""
+        if self._closed:
+            return
+        self._closed = True
+        self._unwatch()
+        self._withdraw_request()
+        if self.holding:
+            self._release()
+        self._file.close()
+
+    def _requested(self) -> bool:
+        """Whether a living preferred process other than this one requests the role."""
+        pid, pid_start = self._file.requested_by()
+        return pid != 0 and (pid, pid_start) != self._me and start_ticks(pid) == pid_start
+
+    def _withdraw_request(self) -> None:
+        if self._file.requested_by() == self._me:
+            self._file.request_leadership(0, 0)
+
+    def _contend(self) -> None:
+        """Take the role if it is free and not requested, else watch the process that has it."""
+        self._unwatch()
+        if self._closed or self.holding:
+            return
+        if not self.preferred and self._requested() and self.holder.pid == 0:
+            # it was given back for the preferred process: the next in line only if that one dies meanwhile
+            self._mark = self._file.mark()
+            self._watch(*self._file.requested_by())
+        elif try_lock(self._file.fd):
+            self._take()
+        else:
+            self._mark = self._file.mark()
+            holder = self._file.holder()
+            if holder is None or holder.pid == 0:
+                self._again()
+            else:
+                self._watch(holder.pid, holder.pid_start)
+
+    def _take(self) -> None:
+        epoch = self.holder.epoch + 1
+        self.holding = True
+        self._withdraw_request()
+        self._file.write_holder(Holder(epoch, *self._me, self._label))
+        self._mark = self._file.mark()
+        log.debug("%s is master, epoch %d", self._label, epoch)
+        self._retry_s = RETRY_S
+        self._ring()
+        self._on_gained(epoch)
+        self._loop.call_soon(self.poll)  # the preferred process may have rung before we listened
+
+    def _yield(self) -> None:
+        self._release()
+        self._contend()
+
+    def _release(self) -> None:
+        self.holding = False
+        self._on_lost()
+        self._file.write_holder(Holder(self.holder.epoch, 0, 0, self._label))
+        self._mark = self._file.mark()
+        fcntl.flock(self._file.fd, fcntl.LOCK_UN)
+        self._ring()
+
+    def _watch(self, pid: int, pid_start: int) -> None:
+        """Contends again when this process dies."""
+        try:
+            process = WatchedProcess(pid, self._contend)
+        except OSError:
+            # it is dead already, or of another PID namespace: only the lock shows which
+            self._again()
+            return
+        if start_ticks(pid) != pid_start:
+            process.close()
+            self._again()
+            return
+        self._retry_s = RETRY_S
+        self._watched = process
+
+    def _again(self) -> None:
+        self._retry = self._loop.call_later(self._retry_s, self._contend)
+        self._retry_s = min(2 * self._retry_s, RETRY_LIMIT_S)
+
+    def _unwatch(self) -> None:
+        if self._retry is not None:
+            self._retry.cancel()
+            self._retry = None
+        if self._watched is not None:
+            self._watched.close()
+            self._watched = None

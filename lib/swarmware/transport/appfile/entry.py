@@ -1,0 +1,88 @@
+"""What an application file says, and how it stands in the file."""
+
+import zlib
+from typing import Any, Final, Literal
+
+import msgspec
+import tomli_w
+
+from swarmware.errors import ConfigError, WireError
+from swarmware.model import document, names
+from swarmware.model.resource import Resource
+
+_MARK: Final = "# crc32 "
+"""Last line: the file is rewritten in place, and a reader must know a half-written one."""
+
+
+class Served(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """An address of the application that takes messages or requests."""
+
+    path: str
+    """Local path."""
+    type: str
+    """Name of the payload type."""
+    kind: Literal["message", "request"]
+
+    @property
+    def data_id(self) -> int:
+        """Identity in frame headers."""
+        return names.data_id(self.path, self.type)
+
+
+class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """One application that runs on this node."""
+
+    name: str
+    instance: int
+    pid: int
+    pid_start: int
+    """Start of the process in clock ticks since boot: another process with the same pid has another one."""
+    endpoint: str
+    """ZeroMQ address of its process."""
+    started_ns: int
+    """Node's hardware clock when the application joined."""
+    provides: tuple[Resource, ...] = ()
+    serves: tuple[Served, ...] = ()
+    reads: tuple[str, ...] = ()
+    """Paths and patterns of other platforms' resources that it wants."""
+    config: dict[str, Any] = {}
+    """Effective configuration of the service, as it would stand in TOML."""
+
+    @property
+    def id(self) -> str:
+        """`name#instance`."""
+        return f"{self.name}#{self.instance}"
+
+    @property
+    def app_id(self) -> int:
+        """Identity in frame headers."""
+        return names.application_id(self.name, self.instance)
+
+
+def encode(entry: AppEntry) -> bytes:
+    """The content of the file."""
+    text = tomli_w.dumps(_plain(msgspec.to_builtins(entry)))
+    return f"{text}{_MARK}{zlib.crc32(text.encode()):08x}\n".encode()
+
+
+def decode(data: bytes, source: str) -> AppEntry:
+    """The entry in a file.
+
+    Raises: WireError when it is incomplete or no application file.
+    """
+    try:
+        text, mark, check = data.decode().rpartition(_MARK)
+        if not mark or int(check, 16) != zlib.crc32(text.encode()):
+            raise WireError(f"{source}: incomplete; expected a last line with the checksum of the others")
+        return msgspec.convert(document.toml(text, source, finite=False), AppEntry)
+    except (ValueError, msgspec.ValidationError, ConfigError) as error:
+        raise WireError(f"{source}: no application file: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    """The value without None, for which TOML has no word."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value if item is not None]
+    return value

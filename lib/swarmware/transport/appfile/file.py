@@ -1,0 +1,151 @@
+"""This application's own file: claimed for its life, rewritten in place, gone with it."""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from swarmware.errors import Conflict, Denied, WireError
+from swarmware.model import paths
+from swarmware.model.clock import utc_ns
+from swarmware.model.names import check_application
+from swarmware.transport.appfile import trace
+from swarmware.transport.appfile.entry import AppEntry, decode, encode
+from swarmware.transport.shm.access import make_folder, share
+from swarmware.transport.shm.lock import RETRY_S, lock_within, stands_at, try_lock
+from swarmware.transport.shm.ticks import start_ticks
+
+LOCK_WAIT_S = 0.1
+"""Others hold the lock of a free file only to probe it, some 10 µs."""
+INSTANCES = 64
+"""Instances of one application that look for a number before it is a mistake."""
+
+
+class AppFile:
+    """The locked file of one application.
+
+    `announce` is called after each change. `config` stands there from the beginning: whoever finds the file
+    of a guard decides by it who starts the next one.
+    Raises: Conflict when the instance, or every instance, is taken.
+    """
+
+    def __init__(
+        self,
+        run_dir: Path,
+        name: str,
+        *,
+        endpoint: str,
+        started_ns: int,
+        instance: int | None = None,
+        config: dict[str, Any] | None = None,
+        announce: Callable[[], None] = lambda: None,
+    ) -> None:
+        check_application(name)
+        self._folder = paths.applications(run_dir)
+        make_folder(self._folder, run_dir)
+        self._announce = announce
+        self._fd, self.path, number = self._claim(name, instance)
+        pid = os.getpid()
+        self.entry = AppEntry(
+            name=name,
+            instance=number,
+            pid=pid,
+            pid_start=start_ticks(pid),
+            endpoint=endpoint,
+            started_ns=started_ns,
+            config=config or {},
+        )
+        self.write(self.entry)
+
+    def _claim(self, name: str, instance: int | None) -> tuple[int, Path, int]:
+        for number in (instance,) if instance is not None else range(1, INSTANCES + 1):
+            path = self._folder / f"{name}#{number}.toml"
+            fd = _lock(path)
+            if fd is not None:
+                trace.forget(path)
+                return fd, path, number
+        which = f"{name}#{instance}" if instance is not None else f"every instance of {name}"
+        raise Conflict(f"{self._folder}: {which} runs already; expected a free instance number")
+
+    def write(self, entry: AppEntry) -> None:
+        """Replace the content."""
+        data = encode(entry)
+        os.pwrite(self._fd, data, 0)
+        os.ftruncate(self._fd, len(data))
+        self.entry = entry
+        self._touch()
+        self._announce()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the application has left."""
+        return self._fd < 0
+
+    def _touch(self) -> None:
+        # a file rewritten in place does not change its folder: this is what `AppTable.refresh` looks at
+        now_ns = utc_ns()
+        with contextlib.suppress(FileNotFoundError):
+            try:
+                os.utime(self._folder, ns=(now_ns, now_ns))
+            except PermissionError:
+                _touch_anothers(self._folder)
+
+    def close(self) -> None:
+        """Leave: the file goes, then its lock."""
+        if self._fd < 0:
+            return
+        with contextlib.suppress(FileNotFoundError):
+            self.path.unlink()
+        os.close(self._fd)
+        self._fd = -1
+        self._announce()
+
+
+def _touch_anothers(folder: Path) -> None:
+    """With the kernel's stamp, which stands still for some 4 ms: any other is for the owner to give."""
+    before_ns = folder.stat().st_mtime_ns
+    while folder.stat().st_mtime_ns == before_ns:
+        time.sleep(RETRY_S)
+        os.utime(folder)
+
+
+def _open(path: Path) -> int:
+    """Descriptor of the file, made if it is missing.
+
+    Never both in one call: Linux refuses O_CREAT on the file of another user in a sticky folder.
+    """
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    while True:
+        with contextlib.suppress(FileNotFoundError):
+            return os.open(path, flags)
+        with contextlib.suppress(FileExistsError):
+            fd = os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o600)
+            share(fd, path.parent, 0o640)
+            return fd
+
+
+def _lock(path: Path) -> int | None:
+    """Descriptor of the locked file; None when a living application has it, or one of another user had it."""
+    while True:
+        try:
+            fd = _open(path)
+        except PermissionError as error:
+            if path.exists():
+                return None
+            raise Denied(f"{path}: no permission; expected to run as the user of this node") from error
+        if not try_lock(fd) and (_holder_lives(fd) or not lock_within(fd, LOCK_WAIT_S)):
+            os.close(fd)
+            return None
+        if stands_at(fd, path):
+            return fd
+        os.close(fd)  # its last holder removed it between our open and our lock
+
+
+def _holder_lives(fd: int) -> bool:
+    try:
+        entry = decode(os.pread(fd, os.fstat(fd).st_size, 0), "")
+    except WireError:
+        return False
+    return start_ticks(entry.pid) == entry.pid_start != 0

@@ -1,0 +1,120 @@
+"""The living applications of this node, read from their files."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from swarmware.errors import WireError
+from swarmware.model import paths
+from swarmware.model.names import natural
+from swarmware.transport.appfile.entry import AppEntry, Served, decode
+from swarmware.transport.shm.lock import held_by_other
+
+_Stamp = tuple[int, int, int]
+
+
+class AppTable:
+    """The application files, read again only when something has changed."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._folder = paths.applications(run_dir)
+        self._folder_name = str(self._folder)
+        self._folder_ns = 0
+        self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
+        self._served: dict[int, tuple[AppEntry, Served]] = {}
+        self._by_id: dict[int, AppEntry] = {}
+        self.version = 0
+        """Changes so far, for those who share the table."""
+        self.on_change: Callable[[], None] | None = None
+        """Called after every change, whoever had the table refreshed."""
+
+    def __iter__(self) -> Iterator[AppEntry]:
+        return iter(self._by_id.values())
+
+    def __len__(self) -> int:
+        return len(self._by_id)
+
+    def refresh(self, *, probe: bool = False) -> None:
+        """Look for changes; with `probe` also for applications that died."""
+        try:
+            folder_ns = os.stat(self._folder_name).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
+        except FileNotFoundError:
+            folder_ns = 0
+        if folder_ns == self._folder_ns and not probe:
+            return
+        before = list(self._files.values())
+        self._folder_ns = folder_ns
+        self._files = dict(self._read())
+        self._by_id = {entry.app_id: entry for _, entry in self._files.values()}
+        self._served = {item.data_id: (entry, item) for entry in self for item in entry.serves}
+        if before != list(self._files.values()):
+            self.version += 1
+            if self.on_change is not None:
+                self.on_change()
+
+    def _read(self) -> Iterator[tuple[str, tuple[_Stamp, AppEntry]]]:
+        try:
+            found = sorted((path.name for path in self._folder.glob("*.toml")), key=natural)
+        except FileNotFoundError:
+            return
+        for name in found:
+            known = self._files.get(name)
+            try:
+                fd = os.open(self._folder / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+            except FileNotFoundError:
+                continue  # it left a moment ago
+            except OSError:
+                # no descriptor is free, or it is no file: whoever was known is not dead for that
+                self._folder_ns = 0
+                if known is not None:
+                    yield name, known
+                continue
+            try:
+                if not held_by_other(fd):
+                    continue
+                status = os.fstat(fd)
+                stamp = (status.st_ino, status.st_mtime_ns, status.st_size)
+                if known is not None and known[0] == stamp:
+                    yield name, known
+                    continue
+                yield name, (stamp, decode(os.pread(fd, status.st_size, 0), name))
+            except WireError:
+                # being written this moment: its writer announces the end of that
+                self._folder_ns = 0
+                if known is not None:
+                    yield name, known
+            finally:
+                os.close(fd)
+
+    def serving(self, data_id: int) -> AppEntry | None:
+        """The application that takes messages or requests of this data id."""
+        found = self._served.get(data_id)
+        return None if found is None else found[0]
+
+    def path_of(self, data_id: int) -> str | None:
+        """The local path at which messages or requests of this data id are taken."""
+        found = self._served.get(data_id)
+        return None if found is None else found[1].path
+
+    def serving_path(self, path: str) -> tuple[AppEntry, Served] | None:
+        """The application that takes messages or requests at this local path, whatever their type."""
+        for entry in self:
+            for item in entry.serves:
+                if item.path == path:
+                    return entry, item
+        return None
+
+    def application(self, app_id: int) -> AppEntry | None:
+        """The application of this id."""
+        return self._by_id.get(app_id)
+
+    def named(self, name: str) -> AppEntry | None:
+        """The first instance of the application of this name."""
+        return next((entry for entry in self if entry.name == name), None)
+
+
+def scan(run_dir: Path) -> list[AppEntry]:
+    """The applications that live on the node of this run directory."""
+    table = AppTable(run_dir)
+    table.refresh(probe=True)
+    return list(table)

@@ -1,0 +1,89 @@
+"""Answer frames, and the lifetime that a message carries in its header extension."""
+
+import struct
+from typing import Final
+
+from swarmware.model.frame import ADDRESSED, HOPS, Flag, Frame, Kind
+from swarmware.transport.delivery.outcome import Status
+from swarmware.types.registry import encode
+from swarmware.types.rpc import Ack
+from swarmware.types.time import Conversion
+
+BOUND_SHARE: Final = 4
+"""An error bound takes at most this part of a lifetime."""
+_LIFETIME_TAG = 1
+_LIFETIME = struct.Struct("<BBI")
+"""Element of a header extension: tag, length of what follows, lifetime in ms from the header's stamp."""
+
+
+def answerable(frame: Frame) -> bool:
+    """Whether its sender waits to be told what became of it."""
+    if frame.kind in {Kind.MESSAGE, Kind.REQUEST}:
+        return True
+    return frame.kind in ADDRESSED and bool(frame.flags & Flag.WANTS_ACK)
+
+
+def answer(
+    question: Frame,
+    status: Status,
+    *,
+    where: str,
+    detail: str = "",
+    stamp_ns: int,
+    received_ns: int = 0,
+) -> Frame:
+    """The acknowledgement or refusal of a message or request; any hop may give one for the receiver."""
+    return reply(question, Kind.ACK, encode(Ack(int(status), where, detail, received_ns)), stamp_ns)
+
+
+def reply(question: Frame, kind: Kind, payload: bytes, stamp_ns: int) -> Frame:
+    """The frame that goes back: sender and receiver swapped, data id and sequence of the question."""
+    return Frame(
+        kind,
+        question.data_id,
+        question.receiver_hw,
+        question.receiver_app,
+        question.sender_hw,
+        question.sender_app,
+        question.sequence,
+        stamp_ns,
+        flags=question.flags & Flag.URGENT,
+        hops_left=HOPS,
+        payload=payload,
+    )
+
+
+def with_lifetime(timeout_s: float) -> bytes:
+    """Header extension of a message that must not be delivered later than this after its stamp."""
+    return _LIFETIME.pack(_LIFETIME_TAG, 4, min(max(0, round(timeout_s * 1000)), 0xFFFF_FFFF))
+
+
+def lifetime_ns(extension: bytes) -> int | None:
+    """Lifetime in a header extension; None when it holds none, or is no list of tagged elements."""
+    at = 0
+    while at + 2 <= len(extension):
+        tag, length = extension[at], extension[at + 1]
+        if tag == _LIFETIME_TAG and length == 4 and at + 6 <= len(extension):
+            return int(_LIFETIME.unpack_from(extension, at)[2]) * 1_000_000
+        at += 2 + length
+    return None
+
+
+def expired(frame: Frame, sender_now_ns: int) -> bool:
+    """Whether the lifetime of a message is over; the time is that of the clock that stamped it."""
+    lifetime = lifetime_ns(frame.extension)
+    return lifetime is not None and sender_now_ns > frame.stamp_ns + lifetime
+
+
+def expired_here(frame: Frame, now_ns: int, conversion: Conversion | None) -> bool:
+    """Whether the lifetime of another unit's message may be over; the time is that of our clock.
+
+    Its sender says `expired` at that instant, so whoever has it then must not hand it on: the error bound of
+    the conversion counts against the message. None: the clock is not known, nobody can tell.
+    """
+    lifetime = lifetime_ns(frame.extension)
+    if lifetime is None or conversion is None or conversion.suspect:
+        return False
+    over_ns = conversion.to_local(frame.stamp_ns + lifetime)
+    # a bound as long as the lifetime says nothing of the message: not all are refused for a bad clock
+    return now_ns > over_ns - min(conversion.bound_at_ns(over_ns), lifetime // BOUND_SHARE)

@@ -1,0 +1,61 @@
+"""What the broker that let a frame in says of it: who sent it, and when it arrived."""
+
+import struct
+from typing import Final
+
+from swarmware.errors import WireError
+from swarmware.model.access import Role, Sender
+
+_SENDER_TAG: Final = 2
+"""Element of a header extension: tag, length of what follows, role, platform. Never taken from a link."""
+_ARRIVAL_TAG: Final = 3
+_ARRIVAL: Final = struct.Struct("<BBq")
+"""Element of a header extension: tag, length of what follows, instant in ns. Never taken from a link."""
+_OWN_TAGS: Final = frozenset({_SENDER_TAG, _ARRIVAL_TAG})
+
+
+def with_sender(extension: bytes, sender: Sender | None, arrived_ns: int | None = None) -> bytes:
+    """The extension with this sender and arrival; whatever it said of them before is taken out.
+
+    Raises: WireError when it is no list of tagged elements.
+    """
+    kept = b""
+    at = 0
+    while at < len(extension):
+        end = at + 2 + extension[at + 1] if at + 2 <= len(extension) else len(extension) + 1
+        if end > len(extension):
+            raise WireError(f"header extension of {len(extension)} bytes: an element ends behind it")
+        if extension[at] not in _OWN_TAGS:
+            kept += extension[at:end]
+        at = end
+    said = b"" if arrived_ns is None else _ARRIVAL.pack(_ARRIVAL_TAG, 8, arrived_ns)
+    if sender is not None:
+        name = sender.platform.encode()
+        said += bytes((_SENDER_TAG, 1 + len(name), sender.role)) + name
+    if len(kept) + len(said) > 255:
+        raise WireError(f"header extension of {len(extension)} bytes: no room for the sender")
+    return kept + said
+
+
+def sender_of(extension: bytes) -> Sender | None:
+    """The sender in an extension; None: this platform itself, or a swarm without keys."""
+    at = 0
+    while at + 2 <= len(extension):
+        tag, end = extension[at], at + 2 + extension[at + 1]
+        if tag == _SENDER_TAG and at + 3 <= end <= len(extension) and extension[at + 2] in _ROLES:
+            return Sender(extension[at + 3 : end].decode("ascii", "replace"), Role(extension[at + 2]))
+        at = end
+    return None
+
+
+def arrival_ns(extension: bytes) -> int | None:
+    """When this platform's broker took the frame off its link, on our clock; None: it crossed no link."""
+    at = 0
+    while at + 2 <= len(extension):
+        if extension[at] == _ARRIVAL_TAG and extension[at + 1] == 8 and at + 10 <= len(extension):
+            return int(_ARRIVAL.unpack_from(extension, at)[2])
+        at += 2 + extension[at + 1]
+    return None
+
+
+_ROLES = frozenset(Role)

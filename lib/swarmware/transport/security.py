@@ -1,0 +1,396 @@
+"""Who belongs to the swarm and how its datagrams are sealed.
+
+A node's identity is one Ed25519 seed; its X25519 form is the node's CURVE key. The swarm's root
+signs the roster, the list of members; the group key seals datagrams, with a key of its own per
+sender and session.
+"""
+
+import os
+import struct
+from collections.abc import Iterable, Mapping
+from enum import IntEnum
+from hashlib import blake2b, sha512
+from pathlib import Path
+from typing import Final, TypeVar
+
+import msgspec
+from cryptography.exceptions import InvalidSignature, InvalidTag
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
+
+from swarmware.errors import ConfigError, Denied
+from swarmware.model import document
+from swarmware.model.access import Role
+from swarmware.model.names import check_platform
+from swarmware.runtime.filewriter import replace_file
+
+T = TypeVar("T")
+
+SEED_BYTES: Final = 32
+KEY_BYTES: Final = 32
+TAG_BYTES: Final = 16
+REPLAY_WINDOW: Final = 64
+"""Datagrams that may overtake each other before a late one is refused."""
+SESSIONS_MAX: Final = 4
+"""Sessions of one sender that an opener remembers: the present one and those that claim to follow it."""
+SENDER_LIMIT: Final = 4096
+"""Senders remembered by an opener; only those whose seal was good take a place."""
+EPOCHS: Final = 16
+"""Key epochs on the wire: four bits."""
+
+_SESSION = struct.Struct("<IQ")
+_NONCE = struct.Struct("<II4x")
+_TAGGED: Final = b"swarmware tick 1"
+_OPEN_GROUP: Final = b"swarmware: open loopback group"
+
+
+class Member(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One node of the swarm as its root admits it."""
+
+    platform: str
+    sign_public: bytes
+    """Ed25519 public key."""
+    curve_public: bytes
+    """X25519 public key, raw 32 bytes."""
+    role: str = "node"
+    """A name of `access.Role`."""
+    serial: int = 0
+
+
+class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The members, signed by the swarm's root."""
+
+    version: int
+    members: tuple[Member, ...]
+    revoked: tuple[int, ...] = ()
+    """Serials that are members no more."""
+    key_epoch: int = 0
+
+    def valid(self) -> tuple[Member, ...]:
+        """The members that are not revoked."""
+        return tuple(member for member in self.members if member.serial not in self.revoked)
+
+    def roles(self) -> dict[str, Role]:
+        """Role of each valid member."""
+        return {member.platform: Role.named(member.role) for member in self.valid()}
+
+    def find(self, platform: str) -> Member | None:
+        """The platform's valid entry."""
+        return next((member for member in self.valid() if member.platform == platform), None)
+
+
+class GroupKey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The secret that all members share, with its number."""
+
+    epoch: int
+    key: bytes
+
+
+class Keys:
+    """What one node holds: its identity, the roster and the group key."""
+
+    def __init__(self, platform: str, seed: bytes, roster: Roster | None, group: GroupKey) -> None:
+        self.platform = platform
+        self.roster = roster
+        """None: no keys were made; whoever reaches the loopback interface is let in."""
+        self.group = group
+        self._signing = Ed25519PrivateKey.from_private_bytes(seed)
+        self.curve_secret = _curve_secret(seed)
+        self.curve_public = _curve_public(seed)
+        valid = () if roster is None else roster.valid()
+        self._by_curve: dict[bytes, Member] = {member.curve_public: member for member in valid}
+
+    @classmethod
+    def load(cls, directory: Path, platform: str) -> "Keys":
+        """The keys in a node's folder.
+
+        Raises: ConfigError when a file is missing or damaged, Denied when others can read the
+        seed, the root did not sign the roster, or this platform is not on it.
+        """
+        seed = _read_secret(directory / "node.key")
+        if len(seed) != SEED_BYTES:
+            raise ConfigError(f"{directory / 'node.key'}: {len(seed)} bytes, expected {SEED_BYTES}")
+        group = _decode(directory / "group.key", _read_secret(directory / "group.key"), GroupKey)
+        if len(group.key) != KEY_BYTES or not 0 <= group.epoch < EPOCHS:
+            raise ConfigError(
+                f"{directory / 'group.key'}: expected {KEY_BYTES} bytes and an epoch below {EPOCHS}"
+            )
+        roster = read_roster(directory / "roster.json", _read(directory / "root.pub"))
+        keys = cls(platform, seed, roster, group)
+        member = roster.find(platform)
+        if member is None:
+            raise Denied(f"{directory / 'roster.json'}: {platform} is not on the roster")
+        if member.curve_public != keys.curve_public:
+            raise Denied(f"{directory / 'node.key'}: not the key that the roster has for {platform}")
+        return keys
+
+    @classmethod
+    def open(cls, platform: str) -> "Keys":
+        """Keys of a node that has none: an identity for this run, a group key that is no secret."""
+        group = GroupKey(0, blake2b(_OPEN_GROUP, digest_size=KEY_BYTES).digest())
+        return cls(platform, os.urandom(SEED_BYTES), None, group)
+
+    @property
+    def is_open(self) -> bool:
+        """No keys were made for this node."""
+        return self.roster is None
+
+    def by_curve(self, curve_public: bytes) -> Member | None:
+        """The member whose CURVE key this is; None for strangers and the revoked."""
+        return self._by_curve.get(curve_public)
+
+    def curve_of(self, platform: str) -> bytes | None:
+        """The CURVE key that a platform must have; None when it is no member or nobody says."""
+        member = self.roster.find(platform) if self.roster else None
+        return member.curve_public if member else None
+
+    def sign(self, data: bytes) -> bytes:
+        """Ed25519 signature by this node."""
+        return self._signing.sign(data)
+
+
+class Refusal(IntEnum):
+    """Why a datagram was not opened."""
+
+    EPOCH = 1
+    """Sealed with a group key of another number."""
+    UNKNOWN = 2
+    """The sender's session has not been heard yet."""
+    FORGED = 3
+    """The seal is not of our group, or the bytes were changed."""
+    REPLAYED = 4
+    """Seen before, or too late to tell."""
+
+
+class Opened(msgspec.Struct, frozen=True, gc=False):
+    """A datagram that a member sealed."""
+
+    body: bytes
+    session: int
+    """Of the sender, whose start it names."""
+
+
+class Sealer:
+    """Seals the datagrams of one sender's session; a sequence number may be used once."""
+
+    def __init__(self, group: GroupKey, sender_hw: int, session: int) -> None:
+        self._seal = _session_key(group.key, sender_hw, session).encrypt
+        self._sender_hw = sender_hw
+        self._last = -1
+
+    def seal(self, sequence: int, clear: bytes, body: bytes) -> bytes:
+        """The body encrypted, with a tag over it and the clear header.
+
+        Raises: ValueError when the sequence number does not rise: the same nonce twice gives
+        the key stream away.
+        """
+        if sequence <= self._last:
+            raise ValueError(f"sequence {sequence}: expected more than {self._last}")
+        self._last = sequence
+        return self._seal(_NONCE.pack(self._sender_hw, sequence), body, clear)
+
+
+class _Session:
+    __slots__ = ("number", "open", "seen", "top")
+
+    def __init__(self, number: int, key: ChaCha20Poly1305, sequence: int) -> None:
+        self.number = number
+        self.open = key.decrypt
+        self.top = sequence
+        self.seen = 1
+
+
+class Opener:
+    """Opens what members sealed: each datagram once, of the last few sessions of each sender.
+
+    That a seal is good says that a member made it, not when: which session is the present one is
+    for others to find out, and to say by `adopt`.
+    """
+
+    def __init__(self, group: GroupKey) -> None:
+        self._group = group
+        self._senders: dict[int, list[_Session]] = {}
+        """The adopted session first, then those heard last."""
+        self._adopted: dict[int, int] = {}
+
+    def open(
+        self, epoch: int, sender_hw: int, session: int | None, sequence: int, clear: bytes, box: bytes
+    ) -> Opened | Refusal:
+        """The body, or why not. `session` is None where the datagram leaves it out."""
+        if epoch != self._group.epoch:
+            return Refusal.EPOCH
+        known = self._senders.get(sender_hw)
+        if session is None:
+            if not known:
+                return Refusal.UNKNOWN
+            for one in known:
+                opened = _open(one, sender_hw, sequence, clear, box)
+                if opened is not Refusal.FORGED:
+                    return opened
+            return Refusal.FORGED
+        for one in known or ():
+            if one.number == session:
+                return _open(one, sender_hw, sequence, clear, box)
+        return self._open_first(sender_hw, session, sequence, clear, box)
+
+    def adopt(self, sender_hw: int, session: int) -> None:
+        """This is the sender's present session: no other takes its place."""
+        self._adopted[sender_hw] = session
+        known = self._senders.get(sender_hw, [])
+        known.sort(key=lambda one: one.number != session)
+
+    def _open_first(
+        self, sender_hw: int, session: int, sequence: int, clear: bytes, box: bytes
+    ) -> Opened | Refusal:
+        key = _session_key(self._group.key, sender_hw, session)
+        try:
+            body = key.decrypt(_NONCE.pack(sender_hw, sequence), box, clear)
+        except InvalidTag:
+            return Refusal.FORGED
+        known = self._senders.get(sender_hw)
+        if known is None:
+            if len(self._senders) >= SENDER_LIMIT:
+                oldest = next(iter(self._senders))
+                del self._senders[oldest]
+                self._adopted.pop(oldest, None)
+            known = self._senders[sender_hw] = []
+        first = 1 if known and known[0].number == self._adopted.get(sender_hw) else 0
+        known.insert(first, _Session(session, key, sequence))
+        del known[SESSIONS_MAX:]
+        return Opened(body, session)
+
+
+def _open(session: _Session, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
+    ahead = sequence - session.top
+    if ahead <= 0 and (ahead <= -REPLAY_WINDOW or session.seen >> -ahead & 1):
+        return Refusal.REPLAYED
+    try:
+        body = session.open(_NONCE.pack(sender_hw, sequence), box, clear)
+    except InvalidTag:
+        return Refusal.FORGED
+    if ahead > 0:
+        session.seen = (session.seen << ahead | 1) & _WINDOW_MASK if ahead < REPLAY_WINDOW else 1
+        session.top = sequence
+    else:
+        session.seen |= 1 << -ahead
+    return Opened(body, session.number)
+
+
+_WINDOW_MASK: Final = (1 << REPLAY_WINDOW) - 1
+
+
+def next_session(path: Path, wanted: int) -> int:
+    """A session number above every earlier one of this node, kept in a file.
+
+    `wanted` is a wall-clock stamp; the file keeps the number rising when that clock went back,
+    because neighbours refuse old sessions and a repeated one would repeat nonces.
+    """
+    try:
+        before = int.from_bytes(path.read_bytes()[:8], "little")
+    except FileNotFoundError:
+        before = 0
+    session = max(wanted, before + 1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(path, session.to_bytes(8, "little"), mode=0o600)
+    return session
+
+
+def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) -> Roster:
+    """Makes a swarm: its root key, and for each platform a folder that `Keys.load` takes.
+
+    A mapping gives each platform its role. The lab uses it; an existing folder is overwritten.
+    """
+    roles = dict(platforms) if isinstance(platforms, Mapping) else dict.fromkeys(platforms, "node")
+    root = Ed25519PrivateKey.generate()
+    group = GroupKey(0, os.urandom(KEY_BYTES))
+    seeds = {check_platform(platform): os.urandom(SEED_BYTES) for platform in roles}
+    roster = Roster(
+        1,
+        tuple(
+            Member(platform, _sign_public(seed), _curve_public(seed), roles[platform], serial)
+            for serial, (platform, seed) in enumerate(seeds.items(), start=1)
+        ),
+    )
+    signed = sign_roster(roster, root)
+    directory.mkdir(parents=True, exist_ok=True)
+    replace_file(directory / "root.key", root.private_bytes_raw(), mode=0o600)
+    replace_file(directory / "root.pub", root.public_key().public_bytes_raw(), mode=0o644)
+    for platform, seed in seeds.items():
+        folder = directory / platform
+        folder.mkdir(exist_ok=True)
+        replace_file(folder / "node.key", seed, mode=0o600)
+        replace_file(folder / "group.key", msgspec.json.encode(group), mode=0o600)
+        replace_file(folder / "root.pub", root.public_key().public_bytes_raw(), mode=0o644)
+        replace_file(folder / "roster.json", signed, mode=0o644)
+    return roster
+
+
+def sign_roster(roster: Roster, root: Ed25519PrivateKey) -> bytes:
+    """The roster as a file: one line of JSON, one line with the root's signature over the first."""
+    body = msgspec.json.encode(roster)
+    return body + b"\n" + root.sign(body).hex().encode() + b"\n"
+
+
+def read_roster(path: Path, root_public: bytes) -> Roster:
+    """The roster in a file.
+
+    Raises: ConfigError when it is damaged, Denied when the root did not sign it.
+    """
+    body, _, rest = _read(path).partition(b"\n")
+    try:
+        signature = bytes.fromhex(rest.decode("ascii").strip())
+        Ed25519PublicKey.from_public_bytes(root_public).verify(signature, body)
+    except ValueError as error:
+        raise ConfigError(f"{path}: expected a line of JSON and a line with its signature") from error
+    except InvalidSignature:
+        raise Denied(f"{path}: not signed by this swarm's root") from None
+    roster = _decode(path, body, Roster)
+    for member in roster.members:
+        try:
+            Role.named(member.role)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {member.platform}: {error}") from None
+    return roster
+
+
+def _session_key(group_key: bytes, sender_hw: int, session: int) -> ChaCha20Poly1305:
+    return ChaCha20Poly1305(
+        blake2b(
+            _SESSION.pack(sender_hw, session), key=group_key, person=_TAGGED, digest_size=KEY_BYTES
+        ).digest()
+    )
+
+
+def _curve_secret(seed: bytes) -> bytes:
+    """X25519 form of an Ed25519 seed, clamped. Source: RFC 8032 section 5.1.5, RFC 7748 section 5."""
+    secret = bytearray(sha512(seed).digest()[:KEY_BYTES])
+    secret[0] &= 248
+    secret[31] = secret[31] & 127 | 64
+    return bytes(secret)
+
+
+def _curve_public(seed: bytes) -> bytes:
+    return X25519PrivateKey.from_private_bytes(_curve_secret(seed)).public_key().public_bytes_raw()
+
+
+def _sign_public(seed: bytes) -> bytes:
+    return Ed25519PrivateKey.from_private_bytes(seed).public_key().public_bytes_raw()
+
+
+def _decode(path: Path, data: bytes, cls: type[T]) -> T:
+    return document.json(document.text(data, str(path)), cls, str(path))
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _read_secret(path: Path) -> bytes:
+    data = _read(path)
+    if path.stat().st_mode & 0o077:
+        raise Denied(f"{path}: others can read it; expected mode 0600")
+    return data

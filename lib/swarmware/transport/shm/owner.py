@@ -1,0 +1,36 @@
+"""The owner of a ring: one process of one boot, told apart from a later process with the same number."""
+
+import functools
+import os
+from pathlib import Path
+
+import msgspec
+
+from swarmware.transport.shm.ticks import start_ticks
+
+
+@functools.cache
+def boot_id() -> int:
+    """Random 128-bit number of this boot of the machine."""
+    return int(
+        Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip().replace("-", ""), 16
+    )
+
+
+class Owner(msgspec.Struct, frozen=True):
+    """Who writes a ring."""
+
+    pid: int
+    """0: nobody."""
+    start_ticks: int
+    boot_id: int
+
+    @classmethod
+    def current(cls) -> "Owner":
+        """This process."""
+        pid = os.getpid()
+        return cls(pid, start_ticks(pid), boot_id())
+
+    def alive(self) -> bool:
+        """Whether exactly this process still runs, as far as this PID namespace can see."""
+        return self.pid != 0 and self.boot_id == boot_id() and start_ticks(self.pid) == self.start_ticks != 0

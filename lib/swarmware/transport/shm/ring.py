@@ -1,0 +1,438 @@
+"""The ring: frames from one writer to many readers, through a mapped file.
+
+A board is read with `newest()`, a stream with `next()`. Nothing here waits: the doorbell wakes.
+Each object belongs to one thread.
+"""
+
+import contextlib
+import mmap
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+from zlib import crc32
+
+from swarmware.errors import Conflict, OutOfRange, WireError
+from swarmware.transport.shm import layout, ringfile
+from swarmware.transport.shm.fence import Fence
+from swarmware.transport.shm.layout import Geometry
+from swarmware.transport.shm.lock import held_by_other
+from swarmware.transport.shm.owner import Owner
+from swarmware.transport.shm.view import View
+
+Bytes = bytes | bytearray | memoryview
+_Taken = TypeVar("_Taken")
+
+TORN_TRIES = 1000
+"""Times in a row that a frame may be overwritten while it is copied. Three in a row were never seen with four
+slots and a writer in a tight loop; a thousand mean that somebody else writes into the file."""
+SKIP_TRIES = 64
+"""Times that `next()` tries a slot the writer has not come round to before it counts the frame as lost."""
+
+_HEADER_BYTES, _SLOT_HEADER_BYTES = layout.HEADER_BYTES, layout.SLOT_HEADER_BYTES
+_NEWEST, _MOVED = layout.W_NEWEST, layout.W_MOVED
+_LENGTH_MASK, _SEED_MASK = layout.LENGTH_MASK, layout.SEED_MASK
+
+
+class RingWriter:
+    """The one writer of a ring.
+
+    An existing ring of the same slots goes on where its dead owner stopped, and its readers notice nothing.
+    A ring of another layout is replaced by a new file: its readers see `moved`. Notify them either way.
+    Raises: RingBusy when a living process writes it, RingFull without room, OutOfRange beyond the limits.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        slots: int,
+        slot_bytes: int,
+        mode: int = 0o640,
+        resume: ringfile.EpochPosition | None = None,
+    ) -> None:
+        self.path = path
+        self.slots = slots
+        self.slot_bytes = slot_bytes
+        geometry = Geometry(slots, slot_bytes)
+        self._map, self.taken_over = ringfile.claim(path, geometry, mode, resume)
+        self._words = memoryview(self._map).cast("Q")
+        self._lineage = self._words[layout.W_EPOCH]
+        self._name = str(path)  # a look once a second by this costs a third of one by `Path`
+        self._file = path.lstat()
+        self._stride = geometry.stride
+        self._checked = geometry.checked
+        self._sequence = self._words[_NEWEST]
+        self._fence = Fence()
+        self._loan: memoryview | None = None
+        self.nonce = self._words[layout.W_NONCE]
+
+    @property
+    def sequence(self) -> int:
+        """Sequence of the newest frame written; 0: none yet."""
+        return self._sequence
+
+    def write(self, data: Bytes) -> int:
+        """Publish a frame; returns its sequence.
+
+        Raises: OutOfRange when it is longer than a slot, Conflict while a slot is on loan.
+        """
+        if type(data) is memoryview:
+            data = data.cast("B")
+        length = len(data)
+        if length > self.slot_bytes or self._loan is not None:
+            self._refuse(length)
+        sequence = self._sequence + 1
+        words = self._words
+        base = _HEADER_BYTES + sequence % self.slots * self._stride
+        slot = base >> 3
+        start = base + _SLOT_HEADER_BYTES
+        words[slot] = sequence
+        if self._checked:
+            self._map[start : start + length] = data
+            words[slot + 2] = crc32(data, sequence & _SEED_MASK) << 32 | length
+            words[slot + 1] = sequence
+        else:
+            self._fence()  # without a checksum the order of the stores is all a reader has
+            self._map[start : start + length] = data
+            words[slot + 2] = length
+            self._fence()
+            words[slot + 1] = sequence
+        words[_NEWEST] = self._sequence = sequence
+        return sequence
+
+    def loan(self, length: int) -> memoryview:
+        """The bytes of the next slot, to be filled in place and given back by `publish`.
+
+        Nothing is visible before. The view is dead afterwards. Raises: as `write`.
+        """
+        if length > self.slot_bytes or length < 0 or self._loan is not None:
+            self._refuse(length)
+        sequence = self._sequence + 1
+        base = _HEADER_BYTES + sequence % self.slots * self._stride
+        self._words[base >> 3] = sequence
+        self._fence()
+        start = base + _SLOT_HEADER_BYTES
+        with memoryview(self._map) as whole:
+            self._loan = whole[start : start + length]
+        return self._loan
+
+    def publish(self, length: int | None = None) -> int:
+        """Publish the slot on loan, or only its first bytes; returns the sequence.
+
+        Raises: Conflict when nothing is on loan, OutOfRange when it is longer than the loan.
+        """
+        loan = self._loan
+        if loan is None:
+            raise Conflict(f"{self.path}: nothing is on loan, expected loan() before publish()")
+        if length is None:
+            length = len(loan)
+        elif not 0 <= length <= len(loan):
+            raise OutOfRange(f"{self.path}: {length} bytes published, expected 0 to {len(loan)}, as on loan")
+        sequence = self._sequence + 1
+        slot = (_HEADER_BYTES + sequence % self.slots * self._stride) >> 3
+        words = self._words
+        meta = length
+        if self._checked:
+            with loan[:length] as written:
+                meta |= crc32(written, sequence & _SEED_MASK) << 32
+        words[slot + 2] = meta
+        self._fence()
+        words[slot + 1] = sequence
+        words[_NEWEST] = self._sequence = sequence
+        self.abandon()
+        return sequence
+
+    def abandon(self) -> None:
+        """Give the slot on loan back unpublished; its bytes are never seen."""
+        if self._loan is not None:
+            self._loan.release()
+            self._loan = None
+
+    def _refuse(self, length: int) -> None:
+        if self._loan is not None:
+            raise Conflict(f"{self.path}: a slot is on loan, expected publish() or abandon() first")
+        raise OutOfRange(f"{self.path}: a frame of {length} bytes, expected 0 to {self.slot_bytes}")
+
+    def intact(self) -> bool:
+        """Whether the file at the path is still this one, whole, with our header: nobody damaged it."""
+        if self._map.closed:
+            return True
+        found = self._found()
+        if found is None or found.st_size != len(self._map):
+            return False
+        words = self._words
+        return (
+            words[layout.W_NONCE] == self.nonce
+            and words[_MOVED] == 0
+            and words[_NEWEST] == self._sequence
+            and words[layout.W_STATIC_CRC] == layout.static_crc(words)
+        )
+
+    def _cut(self) -> bool:
+        """Whether the file at the path has lost pages: to touch the map of such a file ends a process."""
+        found = self._found()
+        return found is not None and found.st_size != len(self._map)
+
+    def _found(self) -> os.stat_result | None:
+        """The file at the path if it is still ours."""
+        try:
+            found = os.lstat(self._name)
+        except OSError:
+            return None
+        return found if os.path.samestat(found, self._file) else None
+
+    def discard(self) -> ringfile.EpochPosition:
+        """Let go of a damaged file; what a new writer in its place needs to go on."""
+        self.abandon()
+        if not self._cut():
+            self._words[_MOVED] = 1  # no longer at its path: readers that have it mapped must open again
+        self._words.release()
+        _close(self._map)
+        return self._lineage, self._sequence
+
+    def close(self, *, unlink: bool = False) -> None:
+        """Stop writing. The newest frames stay readable unless the file is unlinked."""
+        if self._map.closed:
+            return
+        self.abandon()
+        layout.write_owner(self._words, Owner(0, 0, 0))
+        if unlink:
+            self._unlink()
+        self._words.release()
+        _close(self._map)
+
+    def _unlink(self) -> None:
+        with contextlib.suppress(FileNotFoundError):
+            fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                # the lock is ours if it is our file: its nonce tells, and `unlink_ring` looks at the inode
+                if os.pread(fd, 8, layout.W_NONCE * 8) == bytes(
+                    self._words[layout.W_NONCE : layout.W_NONCE + 1]
+                ):
+                    ringfile.unlink_ring(fd, self.path)
+            finally:
+                os.close(fd)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class RingReader:
+    """One reader of a ring; the file is mapped read-only.
+
+    `after`: `next()` begins behind this sequence and counts as lost what is gone by now; 0 suits a reader
+    that waited for the ring to appear. None: it begins with the first frame written from now on.
+    Raises: NotFound, Denied, WireError when the file is no ring.
+    """
+
+    def __init__(self, path: Path, *, after: int | None = None) -> None:
+        self.path = path
+        fd = ringfile.open_reading(path)
+        try:
+            self._map = ringfile.map_reading(fd, path)
+            self._file = os.fstat(fd)
+        finally:
+            os.close(fd)
+        self._words = memoryview(self._map).cast("Q")
+        try:
+            geometry = layout.read_header(self._words, len(self._map), path)
+        except WireError:
+            self.close()
+            raise
+        self.slots = geometry.slots
+        self.slot_bytes = geometry.slot_bytes
+        self._stride = geometry.stride
+        self._checked = geometry.checked
+        self._first = self._words[layout.W_FIRST]
+        self._fence = Fence()
+        self.nonce = self._words[layout.W_NONCE]
+        self.epoch = self._words[layout.W_EPOCH]
+        """Identity over replacements of the file: sequences of one epoch never start again."""
+        self.seen = 0
+        """Sequence of the frame that `newest()` or `view()` gave last."""
+        self.lost = 0
+        """Frames that `next()` could not give because the writer had overwritten them."""
+        self.position = self._words[_NEWEST] if after is None else after
+        """Sequence that `next()` has come to."""
+
+    @property
+    def sequence(self) -> int:
+        """Sequence of the newest frame; compare with `seen` to know whether `newest()` has something new."""
+        return self._words[_NEWEST]
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether `newest()` has given the newest frame, and the path has no other file."""
+        words = self._words
+        return words[_NEWEST] == self.seen and not words[_MOVED]
+
+    @property
+    def moved(self) -> bool:
+        """Whether the path has, or soon will have, another file or none: read to the end, then `reopen()`."""
+        return self._words[_MOVED] != 0
+
+    def reopen(self) -> "RingReader":
+        """A reader of the file that is at the path now, and goes on where this one stands; closes this one.
+
+        Frames never seen are counted in its `lost`. Raises: as the constructor; this reader then stays open.
+        """
+        fresh = RingReader(self.path)
+        fresh.lost = self.lost
+        fresh.position, fresh.seen = (self.position, self.seen) if fresh.same_epoch(self) else (0, 0)
+        self.close()
+        return fresh
+
+    def same_epoch(self, former: "RingReader") -> bool:
+        """Whether its sequences go on from those of a former file at the path; else they start again."""
+        return self.epoch == former.epoch
+
+    @property
+    def owner(self) -> Owner:
+        """Who writes, or wrote; pid 0 after an orderly end."""
+        return layout.read_owner(self._words)
+
+    def owner_alive(self) -> bool:
+        """Whether somebody writes the ring. A process of another PID namespace is known by its lock."""
+        if self.owner.alive():
+            return True
+        try:
+            fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except OSError:
+            return False
+        try:
+            return os.path.samestat(os.fstat(fd), self._file) and held_by_other(fd)
+        finally:
+            os.close(fd)
+
+    def in_place(self) -> bool:
+        """Whether the mapped file still is the one at the path; slower than `moved`, but certain."""
+        try:
+            return os.path.samestat(self.path.lstat(), self._file)
+        except OSError:
+            return False
+
+    def newest(self) -> bytes | None:
+        """A copy of the newest frame; None before the first."""
+        return self._latest(self._copy)
+
+    def view(self) -> View | None:
+        """The newest frame where it lies, without a copy; None before the first."""
+        return self._latest(self._look)
+
+    def next(self) -> bytes | None:
+        """A copy of the next frame in order; None when there is none yet.
+
+        What was overwritten is skipped and counted in `lost`: every sequence is either given once or counted.
+        """
+        return self._following(self._copy)
+
+    def next_view(self) -> View | None:
+        """The next frame in order where it lies, without a copy; otherwise as `next()`."""
+        return self._following(self._look)
+
+    def _latest(self, take: Callable[[int], _Taken | None]) -> _Taken | None:
+        words = self._words
+        for _ in range(TORN_TRIES):
+            sequence = words[_NEWEST]
+            if sequence == self._first:
+                return None
+            taken = take(sequence)
+            if taken is not None:
+                self.seen = sequence
+                return taken
+        raise WireError(f"{self.path}: frame {words[_NEWEST]} is never whole, expected one writer only")
+
+    def _following(self, take: Callable[[int], _Taken | None]) -> _Taken | None:
+        words = self._words
+        tries = 0
+        while True:
+            newest = words[_NEWEST]
+            wanted = self.position + 1
+            if wanted > newest:
+                return None
+            oldest = newest - self.slots + 1
+            if wanted < oldest or wanted <= self._first:
+                # to the oldest but one: the oldest slot is what the writer fills next
+                self._skip_to(max(oldest, self._first) + 1)
+                tries = 0
+                continue
+            taken = take(wanted)
+            if taken is not None:
+                self.position = wanted
+                return taken
+            tries += 1
+            if wanted == oldest or tries > SKIP_TRIES:  # being overwritten right now; or damaged from outside
+                self._skip_to(wanted + 1)
+                tries = 0
+
+    def _skip_to(self, wanted: int) -> None:
+        self.lost += wanted - 1 - self.position
+        self.position = wanted - 1
+
+    def _copy(self, sequence: int) -> bytes | None:
+        """The bytes of one frame; None when it is not there, or was overwritten during the copy."""
+        words = self._words
+        base = _HEADER_BYTES + sequence % self.slots * self._stride
+        slot = base >> 3
+        if words[slot + 1] != sequence:
+            return None
+        meta = words[slot + 2]
+        length = meta & _LENGTH_MASK
+        if length > self.slot_bytes:
+            return None
+        start = base + _SLOT_HEADER_BYTES
+        if self._checked:
+            data = self._map[start : start + length]
+            whole = words[slot] == sequence and crc32(data, sequence & _SEED_MASK) == meta >> 32
+        else:
+            self._fence()
+            data = self._map[start : start + length]
+            self._fence()
+            whole = words[slot] == sequence
+        return data if whole else None
+
+    def _look(self, sequence: int) -> View | None:
+        words = self._words
+        base = _HEADER_BYTES + sequence % self.slots * self._stride
+        slot = base >> 3
+        if words[slot + 1] != sequence:
+            return None
+        meta = words[slot + 2]
+        length = meta & _LENGTH_MASK
+        if length > self.slot_bytes:
+            return None
+        self._fence()
+        start = base + _SLOT_HEADER_BYTES
+        with memoryview(self._map) as whole:
+            data = whole[start : start + length]
+        view = View(data, words[slot : slot + 2], sequence, meta >> 32 if self._checked else None)
+        if view.still_valid():
+            return view
+        view.release()
+        return None
+
+    def close(self) -> None:
+        """Unmap the file, or leave that to the last view of it."""
+        self._words.release()
+        _close(self._map)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _close(ring: mmap.mmap) -> None:
+    """Unmap; memory that a view still shows is unmapped with the view."""
+    with contextlib.suppress(BufferError):
+        ring.close()

@@ -1,0 +1,278 @@
+"""The ring file: claimed by one writer, replaced, removed; always whole at its path.
+
+Three rules make `kill -9` harmless at every instruction. A file is made and filled under `<name>.new`, whose
+lock is held, and renamed when complete. Whoever changes a file holds its lock and has seen that it still
+stands at its path. Before a file leaves its path its header says MOVED, so that readers open the path again.
+"""
+
+import contextlib
+import errno
+import mmap
+import os
+import secrets
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from swarmware.errors import Denied, NotFound, SwarmError, WireError
+from swarmware.transport.shm import layout
+from swarmware.transport.shm.access import make_folder, share
+from swarmware.transport.shm.layout import Geometry, RingBusy, RingFull
+from swarmware.transport.shm.lock import is_regular, lock_within, stands_at, try_lock
+from swarmware.transport.shm.owner import Owner
+
+LOCK_WAIT_S = 0.25
+"""How long a lock without a living owner in the header is waited for: others probe it for microseconds."""
+ATTEMPTS = 100
+"""Each one is lost to another process that made or removed the file meanwhile."""
+
+
+@contextlib.contextmanager
+def file_errors(path: Path) -> Iterator[None]:
+    """Turn what the operating system says into errors that name the path."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise NotFound(f"{path}: no such file") from error
+    except PermissionError as error:
+        raise Denied(f"{path}: no permission") from error
+    except OSError as error:
+        if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
+            raise RingFull(f"{path}: no room on the file system of the shared memory") from error
+        if error.errno in {errno.ELOOP, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENXIO}:
+            raise WireError(f"{path}: not a regular file in a folder") from error
+        raise
+
+
+def open_reading(path: Path) -> int:
+    """Descriptor for reading; a FIFO or a link at the path is an error, not a trap."""
+    with file_errors(path):
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+
+
+def absent(path: str) -> bool:
+    """Whether there is nothing at a path: what readers that wait for a writer ask at each look.
+
+    Anything else, an error included, is for `open_reading`, which costs five times as much to find nothing.
+    """
+    try:
+        os.lstat(path)  # no Path object
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+EpochPosition = tuple[int, int]
+"""Epoch and newest sequence of a ring, with which its replacement goes on."""
+
+
+def claim(
+    path: Path, geometry: Geometry, mode: int, resume: EpochPosition | None = None
+) -> tuple[mmap.mmap, bool]:
+    """Become the one writer of the ring at the path; True: an earlier ring goes on in place.
+
+    The lock belongs to the map and goes with it. `resume`: where the writer of a damaged ring goes on.
+    Raises: RingBusy, RingFull, Denied.
+    """
+    geometry.check(path)
+    with file_errors(path):
+        for _ in range(ATTEMPTS):
+            make_folder(path.parent, path.parent.parent)
+            old_fd = _lock_existing(path)
+            try:
+                ring = None
+                if old_fd is not None and resume is None:
+                    ring = _take_over(old_fd, path, geometry)
+                if ring is not None:
+                    return ring, True
+                ring = _make(path, geometry, mode, old_fd, resume)
+                if ring is not None:
+                    return ring, False
+            finally:
+                if old_fd is not None:
+                    os.close(old_fd)  # a map keeps the open file, and so the lock, by a descriptor of its own
+    raise RingBusy(f"{path}: other processes keep making and removing it")
+
+
+def _lock_existing(path: Path) -> int | None:
+    """Locked descriptor of the file at the path; None when there is none."""
+    while True:
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except FileNotFoundError:
+            return None
+        try:
+            if not is_regular(fd):
+                raise WireError(f"{path}: not a regular file")
+            if not try_lock(fd):
+                owner = _owner_of(fd)
+                if owner.alive() or not lock_within(fd, LOCK_WAIT_S):
+                    raise RingBusy(_busy_text(path, _owner_of(fd)))
+            if stands_at(fd, path):
+                kept, fd = fd, -1
+                return kept
+        finally:
+            if fd >= 0:
+                os.close(fd)
+
+
+def _busy_text(path: Path, owner: Owner) -> str:
+    who = f"process {owner.pid}" if owner.alive() else "a process that cannot be seen from here"
+    return f"{path}: {who} writes this ring, expected one writer only"
+
+
+def _owner_of(fd: int) -> Owner:
+    header = os.pread(fd, layout.HEADER_BYTES, 0)
+    if len(header) < layout.HEADER_BYTES:
+        return Owner(0, 0, 0)
+    return layout.read_owner(memoryview(header).cast("Q"))
+
+
+def _map(fd: int, file_bytes: int) -> mmap.mmap:
+    return mmap.mmap(fd, file_bytes, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
+
+
+def _take_over(fd: int, path: Path, geometry: Geometry) -> mmap.mmap | None:
+    """Go on with a ring whose owner is gone; None when it has another layout or is damaged."""
+    file_bytes = os.fstat(fd).st_size
+    if file_bytes != geometry.file_bytes:
+        return None
+    ring = _map(fd, file_bytes)
+    words = memoryview(ring).cast("Q")
+    try:
+        fits = layout.read_header(words, file_bytes, path) == geometry and _newest_complete(
+            ring, words, geometry
+        )
+        if fits:
+            layout.write_owner(words, Owner.current())
+            words[layout.W_MOVED] = (
+                0  # set by a writer or a reaper that was killed before the rename or unlink
+            )
+    except WireError:
+        fits = False
+    finally:
+        words.release()
+    if fits:
+        return ring
+    ring.close()
+    return None
+
+
+def _newest_complete(ring: mmap.mmap, words: memoryview, geometry: Geometry) -> bool:
+    """Whether the newest frame is what the index says; always, unless the file was damaged from outside."""
+    newest, first = words[layout.W_NEWEST], words[layout.W_FIRST]
+    if newest == first:
+        return True
+    base = layout.HEADER_BYTES + newest % geometry.slots * geometry.stride
+    slot = base // 8
+    meta = words[slot + layout.S_META]
+    length = meta & layout.LENGTH_MASK
+    if newest < first or words[slot + layout.S_AFTER] != newest or length > geometry.slot_bytes:
+        return False
+    start = base + layout.SLOT_HEADER_BYTES
+    return (
+        not geometry.checked
+        or zlib.crc32(ring[start : start + length], newest & layout.SEED_MASK) == meta >> 32
+    )
+
+
+def _make(
+    path: Path, geometry: Geometry, mode: int, old_fd: int | None, resume: EpochPosition | None
+) -> mmap.mmap | None:
+    """A new ring at the path, or in the place of the locked old one; None: somebody was faster."""
+    unfinished = path.with_name(path.name + layout.UNFINISHED_SUFFIX)
+    fd = os.open(unfinished, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, mode)
+    try:
+        if not (is_regular(fd) and try_lock(fd)):
+            raise RingBusy(f"{unfinished}: another process is making this ring")
+        if not stands_at(fd, unfinished):
+            return None
+        if not _vacant(path, old_fd):
+            unfinished.unlink()
+            return None
+        try:
+            if resume is None:
+                resume = (secrets.randbits(64), 0) if old_fd is None else _inherited_epoch(old_fd)
+            ring = _fill(fd, path, geometry, mode, resume)
+            if old_fd is not None:
+                os.pwrite(old_fd, b"\1", layout.W_MOVED * 8)  # damaged or not: its readers must open again
+            unfinished.rename(path)
+        except OSError:
+            unfinished.unlink()
+            raise
+        return ring
+    finally:
+        os.close(fd)
+
+
+def _vacant(path: Path, old_fd: int | None) -> bool:
+    return not path.exists() if old_fd is None else stands_at(old_fd, path)
+
+
+def _fill(fd: int, path: Path, geometry: Geometry, mode: int, resume: EpochPosition) -> mmap.mmap:
+    os.ftruncate(fd, 0)  # what a maker killed here before left behind
+    os.posix_fallocate(fd, 0, geometry.file_bytes)  # a full file system is an error now, not a SIGBUS later
+    os.fchmod(fd, mode)
+    share(fd, path.parent, mode)
+    ring = _map(fd, geometry.file_bytes)
+    words = memoryview(ring).cast("Q")
+    epoch, first = resume
+    layout.write_header(words, geometry, nonce=secrets.randbits(64), epoch=epoch, first=first)
+    layout.write_owner(words, Owner.current())
+    words.release()
+    return ring
+
+
+def _inherited_epoch(old_fd: int) -> EpochPosition:
+    """Epoch and newest sequence of the ring that is replaced; a new epoch if it is none or damaged."""
+    header = os.pread(old_fd, layout.HEADER_BYTES, 0)
+    words = memoryview(header.ljust(layout.HEADER_BYTES, b"\0")).cast("Q")
+    with contextlib.suppress(WireError):
+        layout.read_header(words, os.fstat(old_fd).st_size, Path())
+        if words[layout.W_FIRST] <= words[layout.W_NEWEST] < 1 << 63:
+            return words[layout.W_EPOCH], words[layout.W_NEWEST]
+    return secrets.randbits(64), 0
+
+
+def mark_moved(fd: int) -> None:
+    """Tell the readers that have the file mapped to open its path again."""
+    if (
+        os.pread(fd, 8, 0) == layout.MAGIC.to_bytes(8, "little")
+        and os.fstat(fd).st_size >= layout.HEADER_BYTES
+    ):
+        os.pwrite(fd, b"\1", layout.W_MOVED * 8)
+
+
+def unlink_ring(fd: int, path: Path) -> bool:
+    """Remove the ring whose lock is held; False when another file stands at the path by now."""
+    if not stands_at(fd, path):
+        return False
+    mark_moved(fd)
+    try:
+        path.unlink()
+    except FileNotFoundError:
+        return False
+    except PermissionError as error:
+        raise Denied(f"{path}: no permission") from error
+    return True
+
+
+def map_reading(fd: int, path: Path) -> mmap.mmap:
+    """Map a file from outside for reading.
+
+    Raises: WireError when it cannot be a ring.
+    """
+    file_bytes = os.fstat(fd).st_size
+    if (
+        not is_regular(fd)
+        or file_bytes < layout.HEADER_BYTES
+        or file_bytes % 8
+        or file_bytes > layout.MAX_RING_BYTES
+    ):
+        raise WireError(f"{path}: {file_bytes} bytes, expected a ring file")
+    try:
+        return mmap.mmap(fd, file_bytes, mmap.MAP_SHARED, mmap.PROT_READ)
+    except OSError as error:
+        raise SwarmError(f"{path}: cannot be mapped: {error.strerror}") from error
