@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from swarmlab.measure import Floats, VehicleTrack, resample, resample_yaw
-from swarmware.geometry.formation import Formation
+from swarmware.geometry.formation import FormationSlots
 from swarmware.types.vehicle import Goal, Pose
 
 Goals = Sequence[tuple[float, Goal]]
@@ -64,7 +64,7 @@ def errors(track: VehicleTrack, leader: VehicleTrack, goals: Goals, times_s: Flo
     out = np.full(len(times_s), np.nan)
     own, lead = resample(track, times_s), resample(leader, times_s)
     yaw = resample_yaw(leader, times_s)
-    formations: dict[tuple[tuple[float, float], ...], Formation] = {}
+    formations: dict[tuple[tuple[float, float], ...], FormationSlots] = {}
     for i, t_s in enumerate(times_s):
         goal = goal_at(goals, float(t_s))
         if goal is None or goal.kind != "formation" or goal.leader in {"", track.platform}:
@@ -72,7 +72,7 @@ def errors(track: VehicleTrack, leader: VehicleTrack, goals: Goals, times_s: Flo
         if not (np.isfinite(own[i, 0]) and np.isfinite(lead[i, 0])):
             continue
         if goal.course not in formations:
-            formations[goal.course] = Formation(goal.course)
+            formations[goal.course] = FormationSlots(goal.course)
         formation = formations[goal.course]
         x_m, y_m, z_m = (float(value) for value in lead[i])
         slot = formation.slot(Pose.planar(x_m, y_m, z_m, float(yaw[i])), goal.offset_m)

@@ -11,12 +11,12 @@ from swarmware.errors import NoAnswer
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.types.health import HealthState
-from swarmware.types.mission import MissionState
+from swarmware.types.mission import INACTIVE, NOT_STARTED, MissionPhase, MissionState
 from swarmware.types.net import Traffic
 from swarmware.types.vehicle import BatteryState, NavStatus, Pose, VehicleState
 
 STATE: Final = "mission/state"
-GOOD: Final = "done"
+GOOD: Final = MissionPhase.DONE
 SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
     "nav/pose": Pose,
     "nav/status": NavStatus,
@@ -27,9 +27,7 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
 """Boards of each vehicle, besides that of the mission, that an operator's console shows."""
 LOST: Final = "lost"
 """State of a member that was restarted and does not know the mission."""
-NOT_STARTED: Final = "idle"
-"""State of a member whose order was withdrawn before it began."""
-ENDED: Final = frozenset({GOOD, "failed", "aborted", LOST, NOT_STARTED})
+ENDED: Final = INACTIVE | {LOST}
 """States that a mission does not leave."""
 UNKNOWN: Final = "unknown"
 """No state of the member's mission was received."""

@@ -31,7 +31,7 @@ _ARG_START: Final = 45
 """Position of arg_start (field 48) behind the command name; arg_end follows. Source: proc_pid_stat(5)."""
 
 
-class Order(msgspec.Struct, frozen=True):
+class ForkRequest(msgspec.Struct, frozen=True):
     """What a forked process has to do."""
 
     names: tuple[str, ...]
@@ -70,7 +70,7 @@ class ForkServer:
         self._status: dict[int, socket.socket] = {}
         """Where to say how a process ended, by its pid."""
 
-    def run(self) -> Order | None:
+    def run(self) -> ForkRequest | None:
         """None: the parent of the node has ended. An order: this is the new process, and that its job."""
         for end in (self._wake, self._waker):
             end.setblocking(False)
@@ -107,7 +107,7 @@ class ForkServer:
         asking.setblocking(False)
         self._asking[asking.fileno()] = asking
 
-    def _answer(self, asking: socket.socket) -> Order | None:
+    def _answer(self, asking: socket.socket) -> ForkRequest | None:
         """Forks; the order in the new process."""
         try:
             speaks, config_dir, *names = asking.recv(MESSAGE_BYTES).decode().split("\0")
@@ -120,7 +120,7 @@ class ForkServer:
             return None
         if pid == 0:
             self._become(names, config_dir, speaks=bool(speaks))
-            return Order(tuple(names), Path(config_dir))
+            return ForkRequest(tuple(names), Path(config_dir))
         self._status[pid] = asking
         with suppress(OSError):  # whoever asked has died meanwhile; the process goes on
             asking.send(b"%d" % pid)

@@ -29,7 +29,7 @@ import uvloop
 import zmq
 
 from swarmware.model import frame as wire
-from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import ANY
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import readers_folder
@@ -362,7 +362,7 @@ def board() -> None:
     """What a reader pays when it looks, beside reading one field of an object in the same process."""
     pose = Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.2, 0.3, 0.01)
     payload = registry.encode(pose)
-    data = wire.encode(Frame(Kind.BOARD, 1, 2, 3, ANY, ANY, sequence=1, stamp_ns=1, payload=payload))
+    data = wire.encode(Frame(FrameKind.BOARD, 1, 2, 3, ANY, ANY, sequence=1, stamp_ns=1, payload=payload))
     with tempfile.TemporaryDirectory(dir="/dev/shm") as name:
         path = Path(name) / "nav.pose.ring"
         with RingWriter(path, slots=4, slot_bytes=256) as writer, RingReader(path) as reader:

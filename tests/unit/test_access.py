@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from swarmd.broker.core.access_filter import REPORT_NS, AccessFilter
 from swarmware.errors import ConfigError, Denied, WireError
-from swarmware.model.access import Access, Role, Rule, Sender, Verb
-from swarmware.model.frame import ADDRESSED, Flag, Frame, Kind
+from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
+from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.sender import arrival_ns, sender_of, with_sender
-from swarmware.transport.security import Member, Roster
+from swarmware.transport.security import Roster, RosterMember
 
 GCS = Sender("gcs", Role.OPERATOR)
 
@@ -57,7 +57,7 @@ def test_a_platform_has_all_rights_on_its_own_resources() -> None:
 
 
 def test_where_no_rule_matches_only_maintainers_may() -> None:
-    access = Access((Rule(Verb.GET, "nav/*", Role.OBSERVER),))
+    access = Access((AccessRule(Verb.GET, "nav/*", Role.OBSERVER),))
     access.check(Sender("a", Role.MAINTAINER), Verb.SET, "nav/pose")
     with pytest.raises(Denied, match=r"expected role maintainer$"):
         access.check(GCS, Verb.SET, "nav/pose")
@@ -101,16 +101,18 @@ def test_an_extension_of_any_bytes_is_refused_or_says_who_really_sent_it(extensi
 
 def gate() -> AccessFilter:
     names = {"gcs": "operator", "uav2": "node", "uav3": "node"}
-    members = tuple(Member(name, b"", b"", role, serial) for serial, (name, role) in enumerate(names.items()))
+    members = tuple(
+        RosterMember(name, b"", b"", role, serial) for serial, (name, role) in enumerate(names.items())
+    )
     return AccessFilter(Roster(1, members, revoked=(2,)).roles(), Access())
 
 
-def question(kind: Kind = Kind.REQUEST, extension: bytes = b"") -> Frame:
+def question(kind: FrameKind = FrameKind.REQUEST, extension: bytes = b"") -> Frame:
     return Frame(kind, 1, 2, 3, 4, 5, flags=Flag.WANTS_ACK, extension=extension)
 
 
-@pytest.mark.parametrize("kind", [*ADDRESSED, Kind.REQUEST])
-def test_everything_that_an_application_takes_needs_the_right(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [*ADDRESSED, FrameKind.REQUEST])
+def test_everything_that_an_application_takes_needs_the_right(kind: FrameKind) -> None:
     gate().check(question(kind), "gcs", "cmd/goto")
     for platform in ("uav2", "uav3", "nobody"):  # a node, a revoked one, one that is not on the roster
         with pytest.raises(Denied):
@@ -120,8 +122,8 @@ def test_everything_that_an_application_takes_needs_the_right(kind: Kind) -> Non
 
 
 def test_answers_and_what_nobody_takes_pass() -> None:
-    gate().check(question(Kind.REPLY), "uav2", "cmd/goto")
-    gate().check(question(Kind.ACK), "uav2", "cmd/goto")
+    gate().check(question(FrameKind.REPLY), "uav2", "cmd/goto")
+    gate().check(question(FrameKind.ACK), "uav2", "cmd/goto")
     gate().check(question(), "uav2", None)
 
 
@@ -139,7 +141,7 @@ def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
         asked = question(extension=with_sender(b"", None, 1))
         keys.check(asked, "uav2", "plan/share", 1000)
         assert arrival_ns(asked.extension) == 1000
-        answered = question(Kind.REPLY, with_sender(b"", None, 1))
+        answered = question(FrameKind.REPLY, with_sender(b"", None, 1))
         keys.check(answered, "uav2", None, 1000)
         assert arrival_ns(answered.extension) is None
 

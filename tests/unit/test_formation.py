@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import InvalidInput
-from swarmware.geometry.formation import Formation, place
+from swarmware.geometry.formation import FormationSlots, place
 from swarmware.types.vehicle import Pose
 
 COURSE = ((0.0, 0.0), (32.0, 0.0), (62.0, 20.0), (95.0, 20.0))
@@ -44,19 +44,19 @@ def test_an_unknown_shape_is_refused_with_the_known_ones() -> None:
 
 
 def test_slots_wait_at_the_beginning_until_the_leader_is_there() -> None:
-    slot = Formation(COURSE).slot(Pose.planar(-12.0, 0.5, 0.0, 0.0, (1.5, 0.0, 0.0)), (-4.0, 4.0, 0.0))
+    slot = FormationSlots(COURSE).slot(Pose.planar(-12.0, 0.5, 0.0, 0.0, (1.5, 0.0, 0.0)), (-4.0, 4.0, 0.0))
     assert (slot.x_m, slot.y_m) == pytest.approx((-4.0, 4.0))
     assert (slot.vx_m_s, slot.vy_m_s) == (0.0, 0.0)
 
 
 def test_on_a_straight_leg_the_slot_moves_with_the_leader() -> None:
-    slot = Formation(COURSE).slot(Pose.planar(12.0, 0.0, 0.0, 0.0, (2.0, 0.0, 0.0)), (-4.0, 4.0, 8.0))
+    slot = FormationSlots(COURSE).slot(Pose.planar(12.0, 0.0, 0.0, 0.0, (2.0, 0.0, 0.0)), (-4.0, 4.0, 8.0))
     assert (slot.x_m, slot.y_m, slot.z_m) == pytest.approx((8.0, 4.0, 8.0))
     assert (slot.vx_m_s, slot.vy_m_s, slot.stretch) == pytest.approx((2.0, 0.0, 1.0))
 
 
 def test_the_slot_does_not_swerve_with_the_leader() -> None:
-    formation = Formation(COURSE)
+    formation = FormationSlots(COURSE)
     on_course = formation.slot(Pose.planar(12.0, 0.0), (-4.0, 4.0, 0.0))
     beside = formation.slot(Pose.planar(12.0, 1.5, 0.0, 0.7), (-4.0, 4.0, 0.0))
     assert (beside.x_m, beside.y_m) == pytest.approx((on_course.x_m, on_course.y_m))
@@ -64,7 +64,7 @@ def test_the_slot_does_not_swerve_with_the_leader() -> None:
 
 @given(st.floats(1, 95), st.floats(-16, 16), st.floats(-20, 0))
 def test_the_velocity_of_a_slot_is_the_change_of_its_place(s: float, left: float, forward: float) -> None:
-    formation = Formation(COURSE)
+    formation = FormationSlots(COURSE)
     assert formation.course is not None
     here = formation.course.at(s)
     speed, dt = 2.0, 1e-4
@@ -90,7 +90,7 @@ def test_the_velocity_of_a_slot_is_the_change_of_its_place(s: float, left: float
 
 
 def test_outside_of_a_turn_a_slot_is_faster() -> None:
-    formation = Formation(COURSE)
+    formation = FormationSlots(COURSE)
     outside = formation.slot_at(35.0, (0.0, -15.0, 0.0), 2.0)
     inside = formation.slot_at(35.0, (0.0, 15.0, 0.0), 2.0)
     assert outside.stretch == pytest.approx(1.5)
@@ -99,14 +99,14 @@ def test_outside_of_a_turn_a_slot_is_faster() -> None:
 
 def test_without_a_course_the_shape_turns_with_the_leader() -> None:
     leader = Pose.planar(10.0, 5.0, 3.0, math.pi / 2, (0.0, 1.0, 0.0), 0.2)
-    slot = Formation().slot(leader, (-4.0, 2.0, 1.0))
+    slot = FormationSlots().slot(leader, (-4.0, 2.0, 1.0))
     assert (slot.x_m, slot.y_m, slot.z_m) == pytest.approx((8.0, 1.0, 4.0))
     # v + ω × r with r = (-2, -4)
     assert (slot.vx_m_s, slot.vy_m_s) == pytest.approx((0.8, 0.6))
 
 
 def test_the_error_counts_height_only_for_those_that_fly() -> None:
-    slot = Formation(COURSE).slot_at(10.0, (0.0, 0.0, 8.0))
+    slot = FormationSlots(COURSE).slot_at(10.0, (0.0, 0.0, 8.0))
     pose = Pose.planar(13.0, 4.0, 20.0)
     assert slot.error_m(pose, flat=True) == pytest.approx(5.0)
     assert slot.error_m(pose) == pytest.approx(13.0)

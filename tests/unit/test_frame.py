@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 
 from swarmware.errors import WireError
 from swarmware.model import frame as wire
-from swarmware.model.frame import Codec, Flag, Frame, Kind
+from swarmware.model.frame import Codec, Flag, Frame, FrameKind
 
 U32 = st.integers(0, 2**32 - 1)
 FRAMES = st.builds(
     Frame,
-    kind=st.sampled_from(Kind),
+    kind=st.sampled_from(FrameKind),
     data_id=U32,
     sender_hw=U32,
     sender_app=U32,
@@ -55,7 +55,7 @@ def test_a_damaged_header_gives_a_frame_or_a_wire_error(frame: Frame, position: 
 def test_every_field_stands_where_the_design_says() -> None:
     data = wire.encode(
         Frame(
-            Kind.REQUEST,
+            FrameKind.REQUEST,
             0x01020304,
             0x11,
             0x22,
@@ -74,7 +74,7 @@ def test_every_field_stands_where_the_design_says() -> None:
     )
     assert data[0:2] == b"SW"
     assert data[2] == wire.VERSION
-    assert data[3] == Kind.REQUEST
+    assert data[3] == FrameKind.REQUEST
     assert int.from_bytes(data[4:6], "little") == Flag.WANTS_ACK | Codec.ZSTD << 8
     assert (data[6], data[7]) == (5, 2)
     words = [int.from_bytes(data[i : i + 4], "little") for i in range(8, 32, 4)]
@@ -86,18 +86,18 @@ def test_every_field_stands_where_the_design_says() -> None:
 
 
 def test_adjacent_versions_are_understood_and_others_are_not() -> None:
-    data = bytearray(wire.encode(Frame(Kind.BOARD, 1)))
+    data = bytearray(wire.encode(Frame(FrameKind.BOARD, 1)))
     for version, fits in [(wire.VERSION - 1, True), (wire.VERSION + 1, True), (wire.VERSION + 2, False)]:
         data[2] = version
         if fits:
-            assert wire.decode(bytes(data)).kind is Kind.BOARD
+            assert wire.decode(bytes(data)).kind is FrameKind.BOARD
         else:
             with pytest.raises(WireError, match="version"):
                 wire.decode(bytes(data))
 
 
 def test_a_view_is_decoded_without_copying_the_payload() -> None:
-    data = wire.encode(Frame(Kind.STREAM, 1, payload=b"x" * 100))
+    data = wire.encode(Frame(FrameKind.STREAM, 1, payload=b"x" * 100))
     view = memoryview(data)
     payload = wire.decode(view).payload
     assert isinstance(payload, memoryview)

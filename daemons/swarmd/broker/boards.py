@@ -9,7 +9,7 @@ from swarmd.broker.core.published_boards import PublishedBoard, PublishedBoards
 from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import NotFound, SwarmError, WireError
-from swarmware.model.frame import HEADER_BYTES, Codec, Frame, Kind, encode, restamp
+from swarmware.model.frame import HEADER_BYTES, Codec, Frame, FrameKind, encode, restamp
 from swarmware.node.follower import RingFollower
 from swarmware.node.node import Node
 from swarmware.node.publication import Publication
@@ -130,7 +130,7 @@ class _Mirror:
             self._frame = bytearray(
                 encode(
                     Frame(
-                        Kind.BOARD,
+                        FrameKind.BOARD,
                         want.data_id,
                         value.origin_hw,
                         sequence=sequence,

@@ -16,7 +16,7 @@ from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import Denied, WireError
 from swarmware.model.access import Access
 from swarmware.model.clock import Clock
-from swarmware.model.frame import HOPS, Flag, Frame, Kind, decode, encode
+from swarmware.model.frame import HOPS, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.answer import answerable
@@ -78,7 +78,7 @@ class FrameGateway:
         if peer is not None:
             own_hw = self._protocol.identity.hw
             payload = session.to_bytes(8, "little")
-            self._send(peer, Frame(Kind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
+            self._send(peer, Frame(FrameKind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
 
     def _take_proof(self, frame: Frame, user: str) -> None:
         if not user or frame.hops_left != HOPS or self._other_end(frame, user) != frame.sender_hw:
@@ -113,7 +113,7 @@ class FrameGateway:
         link = counters.link(user_name, "tcp")
         link.received_frames += 1
         link.received_bytes += len(data)
-        if frame.kind is Kind.HELLO:
+        if frame.kind is FrameKind.HELLO:
             self._take_proof(frame, user)
             return
         decision = self._forwarder.from_neighbour(
@@ -129,7 +129,7 @@ class FrameGateway:
                 counters.channel(name).received(size)
             if decision.first:
                 counters.notifications += values_in(frame)
-                counters.requests += frame.kind is Kind.REPLY
+                counters.requests += frame.kind is FrameKind.REPLY
             self._post.deliver(frame)
             return
         if decision.step is ForwardStep.SEND:

@@ -5,7 +5,7 @@ from typing import Final
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import VEHICLES
 from swarmware.mission.loader import load
-from swarmware.mission.model import Mission
+from swarmware.mission.model import MissionDefinition
 
 TEXTS: Final = {
     "land": """{"mission": {
@@ -33,7 +33,7 @@ TEXTS: Final = {
 }
 
 
-def built_in(platform: str, kind: str) -> dict[str, Mission]:
+def built_in(platform: str, kind: str) -> dict[str, MissionDefinition]:
     """Those that a platform of this kind can play; a ground station has nothing to bring to safety."""
     if kind not in VEHICLES:
         return {}

@@ -18,7 +18,7 @@ from swarmware.mission.content import content_hash
 from swarmware.mission.finding import TOO_LARGE, Finding, sound, too_large
 from swarmware.mission.folder import Folder
 from swarmware.mission.loader import read
-from swarmware.mission.model import Mission
+from swarmware.mission.model import MissionDefinition
 
 log = logging.getLogger("swarm.mission")
 
@@ -39,7 +39,7 @@ class Checker:
     def __init__(self, catalogue: Catalogue) -> None:
         self.catalogue = catalogue
         self._verdicts: OrderedDict[str, Findings] = OrderedDict()
-        self._missions: OrderedDict[str, Mission] = OrderedDict()
+        self._missions: OrderedDict[str, MissionDefinition] = OrderedDict()
         # one at a time: those who ask for many checks wait, not the rest of the computer
         self._turn = asyncio.Lock()
 
@@ -55,7 +55,7 @@ class Checker:
         key = content_hash(folder.where, folder.hash) if verdict else folder.hash
         return _keep(self._verdicts, key, verdict)
 
-    async def load(self, text: str, file: str, binding: Binding) -> Mission:
+    async def load(self, text: str, file: str, binding: Binding) -> MissionDefinition:
         """One member's mission, checked.
 
         Raises: MissionError with all reasons, one a line.

@@ -17,16 +17,7 @@ from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
-from swarmd.mission.core.run import (
-    REST,
-    Action,
-    Announce,
-    BlockResult,
-    CancelBlock,
-    MissionPhase,
-    ProgressStep,
-    StartBlock,
-)
+from swarmd.mission.core.run import Action, Announce, BlockResult, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import BlockRunner
@@ -46,12 +37,14 @@ from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
 from swarmware.transport.security import read_roster
 from swarmware.types.mission import (
+    INACTIVE,
     AbortAnswer,
     BarrierResult,
     LeftOut,
     MissionAbort,
     MissionList,
     MissionOrder,
+    MissionPhase,
     MissionPlan,
     MissionProgress,
     MissionReceipt,
@@ -241,8 +234,8 @@ class Mission(Service):
 
     async def _on_abort(self, order: MissionAbort, meta: Meta) -> AbortAnswer:
         states = {self.module.platform: self._now_state(), **self._present()}
-        ordered = tuple(name for name, state in states.items() if state.state not in REST)
-        if self._core.phase not in REST:
+        ordered = tuple(name for name, state in states.items() if state.state not in INACTIVE)
+        if self._core.phase not in INACTIVE:
             ordered = tuple(member.platform for member in self._core.members)
         ordered = ordered or tuple(states)
         silent = await self._dispatcher.abort(ordered, order)

@@ -19,7 +19,7 @@ from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
 
 
-class Register(Service):
+class Registrar(Service):
     """Volunteers as master of the node; the current master publishes the table."""
 
     name = "register"
@@ -101,3 +101,7 @@ def _of(tables: BoardSet[ApplicationTable] | None, platform: str) -> Application
     """The table of a platform; None when it names another platform."""
     table = tables[platform].value if tables is not None and platform in tables else None
     return table if table is not None and table.platform == platform else None
+
+
+Register = Registrar
+"""Entry point of installations from before the rename."""

@@ -7,7 +7,7 @@ from swarmd.tree.core.mirror import is_newer
 from swarmware.errors import WireError
 from swarmware.model import frame as wire
 from swarmware.model import names
-from swarmware.model.frame import Codec, Frame, Kind
+from swarmware.model.frame import Codec, Frame, FrameKind
 from swarmware.node.follower import RingFollower
 from swarmware.node.node import Node
 from swarmware.node.publication import Publication
@@ -15,7 +15,7 @@ from swarmware.transport.shm.layout import RING_SUFFIX, ring_file, ring_path
 from swarmware.transport.shm.reap import mirror_folders, reap_ring
 from swarmware.types.tree import TreeItem
 
-MIRRORED: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM})
+MIRRORED: Final = frozenset({FrameKind.BOARD, FrameKind.EVENT, FrameKind.STREAM})
 EVENT_SLOTS: Final = 512
 STREAM_SLOTS: Final = 1024
 """A whole window of notifications may become readable at once: a reader woken by it finds all of it."""
@@ -44,7 +44,7 @@ class Mirrors:
         Raises: SwarmError when there is no room, or somebody else writes this mirror.
         """
         try:
-            kind, codec = Kind(item.kind), Codec(item.codec)
+            kind, codec = FrameKind(item.kind), Codec(item.codec)
         except ValueError as error:
             raise WireError(f"notification of /{platform}/{item.path}: {error}") from error
         if kind not in MIRRORED:
@@ -57,16 +57,16 @@ class Mirrors:
         mirror.sequence, mirror.stamp_ns = item.sequence, item.stamp_ns
         return True
 
-    def _mirror(self, platform: str, path: str, kind: Kind, size: int) -> _Mirror:
+    def _mirror(self, platform: str, path: str, kind: FrameKind, size: int) -> _Mirror:
         key = (platform, names.check_path(path))
         found = self._open.get(key)
         if found is None:
             # before the ring is claimed: a ring of other slots would be replaced by an empty one
             sequence, stamp_ns = self._newest(platform, path)
-            if kind is Kind.BOARD:
+            if kind is FrameKind.BOARD:
                 publication = self._node.mirror_writer(platform, path)
             else:
-                slots = STREAM_SLOTS if kind is Kind.STREAM else EVENT_SLOTS
+                slots = STREAM_SLOTS if kind is FrameKind.STREAM else EVENT_SLOTS
                 if size > LARGE_BYTES:
                     slots = LARGE_SLOTS
                 publication = self._node.mirror_writer(platform, path, slots=slots)
@@ -107,7 +107,7 @@ class Mirrors:
         self._open.clear()
 
 
-def _frame(platform: str, item: TreeItem, kind: Kind, codec: Codec) -> Frame:
+def _frame(platform: str, item: TreeItem, kind: FrameKind, codec: Codec) -> Frame:
     return Frame(
         kind,
         item.data_id,

@@ -55,7 +55,7 @@ def place(shape: str, slot: int, spacing_m: float) -> tuple[float, float]:
     raise InvalidInput(f"shape {shape!r}: expected one of {', '.join(SHAPES)}")
 
 
-class Formation:
+class FormationSlots:
     """Slots of a formation that follows a leader.
 
     With a course, places are measured along it and across it: a slot follows a curve parallel to the

@@ -15,7 +15,7 @@ from swarmware.mission.ensemble import EnsembleRole, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
 from swarmware.mission.loader import Reading, read
-from swarmware.mission.model import Mission
+from swarmware.mission.model import MissionDefinition
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 
@@ -71,7 +71,9 @@ def check_text(
     return reading, findings
 
 
-def _conditions(mission: Mission, text: str, file: str, kinds: tuple[str, ...], own: str) -> list[Finding]:
+def _conditions(
+    mission: MissionDefinition, text: str, file: str, kinds: tuple[str, ...], own: str
+) -> list[Finding]:
     """What its conditions say of resources, held against the templates of who may play it."""
     problems = vocabulary.shipped().check(mission, kinds, own) if mission.resources() else []
     if not problems:

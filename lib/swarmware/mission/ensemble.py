@@ -8,7 +8,7 @@ from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.finding import TOO_LARGE, Finding, Severity, too_large
 from swarmware.mission.meetings import BROKEN, Participant, TooLarge, search
-from swarmware.mission.model import TIMEOUT, Block, Mission
+from swarmware.mission.model import TIMEOUT, Block, MissionDefinition
 
 PARALLEL = 4
 """From so many barriers at the same time on these are what makes an ensemble too large."""
@@ -23,7 +23,7 @@ class EnsembleRole(msgspec.Struct, frozen=True):
 
     name: str
     kinds: tuple[str, ...]
-    mission: Mission
+    mission: MissionDefinition
     take: int
     """How many platforms play it; 0: any number."""
     line: Callable[[str], int]

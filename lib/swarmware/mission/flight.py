@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from swarmware.mission.catalogue import End, Goto
 from swarmware.mission.finding import Remark, Severity
-from swarmware.mission.model import OK, Mission
+from swarmware.mission.model import OK, MissionDefinition
 from swarmware.mission.net import Bits, Firing, Marking
 
 Trace = Callable[[], tuple[str, ...]]
@@ -15,7 +15,7 @@ RULES = frozenset({"below-ground", "not-in-the-air"})
 _NEED_AIR = frozenset({"Goto", "Formation"})
 
 
-def below_ground(mission: Mission) -> list[Remark]:
+def below_ground(mission: MissionDefinition) -> list[Remark]:
     """Heights that lead a flying vehicle into the ground."""
     return [
         Remark(
@@ -33,7 +33,7 @@ def below_ground(mission: Mission) -> list[Remark]:
 class FlightPhases:
     """Follows one more bit in each marking: set while the vehicle is in the air."""
 
-    def __init__(self, mission: Mission, bits: Bits, *, flies: bool) -> None:
+    def __init__(self, mission: MissionDefinition, bits: Bits, *, flies: bool) -> None:
         self._mission = mission
         self._bits = bits
         self._air: Marking = 1 << len(bits.places) if flies else 0

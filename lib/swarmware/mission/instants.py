@@ -5,7 +5,7 @@ from typing import Final
 
 from swarmware.mission.catalogue import Wait
 from swarmware.mission.finding import Remark
-from swarmware.mission.model import STEPS_LIMIT, Block, Mission
+from swarmware.mission.model import STEPS_LIMIT, Block, MissionDefinition
 
 REST_S: Final = 0.01
 """A shorter pause does not count: a loop of such pauses would keep the processor busy and fill the log."""
@@ -13,7 +13,7 @@ SHOWN_LIMIT: Final = 12
 """Blocks of a loop that are named."""
 
 
-def check(mission: Mission) -> list[Remark]:
+def check(mission: MissionDefinition) -> list[Remark]:
     """Livelocks, and more blocks at one instant than the player passes in one step."""
     instant_or_short = {block.id: block for block in mission.blocks.values() if not _takes_time(block)}
     loop = _loop(instant_or_short)

@@ -14,7 +14,7 @@ from swarmware.mission.catalogue import Catalogue, built_in
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.finding import Finding
-from swarmware.mission.model import ON_FAILURE, Block, Mission
+from swarmware.mission.model import ON_FAILURE, Block, MissionDefinition
 from swarmware.mission.source import JsonSource, SourceError, escape
 from swarmware.mission.source import parse as parse_source
 from swarmware.types.mission import ParamValue
@@ -35,14 +35,14 @@ HINTS_LIMIT = 1_000
 class Reading(msgspec.Struct, frozen=True):
     """What came of reading a file."""
 
-    mission: Mission | None
+    mission: MissionDefinition | None
     """None when the file has errors that leave no graph to look at."""
     findings: tuple[Finding, ...]
     params: tuple[str, ...] = ()
     """Names of the declared parameters."""
 
 
-def load(text: str, file: str, binding: Binding, catalogue: Catalogue | None = None) -> Mission:
+def load(text: str, file: str, binding: Binding, catalogue: Catalogue | None = None) -> MissionDefinition:
     """The mission, with the platform's parameters filled in.
 
     Raises: MissionError with every mistake, one a line.
@@ -102,7 +102,7 @@ class _Loader:
         blocks = self._blocks(bound["mission"])
         starts = [block.id for block in blocks.values() if block.type == "Start"]
         self._one_start_some_end(blocks, starts)
-        mission = Mission(
+        mission = MissionDefinition(
             self._source.file,
             blocks,
             starts[0] if starts else "",

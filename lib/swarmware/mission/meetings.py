@@ -14,7 +14,7 @@ import msgspec
 
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, Mission
+from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, MissionDefinition
 from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, build
 from swarmware.mission.reduction import reduce
 
@@ -48,7 +48,7 @@ class Participant(msgspec.Struct, frozen=True):
     """A role that takes part."""
 
     role: str
-    mission: Mission
+    mission: MissionDefinition
     copies: int
     """How many members of it are looked at."""
     station: bool = False

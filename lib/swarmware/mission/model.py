@@ -60,7 +60,7 @@ class Block(msgspec.Struct, frozen=True):
         return targets.get(ERROR) if outcome.startswith(f"{ERROR}:") else None
 
 
-class Mission(msgspec.Struct, frozen=True):
+class MissionDefinition(msgspec.Struct, frozen=True):
     """A mission with all parameters filled in."""
 
     file: str

@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.mission.model import ERROR, TIMEOUT, Block, Mission
+from swarmware.mission.model import ERROR, TIMEOUT, Block, MissionDefinition
 
 Marking = int
 """A bit for each place that holds a token: a marking of thousands of places is a few hundred bytes."""
@@ -65,7 +65,7 @@ FAILS: Final = "fails"
 """Outcome that ends the mission because its block has no successor for it."""
 
 
-def build(mission: Mission, *, failing: bool = False) -> Net:
+def build(mission: MissionDefinition, *, failing: bool = False) -> Net:
     """The net of a mission whose successors all exist.
 
     `failing`: with a transition for each block that can end the mission by an error or a time-out.

@@ -12,7 +12,7 @@ from swarmware.mission import flight, instants
 from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.catalogue import End
 from swarmware.mission.finding import TOO_LARGE, Remark
-from swarmware.mission.model import Mission
+from swarmware.mission.model import MissionDefinition
 from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, Net, build
 from swarmware.mission.reduction import reduce
 
@@ -28,7 +28,7 @@ STUCK_LIMIT: Final = 1_000
 """Deadlocks that are explained: more of them say nothing new."""
 
 
-def check(mission: Mission, budget: Budget | None = None, *, flies: bool = False) -> list[Remark]:
+def check(mission: MissionDefinition, budget: Budget | None = None, *, flies: bool = False) -> list[Remark]:
     """All that is unsound about the mission, counter-examples included.
 
     `flies`: a vehicle that leaves the ground may play it.
@@ -38,7 +38,7 @@ def check(mission: Mission, budget: Budget | None = None, *, flies: bool = False
     return [*instants.check(mission), *under, *_states(mission, budget, flies=flies)]
 
 
-def _states(mission: Mission, budget: Budget, *, flies: bool) -> list[Remark]:
+def _states(mission: MissionDefinition, budget: Budget, *, flies: bool) -> list[Remark]:
     """What is wrong in some state: judged on the reduced net, explained on the whole one if that is small."""
     whole = build(mission)
     found = explore(mission, reduced(mission, whole, budget), budget, flies=flies)
@@ -49,7 +49,7 @@ def _states(mission: Mission, budget: Budget, *, flies: bool) -> list[Remark]:
     return found if part.spent else explained
 
 
-def reduced(mission: Mission, net: Net, budget: Budget) -> Net:
+def reduced(mission: MissionDefinition, net: Net, budget: Budget) -> Net:
     """A smaller net with the same remarks."""
 
     def result(block: str) -> str:
@@ -60,7 +60,7 @@ def reduced(mission: Mission, net: Net, budget: Budget) -> Net:
     return reduce(net, motions, budget, result)
 
 
-def explore(mission: Mission, net: Net, budget: Budget, *, flies: bool) -> list[Remark]:
+def explore(mission: MissionDefinition, net: Net, budget: Budget, *, flies: bool) -> list[Remark]:
     """What is wrong in some state of this net."""
     return _Exploration(mission, Bits(net), budget, flies=flies).remarks()
 
@@ -68,7 +68,7 @@ def explore(mission: Mission, net: Net, budget: Budget, *, flies: bool) -> list[
 class _Exploration:
     """Breadth first over the markings, so counter-examples are shortest."""
 
-    def __init__(self, mission: Mission, bits: Bits, budget: Budget, *, flies: bool) -> None:
+    def __init__(self, mission: MissionDefinition, bits: Bits, budget: Budget, *, flies: bool) -> None:
         self._mission = mission
         self._bits = bits
         self._budget = budget

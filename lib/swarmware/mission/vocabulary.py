@@ -22,7 +22,7 @@ from swarmware.mission.condition import (
     Operand,
 )
 from swarmware.mission.finding import Severity
-from swarmware.mission.model import Mission
+from swarmware.mission.model import MissionDefinition
 from swarmware.model import template
 from swarmware.model.config import share_dir
 from swarmware.model.names import split
@@ -86,7 +86,7 @@ class Vocabulary:
         for resource in resources:
             self._known.setdefault(resource.path, {})[kind] = resource
 
-    def check(self, mission: Mission, kinds: Iterable[str] = (), own: str = "") -> list[Problem]:
+    def check(self, mission: MissionDefinition, kinds: Iterable[str] = (), own: str = "") -> list[Problem]:
         """What the conditions of a mission cannot mean, of platforms of these kinds (empty: of any).
 
         `own`: the name of the platform itself, whose resources a path may name, too.

@@ -45,7 +45,7 @@ class Verb(StrEnum):
     """That its owner takes a message or request."""
 
 
-class Rule(msgspec.Struct, frozen=True):
+class AccessRule(msgspec.Struct, frozen=True):
     """The lowest role that may do this to paths that match."""
 
     verb: Verb
@@ -55,18 +55,18 @@ class Rule(msgspec.Struct, frozen=True):
 
 
 DEFAULT: Final = (
-    Rule(Verb.GET, "**", Role.OBSERVER),
-    Rule(Verb.SET, "**", Role.OPERATOR),
+    AccessRule(Verb.GET, "**", Role.OBSERVER),
+    AccessRule(Verb.SET, "**", Role.OPERATOR),
     # the tree looks itself at the path that it is asked about
-    Rule(Verb.CALL, "sys/tree/{get,list,structure,subscribe}", Role.OBSERVER),
-    Rule(Verb.CALL, "sys/tree/{notify,set,undo}", Role.NODE),
-    Rule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,apps,functions}", Role.OBSERVER),
-    Rule(Verb.CALL, "sys/broker/{links,routes,traffic}", Role.OBSERVER),
-    Rule(Verb.CALL, "sys/{mission,vehicle,health}/**", Role.OPERATOR),
-    Rule(Verb.CALL, "sys/**", Role.MAINTAINER),
-    Rule(Verb.CALL, "cmd/**", Role.OPERATOR),
-    Rule(Verb.CALL, "config/**", Role.OPERATOR),
-    Rule(Verb.CALL, "**", Role.NODE),
+    AccessRule(Verb.CALL, "sys/tree/{get,list,structure,subscribe}", Role.OBSERVER),
+    AccessRule(Verb.CALL, "sys/tree/{notify,set,undo}", Role.NODE),
+    AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,apps,functions}", Role.OBSERVER),
+    AccessRule(Verb.CALL, "sys/broker/{links,routes,traffic}", Role.OBSERVER),
+    AccessRule(Verb.CALL, "sys/{mission,vehicle,health}/**", Role.OPERATOR),
+    AccessRule(Verb.CALL, "sys/**", Role.MAINTAINER),
+    AccessRule(Verb.CALL, "cmd/**", Role.OPERATOR),
+    AccessRule(Verb.CALL, "config/**", Role.OPERATOR),
+    AccessRule(Verb.CALL, "**", Role.NODE),
 )
 """The first rule that matches decides; nothing but maintainers where none does."""
 
@@ -84,7 +84,7 @@ class Sender(msgspec.Struct, frozen=True, gc=False):
 class Access:
     """Decides by a table of rules."""
 
-    def __init__(self, rules: tuple[Rule, ...] = DEFAULT) -> None:
+    def __init__(self, rules: tuple[AccessRule, ...] = DEFAULT) -> None:
         self._rules = tuple((rule.verb, Pattern(rule.pattern), rule.role) for rule in rules)
         self._known: dict[tuple[Verb, str], Role] = {}
 

@@ -26,7 +26,7 @@ HOPS: Final = 24
 among 100 and 22 among 300; among 500 a few pairs are up to 26 apart."""
 
 
-class Kind(IntEnum):
+class FrameKind(IntEnum):
     """What a frame is for."""
 
     BOARD = 1
@@ -60,20 +60,22 @@ class Codec(IntEnum):
     """The type's own quantised form instead of MessagePack."""
 
 
-ADDRESSED: Final = frozenset({Kind.MESSAGE, Kind.NOTIFY, Kind.EVENT, Kind.STREAM, Kind.FILE})
+ADDRESSED: Final = frozenset(
+    {FrameKind.MESSAGE, FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.STREAM, FrameKind.FILE}
+)
 """Kinds that go to an inbox; the kind decides how urgent they are on a link."""
 
 
 _CODEC_SHIFT: Final = 8
 _CODEC_MASK: Final = 0x7 << _CODEC_SHIFT
 _CODECS: Final = {int(codec): codec for codec in Codec}
-_KINDS: Final = {int(kind): kind for kind in Kind}
+_KINDS: Final = {int(kind): kind for kind in FrameKind}
 
 
 class Frame(msgspec.Struct, gc=False):
     """One unit of data that moves."""
 
-    kind: Kind
+    kind: FrameKind
     data_id: int
     """Of resource path and type, see `names.data_id`."""
     sender_hw: int = 0

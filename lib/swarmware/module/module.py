@@ -12,7 +12,7 @@ import msgspec
 
 from swarmware.errors import Conflict, InvalidInput, OutOfRange, TypeMismatch
 from swarmware.model import names
-from swarmware.model.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, Kind
+from swarmware.model.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, FrameKind
 from swarmware.model.resource import Access, Link, Resource
 from swarmware.model.resource import Kind as ResourceKind
 from swarmware.module import inbox as inbox_module
@@ -390,7 +390,7 @@ class Module:
         *,
         timeout_s: float = 2.0,
         urgent: bool = False,
-        kind: Kind = Kind.MESSAGE,
+        kind: FrameKind = FrameKind.MESSAGE,
     ) -> Outcome:
         """Send a message to an address here or (`/uav3/cmd/goto`) on another platform; what became of it.
 
@@ -418,7 +418,7 @@ class Module:
         return outcome
 
     def _frame(
-        self, kind: Kind, platform: str | None, data_id: int, value: msgspec.Struct, timeout_s: float
+        self, kind: FrameKind, platform: str | None, data_id: int, value: msgspec.Struct, timeout_s: float
     ) -> Frame:
         payload = registry.encode(value)
         if len(payload) > PAYLOAD_LIMIT:
@@ -495,6 +495,6 @@ class Module:
 
         if wrong := mismatch():
             raise TypeMismatch(wrong)
-        frame = self._frame(Kind.REQUEST, platform, data_id, value, timeout_s)
+        frame = self._frame(FrameKind.REQUEST, platform, data_id, value, timeout_s)
         frame.flags = Flag.URGENT if urgent else 0
         return answer(path, self.node.post.request(frame, timeout_s), reply, mismatch)

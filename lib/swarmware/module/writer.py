@@ -5,7 +5,7 @@ from typing import Final, Generic, TypeVar
 import msgspec
 
 from swarmware.errors import TypeMismatch
-from swarmware.model.frame import HEADER_BYTES, Frame, Kind, encode
+from swarmware.model.frame import HEADER_BYTES, Frame, FrameKind, encode
 from swarmware.model.names import ANY
 from swarmware.model.resource import Kind as ResourceKind
 from swarmware.model.resource import Resource
@@ -16,10 +16,10 @@ from swarmware.types import registry
 T = TypeVar("T", bound=msgspec.Struct)
 
 FRAME_KINDS: Final = {
-    ResourceKind.BOARD: Kind.BOARD,
-    ResourceKind.SETTING: Kind.BOARD,
-    ResourceKind.EVENT: Kind.EVENT,
-    ResourceKind.STREAM: Kind.STREAM,
+    ResourceKind.BOARD: FrameKind.BOARD,
+    ResourceKind.SETTING: FrameKind.BOARD,
+    ResourceKind.EVENT: FrameKind.EVENT,
+    ResourceKind.STREAM: FrameKind.STREAM,
 }
 
 

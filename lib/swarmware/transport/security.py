@@ -45,7 +45,7 @@ _TAGGED: Final = b"swarmware tick 1"
 _OPEN_GROUP: Final = b"swarmware: open loopback group"
 
 
-class Member(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One node of the swarm as its root admits it."""
 
     platform: str
@@ -62,12 +62,12 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The members, signed by the swarm's root."""
 
     version: int
-    members: tuple[Member, ...]
+    members: tuple[RosterMember, ...]
     revoked: tuple[int, ...] = ()
     """Serials that are members no more."""
     key_epoch: int = 0
 
-    def valid(self) -> tuple[Member, ...]:
+    def valid(self) -> tuple[RosterMember, ...]:
         """The members that are not revoked."""
         return tuple(member for member in self.members if member.serial not in self.revoked)
 
@@ -75,7 +75,7 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Role of each valid member."""
         return {member.platform: Role.named(member.role) for member in self.valid()}
 
-    def find(self, platform: str) -> Member | None:
+    def find(self, platform: str) -> RosterMember | None:
         """The platform's valid entry."""
         return next((member for member in self.valid() if member.platform == platform), None)
 
@@ -99,7 +99,7 @@ class Keys:
         self.curve_secret = _curve_secret(seed)
         self.curve_public = _curve_public(seed)
         valid = () if roster is None else roster.valid()
-        self._by_curve: dict[bytes, Member] = {member.curve_public: member for member in valid}
+        self._by_curve: dict[bytes, RosterMember] = {member.curve_public: member for member in valid}
 
     @classmethod
     def load(cls, directory: Path, platform: str) -> "Keys":
@@ -136,7 +136,7 @@ class Keys:
         """No keys were made for this node."""
         return self.roster is None
 
-    def by_curve(self, curve_public: bytes) -> Member | None:
+    def by_curve(self, curve_public: bytes) -> RosterMember | None:
         """The member whose CURVE key this is; None for strangers and the revoked."""
         return self._by_curve.get(curve_public)
 
@@ -308,7 +308,7 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) ->
     roster = Roster(
         1,
         tuple(
-            Member(platform, _sign_public(seed), _curve_public(seed), roles[platform], serial)
+            RosterMember(platform, _sign_public(seed), _curve_public(seed), roles[platform], serial)
             for serial, (platform, seed) in enumerate(seeds.items(), start=1)
         ),
     )

@@ -1,5 +1,6 @@
 """Missions between processes and platforms: order and receipt, and the state that barriers work through."""
 
+from enum import StrEnum
 from typing import ClassVar, Final, Self
 
 import msgspec
@@ -8,8 +9,29 @@ from swarmware.errors import WireError
 from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
 
-STATES: Final = ("idle", "ready", "running", "ending", "recovering", "done", "failed", "aborted")
+
+class MissionPhase(StrEnum):
+    """Phase of a platform's mission; the values are the states of its board."""
+
+    IDLE = "idle"
+    READY = "ready"
+    """The order is accepted; the platform waits until all members have accepted theirs."""
+    RUNNING = "running"
+    ENDING = "ending"
+    """The blocks that still run are being cancelled."""
+    RECOVERING = "recovering"
+    """A built-in mission brings the vehicle to safety."""
+    DONE = "done"
+    FAILED = "failed"
+    ABORTED = "aborted"
+
+
+STATES: Final = tuple(phase.value for phase in MissionPhase)
 """States of a mission, in the order in which they are numbered on the wire."""
+NOT_STARTED: Final = MissionPhase.IDLE
+"""State of a member whose order was withdrawn before the mission began."""
+INACTIVE: Final = frozenset({NOT_STARTED, MissionPhase.DONE, MissionPhase.FAILED, MissionPhase.ABORTED})
+"""States in which nothing is played: the mission has not started or has ended."""
 KINDS: Final = ("", "uav", "ugv", "usv", "gcs")
 HASH_DIGITS: Final = 8
 """Of a mission's hash, on its board: enough to distinguish the versions of one mission."""
@@ -168,7 +190,7 @@ class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class AbortAnswer(msgspec.Struct, frozen=True):
     """Which platforms were ordered to abort."""
 
-    told: tuple[str, ...]
+    acknowledged: tuple[str, ...] = msgspec.field(name="told")
     silent: tuple[str, ...]
     """Members that did not acknowledge."""
 

@@ -8,7 +8,7 @@ import pytest
 from tests.integration.broker.namespace import figures_of
 from tests.integration.broker.swarm import free_port, on_uvloop, swarm
 
-from swarmware.model.frame import Kind
+from swarmware.model.frame import FrameKind
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Text
@@ -34,9 +34,9 @@ async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path
         assert await send("/uav2/plan/share", Text("command"), timeout_s=10)
         assert connections(port) == 1
         for number in range(3):
-            assert await send("/uav2/plan/share", Text(str(number)), kind=Kind.NOTIFY, timeout_s=10)
+            assert await send("/uav2/plan/share", Text(str(number)), kind=FrameKind.NOTIFY, timeout_s=10)
         assert connections(port) == 2
-        assert await send("/uav2/plan/share", Text("file"), kind=Kind.FILE, timeout_s=10)
+        assert await send("/uav2/plan/share", Text("file"), kind=FrameKind.FILE, timeout_s=10)
         assert connections(port) == 2
         assert len(box) == 5
         links = await pair["uav1"].app.request("sys/broker/links", Empty(), Neighbours)

@@ -7,7 +7,7 @@ import pytest
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
-from swarmware.model.frame import HEADER_BYTES, Kind
+from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.net import ChannelLimits, SetChannel, TimingBatch, Traffic
@@ -65,7 +65,7 @@ async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(t
         await pair["uav1"].until_up("uav2")
         send = pair["uav1"].app.send
         for number in range(10):
-            assert await send("/uav2/plan/share", Text(str(number)), timeout_s=10, kind=Kind.NOTIFY)
+            assert await send("/uav2/plan/share", Text(str(number)), timeout_s=10, kind=FrameKind.NOTIFY)
         before = await pair["uav1"].traffic()
         assert not await send("/uav9/plan/share", Text(""), timeout_s=0.5)
         here, there = await pair["uav1"].traffic(), await pair["uav2"].traffic()

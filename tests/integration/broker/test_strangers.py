@@ -15,11 +15,11 @@ from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uv
 from swarmd.broker.config import Config
 from swarmd.broker.links.tcp_count import HALF_OPEN_MAX
 from swarmware.errors import Denied
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Status
-from swarmware.transport.security import Keys, Member, Roster, make_swarm, sign_roster
+from swarmware.transport.security import Keys, Roster, RosterMember, make_swarm, sign_roster
 from swarmware.types.scalar import Text
 
 
@@ -43,7 +43,7 @@ def replace_key(folder: Path, root: Ed25519PrivateKey, names: tuple[str, str]) -
     roster = msgspec.json.decode((folder / "roster.json").read_bytes().split(b"\n")[0], type=Roster)
     fresh = Keys(platform, bytes(range(32)), None, Keys.open(platform).group)
     members = tuple(
-        Member(m.platform, m.sign_public, fresh.curve_public, m.role, m.serial)
+        RosterMember(m.platform, m.sign_public, fresh.curve_public, m.role, m.serial)
         if m.platform == platform
         else m
         for m in roster.members
@@ -98,7 +98,7 @@ async def test_a_member_cannot_start_frames_in_the_name_of_another(tmp_path: Pat
         await cell["uav1"].until_up("uav2", "uav3")
         box = await cell["uav1"].app.inbox("cmd/note", Text)
         forged = Frame(
-            Kind.MESSAGE,
+            FrameKind.MESSAGE,
             data_id("cmd/note", "Text"),
             hardware_id("uav3"),
             1,
@@ -143,7 +143,7 @@ async def test_a_member_cannot_bring_frames_of_a_direct_neighbour_either(tmp_pat
                 assert loop.time() < end_s
                 sequence += 1
                 brought = Frame(
-                    Kind.MESSAGE,
+                    FrameKind.MESSAGE,
                     data_id("cmd/note", "Text"),
                     hardware_id("gcs"),
                     1,

@@ -13,7 +13,7 @@ import uvloop
 from swarmd.mission.config import Config
 from swarmd.mission.service import Mission
 from swarmware.errors import Denied, NoAnswer
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id, join
 from swarmware.module.board import BoardReader
 from swarmware.module.meta import Meta
@@ -245,11 +245,11 @@ def _carry(
     node = by_hardware.get(frame.receiver_hw)
     if node is None:
         return
-    if frame.kind is Kind.REQUEST:
+    if frame.kind is FrameKind.REQUEST:
         arrived_ns = node.clock.now_ns()
         found.arrived.setdefault(node.platform, []).append(arrived_ns)
         frame.extension = with_sender(frame.extension, None, arrived_ns)
-    elif frame.kind is Kind.REPLY and (sender := by_hardware.get(frame.sender_hw)) is not None:
+    elif frame.kind is FrameKind.REPLY and (sender := by_hardware.get(frame.sender_hw)) is not None:
         stated = [step.event for step in iter(steps.take, None)]
         found.answered.setdefault(sender.platform, []).extend(stated)
     node.post.deliver(frame)
@@ -285,7 +285,7 @@ async def _broadcast(radio: Module, found: Swarm, member: Member) -> None:
     }
     try:
         async for state in reader:
-            frame = Frame(Kind.BOARD, data_id(STATE, "MissionState"), hardware_id(member.name))
+            frame = Frame(FrameKind.BOARD, data_id(STATE, "MissionState"), hardware_id(member.name))
             frame.sequence, frame.stamp_ns = reader.sequence, reader.stamp_ns or 0
             frame.payload = registry.encode(state)
             for mirror in mirrors.values():

@@ -104,7 +104,7 @@ async def test_an_abort_brings_everybody_down(tmp_path: Path) -> None:
         await s.until(lambda: "formation" in s["ugv1"].kinds)
         s["ugv1"].vehicle.took_s = 0.05
         answer = await s.ask("sys/mission/abort", MissionAbort("enough", "hold"), AbortAnswer)
-        assert sorted(answer.told) == ["gcs", "uav1", "ugv1"]
+        assert sorted(answer.acknowledged) == ["gcs", "uav1", "ugv1"]
         assert answer.silent == ()
         await s.until(lambda: s["gcs"].history[-1] == "aborted" and s["uav1"].history[-1] == "aborted")
         assert s["uav1"].history == ["ready", "running", "ending", "recovering", "ending", "aborted"]

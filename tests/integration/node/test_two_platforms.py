@@ -11,7 +11,7 @@ import zmq
 
 from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.model import names
-from swarmware.model.frame import Codec, Frame, Kind, decode, encode
+from swarmware.model.frame import Codec, Frame, FrameKind, decode, encode
 from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.testing.leaks import no_leaks
@@ -114,7 +114,7 @@ def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
                 mirrors[platform] = node.mirror_writer(platform, "nav/pose")
                 pose = Pose(float(len(mirrors)), 2.0)
                 frame = Frame(
-                    Kind.BOARD,
+                    FrameKind.BOARD,
                     data_id,
                     names.hardware_id(platform),
                     1,
@@ -144,7 +144,7 @@ def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
             assert 0 <= age_s < 5
 
             mirrors["ugv1"].publish(
-                encode(Frame(Kind.BOARD, data_id, payload=registry.encode(Pose(7.0, 7.0))))
+                encode(Frame(FrameKind.BOARD, data_id, payload=registry.encode(Pose(7.0, 7.0))))
             )
             assert "ugv1" in await poses.changed(5)
             assert poses["ugv1"].value == Pose(7.0, 7.0)
@@ -208,7 +208,7 @@ def test_garbage_at_the_socket_is_counted_and_dropped(tmp_path: Path) -> None:
                     socket.send(garbage)
                 socket.send_multipart([b"two", b"parts"])
                 good = Frame(
-                    Kind.MESSAGE,
+                    FrameKind.MESSAGE,
                     names.data_id("cmd/goto", "Goal"),
                     node.hardware,
                     1,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swarmware.errors import SwarmError
 from swarmware.module.module import Module
-from swarmware.node.master.role import Role
+from swarmware.node.master.role import LeaderCandidate
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
@@ -122,7 +122,9 @@ class Candidate:
         self.epochs: list[int] = []
         self.lost = 0
         self._others = others
-        self.role = Role(run_dir, label, ring=self._ring, on_gained=self.epochs.append, on_lost=self._lose)
+        self.role = LeaderCandidate(
+            run_dir, label, ring=self._ring, on_gained=self.epochs.append, on_lost=self._lose
+        )
         others.append(self)
         self.role.start()
 

@@ -8,7 +8,7 @@ import msgspec
 
 from swarmware.errors import NoAnswer
 from swarmware.model.clock import Clock
-from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import hardware_id
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -137,7 +137,7 @@ class Partner:
         module.node.post.set_gateway(self._on_frame)
 
     def _on_frame(self, frame: Frame) -> None:
-        if frame.kind is not Kind.REQUEST:
+        if frame.kind is not FrameKind.REQUEST:
             return
         self.asked += 1
         now_ns = self._remote.clock.now_ns()
@@ -150,7 +150,7 @@ class Partner:
         broken = msgspec.structs.replace(ours, platform="uav9", hardware=9, skew=5e-3)
         told = TimeFunctions("uav2", "main", 1, now_ns, (ours, broken))
         payload = registry.encode(Reply(True, registry.encode(told)))
-        node.post.deliver(reply(frame, Kind.REPLY, payload, self._module.now_ns()))
+        node.post.deliver(reply(frame, FrameKind.REPLY, payload, self._module.now_ns()))
 
 
 async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measured_yet(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from swarmware.model.frame import Frame, Kind, decode, encode
+from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.testing.virtual import VirtualSwarm
 from swarmware.transport.delivery.answer import expired_here, reply, with_lifetime
 from swarmware.transport.delivery.duplicates import DuplicateFilter, DuplicateState
@@ -51,7 +51,7 @@ class Receiving:
             self.received.answered(origin, seen, self.net.now_ns)
         if isinstance(seen, DuplicateState):
             seen = registry.encode(Ack(int(Status.DELIVERED)))  # its answer is no longer held
-        self.net.send(RECEIVER, sender, encode(reply(frame, Kind.ACK, seen, self.net.now_ns)))
+        self.net.send(RECEIVER, sender, encode(reply(frame, FrameKind.ACK, seen, self.net.now_ns)))
 
 
 class Sending:
@@ -70,7 +70,7 @@ class Sending:
 
     def submit(self, sequence: int, timeout_s: float) -> None:
         frame = Frame(
-            Kind.MESSAGE,
+            FrameKind.MESSAGE,
             DATA,
             self._hardware,
             APP,

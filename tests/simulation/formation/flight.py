@@ -13,7 +13,7 @@ from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.core.simulation import Simulation
-from swarmware.geometry.formation import Formation, place
+from swarmware.geometry.formation import FormationSlots, place
 from swarmware.geometry.world import World
 from swarmware.model.config import load
 from swarmware.types.vehicle import Collision, Goal, NavStatus, Pose
@@ -158,7 +158,7 @@ class Flight:
         self.radio.names = [v.name for v in self.vehicles]
         self._by_name = {v.name: v for v in self.vehicles}
         self.now_ns = 1_000_000_000
-        self._formation = Formation(COURSE)
+        self._formation = FormationSlots(COURSE)
         self._seq = 0
         self.result = Result()
         self._measure = False

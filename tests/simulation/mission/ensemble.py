@@ -25,7 +25,7 @@ from swarmd.mission.core.run import (
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
-from swarmware.mission.model import Block, Mission
+from swarmware.mission.model import Block, MissionDefinition
 from swarmware.types.mission import BarrierResult, Member, MissionState
 
 S = 1_000_000_000
@@ -136,7 +136,7 @@ class Ensemble:
             if all(not n.alive or n.core.phase.value in FINAL for n in self.nodes.values()):
                 return
 
-    def order(self, name: str, mission: Mission, epoch: int = 1) -> None:
+    def order(self, name: str, mission: MissionDefinition, epoch: int = 1) -> None:
         """The order reaches a member now."""
         node = self.nodes[name]
         role = next(m.role for m in self.members if m.platform == name)
@@ -256,7 +256,7 @@ def swarm(ground: int, air: int) -> tuple[Member, ...]:
     )
 
 
-def bind(text: str, member: Member) -> Mission:
+def bind(text: str, member: Member) -> MissionDefinition:
     """The member's own copy of a mission."""
     return load(text, "trial.json", Binding(member.platform, member.kind, member.role, "trial"))
 

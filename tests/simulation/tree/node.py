@@ -18,7 +18,7 @@ from swarmd.tree.core.action import (
 )
 from swarmd.tree.core.mirror import is_newer
 from swarmd.tree.core.tree import SwarmTree
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types.tree import (

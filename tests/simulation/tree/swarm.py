@@ -12,7 +12,7 @@ from tests.simulation.tree.radio import Radio
 from swarmd.tree.core.action import Action
 from swarmd.tree.core.subscription import subscribable
 from swarmd.tree.core.tree import SwarmTree
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import FrameKind
 from swarmware.testing.virtual import VirtualTime
 from swarmware.types.tree import (
     StructureReply,

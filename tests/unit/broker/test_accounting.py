@@ -4,22 +4,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core.accounting import NOTIFY_ID, shares, values_in
-from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.types import registry
 from swarmware.types.tree import TreeItem, TreeNotify
 
 PATHS = {5: "cmd/goto", NOTIFY_ID: "sys/tree/notify"}
 
 
-def note(*items: TreeItem, kind: Kind = Kind.NOTIFY) -> Frame:
+def note(*items: TreeItem, kind: FrameKind = FrameKind.NOTIFY) -> Frame:
     return Frame(kind, NOTIFY_ID, payload=registry.encode(TreeNotify("uav1", 1, 1, items)))
 
 
 def test_a_notification_is_counted_by_its_resources_and_their_values() -> None:
     frame = note(
-        TreeItem("nav/goal", 1, Kind.BOARD, 1, 0, bytes(100)),
-        TreeItem("sensor/lidar", 2, Kind.STREAM, 1, 0, bytes(1206)),
-        TreeItem("sensor/lidar", 2, Kind.STREAM, 2, 0, bytes(1206)),
+        TreeItem("nav/goal", 1, FrameKind.BOARD, 1, 0, bytes(100)),
+        TreeItem("sensor/lidar", 2, FrameKind.STREAM, 1, 0, bytes(1206)),
+        TreeItem("sensor/lidar", 2, FrameKind.STREAM, 2, 0, bytes(1206)),
     )
     found = shares(frame, PATHS.get)
     assert found[:3] == [("nav/goal", 100), ("sensor/lidar", 1206), ("sensor/lidar", 1206)]
@@ -29,18 +29,22 @@ def test_a_notification_is_counted_by_its_resources_and_their_values() -> None:
 
 
 def test_messages_are_counted_by_path_where_it_is_known_and_by_kind_elsewhere() -> None:
-    assert shares(Frame(Kind.MESSAGE, 5, payload=b"12"), PATHS.get) == [("cmd/goto", 2)]
-    assert shares(Frame(Kind.REPLY, 5, payload=b"12"), PATHS.get) == [("cmd/goto", 2)]
-    assert shares(Frame(Kind.REQUEST, 6, payload=b"12"), PATHS.get) == [("request", 2)]
-    assert shares(Frame(Kind.ACK, 5, payload=b"1"), PATHS.get) == [("ack", 1)]
+    assert shares(Frame(FrameKind.MESSAGE, 5, payload=b"12"), PATHS.get) == [("cmd/goto", 2)]
+    assert shares(Frame(FrameKind.REPLY, 5, payload=b"12"), PATHS.get) == [("cmd/goto", 2)]
+    assert shares(Frame(FrameKind.REQUEST, 6, payload=b"12"), PATHS.get) == [("request", 2)]
+    assert shares(Frame(FrameKind.ACK, 5, payload=b"1"), PATHS.get) == [("ack", 1)]
 
 
 def test_only_what_is_notified_counts_as_a_notification() -> None:
-    assert [kind for kind in Kind if values_in(Frame(kind, 5))] == [Kind.STREAM, Kind.NOTIFY, Kind.EVENT]
+    assert [kind for kind in FrameKind if values_in(Frame(kind, 5))] == [
+        FrameKind.STREAM,
+        FrameKind.NOTIFY,
+        FrameKind.EVENT,
+    ]
 
 
-@given(st.sampled_from(Kind), st.sampled_from([5, 6, NOTIFY_ID]), st.binary(max_size=80))
-def test_any_payload_is_counted_whole(kind: Kind, data_id: int, payload: bytes) -> None:
+@given(st.sampled_from(FrameKind), st.sampled_from([5, 6, NOTIFY_ID]), st.binary(max_size=80))
+def test_any_payload_is_counted_whole(kind: FrameKind, data_id: int, payload: bytes) -> None:
     frame = Frame(kind, data_id, payload=payload)
     assert sum(size for _, size in shares(frame, PATHS.get)) == len(payload)
     assert values_in(frame) >= 0

@@ -19,7 +19,7 @@ from swarmd.broker.core.send_queue import (
     priority,
 )
 from swarmd.broker.core.traffic import CHANNEL_LIMIT, Counters
-from swarmware.model.frame import HOPS, Flag, Frame, Kind
+from swarmware.model.frame import HOPS, Flag, Frame, FrameKind
 from swarmware.model.names import hardware_id
 
 ME, A, B, FAR = 1, 2, 3, 9
@@ -36,7 +36,12 @@ def forwarder() -> FrameForwarder:
 
 
 def frame(
-    kind: Kind = Kind.MESSAGE, *, sender: int = ME, receiver: int = FAR, hops: int = HOPS, sequence: int = 1
+    kind: FrameKind = FrameKind.MESSAGE,
+    *,
+    sender: int = ME,
+    receiver: int = FAR,
+    hops: int = HOPS,
+    sequence: int = 1,
 ) -> Frame:
     return Frame(kind, 5, sender, 6, receiver, 7, sequence, hops_left=hops)
 
@@ -48,7 +53,7 @@ def test_a_frame_from_here_goes_to_the_next_hop_with_all_its_hops(forwarder: Fra
 
 
 def test_a_refusal_for_somebody_else_does_not_start_as_ours(forwarder: FrameForwarder) -> None:
-    one = frame(Kind.ACK, sender=B)
+    one = frame(FrameKind.ACK, sender=B)
     forwarder.from_here(one, 0)
     assert one.hops_left == HOPS - 1
 
@@ -109,7 +114,7 @@ def test_a_repetition_by_the_sender_goes_through_but_is_no_first(forwarder: Fram
 
 
 def test_an_urgent_frame_is_first_whatever_it_is() -> None:
-    urgent = frame(Kind.FILE)
+    urgent = frame(FrameKind.FILE)
     urgent.flags = Flag.URGENT
     assert priority(urgent) is Priority.URGENT
 
@@ -117,16 +122,16 @@ def test_an_urgent_frame_is_first_whatever_it_is() -> None:
 def test_the_oldest_of_the_least_important_goes_when_the_queue_is_full() -> None:
     queue = SendQueue()
     for index in range(FRAMES_MAX):
-        assert queue.put(b"%d" % index, frame(Kind.STREAM), index) == []
-    [gone] = queue.put(b"new", frame(Kind.STREAM), 0)
+        assert queue.put(b"%d" % index, frame(FrameKind.STREAM), index) == []
+    [gone] = queue.put(b"new", frame(FrameKind.STREAM), 0)
     assert gone.data == b"0"
-    [gone] = queue.put(b"file", frame(Kind.FILE), 0)
+    [gone] = queue.put(b"file", frame(FrameKind.FILE), 0)
     assert gone.data == b"file"
 
 
 def test_the_queue_is_bounded_in_bytes() -> None:
     queue = SendQueue()
-    gone = [item for _ in range(9) for item in queue.put(bytes(BYTES_MAX // 8), frame(Kind.FILE), 0)]
+    gone = [item for _ in range(9) for item in queue.put(bytes(BYTES_MAX // 8), frame(FrameKind.FILE), 0)]
     assert len(gone) == 1
 
 
@@ -142,7 +147,7 @@ def test_what_waited_too_long_is_given_up_on_the_way_to_the_next() -> None:
 
 def test_all_that_waits_comes_back_when_the_way_is_closed() -> None:
     queue = SendQueue()
-    for kind in (Kind.FILE, Kind.ACK):
+    for kind in (FrameKind.FILE, FrameKind.ACK):
         queue.put(kind.name.encode(), frame(kind), 0)
     assert [item.data for item in queue.clear()] == [b"ACK", b"FILE"]
     assert [queue.peek(each, 0) for each in ConnectionClass] == [(None, [])] * 2

@@ -23,7 +23,7 @@ from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import WireError
-from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.frame import encode as encode_frame
 from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, BoardSubscription, TimingBatch, TimingSample, TreePlan
@@ -127,7 +127,9 @@ def test_no_datagram_ends_the_protocol_and_all_its_output_can_be_written(
                 sample = (t.hw, t.boot_id, t.rx_ns, t.reverse_ns, t.forward_tx_ns, t.forward_ns)
                 encode(TimingBatch((TimingSample("uav2", "main", *sample),)))
             for want, value in taken.values:
-                encode_frame(Frame(Kind.BOARD, want.data_id, value.origin_hw, stamp_ns=value.stamp_us * 1000))
+                encode_frame(
+                    Frame(FrameKind.BOARD, want.data_id, value.origin_hw, stamp_ns=value.stamp_us * 1000)
+                )
         if in_hurry or later_ns:
             mine.on_timer(now_ns)
             outgoing = mine.compose(now_ns)

@@ -9,7 +9,7 @@ import pytest
 from swarmd.broker.boards import Mirrors
 from swarmd.broker.core.relay_cache import RemoteValue
 from swarmware.errors import WireError
-from swarmware.model.frame import Codec, Frame, Kind, decode, encode, restamp
+from swarmware.model.frame import Codec, Frame, FrameKind, decode, encode, restamp
 from swarmware.model.names import data_id
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.shm.layout import ring_file
@@ -39,7 +39,7 @@ def test_each_mirrored_frame_is_the_one_that_would_be_encoded_afresh(tmp_path: P
                 assert mirrors.write(want, value)
                 ring = ring or RingReader(ring_file(node.shm_dir, "nav/pose", "uav7"))
                 expected = Frame(
-                    Kind.BOARD,
+                    FrameKind.BOARD,
                     want.data_id,
                     value.origin_hw,
                     sequence=sequence,
@@ -73,7 +73,7 @@ def test_a_mirror_of_a_broker_that_starts_again_goes_on_in_its_numbers(tmp_path:
 
 
 def test_a_stamp_that_fits_no_frame_is_refused() -> None:
-    frame = bytearray(encode(Frame(Kind.BOARD, POSE, payload=b"here")))
+    frame = bytearray(encode(Frame(FrameKind.BOARD, POSE, payload=b"here")))
     with pytest.raises(WireError, match="stamp_ns is"):
         restamp(frame, 1, 1 << 63)
-    assert bytes(frame) == encode(Frame(Kind.BOARD, POSE, payload=b"here"))
+    assert bytes(frame) == encode(Frame(FrameKind.BOARD, POSE, payload=b"here"))

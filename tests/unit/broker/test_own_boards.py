@@ -8,7 +8,7 @@ from swarmd.broker.boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
 from swarmd.broker.core.published_boards import PublishedBoards
 from swarmd.broker.core.rate_limits import RateLimits
 from swarmd.broker.core.traffic import Counters
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import tmp_node
@@ -29,7 +29,7 @@ class Rig:
         self.writer = node.publication(PATH, slots=8, slot_bytes=256)
 
     def write(self, payload: bytes, *, identity: int = NOTE) -> None:
-        self.writer.publish(encode(Frame(Kind.BOARD, identity, 1, stamp_ns=5, payload=payload)))
+        self.writer.publish(encode(Frame(FrameKind.BOARD, identity, 1, stamp_ns=5, payload=payload)))
 
     def sent(self) -> list[bytes]:
         return [value.payload for value in self.published.values(10, 1000, 100_000_000)]

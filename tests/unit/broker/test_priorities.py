@@ -17,7 +17,7 @@ from swarmd.broker.core.send_queue import (
 )
 from swarmd.tree.core.action import SendNotify
 from swarmware.errors import InvalidInput
-from swarmware.model.frame import Flag, Frame, Kind, encode
+from swarmware.model.frame import Flag, Frame, FrameKind, encode
 from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.tmpnode import tmp_node
@@ -29,7 +29,7 @@ IN_FLIGHT = 200
 """Unanswered messages to one platform, fewer than the post allows."""
 
 
-def note(platform: str, *kinds: Kind, digest: int = 0) -> SendNotify:
+def note(platform: str, *kinds: FrameKind, digest: int = 0) -> SendNotify:
     """What the tree sends when so many values are due."""
     items = tuple(
         TreeItem("a/b", 1, kind, number, 0, bytes(NOTE_BYTES // len(kinds)))
@@ -84,10 +84,10 @@ def test_commands_come_before_notifications_and_notifications_before_streams_and
 ) -> None:
     def send(module: Module) -> list[asyncio.Task[object]]:
         return [
-            module.start(module.send("/uav2/x/file", Blob(b"f"), kind=Kind.FILE), "file"),
-            notify(module, note("uav2", Kind.STREAM)),
-            notify(module, note("uav2", Kind.BOARD)),
-            notify(module, note("uav2", Kind.STREAM, Kind.EVENT)),
+            module.start(module.send("/uav2/x/file", Blob(b"f"), kind=FrameKind.FILE), "file"),
+            notify(module, note("uav2", FrameKind.STREAM)),
+            notify(module, note("uav2", FrameKind.BOARD)),
+            notify(module, note("uav2", FrameKind.STREAM, FrameKind.EVENT)),
             module.start(module.send("/uav2/cmd/goto", Text("there")), "command"),
             module.start(module.request("/uav2/sys/x", Text("?"), Text), "request"),
             module.start(module.send("/uav2/cmd/abort", Text("now"), urgent=True), "abort"),
@@ -108,7 +108,7 @@ def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_
     def send(module: Module) -> list[asyncio.Task[object]]:
         tasks: list[asyncio.Task[object]] = []
         for number in range(platforms):
-            kind = Kind.STREAM if number % 2 else Kind.BOARD
+            kind = FrameKind.STREAM if number % 2 else FrameKind.BOARD
             tasks += [notify(module, note(f"ugv{number}", kind)) for _ in range(IN_FLIGHT)]
             command = module.send(f"/ugv{number}/cmd/goto", Text("there"), timeout_s=60)
             tasks.append(module.start(command, "command"))
@@ -119,14 +119,14 @@ def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_
     order = taken(queue)
     abort, *commands = order[ConnectionClass.CONTROL]
     assert b"now" in abort.payload
-    assert [frame.kind for frame in commands] == [Kind.MESSAGE] * platforms
+    assert [frame.kind for frame in commands] == [FrameKind.MESSAGE] * platforms
     kinds = {frame.kind for frame in order[ConnectionClass.DATA]}
-    assert kinds == {Kind.NOTIFY}, "notifications fill the queue: streams went first"
+    assert kinds == {FrameKind.NOTIFY}, "notifications fill the queue: streams went first"
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: Kind) -> None:
-    data = kind in {Kind.STREAM, Kind.NOTIFY, Kind.EVENT, Kind.BOARD, Kind.FILE}
+@pytest.mark.parametrize("kind", list(FrameKind))
+def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: FrameKind) -> None:
+    data = kind in {FrameKind.STREAM, FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.BOARD, FrameKind.FILE}
     assert connection_class(Frame(kind, 5, 1, 6, 9, 7)) is (
         ConnectionClass.DATA if data else ConnectionClass.CONTROL
     )
@@ -135,9 +135,9 @@ def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: Kind) -> N
 
 def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
     queue = SendQueue()
-    queue.put(b"scan", Frame(Kind.NOTIFY, 5, 1, 6, 9, 7), 0)
+    queue.put(b"scan", Frame(FrameKind.NOTIFY, 5, 1, 6, 9, 7), 0)
     assert not queue.has(ConnectionClass.CONTROL)
-    queue.put(b"abort", Frame(Kind.MESSAGE, 5, 1, 6, 9, 7), 1)
+    queue.put(b"abort", Frame(FrameKind.MESSAGE, 5, 1, 6, 9, 7), 1)
     waiting, old = queue.peek(ConnectionClass.CONTROL, AGE_MAX_NS + 1)
     assert waiting is not None
     assert (waiting.data, old) == (b"abort", [])
@@ -151,16 +151,16 @@ def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
 @pytest.mark.parametrize(
     ("kinds", "digest", "expected"),
     [
-        ((Kind.STREAM,), 0, Kind.STREAM),
-        ((Kind.STREAM, Kind.STREAM), 0, Kind.STREAM),
-        ((Kind.STREAM, Kind.EVENT), 0, Kind.NOTIFY),
-        ((Kind.STREAM,), 5, Kind.NOTIFY),
-        ((Kind.BOARD,), 0, Kind.NOTIFY),
-        ((), 5, Kind.NOTIFY),
+        ((FrameKind.STREAM,), 0, FrameKind.STREAM),
+        ((FrameKind.STREAM, FrameKind.STREAM), 0, FrameKind.STREAM),
+        ((FrameKind.STREAM, FrameKind.EVENT), 0, FrameKind.NOTIFY),
+        ((FrameKind.STREAM,), 5, FrameKind.NOTIFY),
+        ((FrameKind.BOARD,), 0, FrameKind.NOTIFY),
+        ((), 5, FrameKind.NOTIFY),
     ],
 )
 def test_a_notification_of_nothing_but_streams_goes_as_a_stream(
-    kinds: tuple[Kind, ...], digest: int, expected: Kind
+    kinds: tuple[FrameKind, ...], digest: int, expected: FrameKind
 ) -> None:
     assert (note("uav2", *kinds, digest=digest) if kinds else note_of_structure(digest)).kind is expected
 
@@ -173,7 +173,7 @@ def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> 
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
             inbox = await module.inbox("sys/note", Text)
-            for kind in (Kind.NOTIFY, Kind.EVENT, Kind.STREAM, Kind.FILE):
+            for kind in (FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.STREAM, FrameKind.FILE):
                 assert await module.send("sys/note", Text(kind.name), kind=kind)
                 assert (await inbox.next(5)).value == kind.name
 
@@ -181,8 +181,10 @@ def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> 
         asyncio.run(run())
 
 
-@pytest.mark.parametrize("kind", [Kind.ACK, Kind.REPLY, Kind.REQUEST, Kind.BOARD, Kind.HELLO])
-def test_a_message_of_a_kind_that_no_inbox_takes_is_refused(tmp_path: Path, kind: Kind) -> None:
+@pytest.mark.parametrize(
+    "kind", [FrameKind.ACK, FrameKind.REPLY, FrameKind.REQUEST, FrameKind.BOARD, FrameKind.HELLO]
+)
+def test_a_message_of_a_kind_that_no_inbox_takes_is_refused(tmp_path: Path, kind: FrameKind) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
             with pytest.raises(InvalidInput, match="expected one of event, file, message, notify, stream"):

@@ -31,7 +31,7 @@ from swarmd.broker.core.session_checks import CheckKind
 from swarmd.broker.core.sessions import ALIVE_NS, ENDED_NS
 from swarmware.model import frame as wire
 from swarmware.model.access import Role
-from swarmware.model.frame import HOPS, Codec, Flag, Frame, Kind
+from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
 from swarmware.model.names import ANY, application_id, data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.security import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
@@ -81,7 +81,7 @@ def test_the_beacon_of_the_page_is_one_we_take() -> None:
 
 def test_the_frame_of_the_page_is_ours() -> None:
     frame = Frame(
-        Kind.MESSAGE,
+        FrameKind.MESSAGE,
         data_id("cmd/note", "Text"),
         hardware_id("gcs"),
         application_id("swarmctl", 1),
@@ -109,7 +109,7 @@ def test_the_kinds_of_the_page_are_ours() -> None:
     section = PAGE[PAGE.index("## 2.") : PAGE.index("## 3.")]
     rows = re.findall(r"^\| (\d+) \| ([a-z]+) \| [^|]+ \|$", section, re.M)
     told = {int(number): name for number, name in rows}
-    assert told == {int(kind): kind.name.lower() for kind in Kind}
+    assert told == {int(kind): kind.name.lower() for kind in FrameKind}
 
 
 def test_the_flags_and_codecs_of_the_page_are_ours_and_the_others_are_called_reserved() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmctl.commands.doctor.checks import processor
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.ring import RingWriter
@@ -18,7 +18,7 @@ BOARD = "net/traffic"
 def frame(slowed_ticks: int, slowdown: float) -> bytes:
     counts = (0,) * 14
     traffic = Traffic(0, 1, *counts, 10.0 / slowdown, Refused(), slowed_ticks=slowed_ticks, slowdown=slowdown)
-    return encode(Frame(Kind.BOARD, data_id(BOARD, "Traffic"), payload=registry.encode(traffic)))
+    return encode(Frame(FrameKind.BOARD, data_id(BOARD, "Traffic"), payload=registry.encode(traffic)))
 
 
 @pytest.mark.parametrize(

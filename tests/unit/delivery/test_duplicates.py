@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.transport.delivery.answer import expired, expired_here, lifetime_ns, with_lifetime
 from swarmware.transport.delivery.duplicates import DuplicateFilter, DuplicateState
 from swarmware.types.time import Conversion
@@ -114,25 +114,25 @@ def test_large_answers_are_dropped_but_not_the_memory_of_them() -> None:
 
 
 def test_a_message_is_expired_after_its_lifetime_in_its_senders_time() -> None:
-    frame = Frame(Kind.MESSAGE, 1, stamp_ns=1_000, extension=with_lifetime(2.0))
+    frame = Frame(FrameKind.MESSAGE, 1, stamp_ns=1_000, extension=with_lifetime(2.0))
     assert not expired(frame, 2_000_000_000)
     assert expired(frame, 2_000_002_000)
-    assert not expired(Frame(Kind.MESSAGE, 1), 10**18)
+    assert not expired(Frame(FrameKind.MESSAGE, 1), 10**18)
 
 
 def test_a_message_of_another_clock_is_expired_when_its_sender_may_have_been_told_so() -> None:
     ahead = Conversion("uav1", "main", 7, 1, 10**15, 0.0, 2_000_000_000, 3_000_000, 0, 0.0, 1)
-    frame = Frame(Kind.MESSAGE, 1, sender_hw=7, stamp_ns=10**15, extension=with_lifetime(2.0))
+    frame = Frame(FrameKind.MESSAGE, 1, sender_hw=7, stamp_ns=10**15, extension=with_lifetime(2.0))
     over_ns = 2_000_000_000
     assert not expired_here(frame, over_ns - 3_000_001, ahead)
     assert expired_here(frame, over_ns - 2_999_999, ahead)
     assert not expired_here(frame, 10**18, None), "nobody can tell"
-    assert not expired_here(Frame(Kind.MESSAGE, 1), 10**18, ahead), "without a lifetime it has no end"
+    assert not expired_here(Frame(FrameKind.MESSAGE, 1), 10**18, ahead), "without a lifetime it has no end"
 
 
 def test_a_clock_that_is_hardly_known_costs_a_message_no_more_than_a_quarter_of_its_lifetime() -> None:
     vague = Conversion("uav1", "main", 7, 1, 0, 0.0, 0, 10**12, 0, 0.0, 1)
-    frame = Frame(Kind.MESSAGE, 1, sender_hw=7, stamp_ns=0, extension=with_lifetime(2.0))
+    frame = Frame(FrameKind.MESSAGE, 1, sender_hw=7, stamp_ns=0, extension=with_lifetime(2.0))
     assert not expired_here(frame, 1_499_999_999, vague)
     assert expired_here(frame, 1_500_000_001, vague)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmware.model.frame import Flag, Frame, Kind
+from swarmware.model.frame import Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outbox import GRACE_NS, Action, Complete, Outbox, Transmit
 from swarmware.transport.delivery.outcome import Outcome, Status
@@ -12,7 +12,7 @@ MS = 1_000_000
 HERE, THERE = 1, 2
 
 
-def message(sequence: int = 1, *, receiver_hw: int = HERE, kind: Kind = Kind.MESSAGE) -> Frame:
+def message(sequence: int = 1, *, receiver_hw: int = HERE, kind: FrameKind = FrameKind.MESSAGE) -> Frame:
     return Frame(kind, 7, HERE, 9, receiver_hw, sequence=sequence)
 
 
@@ -123,7 +123,7 @@ def test_an_answer_to_a_message_that_was_sent_twice_measures_nothing() -> None:
 
 def test_a_request_in_work_is_asked_for_at_the_slowest_pace_and_answered_once() -> None:
     outbox = Outbox(HERE)
-    question = message(kind=Kind.REQUEST)
+    question = message(kind=FrameKind.REQUEST)
     outbox.on_submit(question, 5000 * MS, 0)
     key = Outbox.key(question)
     assert outbox.on_ack(key, Ack(int(Status.DELIVERED)), 10 * MS) == []
@@ -154,18 +154,28 @@ def test_a_receiver_that_died_with_the_message_is_unreachable_not_refusing() -> 
 
 
 def test_a_message_kind_that_wants_an_acknowledgement_is_answered_whatever_its_priority() -> None:
-    asks = {kind for kind in Kind if answerable(Frame(kind, 1, flags=Flag.WANTS_ACK))}
-    assert asks == {Kind.MESSAGE, Kind.REQUEST, Kind.NOTIFY, Kind.EVENT, Kind.STREAM, Kind.FILE}
-    assert {kind for kind in Kind if answerable(Frame(kind, 1))} == {Kind.MESSAGE, Kind.REQUEST}
+    asks = {kind for kind in FrameKind if answerable(Frame(kind, 1, flags=Flag.WANTS_ACK))}
+    assert asks == {
+        FrameKind.MESSAGE,
+        FrameKind.REQUEST,
+        FrameKind.NOTIFY,
+        FrameKind.EVENT,
+        FrameKind.STREAM,
+        FrameKind.FILE,
+    }
+    assert {kind for kind in FrameKind if answerable(Frame(kind, 1))} == {
+        FrameKind.MESSAGE,
+        FrameKind.REQUEST,
+    }
 
 
 def test_slow_notifications_do_not_slow_the_repetition_of_commands() -> None:
     outbox = Outbox(HERE)
-    for sequence, kind, way_ms in ((1, Kind.MESSAGE, 20), (2, Kind.NOTIFY, 200)):
+    for sequence, kind, way_ms in ((1, FrameKind.MESSAGE, 20), (2, FrameKind.NOTIFY, 200)):
         outbox.on_submit(message(sequence, receiver_hw=THERE, kind=kind), 5000 * MS, 0)
         outbox.on_ack((9, 7, sequence), Ack(int(Status.DELIVERED)), way_ms * MS)
     outbox.on_submit(message(3, receiver_hw=THERE), 5000 * MS, 0)
     assert outbox.deadline_ns() == 100 * MS
     outbox.drop((9, 7, 3))
-    outbox.on_submit(message(4, receiver_hw=THERE, kind=Kind.STREAM), 5000 * MS, 0)
+    outbox.on_submit(message(4, receiver_hw=THERE, kind=FrameKind.STREAM), 5000 * MS, 0)
     assert outbox.deadline_ns() == 600 * MS

@@ -5,7 +5,7 @@ from pathlib import Path
 from swarmd.logger.config import Config
 from swarmd.logger.core import logged_resource
 from swarmd.logger.recorder import Batch, Recorder
-from swarmware.model.frame import Codec, Frame, Kind
+from swarmware.model.frame import Codec, Frame, FrameKind
 from swarmware.model.resource import Kind as ResourceKind
 from swarmware.model.resource import Resource
 from swarmware.recorder.query import FolderSource, Query
@@ -13,7 +13,7 @@ from swarmware.types import registry
 from swarmware.types.log import LogGap
 from swarmware.types.scalar import Int
 
-FRAME = Frame(Kind.EVENT, 7, stamp_ns=5, payload=registry.encode(Int(3)))
+FRAME = Frame(FrameKind.EVENT, 7, stamp_ns=5, payload=registry.encode(Int(3)))
 
 
 def test_a_value_is_in_its_writers_queue_a_command_in_its_takers_and_a_gap_is_an_entry(
@@ -48,7 +48,7 @@ def test_a_payload_that_cannot_be_read_is_kept_as_it_came(tmp_path: Path) -> Non
     )
     assert made is not None
     batch = Batch()
-    batch.frames.append((made, Frame(Kind.EVENT, 7, codec=Codec.ZLIB, payload=b"no zlib"), 9, ""))
+    batch.frames.append((made, Frame(FrameKind.EVENT, 7, codec=Codec.ZLIB, payload=b"no zlib"), 9, ""))
     book.write(batch)
     book.close()
     (entry,) = FolderSource([tmp_path]).entries(Query())

@@ -7,7 +7,7 @@ import pytest
 
 from swarmd.logger.core import LoggedResource, logged_resource
 from swarmd.logger.taps import LogTap
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.resource import Kind as ResourceKind
 from swarmware.model.resource import Resource
 from swarmware.transport.shm.layout import ring_file
@@ -35,7 +35,9 @@ def events() -> LoggedResource:
 
 def write(ring: RingWriter, *numbers: int) -> None:
     for number in numbers:
-        frame = Frame(Kind.EVENT, 7, sequence=number, stamp_ns=number, payload=registry.encode(Int(number)))
+        frame = Frame(
+            FrameKind.EVENT, 7, sequence=number, stamp_ns=number, payload=registry.encode(Int(number))
+        )
         ring.write(encode(frame))
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.node.master.record import NOBODY, Holder, RecordFile
-from swarmware.node.master.role import LOCK_NAME, Role
+from swarmware.node.master.role import LOCK_NAME, LeaderCandidate
 from swarmware.transport.shm.ticks import start_ticks
 
 
@@ -54,11 +54,11 @@ class Race:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.roles: dict[str, Role] = {}
+        self.roles: dict[str, LeaderCandidate] = {}
         self.log: list[tuple[str, str, int]] = []
 
-    def join(self, name: str) -> Role:
-        role = Role(
+    def join(self, name: str) -> LeaderCandidate:
+        role = LeaderCandidate(
             self.folder,
             name,
             ring=self.ring,
@@ -108,7 +108,7 @@ async def test_a_holder_that_becomes_the_preferred_one_keeps_the_role_and_its_nu
     assert race.holding == []
 
 
-def as_another_process(role: Role) -> None:
+def as_another_process(role: LeaderCandidate) -> None:
     """It acts for a process that lives and is not this one."""
     role._me = (os.getppid(), start_ticks(os.getppid()))
 

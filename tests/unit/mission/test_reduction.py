@@ -17,7 +17,7 @@ from swarmware.mission.check import check_folder, check_text
 from swarmware.mission.finding import Remark
 from swarmware.mission.folder import from_files
 from swarmware.mission.loader import load, read
-from swarmware.mission.model import Mission
+from swarmware.mission.model import MissionDefinition
 from swarmware.mission.net import Net, build
 from swarmware.types.mission import MissionFile
 
@@ -227,7 +227,7 @@ def test_a_mission_that_is_too_large_is_neither_sound_nor_wrong() -> None:
 # -- where members meet
 
 
-def author(chance: Random) -> Mission:
+def author(chance: Random) -> MissionDefinition:
     """Branches, choices and loops with barriers in them."""
     blocks: dict[str, Any] = {"e": "End", "x": {"type": "End", "result": "failed"}}
 

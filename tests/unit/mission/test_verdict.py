@@ -22,7 +22,7 @@ from swarmware.mission.binding import Binding
 from swarmware.mission.check import check_text
 from swarmware.mission.condition import Scalar
 from swarmware.mission.finding import sound
-from swarmware.mission.model import Block, Mission
+from swarmware.mission.model import Block, MissionDefinition
 
 STEPS = 300
 """Of a play; a loop that goes on by chance is left long before."""
@@ -91,7 +91,7 @@ class Author:
             self.blocks[victim] = f"{body.partition('>')[0]}>{target}"
 
 
-def play(mission: Mission, chance: Random) -> str:
+def play(mission: MissionDefinition, chance: Random) -> str:
     """How one play with random outcomes ends."""
     player = Player(mission, Nothing(), chance.random, count(1))
     running: dict[int, Block] = {}

@@ -3,7 +3,7 @@
 import asyncio
 from pathlib import Path
 
-from swarmware.model.frame import Flag, Frame, Kind, decode
+from swarmware.model.frame import Flag, Frame, FrameKind, decode
 from swarmware.model.names import ANY, data_id, hardware_id
 from swarmware.module.accepted import SLOTS
 from swarmware.module.module import Module
@@ -33,7 +33,7 @@ async def test_a_command_that_the_template_logs_is_kept_once_although_it_comes_a
         with RingReader(ring_file(node.shm_dir, "cmd/abort"), after=0) as ring:
             for sequence in (1, 1, 2):
                 frame = Frame(
-                    Kind.MESSAGE,
+                    FrameKind.MESSAGE,
                     data_id("cmd/abort", "MissionAbort"),
                     far,
                     9,

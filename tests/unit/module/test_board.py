@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmware.errors import NoAnswer
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
@@ -47,7 +47,7 @@ async def test_the_age_of_another_platforms_value_is_by_its_clock_and_unknown_wi
         reader = await m.reader("/uav7/nav/height", Float)
         mirror = node.mirror_writer("uav7", "nav/height")
         stamp_ns = node.clock.now_ns() + 10 * SECOND - 2 * SECOND  # their clock is 10 s ahead, 2 s ago
-        frame = Frame(Kind.BOARD, data_id("nav/height", "Float"), THERE, stamp_ns=stamp_ns)
+        frame = Frame(FrameKind.BOARD, data_id("nav/height", "Float"), THERE, stamp_ns=stamp_ns)
         frame.payload = registry.encode(Float(4.0))
         mirror.publish(encode(frame))
         assert (reader.value, reader.stamp_ns, reader.age_s) == (Float(4.0), stamp_ns, None)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmware.errors import NoAnswer
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.boardset import BoardSet
 from swarmware.module.module import Module
@@ -21,7 +21,7 @@ PATH = "nav/height"
 
 def publish(mirror: Publication, platform: str, height: float) -> None:
     frame = Frame(
-        Kind.BOARD, data_id(PATH, "Float"), hardware_id(platform), payload=registry.encode(Float(height))
+        FrameKind.BOARD, data_id(PATH, "Float"), hardware_id(platform), payload=registry.encode(Float(height))
     )
     mirror.publish(encode(frame))
 

@@ -9,7 +9,7 @@ import pytest
 
 from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
 from swarmware.model import names
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
@@ -141,7 +141,14 @@ async def test_a_stream_of_another_platform_counts_the_gaps_in_its_owners_sequen
             payload = registry.encode(Int(sequence))
             mirror.publish(
                 encode(
-                    Frame(Kind.STREAM, data_id, THERE, sequence=sequence, stamp_ns=stamp_ns, payload=payload)
+                    Frame(
+                        FrameKind.STREAM,
+                        data_id,
+                        THERE,
+                        sequence=sequence,
+                        stamp_ns=stamp_ns,
+                        payload=payload,
+                    )
                 )
             )
         got = []
@@ -252,7 +259,7 @@ async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path
         assert len(heights) == 0
         mirror = node.mirror_writer("uav7", "nav/height")
         data_id = names.data_id("nav/height", "Float")
-        mirror.publish(encode(Frame(Kind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0)))))
+        mirror.publish(encode(Frame(FrameKind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0)))))
         assert await heights.changed(1.0) == ("uav7",)
         assert heights["uav7"].value == Float(4.0)
         with pytest.raises(NoAnswer):
@@ -267,7 +274,7 @@ async def test_who_waits_for_boards_of_other_platforms_is_not_woken_by_other_bel
         heights = await m.readers("/*/nav/height", Float)
         mirror = node.mirror_writer("uav7", "nav/height")
         data_id = names.data_id("nav/height", "Float")
-        frame = encode(Frame(Kind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0))))
+        frame = encode(Frame(FrameKind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0))))
         mirror.publish(frame)
         assert await heights.changed(1.0) == ("uav7",)
         other = await m.writer("nav/other", Float)
@@ -293,7 +300,7 @@ async def test_a_frame_that_is_damaged_or_of_another_type_is_counted_and_the_las
         reader = await m.reader("/uav7/nav/height", Float)
         mirror = node.mirror_writer("uav7", "nav/height")
         good = Frame(
-            Kind.BOARD, names.data_id("nav/height", "Float"), THERE, payload=registry.encode(Float(4.0))
+            FrameKind.BOARD, names.data_id("nav/height", "Float"), THERE, payload=registry.encode(Float(4.0))
         )
         mirror.publish(encode(good))
         assert reader.value == Float(4.0)

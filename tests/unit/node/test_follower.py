@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.node.follower import RingFollower
 from swarmware.node.publication import Publication
 from swarmware.testing.tmpnode import tmp_node
@@ -33,7 +33,7 @@ def ring(path: Path, doorbells: DoorbellSenders, *, slots: int = 8, slot_bytes: 
 
 
 def frame(number: int, *, data_id: int = POSE, size: int = 0) -> bytes:
-    return encode(Frame(Kind.BOARD, data_id, 1, sequence=number, payload=bytes(size)))
+    return encode(Frame(FrameKind.BOARD, data_id, 1, sequence=number, payload=bytes(size)))
 
 
 def rest(follower: RingFollower) -> list[int]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmware.model import names
-from swarmware.model.frame import Codec, Frame, Kind, encode
+from swarmware.model.frame import Codec, Frame, FrameKind, encode
 from swarmware.model.names import ANY
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import tmp_node
@@ -28,7 +28,7 @@ payloads = st.one_of(
 )
 frames = st.builds(
     Frame,
-    st.sampled_from(Kind),
+    st.sampled_from(FrameKind),
     st.sampled_from([MESSAGES, REQUESTS, NOBODY]),
     ids,
     ids,
@@ -55,8 +55,8 @@ async def feed(node: Node, came: list[bytes]) -> list[int]:
     post.add_application(APP)
     post.serve_messages(MESSAGES, APP, message)
     post.serve_requests(REQUESTS, APP, lambda frame, respond: respond(Reply(True, b"")))
-    waiting = post.send(Frame(Kind.MESSAGE, NOBODY, HERE, APP, HERE, sequence=1), 0.05)
-    asked = post.request(Frame(Kind.REQUEST, NOBODY, HERE, APP, HERE, sequence=2), 0.05)
+    waiting = post.send(Frame(FrameKind.MESSAGE, NOBODY, HERE, APP, HERE, sequence=1), 0.05)
+    asked = post.request(Frame(FrameKind.REQUEST, NOBODY, HERE, APP, HERE, sequence=2), 0.05)
     for item in came:
         post._on_data(item, b"\0abcd")
         await asyncio.sleep(0)

@@ -7,7 +7,7 @@ import pytest
 
 from swarmware.errors import NoAnswer
 from swarmware.model import names
-from swarmware.model.frame import Flag, Frame, Kind
+from swarmware.model.frame import Flag, Frame, FrameKind
 from swarmware.model.names import ANY
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import tmp_node
@@ -45,7 +45,7 @@ class Far:
             return None
         return Conversion("uav7", "main", THERE, 1, 10_000_000_000, 0.0, 0, 0, 0, 0.0, 1)
 
-    async def comes(self, sequence: int, *, age_s: float = 0.0, kind: Kind = Kind.MESSAGE) -> None:
+    async def comes(self, sequence: int, *, age_s: float = 0.0, kind: FrameKind = FrameKind.MESSAGE) -> None:
         """A message of two seconds' lifetime from there, stamped so long ago."""
         stamp_ns = self.node.clock.now_ns() + 10_000_000_000 - round(age_s * 1e9)
         flags = Flag.WANTS_ACK
@@ -56,7 +56,7 @@ class Far:
 
     def answers(self) -> list[tuple[int, int]]:
         """Sequence and status of the acknowledgements so far."""
-        acks = [frame for frame in self.sent if frame.kind is Kind.ACK]
+        acks = [frame for frame in self.sent if frame.kind is FrameKind.ACK]
         return [(frame.sequence, registry.decode(Ack, frame.payload).status) for frame in acks]
 
 
@@ -81,9 +81,9 @@ async def test_a_message_for_which_there_was_no_room_is_given_when_it_comes_agai
         assert far.given == [1]
 
 
-@pytest.mark.parametrize("kind", [Kind.MESSAGE, Kind.NOTIFY, Kind.STREAM])
+@pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.NOTIFY, FrameKind.STREAM])
 async def test_a_message_whose_lifetime_is_over_by_its_senders_clock_is_not_given(
-    tmp_path: Path, kind: Kind
+    tmp_path: Path, kind: FrameKind
 ) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
@@ -110,18 +110,18 @@ async def test_a_message_that_nobody_takes_is_answered_so(tmp_path: Path) -> Non
 async def test_an_answer_settles_its_message_and_a_refusal_on_the_way_says_where(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
-        waiting = node.post.send(Frame(Kind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 5.0)
+        waiting = node.post.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 5.0)
         (question,) = far.sent
         payload = registry.encode(Ack(int(Status.REFUSED), "uav7:planner#1", "not now"))
-        node.post.deliver(reply(question, Kind.ACK, payload, 0))
+        node.post.deliver(reply(question, FrameKind.ACK, payload, 0))
         outcome = await waiting
         assert (outcome.status, outcome.where, outcome.detail) == (
             Status.REFUSED,
             "uav7:planner#1",
             "not now",
         )
-        asked = node.post.request(Frame(Kind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 5.0)
-        node.post.deliver(reply(far.sent[-1], Kind.REPLY, registry.encode(Reply(True, b"yes")), 0))
+        asked = node.post.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 5.0)
+        node.post.deliver(reply(far.sent[-1], FrameKind.REPLY, registry.encode(Reply(True, b"yes")), 0))
         assert (await asked).body == b"yes"
 
 
@@ -130,13 +130,13 @@ async def test_more_messages_than_the_window_are_refused_at_once_and_room_comes_
         far = Far(node)
 
         def send(sequence: int) -> asyncio.Future[Outcome]:
-            return node.post.send(Frame(Kind.MESSAGE, DATA, HERE, APP, THERE, sequence=sequence), 5.0)
+            return node.post.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=sequence), 5.0)
 
         waiting = [send(sequence) for sequence in range(WINDOW)]
         over = await send(WINDOW)
         assert over.status is Status.REFUSED
         assert "wait for an answer" in over.detail
-        node.post.deliver(reply(far.sent[0], Kind.ACK, registry.encode(Ack(0)), 0))
+        node.post.deliver(reply(far.sent[0], FrameKind.ACK, registry.encode(Ack(0)), 0))
         assert await waiting[0]
         await asyncio.sleep(0)
         assert not send(WINDOW + 1).done()
@@ -145,15 +145,15 @@ async def test_more_messages_than_the_window_are_refused_at_once_and_room_comes_
 async def test_without_an_answer_in_time_the_sender_is_told(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         Far(node)
-        outcome = await node.post.send(Frame(Kind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 0.02)
+        outcome = await node.post.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 0.02)
         assert outcome.status is Status.EXPIRED
         with pytest.raises(NoAnswer):
-            await node.post.request(Frame(Kind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 0.02)
+            await node.post.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 0.02)
 
 
 async def test_an_answer_too_large_for_a_frame_is_an_error_of_its_request(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         node.post.add_application(APP)
         node.post.serve_requests(DATA, APP, lambda frame, respond: respond(Reply(True, bytes(5 * 2**20))))
-        answer = await node.post.request(Frame(Kind.REQUEST, DATA, HERE, APP, HERE, sequence=1), 5.0)
+        answer = await node.post.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, HERE, sequence=1), 5.0)
         assert (answer.ok, answer.kind) == (False, "OutOfRange")

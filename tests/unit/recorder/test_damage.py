@@ -10,8 +10,7 @@ import pytest
 from swarmd.logger.config import Config
 from swarmd.logger.core import LoggedResource
 from swarmd.logger.recorder import Batch, Recorder
-from swarmware.model.frame import Frame
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import ANY
 from swarmware.model.resource import Kind
 from swarmware.recorder.entry import LogEntry

@@ -16,11 +16,11 @@ from swarmware.transport.security import (
     REPLAY_WINDOW,
     GroupKey,
     Keys,
-    Member,
     Opened,
     Opener,
     Refusal,
     Roster,
+    RosterMember,
     Sealer,
     make_swarm,
     next_session,
@@ -248,7 +248,7 @@ def test_a_roster_that_the_root_did_not_sign_is_denied(tmp_path: Path) -> None:
 
 def test_a_revoked_member_is_a_stranger(tmp_path: Path) -> None:
     root = Ed25519PrivateKey.generate()
-    roster = Roster(2, (Member("uav1", bytes(32), b"\1" * 32, serial=1),), revoked=(1,))
+    roster = Roster(2, (RosterMember("uav1", bytes(32), b"\1" * 32, serial=1),), revoked=(1,))
     (tmp_path / "roster.json").write_bytes(sign_roster(roster, root))
     read = read_roster(tmp_path / "roster.json", root.public_key().public_bytes_raw())
     assert read == roster

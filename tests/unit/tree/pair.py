@@ -8,7 +8,7 @@ import msgspec
 from swarmd.tree.config import Config, RuleConfig
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify, WriteMirror
 from swarmd.tree.core.tree import SwarmTree
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import TreeItem, TreeNotify
 

@@ -18,7 +18,7 @@ from swarmd.tree.core.index import Index, leaf
 from swarmd.tree.core.structure import PATHS_LIMIT, Patches, StructureEncoding
 from swarmware.errors import InvalidInput, SwarmError, WireError
 from swarmware.model import names
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.resource import Resource
 from swarmware.types import registry
 from swarmware.types.tree import (
@@ -202,7 +202,7 @@ def test_a_notified_value_with_a_number_that_fits_no_header_is_refused_by_its_fi
 
 @pytest.mark.parametrize("field", ["data_id", "sender_hw", "receiver_app", "stamp_ns", "hops_left"])
 def test_a_frame_that_cannot_be_encoded_says_which_number_does_not_fit(field: str) -> None:
-    frame = Frame(Kind.BOARD, 1)
+    frame = Frame(FrameKind.BOARD, 1)
     setattr(frame, field, 2**63)
     with pytest.raises(WireError, match=field):
         encode(frame)

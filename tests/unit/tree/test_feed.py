@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmd.tree.core.condition import differs, rule_for
 from swarmd.tree.core.feed import QUEUE_BYTES, QUEUE_LIMIT, Feed
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import Rule, TreeItem
 

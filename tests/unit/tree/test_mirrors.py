@@ -10,13 +10,14 @@ from tests.unit.tree.pair import value
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.mirrors import Mirrors
 from swarmware.errors import WireError
-from swarmware.model.frame import Kind
+from swarmware.model.frame import FrameKind
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.shm.layout import ring_file
 
 
 @pytest.mark.parametrize(
-    "change", [{"data_id": 2**40}, {"stamp_ns": 2**64 - 1}, {"kind": Kind.ACK}, {"kind": 77}, {"codec": 5}]
+    "change",
+    [{"data_id": 2**40}, {"stamp_ns": 2**64 - 1}, {"kind": FrameKind.ACK}, {"kind": 77}, {"codec": 5}],
 )
 def test_an_item_that_fits_no_frame_is_refused_and_makes_no_ring(
     tmp_path: Path, change: dict[str, int]

@@ -10,7 +10,7 @@ from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.timers import Timers
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import FrameKind
 from swarmware.model.names import hardware_id
 from swarmware.model.resource import Resource
 from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState

@@ -8,7 +8,7 @@ from swarmd.tree.config import RuleConfig
 from swarmd.tree.core.action import SendNotify, Unwatch, Watch
 from swarmd.tree.core.subscribers import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.net import BoardPublication, BoardSubscription, ChannelLimit
 from swarmware.types.tree import SubscribeRequest, TreeItem, TreeNotify

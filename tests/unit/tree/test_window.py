@@ -14,7 +14,7 @@ from swarmd.tree.core.feed import Feed
 from swarmd.tree.core.lane import IN_FLIGHT_BYTES, WINDOW, LaneNumber, NotificationLane
 from swarmd.tree.core.reorder_buffer import REORDER_WINDOW, ReorderBuffer
 from swarmware.errors import WireError
-from swarmware.model.frame import Kind as FrameKind
+from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.testing.virtual import VirtualSwarm
 from swarmware.types import registry

@@ -9,15 +9,12 @@ from swarmctl.session import Session
 from swarmctl.vehicle_observer import first_of
 from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.model import names
-from swarmware.types.mission import MissionState, MissionStatus
+from swarmware.types.mission import INACTIVE, NOT_STARTED, MissionPhase, MissionState, MissionStatus
 from swarmware.types.rpc import Empty
 
-NOT_STARTED: Final = "idle"
-"""State of a member whose order was withdrawn before the mission began."""
-ENDED: Final = frozenset({"done", "failed", "aborted", NOT_STARTED})
-BAD: Final = ENDED - {"done"}
+UNSUCCESSFUL: Final = INACTIVE - {MissionPhase.DONE}
 SILENT_S: Final = 5.0
-"""A member sends its state once a second; after five missing ones it is not waited for."""
+"""A member sends its state once a second; the command does not wait for one that missed five."""
 
 
 class ActiveMission(msgspec.Struct, frozen=True):
@@ -47,7 +44,7 @@ async def find_active(session: Session) -> ActiveMission:
     runs = {state.epoch for state in states.values() if state.epoch}
     if not runs:
         raise NotFound(f"{session.here}: no mission is known; expected one that was started")
-    playing = {state.epoch for state in states.values() if state.epoch and state.state not in ENDED}
+    playing = {state.epoch for state in states.values() if state.epoch and state.state not in INACTIVE}
     epoch = max(playing or runs)
     asked = [name for name, state in states.items() if state.epoch == epoch]
     answers, _ = await ask_all(session, asked, "sys/mission/status", Empty(), MissionStatus)
@@ -68,7 +65,7 @@ def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[Mission
     for answer in answers:
         kinds |= {member.platform: member.kind for member in answer.members}
     members = tuple(sorted(kinds, key=names.natural))
-    plays = any(state.state not in ENDED for state in inside.values())
+    plays = any(state.state not in INACTIVE for state in inside.values())
     mission = next((state.mission for state in inside.values() if state.mission), "mission")
     return ActiveMission(mission, epoch, members, kinds, plays)
 
@@ -98,15 +95,17 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
             elif platform not in shown or display_key(state) != display_key(shown[platform]):
                 shown[platform] = state
                 _print_state(session, platform, state)
-            ended = platform in shown and shown[platform].state in ENDED
+            ended = platform in shown and shown[platform].state in INACTIVE
             if not ended and now_ns - last_change[platform][1] > SILENT_S * 1e9 and platform not in silent:
                 silent.add(platform)
-                session.out.warn(f"{platform}: not heard for {SILENT_S:g} s")
-        ended_by = {platform for platform, state in shown.items() if state.state in ENDED}
+                session.out.warn(f"{platform}: no state received for {SILENT_S:g} s")
+        ended_by = {platform for platform, state in shown.items() if state.state in INACTIVE}
         if ended_by | silent >= set(members):
             break
         await first_of(own.changed(), others.changed(), timeout_s=1.0)
-    bad = sorted((platform for platform in ended_by if shown[platform].state in BAD), key=names.natural)
+    bad = sorted(
+        (platform for platform in ended_by if shown[platform].state in UNSUCCESSFUL), key=names.natural
+    )
     if silent:
         raise Partial(f"mission: {', '.join(sorted(silent, key=names.natural))} fell silent before its end")
     if bad:
@@ -138,5 +137,5 @@ async def watch(session: Session, platforms: tuple[str, ...]) -> None:
     found = await find_active(session)
     if others := [name for name in platforms if name not in found.members]:
         members = ", ".join(found.members)
-        raise NotFound(f"{others[0]}: no member of {found.mission}; expected some of {members}")
+        raise NotFound(f"{others[0]}: not a member of {found.mission}; expected some of {members}")
     await follow(session, found.epoch, platforms or found.members)

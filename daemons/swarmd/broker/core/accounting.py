@@ -4,13 +4,13 @@ from collections.abc import Callable
 from typing import Final
 
 from swarmware.errors import WireError
-from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import data_id
 from swarmware.types import registry
 from swarmware.types.tree import TreeNotify
 
 NOTIFY_ID: Final = data_id("sys/tree/notify", TreeNotify.__name__)
-NOTIFIES: Final = frozenset({Kind.NOTIFY, Kind.STREAM, Kind.EVENT})
+NOTIFIES: Final = frozenset({FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.EVENT})
 
 
 def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str, int]]:
@@ -24,7 +24,7 @@ def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str
         if note is not None and note.items:
             parts = [(item.path, len(item.data)) for item in note.items]
             return [*parts, ("sys/tree/notify", size - sum(part for _, part in parts))]
-    if frame.kind in {Kind.ACK, Kind.HELLO}:
+    if frame.kind in {FrameKind.ACK, FrameKind.HELLO}:
         return [(frame.kind.name.lower(), size)]
     return [(path_of(frame.data_id) or frame.kind.name.lower(), size)]
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.model.frame import Flag, Frame, Kind
+from swarmware.model.frame import Flag, Frame, FrameKind
 
 FRAMES_MAX: Final = 2048
 BYTES_MAX: Final = 8 * 1024 * 1024
@@ -37,11 +37,11 @@ class ConnectionClass(IntEnum):
 
 
 _BY_KIND: Final = {
-    Kind.STREAM: Priority.STREAM,
-    Kind.NOTIFY: Priority.NOTIFY,
-    Kind.EVENT: Priority.NOTIFY,
-    Kind.BOARD: Priority.STREAM,
-    Kind.FILE: Priority.BULK,
+    FrameKind.STREAM: Priority.STREAM,
+    FrameKind.NOTIFY: Priority.NOTIFY,
+    FrameKind.EVENT: Priority.NOTIFY,
+    FrameKind.BOARD: Priority.STREAM,
+    FrameKind.FILE: Priority.BULK,
 }
 
 

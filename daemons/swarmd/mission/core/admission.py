@@ -4,7 +4,7 @@ from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding
 from swarmware.mission.content import content_hash
-from swarmware.mission.model import Mission
+from swarmware.mission.model import MissionDefinition
 from swarmware.types.mission import MissionOrder
 
 
@@ -38,7 +38,7 @@ class OrderAdmission:
             raise MissionError(f"order of {order.issuer}: a member is listed twice")
         return Binding(self._platform, self._kind, order.role, order.mission, order.params)
 
-    def run(self, order: MissionOrder, mission: Mission) -> Run:
+    def run(self, order: MissionOrder, mission: MissionDefinition) -> Run:
         """The order as a run of its mission, which was checked.
 
         Raises: MissionError when this kind of platform cannot play it.

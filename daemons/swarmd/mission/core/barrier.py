@@ -12,10 +12,10 @@ from typing import Final
 
 import msgspec
 
-from swarmd.mission.core.run import BARRIER_BROKEN, REST, SUCCESS, TIMED_OUT, BlockResult, MissionPhase
-from swarmware.types.mission import Arrival, BarrierResult, Member, MissionState
+from swarmd.mission.core.run import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockResult
+from swarmware.types.mission import INACTIVE, Arrival, BarrierResult, Member, MissionPhase, MissionState
 
-OVER: Final = REST | {MissionPhase.ENDING, MissionPhase.RECOVERING}
+OVER: Final = INACTIVE | {MissionPhase.ENDING, MissionPhase.RECOVERING}
 """States of a member that will come to no barrier any more."""
 STATION: Final = "gcs"
 """Kind of the members without which the others go on (S1.5)."""

@@ -14,7 +14,6 @@ from swarmd.mission.core.player import Player
 from swarmd.mission.core.run import (
     BARRIER_BROKEN,
     PLAYING,
-    REST,
     STARTED,
     SUCCESS,
     TIMED_OUT,
@@ -24,7 +23,6 @@ from swarmd.mission.core.run import (
     CancelBlock,
     EnterBarrier,
     LeaveBarrier,
-    MissionPhase,
     PhaseEvent,
     PlayEnded,
     PlayerAction,
@@ -37,9 +35,9 @@ from swarmd.mission.core.run import (
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
-from swarmware.mission.model import TIMEOUT, Block, Mission
+from swarmware.mission.model import TIMEOUT, Block, MissionDefinition
 from swarmware.runtime.core import AT_ONCE
-from swarmware.types.mission import HASH_DIGITS, BarrierResult, Member, MissionState
+from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
 START: Final = "@start"
 """The barrier before Start: nobody begins unless all have accepted."""
@@ -59,7 +57,7 @@ class MissionExecutor:
     def __init__(
         self,
         platform: str,
-        built_in: Mapping[str, Mission],
+        built_in: Mapping[str, MissionDefinition],
         lookup: Lookup,
         chance: Callable[[], float],
         config: Config,
@@ -155,7 +153,7 @@ class MissionExecutor:
 
         Raises: Conflict when another one runs, or a requirement is not met.
         """
-        if self._phase not in REST:
+        if self._phase not in INACTIVE:
             raise Conflict(f"{self._platform} is busy: {self._playing or START} is {self._phase}")
         unmet = [c.text for c in run.mission.requires if c.holds(self._lookup) is not True]
         if unmet:
@@ -299,7 +297,7 @@ class MissionExecutor:
         self._text = "running"
         self._play(run.mission, run.name, now_ns)
 
-    def _play(self, mission: Mission, name: str, now_ns: int) -> None:
+    def _play(self, mission: MissionDefinition, name: str, now_ns: int) -> None:
         self._playing = name
         self._ratios = {}
         self._player = Player(mission, self._lookup, self._chance, self._tokens)

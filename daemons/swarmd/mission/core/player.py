@@ -25,7 +25,7 @@ from swarmd.mission.core.run import (
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier, DecisionRandom, End, Wait
 from swarmware.mission.condition import Lookup
-from swarmware.mission.model import OK, STEPS_LIMIT, Block, Mission
+from swarmware.mission.model import OK, STEPS_LIMIT, Block, MissionDefinition
 from swarmware.mission.net import join_place
 
 CANCEL_NS: Final = 2_000_000_000
@@ -71,7 +71,7 @@ class Player:
 
     def __init__(
         self,
-        mission: Mission,
+        mission: MissionDefinition,
         lookup: Lookup,
         chance: Callable[[], float],
         tokens: Iterator[int],

@@ -7,14 +7,14 @@ import msgspec
 
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.model import CANCELLED, ERROR, OK, TIMEOUT, Block, Mission
-from swarmware.types.mission import Member, MissionState
+from swarmware.mission.model import CANCELLED, ERROR, OK, TIMEOUT, Block, MissionDefinition
+from swarmware.types.mission import Member, MissionPhase, MissionState
 
 
 class Run(msgspec.Struct, frozen=True):
     """What is to be played, with whom."""
 
-    mission: Mission
+    mission: MissionDefinition
     name: str
     hash: str
     epoch: int
@@ -28,24 +28,6 @@ class Run(msgspec.Struct, frozen=True):
         return frozenset(p.id for p in params if isinstance(p, Barrier) and stations & set(p.roles))
 
 
-class MissionPhase(StrEnum):
-    """Phase of a platform's mission; the values are the states of its board."""
-
-    IDLE = "idle"
-    READY = "ready"
-    """The order is accepted; the platform waits until all members have accepted theirs."""
-    RUNNING = "running"
-    ENDING = "ending"
-    """The blocks that still run are being cancelled."""
-    RECOVERING = "recovering"
-    """A built-in mission brings the vehicle to safety."""
-    DONE = "done"
-    FAILED = "failed"
-    ABORTED = "aborted"
-
-
-REST: Final = frozenset({MissionPhase.IDLE, MissionPhase.DONE, MissionPhase.FAILED, MissionPhase.ABORTED})
-"""Phases in which nothing is played."""
 PLAYING: Final = frozenset({MissionPhase.RUNNING, MissionPhase.RECOVERING})
 
 

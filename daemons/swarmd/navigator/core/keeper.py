@@ -8,7 +8,7 @@ import msgspec
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.target import Target
 from swarmware.errors import InvalidInput
-from swarmware.geometry.formation import Formation, Slot
+from swarmware.geometry.formation import FormationSlots, Slot
 from swarmware.types.vehicle import Goal, Pose
 
 _MOVES_M_S: Final = 0.05
@@ -46,7 +46,7 @@ class FormationKeeper:
         self._config = config
         self._goal = goal
         self._flies = flies
-        self._formation = Formation(goal.course)
+        self._formation = FormationSlots(goal.course)
         self._height_m: float | None = None
         self._approaching = False
         self._speed_m_s = 0.0

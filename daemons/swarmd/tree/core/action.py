@@ -2,7 +2,7 @@
 
 import msgspec
 
-from swarmware.model.frame import Kind
+from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
@@ -28,11 +28,13 @@ class SendNotify(msgspec.Struct, frozen=True, gc=False):
     notify: TreeNotify
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> FrameKind:
         """Kind of frame, which sets its priority on a link: STREAM if it has only items of streams."""
         items = self.notify.items
-        only_streams = bool(items) and not self.notify.digest and all(i.kind == Kind.STREAM for i in items)
-        return Kind.STREAM if only_streams else Kind.NOTIFY
+        only_streams = (
+            bool(items) and not self.notify.digest and all(i.kind == FrameKind.STREAM for i in items)
+        )
+        return FrameKind.STREAM if only_streams else FrameKind.NOTIFY
 
 
 class Watch(msgspec.Struct, frozen=True, gc=False):

@@ -1,6 +1,6 @@
 """Duplicate check of values for a mirror."""
 
-from swarmware.model.frame import Kind
+from swarmware.model.frame import FrameKind
 from swarmware.types.tree import TreeItem
 
 
@@ -10,4 +10,4 @@ def is_newer(item: TreeItem, sequence: int, stamp_ns: int) -> bool:
     A notification is sent again when only its acknowledgement was lost. A board shows what came last;
     a smaller sequence with a later stamp is from a restart of its owner.
     """
-    return item.kind == Kind.BOARD or item.sequence > sequence or item.stamp_ns > stamp_ns
+    return item.kind == FrameKind.BOARD or item.sequence > sequence or item.stamp_ns > stamp_ns

@@ -10,11 +10,11 @@ from typing import Final, Protocol
 from swarmware.errors import Conflict, Denied
 from swarmware.model import paths
 from swarmware.model.clock import Clock
-from swarmware.model.frame import Frame, Kind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import ANY, application_id, data_id
 from swarmware.model.resource import Resource
 from swarmware.node.master.record import NOBODY, Holder
-from swarmware.node.master.role import Role
+from swarmware.node.master.role import LeaderCandidate
 from swarmware.runtime.processes import ProcessWatcher
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.appfile.table import AppTable
@@ -94,9 +94,9 @@ class Master:
         self._version = 0
         self._timer: asyncio.TimerHandle | None = None
         self._published_s = -PAUSE_S
-        self._role: Role | None = None
+        self._role: LeaderCandidate | None = None
         if candidate:
-            self._role = Role(
+            self._role = LeaderCandidate(
                 node.run_dir,
                 f"pid {os.getpid()}",
                 ring=self._bells.notify,
@@ -207,7 +207,7 @@ class Master:
         self._version += 1
         table = self.table(full=False)
         frame = Frame(
-            Kind.BOARD,
+            FrameKind.BOARD,
             data_id(PATH, registry.type_name(ApplicationTable)),
             self._node.hardware,
             application_id("register", 1),

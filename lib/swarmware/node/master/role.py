@@ -27,7 +27,7 @@ RETRY_LIMIT_S: Final = 0.2
 log = logging.getLogger("swarm.master")
 
 
-class Role:
+class LeaderCandidate:
     """The candidature of one process for the role.
 
     `ring` wakes all others of the node; when woken, they call `poll`. `on_gained` gets the fencing number.

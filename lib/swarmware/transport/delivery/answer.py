@@ -3,7 +3,7 @@
 import struct
 from typing import Final
 
-from swarmware.model.frame import ADDRESSED, HOPS, Flag, Frame, Kind
+from swarmware.model.frame import ADDRESSED, HOPS, Flag, Frame, FrameKind
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.registry import encode
 from swarmware.types.rpc import Ack
@@ -18,7 +18,7 @@ _LIFETIME = struct.Struct("<BBI")
 
 def answerable(frame: Frame) -> bool:
     """Whether its sender waits to be told what became of it."""
-    if frame.kind in {Kind.MESSAGE, Kind.REQUEST}:
+    if frame.kind in {FrameKind.MESSAGE, FrameKind.REQUEST}:
         return True
     return frame.kind in ADDRESSED and bool(frame.flags & Flag.WANTS_ACK)
 
@@ -33,10 +33,10 @@ def answer(
     received_ns: int = 0,
 ) -> Frame:
     """The acknowledgement or refusal of a message or request; any hop may give one for the receiver."""
-    return reply(question, Kind.ACK, encode(Ack(int(status), where, detail, received_ns)), stamp_ns)
+    return reply(question, FrameKind.ACK, encode(Ack(int(status), where, detail, received_ns)), stamp_ns)
 
 
-def reply(question: Frame, kind: Kind, payload: bytes, stamp_ns: int) -> Frame:
+def reply(question: Frame, kind: FrameKind, payload: bytes, stamp_ns: int) -> Frame:
     """The frame that goes back: sender and receiver swapped, data id and sequence of the question."""
     return Frame(
         kind,

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.model.frame import Frame, Kind
+from swarmware.model.frame import Frame, FrameKind
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.delivery.rtt import RetransmitLimits, RttEstimator
 from swarmware.types.rpc import Ack
@@ -108,7 +108,7 @@ class Outbox:
             elif self._absent_for_good(pending, now_ns):
                 return [self._give_up(key, pending)]
             return []
-        if status is Status.DELIVERED and pending.frame.kind is Kind.REQUEST:
+        if status is Status.DELIVERED and pending.frame.kind is FrameKind.REQUEST:
             # the receiver works on it: retransmit at the longest interval, in case the reply is lost
             pending.wait_ns = pending.limits.max_ns
             pending.absent_since_ns = pending.soft_refusal = None
@@ -174,7 +174,7 @@ class Outbox:
         return Complete(key, _given_up(pending))
 
     def _measure(self, pending: _Pending, now_ns: int) -> None:
-        if pending.times_sent != 1 or pending.frame.kind is Kind.REQUEST:
+        if pending.times_sent != 1 or pending.frame.kind is FrameKind.REQUEST:
             return  # Karn: nobody knows which copy was answered; a request's time is its handler's
         way = _way(pending.frame)
         self._rtt.setdefault(way, RttEstimator()).add(now_ns - pending.sent_ns)
@@ -185,7 +185,7 @@ class Outbox:
 
 def _way(frame: Frame) -> tuple[int, bool]:
     """What shares one round-trip time: commands do not wait behind notifications and streams."""
-    return frame.receiver_hw, frame.kind in {Kind.MESSAGE, Kind.REQUEST}
+    return frame.receiver_hw, frame.kind in {FrameKind.MESSAGE, FrameKind.REQUEST}
 
 
 def _given_up(pending: _Pending) -> Outcome:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Protocol
 
 from swarmware.errors import Denied, WireError, from_kind
 from swarmware.model.clock import Clock
-from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT, Flag, Frame, Kind, decode, encode
+from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import ANY
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.appfile.table import AppTable
@@ -167,9 +167,9 @@ class Post:
 
     def deny(self, frame: Frame, reason: str) -> None:
         """Tell the sender that it has no right: called by the broker."""
-        if frame.kind is Kind.REQUEST:
+        if frame.kind is FrameKind.REQUEST:
             payload = registry.encode(Reply(False, kind=Denied.__name__, error=reason))
-            self._give_back(frame, Kind.REPLY, payload, None)
+            self._give_back(frame, FrameKind.REPLY, payload, None)
         else:
             self._answer(frame, Status.REFUSED, reason, None)
 
@@ -235,7 +235,7 @@ class Post:
             return
         if frame.receiver_hw not in {self.hardware, ANY}:
             self._route_away(frame, via)
-        elif frame.kind in {Kind.ACK, Kind.REPLY}:
+        elif frame.kind in {FrameKind.ACK, FrameKind.REPLY}:
             self._route_answer(frame)
         elif answerable(frame):
             self._route_question(frame, via)
@@ -300,7 +300,7 @@ class Post:
             self._answer_again(frame, seen, via)
         elif self.expired(frame):
             self.counts["expired"] += 1  # its sender has been told, it must not be delivered any more
-        elif frame.kind is not Kind.REQUEST and served.message is not None:
+        elif frame.kind is not FrameKind.REQUEST and served.message is not None:
             outcome = served.message(frame)
             if outcome is not None:
                 payload = registry.encode(
@@ -308,8 +308,8 @@ class Post:
                 )
                 if outcome.delivered:  # one that is refused is refused again if it comes again
                     self._received.answered(origin, payload, self._clock.now_ns())
-                self._give_back(frame, Kind.ACK, payload, via)
-        elif frame.kind is Kind.REQUEST and served.request is not None:
+                self._give_back(frame, FrameKind.ACK, payload, via)
+        elif frame.kind is FrameKind.REQUEST and served.request is not None:
             self._received.begin(origin, self._clock.now_ns())
             served.request(frame, partial(self._replied, frame, via))
         else:
@@ -318,8 +318,10 @@ class Post:
 
     def _answer_again(self, frame: Frame, seen: bytes | DuplicateState, via: Identity | None) -> None:
         if isinstance(seen, bytes):
-            self._give_back(frame, Kind.REPLY if frame.kind is Kind.REQUEST else Kind.ACK, seen, via)
-        elif seen is DuplicateState.IN_WORK or frame.kind is not Kind.REQUEST:
+            self._give_back(
+                frame, FrameKind.REPLY if frame.kind is FrameKind.REQUEST else FrameKind.ACK, seen, via
+            )
+        elif seen is DuplicateState.IN_WORK or frame.kind is not FrameKind.REQUEST:
             self._answer(frame, Status.DELIVERED, "", via)
         else:
             self._replied(frame, via, Reply(False, kind="NoAnswer", error="the answer is no longer held"))
@@ -333,13 +335,13 @@ class Post:
             )
         origin = (frame.sender_hw, frame.sender_app, frame.data_id, frame.sequence)
         self._received.answered(origin, payload, self._clock.now_ns())
-        self._give_back(frame, Kind.REPLY, payload, via)
+        self._give_back(frame, FrameKind.REPLY, payload, via)
 
     def _answer(self, frame: Frame, status: Status, detail: str, via: Identity | None) -> None:
         now_ns = self._clock.now_ns()
         self._send_back(answer(frame, status, where=self.platform, detail=detail, stamp_ns=now_ns), via)
 
-    def _give_back(self, frame: Frame, kind: Kind, payload: bytes, via: Identity | None) -> None:
+    def _give_back(self, frame: Frame, kind: FrameKind, payload: bytes, via: Identity | None) -> None:
         back = reply(frame, kind, payload, self._clock.now_ns())
         back.sender_hw = self.hardware
         self._send_back(back, via)
@@ -354,7 +356,7 @@ class Post:
         key = (frame.receiver_app, frame.data_id, frame.sequence)
         now_ns = self._clock.now_ns()
         try:
-            if frame.kind is Kind.ACK:
+            if frame.kind is FrameKind.ACK:
                 ack = registry.decode(Ack, frame.payload, frame.codec)
                 self._driver.feed(self._outbox.on_ack(key, ack, now_ns))
                 return
