@@ -135,19 +135,17 @@ class VehicleObserver:
         self._session = session
         self._kinds = kinds
 
-    async def open(self) -> None:
+    def open(self) -> None:
         """Subscribes; what is not mirrored here yet will be."""
-        self._missions = await self._board("mission/state", MissionState)
-        self._vehicles = await self._board("vehicle/state", VehicleState)
-        self._navs = await self._board("nav/status", NavStatus)
-        self._poses = await self._board("nav/pose", Pose)
-        self._homes = await self._board("vehicle/home", Pose)
+        self._missions = self._board("mission/state", MissionState)
+        self._vehicles = self._board("vehicle/state", VehicleState)
+        self._navs = self._board("nav/status", NavStatus)
+        self._poses = self._board("nav/pose", Pose)
+        self._homes = self._board("vehicle/home", Pose)
 
-    async def _board(self, path: str, cls: type[T]) -> _Boards[T]:
+    def _board(self, path: str, cls: type[T]) -> _Boards[T]:
         module = self._session.module
-        return _Boards(
-            self._session.here, await module.reader(path, cls), await module.readers(f"/*/{path}", cls)
-        )
+        return _Boards(self._session.here, module.reader(path, cls), module.readers(f"/*/{path}", cls))
 
     def snapshot(self, platform: str, vehicle: VehicleState | None = None) -> VehicleSnapshot:
         """Newest states of a vehicle; `vehicle`: newer than its board, from its own answer."""

@@ -18,7 +18,7 @@ STATION: Final = "gcs"
 
 async def kinds(session: Session) -> dict[str, str]:
     """Every known platform, including unreachable ones, and its kind; empty: not received yet."""
-    boards = await session.module.readers("/*/mission/state", MissionState)
+    boards = session.module.readers("/*/mission/state", MissionState)
     found = {}
     for name in await platforms(session):
         state = boards[name].value if name in boards else None

@@ -172,7 +172,7 @@ async def _conduct(running: RunningLab, duration_s: float, out: Output) -> Missi
 async def _mission(
     session: Session, lab: LabState, course: MissionRun, duration_s: float, out: Output
 ) -> None:
-    watch = await SwarmWatch.open(session)
+    watch = SwarmWatch.open(session)
     task = mission_task(lab.experiment)
     if not await watch.until_quiet(QUIET_S):
         out.say("the links are still busy; going on")

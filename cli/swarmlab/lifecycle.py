@@ -82,7 +82,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     vehicles = [node.platform for node in lab.nodes if node.kind != "gcs"]
     with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
         async with connect(station_settings(lab)) as session:
-            watch = await SwarmWatch.open(session)
+            watch = SwarmWatch.open(session)
             try:
                 await running.attended(watch.until_known(vehicles, UP_S, bar.at))
             except NoAnswer as error:

@@ -101,13 +101,13 @@ class SwarmWatch:
         self._boards: dict[str, BoardSet[Any]] = {}
 
     @classmethod
-    async def open(cls, session: Session) -> "SwarmWatch":
+    def open(cls, session: Session) -> "SwarmWatch":
         """Subscribes to the boards."""
         watch = cls(session)
-        watch._own = await session.module.reader(STATE, MissionState)
-        watch._states = await session.module.readers(f"/*/{STATE}", MissionState)
+        watch._own = session.module.reader(STATE, MissionState)
+        watch._states = session.module.readers(f"/*/{STATE}", MissionState)
         for path, kind in SHOWN.items():
-            watch._boards[path] = await session.module.readers(f"/*/{path}", kind)
+            watch._boards[path] = session.module.readers(f"/*/{path}", kind)
         return watch
 
     def states(self) -> dict[str, MissionState]:
@@ -148,7 +148,7 @@ class SwarmWatch:
 
         Quiet: within a report of the broker fewer messages left the ground station than it has neighbours.
         """
-        reports = await self._session.module.reader("net/traffic", Traffic)
+        reports = self._session.module.reader("net/traffic", Traffic)
         deadline_s = asyncio.get_running_loop().time() + timeout_s
         before = await reports.changed(timeout_s)
         while asyncio.get_running_loop().time() < deadline_s:

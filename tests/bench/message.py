@@ -97,7 +97,7 @@ async def serve_bare(folder: Path) -> None:
 async def serve_inbox(config_dir: Path) -> None:
     """The receiving application: reads its inbox for ever."""
     async with Module("receiver", config_dir=config_dir) as module:
-        box = await module.inbox("bench/message", Blob)
+        box = module.inbox("bench/message", Blob)
         print("ready", flush=True)
         async for _ in box:
             pass

@@ -72,7 +72,7 @@ def shown(name: str, values: list[float]) -> dict[str, object]:
 async def measure(lab: LabState, orders: int) -> list[dict[str, object]]:
     """All figures; the first two are the budget's."""
     async with connect(lifecycle.station_settings(lab)) as session:
-        watch = await SwarmWatch.open(session)
+        watch = SwarmWatch.open(session)
         await watch.until_quiet(QUIET_S)
         # as `mission start`: who would take part is asked before the instruction is given
         await session.ask(PLAN, mission_task(lab.experiment), MissionPlan, timeout_s=TASK_S)

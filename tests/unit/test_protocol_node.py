@@ -299,7 +299,7 @@ async def test_a_request_sent_by_the_page_over_a_bare_socket_is_answered(tmp_pat
         def greet(name: Text, _: Meta) -> Text:
             return Text(f"hello {name.value}")
 
-        await module.serve("cmd/greet", Text, greet, reply=Text)
+        module.serve("cmd/greet", Text, greet, reply=Text)
         reader, writer = await asyncio.open_unix_connection(module.node.post.endpoint.removeprefix("ipc://"))
         writer.write(b"\xff" + bytes(8) + b"\x7f\3\1NULL" + bytes(16) + b"\0" + bytes(31))
         ready = b"\x05READY\x0bSocket-Type\0\0\0\x06DEALER\x08Identity\0\0\0\0"

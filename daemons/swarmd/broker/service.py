@@ -130,7 +130,7 @@ class Broker(Service):
                 self._transport.by_unicast,
                 self._since_ns,
             )
-            await self._open_boards()
+            self._open_boards()
             self.health.report("name", description="One computer for each name")
             self.health.report("processor", description="Beacons begin when they are due")
             node.post.set_gateway(self._gateway.from_here, self._gateway.links.batch)
@@ -182,36 +182,36 @@ class Broker(Service):
                 protocol.nodes.add(member.platform, now_ns)
         return protocol
 
-    async def _open_boards(self) -> None:
+    def _open_boards(self) -> None:
         module = self.module
-        self._plan = await module.reader("tree/plan", TreePlan)
-        self._neighbours_board = await module.writer(
+        self._plan = module.reader("tree/plan", TreePlan)
+        self._neighbours_board = module.writer(
             "net/neighbours", Neighbours, rate_hz=1, link="request", description="Nodes heard directly"
         )
-        self._routes_board = await module.writer(
+        self._routes_board = module.writer(
             "net/routes", Routes, rate_hz=1, link="request", description="Nodes that can be reached"
         )
-        self._traffic_board = await module.writer(
+        self._traffic_board = module.writer(
             "net/traffic", Traffic, rate_hz=1, link="request", log="1hz", description="Counters in bytes"
         )
-        self._limits_board = await module.writer(
+        self._limits_board = module.writer(
             "net/limits", ChannelLimits, link="request", description="Limits of rates in force"
         )
         self._limits_board.write(ChannelLimits())
-        self._denials = await module.stream_writer(
+        self._denials = module.stream_writer(
             "net/denials", Denial, kind="event", log="all", description="Who asked for what it may not"
         )
-        self._timing_stream = await module.stream_writer(
+        self._timing_stream = module.stream_writer(
             "net/timing",
             TimingBatch,
             slots=TIMING_SLOTS,
             slot_bytes=TIMING_SLOT_BYTES,
             description="Clock differences read off datagrams",
         )
-        await module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
-        await module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
-        await module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
-        await module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
+        module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
+        module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
+        module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
+        module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
 
     # time
 

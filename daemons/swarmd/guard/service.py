@@ -66,19 +66,19 @@ class Guard(Service):
         """Supervise until cancelled; a second guard fails because the first one owns the boards."""
         module = self.module
         self._table.refresh(probe=True)
-        before = await module.reader("guard/status", GuardStatus)
+        before = module.reader("guard/status", GuardStatus)
         if before.value is not None:
             self._core.restore(before.value)
-        self._board = await module.writer(
+        self._board = module.writer(
             "guard/status", GuardStatus, link="notify", description="Services under the guard"
         )
-        self._events = await module.stream_writer(
+        self._events = module.stream_writer(
             "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
         )
         for name in self._names:
-            self._status_boards[name] = await module.reader(paths.status(name), AppStatus)
-        await module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
-        await module.serve(
+            self._status_boards[name] = module.reader(paths.status(name), AppStatus)
+        module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
+        module.serve(
             "sys/guard/restart",
             RestartOrder,
             self._on_order,

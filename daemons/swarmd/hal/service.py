@@ -72,7 +72,7 @@ class Hal(Service):
                     raise DeviceError(f"{self.config.failures} reads failed in a row: {error}") from error
 
     async def _report(self, schedules: list[Schedule]) -> None:
-        writer = await self.module.writer("hal/drivers", DriverTable, rate_hz=self.config.report_hz)
+        writer = self.module.writer("hal/drivers", DriverTable, rate_hz=self.config.report_hz)
         async for _ in self.module.every(1 / self.config.report_hz):
             now_ns = self.module.now_ns()
             writer.write(DriverTable(tuple(schedule.report(now_ns) for schedule in schedules)))

@@ -96,10 +96,10 @@ class Health(Service):
         journal = self._journal.load()
         now_ns = module.now_ns()
         self._driver.feed(self._core.on_start(journal.registrations, journal.faults, now_ns))
-        self._board = await module.writer(
+        self._board = module.writer(
             "health/state", HealthState, link="notify", log="all", description="Logical system state"
         )
-        self._events = await module.stream_writer(
+        self._events = module.stream_writer(
             "health/faults",
             Fault,
             kind="event",
@@ -109,9 +109,9 @@ class Health(Service):
             slot_bytes=512,
             description="Each change of a fault",
         )
-        await module.serve("sys/health/state", Empty, self._on_state, reply=HealthReport)
-        await module.serve("sys/health/faults", FaultQuery, self._on_faults, reply=FaultList)
-        await module.serve(
+        module.serve("sys/health/state", Empty, self._on_state, reply=HealthReport)
+        module.serve("sys/health/faults", FaultQuery, self._on_faults, reply=FaultList)
+        module.serve(
             "sys/health/clear",
             FaultClear,
             self._on_clear,
@@ -119,12 +119,12 @@ class Health(Service):
             description="Ends faults that an operator has seen",
         )
         if self._required_platforms:
-            self._routes = await module.reader("net/routes", Routes)
-        inbox = await module.inbox(ADDRESS, CheckRegistration, description="Registers a check of a module")
+            self._routes = module.reader("net/routes", Routes)
+        inbox = module.inbox(ADDRESS, CheckRegistration, description="Registers a check of a module")
         changes = node.applications.subscribe(self._on_applications)
         try:
             self._on_applications([ApplicationEvent(Change.JOINED, entry) for entry in node.table])
-            self._guard_board = await module.reader("guard/status", GuardStatus)
+            self._guard_board = module.reader("guard/status", GuardStatus)
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="health: driver")
                 group.create_task(self._read_inputs(), name="health: look")
@@ -186,7 +186,7 @@ class Health(Service):
         while True:
             look = await self._read_request.get()
             self.module.node.applications.refresh()
-            await self._open_boards()
+            self._open_boards()
             now_ns = self.module.now_ns()
             actions = self._read_applications(now_ns)
             for age in self._core.ages() if not self._node_stops() else ():
@@ -198,7 +198,7 @@ class Health(Service):
             actions += self._read_routes(now_ns)
             self._driver.feed(actions + self._core.on_inputs_read(now_ns))
 
-    async def _open_boards(self) -> None:
+    def _open_boards(self) -> None:
         """Open one reader for each resource that is monitored."""
         wanted = {age.path for age in self._core.ages()} | {rule.path for rule in self._core.limits()}
         for entry in self._entries.values():
@@ -209,7 +209,7 @@ class Health(Service):
                 cls = registry.find(self._types.get(path, AppStatus.__name__))
             except NotFound:
                 cls = Empty  # a type that only its owner knows: its age can be monitored
-            self._boards[path] = await self.module.reader(path, cls)
+            self._boards[path] = self.module.reader(path, cls)
         for path in self._boards.keys() - wanted:
             self._boards.pop(path).close()
 

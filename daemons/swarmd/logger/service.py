@@ -63,10 +63,10 @@ class Logger(Service):
     async def run(self) -> None:
         """Samples, records and forwards until cancelled."""
         self._recorder = await self._open_recorder()
-        stats = await self.module.writer(
+        stats = self.module.writer(
             "log/stats", LogStats, rate_hz=1.0, link="request", description="Logger statistics"
         )
-        await self.module.serve(
+        self.module.serve(
             "sys/log/stats",
             LogStatsRequest,
             self._answer,

@@ -168,15 +168,21 @@ class Dispatcher:
         try:
             answer = self._module.request(path, order, MissionReceipt, timeout_s=timeout_s, urgent=True)
         except SwarmError as error:
-            answer = _not_sent(error)
+            return self._receipt(order, platform, sent_ns, error)
         return self._receipt(order, platform, sent_ns, answer)
 
     async def _receipt(
-        self, order: MissionOrder, platform: str, sent_ns: int, answer: Awaitable[MissionReceipt]
+        self,
+        order: MissionOrder,
+        platform: str,
+        sent_ns: int,
+        answer: Awaitable[MissionReceipt] | SwarmError,
     ) -> OrderReceipt:
         reasons: tuple[str, ...] = ()
         receipt: MissionReceipt | None = None
         try:
+            if isinstance(answer, SwarmError):
+                raise answer
             receipt = await answer
         except SwarmError as error:
             reasons = (f"{type(error).__name__}: {error}",)
@@ -195,10 +201,6 @@ class Dispatcher:
             # the own one crossed no link: it would flatter the figure
             self._receipts.write(found)
         return found
-
-
-async def _not_sent(error: SwarmError) -> MissionReceipt:
-    raise error
 
 
 def _left_out(

@@ -22,13 +22,13 @@ class Home:
         """None: nobody saw the vehicle being armed."""
 
     @classmethod
-    async def open(cls, module: Module, pose: BoardReader[Pose]) -> "Home":
+    def open(cls, module: Module, pose: BoardReader[Pose]) -> "Home":
         """The place of before, while the vehicle is still armed since then."""
-        board = await module.reader(PATH, Pose)
+        board = module.reader(PATH, Pose)
         before = board.value
         board.close()
-        writer = await module.writer(PATH, Pose, log="all", description="Where the vehicle was armed")
-        state = await module.reader("vehicle/state", VehicleState)
+        writer = module.writer(PATH, Pose, log="all", description="Where the vehicle was armed")
+        state = module.reader("vehicle/state", VehicleState)
         home = cls(state, pose, writer)
         now = state.value
         if now is not None and now.armed:

@@ -60,7 +60,7 @@ class Rehearsal:
         except MissionError:
             return  # refused with its reasons when it is ordered
         # what another platform would have to send for it is asked for with the order only
-        await self._values.open(path for path in mission.resources() if not path.startswith("/"))
+        self._values.open(path for path in mission.resources() if not path.startswith("/"))
         task = MissionTask(files=(MissionFile(file, text),), params=own.binding.params)
         params = own.binding.params
         order = MissionOrder(

@@ -75,7 +75,7 @@ class Mission(Service):
 
     async def run(self) -> None:
         """Until cancelled."""
-        await self._open()
+        self._open()
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="mission:driver")
@@ -83,11 +83,11 @@ class Mission(Service):
                 group.create_task(self._take_aborts(), name="mission:aborts")
                 group.create_task(self._watch_links(), name="mission:links")
                 group.create_task(self._prepare(), name="mission:store")
-                await self._restarted()
+                self._restarted()
         finally:
             await self._runner.close()
 
-    async def _open(self) -> None:
+    def _open(self) -> None:
         module, node = self.module, self.module.node.config
         self._kind = node.kind
         self._plugins = installed()
@@ -103,11 +103,11 @@ class Mission(Service):
             self._lead_ns,
         )
         self._driver = self.drive(self._core, self._perform)
-        vehicle = await VehicleClient.open(module, self.config) if self._kind in VEHICLES else None
+        vehicle = VehicleClient.open(module, self.config) if self._kind in VEHICLES else None
         self._runner = BlockRunner(module, vehicle, self._plugins, self._ended, self._core.report)
         self._store = MissionStore((node.data_path / "missions", node.share_path / "missions"), self._checker)
         self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values)
-        self._state: BoardWriter[MissionState] = await module.writer(
+        self._state: BoardWriter[MissionState] = module.writer(
             "mission/state",
             MissionState,
             rate_hz=1e9 / INTERVAL_NS,  # of changes; a barrier's news must not wait for a slower one
@@ -116,10 +116,10 @@ class Mission(Service):
             link="tick",
             description="Where the platform stands in its mission; barriers work through it",
         )
-        self._progress: BoardWriter[MissionProgress] = await module.stream_writer(
+        self._progress: BoardWriter[MissionProgress] = module.stream_writer(
             "mission/progress", MissionProgress, kind="event", log="all", description="Steps of the mission"
         )
-        receipts: BoardWriter[OrderReceipt] = await module.stream_writer(
+        receipts: BoardWriter[OrderReceipt] = module.stream_writer(
             "mission/orders",
             OrderReceipt,
             kind="event",
@@ -127,44 +127,44 @@ class Mission(Service):
             description="What became of each platform's order",
         )
         self._dispatcher = Dispatcher(module, self.config, self._store, self._checker, receipts, self._accept)
-        self._others: BoardSet[MissionState] = await module.readers("/*/mission/state", MissionState)
+        self._others: BoardSet[MissionState] = module.readers("/*/mission/state", MissionState)
         self._census = Census(module.platform, round(self.config.lost_after_s * 1e9), self._roster())
-        self._routes: BoardReader[Routes] = await module.reader("net/routes", Routes)
-        self._traffic: BoardReader[Traffic] = await module.reader("net/traffic", Traffic)
-        self._neighbours: BoardReader[Neighbours] = await module.reader("net/neighbours", Neighbours)
-        self._aborts: Inbox[MissionAbort] = await module.inbox(ABORT_PATH, MissionAbort)
-        await self._serve()
+        self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
+        self._traffic: BoardReader[Traffic] = module.reader("net/traffic", Traffic)
+        self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
+        self._aborts: Inbox[MissionAbort] = module.inbox(ABORT_PATH, MissionAbort)
+        self._serve()
 
-    async def _serve(self) -> None:
+    def _serve(self) -> None:
         module = self.module
-        await module.serve(
+        module.serve(
             ORDER_PATH, MissionOrder, self._on_order, reply=MissionReceipt, description="A mission to play"
         )
-        await module.serve(
+        module.serve(
             "sys/mission/task",
             MissionTask,
             self._on_task,
             reply=TaskAnswer,
             description="One instruction to the swarm: a mission, by name or by content",
         )
-        await module.serve(
+        module.serve(
             "sys/mission/plan",
             MissionTask,
             self._on_plan,
             reply=MissionPlan,
             description="Who would play what, and which known platforms take no part",
         )
-        await module.serve(
+        module.serve(
             "sys/mission/abort",
             MissionAbort,
             self._on_abort,
             reply=AbortAnswer,
             description="Stop the mission at all its members",
         )
-        await module.serve(
+        module.serve(
             "sys/mission/status", Empty, self._on_status, reply=MissionStatus, description="The mission now"
         )
-        await module.serve(
+        module.serve(
             "sys/mission/ls", Empty, self._on_list, reply=MissionList, description="Missions of the store"
         )
 
@@ -188,7 +188,7 @@ class Mission(Service):
             binding = self._admission.verify(order, received_ns, self._expiry(order, received_ns), sender)
             mission = await self._checker.load(order.text, order.file, binding)
             run = self._admission.run(order, mission)
-            await self._values.open(run.mission.resources())
+            self._values.open(run.mission.resources())
             if self._has_taken(order):  # meanwhile
                 return MissionReceipt(True, received_ns)
             # the answer leaves first: on the ground station it waits, others hear with the next beacon
@@ -328,11 +328,11 @@ class Mission(Service):
             if self._rehearsal.due(platforms):
                 await self._rehearsal.play(platforms)
 
-    async def _restarted(self) -> None:
+    def _restarted(self) -> None:
         """A vehicle that is under way now has lost its mission: bring it to safety."""
         if self._kind not in VEHICLES:
             return
-        state = (await self.module.reader("vehicle/state", VehicleState)).value
+        state = self.module.reader("vehicle/state", VehicleState).value
         if state is not None and state.armed:
             reason = "the mission daemon was restarted while the vehicle was armed"
             log.warning("%s: %s", SAFE, reason)

@@ -33,11 +33,11 @@ class Values:
         self._module = module
         self._readers: dict[str, BoardReader[Any]] = {}
 
-    async def open(self, paths: Iterable[str]) -> None:
+    def open(self, paths: Iterable[str]) -> None:
         """Makes these resources readable; one whose type nobody knows stays without a value."""
         for path in paths:
             if path not in self._readers and (cls := self._type(path)) is not None:
-                self._readers[path] = await self._module.reader(path, cls)
+                self._readers[path] = self._module.reader(path, cls)
 
     def value(self, path: str, field: str) -> Scalar | None:
         """Newest value of the resource's field (empty: its only one)."""

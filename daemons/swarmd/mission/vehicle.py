@@ -49,15 +49,15 @@ class VehicleClient:
         self._seq = module.now_ns() // 1_000_000 & 0x7FFF_FFFF
 
     @classmethod
-    async def open(cls, module: Module, config: Config) -> "VehicleClient":
+    def open(cls, module: Module, config: Config) -> "VehicleClient":
         """Makes the goal's board and opens the navigator's."""
-        goal = await module.writer(
+        goal = module.writer(
             "nav/goal", Goal, log="all", description="What the navigator shall reach or keep"
         )
-        status = await module.reader("nav/status", NavStatus)
-        state = await module.reader("vehicle/state", VehicleState)
-        pose = await module.reader("nav/pose", Pose)
-        home = await Home.open(module, pose)
+        status = module.reader("nav/status", NavStatus)
+        state = module.reader("vehicle/state", VehicleState)
+        pose = module.reader("nav/pose", Pose)
+        home = Home.open(module, pose)
         module.start(home.follow(), "home")
         return cls(module, config, goal, status, state, pose, home)
 

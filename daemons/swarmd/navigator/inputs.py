@@ -43,16 +43,16 @@ class Inputs:
         self._others: dict[str, Fresh[Pose]] = {}
         self._calls = 0
 
-    async def open(self) -> None:
+    def open(self) -> None:
         """Opens the readers; a board needs no writer yet."""
         m = self._module
-        self._gnss = Fresh(await m.reader("sensor/gnss", GnssFix))
-        self._imu = Fresh(await m.reader("sensor/imu", Imu))
-        self._scan = Fresh(await m.reader("sensor/range", Range))
-        self._height = Fresh(await m.reader("sensor/height", Float))
-        self._vehicle = Fresh(await m.reader("vehicle/state", VehicleState))
-        self._goal = Fresh(await m.reader("nav/goal", Goal))
-        self._poses: BoardSet[Pose] = await m.readers("/*/nav/pose", Pose)
+        self._gnss = Fresh(m.reader("sensor/gnss", GnssFix))
+        self._imu = Fresh(m.reader("sensor/imu", Imu))
+        self._scan = Fresh(m.reader("sensor/range", Range))
+        self._height = Fresh(m.reader("sensor/height", Float))
+        self._vehicle = Fresh(m.reader("vehicle/state", VehicleState))
+        self._goal = Fresh(m.reader("nav/goal", Goal))
+        self._poses: BoardSet[Pose] = m.readers("/*/nav/pose", Pose)
 
     def feed(self, navigator: NavigatorCore, now_ns: int) -> None:
         """Passes all new values to the navigator."""

@@ -46,19 +46,19 @@ class Navigator(Service):
             self.config, module.platform, world.origin, controller(node.config.kind, self.config)
         )
         inputs = Inputs(module)
-        await inputs.open()
-        gains = {name: Fresh(await module.reader(f"config/navigator/{name}", Float)) for name in GAINS}
-        pose_board: BoardWriter[Pose] = await module.writer(
+        inputs.open()
+        gains = {name: Fresh(module.reader(f"config/navigator/{name}", Float)) for name in GAINS}
+        pose_board: BoardWriter[Pose] = module.writer(
             "nav/pose", Pose, rate_hz=self.config.rate_hz, description="Estimated pose and velocity"
         )
-        setpoints: BoardWriter[Setpoint] = await module.writer(
+        setpoints: BoardWriter[Setpoint] = module.writer(
             "act/setpoint",
             Setpoint,
             rate_hz=self.config.rate_hz,
             description="Set-point of velocity and yaw rate",
         )
         self._setpoints = setpoints
-        statuses: BoardWriter[NavStatus] = await module.writer(
+        statuses: BoardWriter[NavStatus] = module.writer(
             "nav/status", NavStatus, rate_hz=self.config.status_hz, description="Progress towards the goal"
         )
         current = self.config

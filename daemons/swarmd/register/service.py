@@ -38,16 +38,16 @@ class Registrar(Service):
         """Hold the role and keep the tables of others until cancelled."""
         module = self.module
         module.provide(RESOURCE)
-        await module.serve(
+        module.serve(
             "sys/register/apps", Empty, self._apps, reply=RegisterReply, description="Who runs where"
         )
-        await module.serve("sys/node/info", Empty, self._info, reply=NodeInfo, description="Who this node is")
-        self._routes = await module.reader("net/routes", Routes)
+        module.serve("sys/node/info", Empty, self._info, reply=NodeInfo, description="Who this node is")
+        self._routes = module.reader("net/routes", Routes)
         module.node.master.volunteer(module.id)
         try:
             if self.config.partners:
                 path = f"/{self.config.partners}/{RESOURCE.path}"
-                self._tables = await module.readers(path, ApplicationTable)
+                self._tables = module.readers(path, ApplicationTable)
                 async with asyncio.TaskGroup() as group:
                     group.create_task(self._driver.run(), name="register: driver")
                     group.create_task(self._follow(self._tables), name="register: tables")

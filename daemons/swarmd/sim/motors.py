@@ -28,17 +28,17 @@ class Motors:
         self._state = state
         self._orders = orders
 
-    async def serve(self) -> None:
+    def serve(self) -> None:
         """Registers the requests."""
         serve = self._module.serve
-        await serve(
+        serve(
             "sys/vehicle/arm",
             ArmRequest,
             self._arm,
             reply=VehicleState,
             description="Arm or disarm the motors",
         )
-        await serve(
+        serve(
             "sys/vehicle/kill",
             KillRequest,
             self._kill,

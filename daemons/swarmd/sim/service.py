@@ -47,19 +47,19 @@ class Sim(Service):
         chance = random.Random(f"{self.config.seed} {module.platform}")
         jitter = (chance.uniform(-1, 1), chance.uniform(-1, 1))
         start = world.start_pose(kind, self.config.number or number_in(module.platform), jitter)
-        last = await self._last(start)
+        last = self._last(start)
         simulation = Simulation(self.config, world, kind, last[0], chance.gauss, chance.random)
         simulation.vehicle.armed = last[1]
         outputs = Outputs(module, self.config, flies=simulation.vehicle.flies)
-        await outputs.open()
+        outputs.open()
 
-        await Motors(module, simulation, outputs.vehicle, outputs.orders).serve()
+        Motors(module, simulation, outputs.vehicle, outputs.orders).serve()
         await self._loop(simulation, outputs)
 
-    async def _last(self, start: Pose) -> tuple[Pose, bool]:
+    def _last(self, start: Pose) -> tuple[Pose, bool]:
         """Last pose and arming after a short interruption; else the start pose, disarmed."""
-        truth = await self.module.reader("sim/truth", Pose)
-        vehicle = await self.module.reader("vehicle/state", VehicleState)
+        truth = self.module.reader("sim/truth", Pose)
+        vehicle = self.module.reader("vehicle/state", VehicleState)
         try:
             pose, age_s, state = truth.value, truth.age_s, vehicle.value
             if pose is None or age_s is None or not 0 <= age_s < _RESUME_S:
@@ -72,8 +72,8 @@ class Sim(Service):
 
     async def _loop(self, simulation: Simulation, outputs: "Outputs") -> None:
         now_ns = self.module.now_ns
-        setpoint = await self.module.reader("act/setpoint", Setpoint)
-        poses = await self.module.readers("/*/nav/pose", Pose)
+        setpoint = self.module.reader("act/setpoint", Setpoint)
+        poses = self.module.readers("/*/nav/pose", Pose)
         others: dict[str, BoardReader[Pose]] = {}
         seen: Setpoint | None = None
         look_ns = near_ns = 0
@@ -110,23 +110,23 @@ class Outputs:
         self._flies = flies
         self._sonar: BoardWriter[Range] | None = None
 
-    async def open(self) -> None:
+    def open(self) -> None:
         """Opens the writers."""
         writer, rates = self._module.writer, self._config.sensors
-        self._truth = await writer(
+        self._truth = writer(
             "sim/truth", Pose, rate_hz=self._config.rate_hz, description="True pose of the vehicle"
         )
-        self.vehicle = await writer("vehicle/state", VehicleState, description="Armed, landed")
-        self._gnss = await writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
-        self._imu = await writer("sim/sensors/imu", Imu, rate_hz=rates.imu_hz)
-        self._scan = await writer("sim/sensors/range", Range, rate_hz=rates.range_hz, slot_bytes=4096)
-        self._battery = await writer("sim/sensors/battery", BatteryState, rate_hz=1.0)
+        self.vehicle = writer("vehicle/state", VehicleState, description="Armed, landed")
+        self._gnss = writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
+        self._imu = writer("sim/sensors/imu", Imu, rate_hz=rates.imu_hz)
+        self._scan = writer("sim/sensors/range", Range, rate_hz=rates.range_hz, slot_bytes=4096)
+        self._battery = writer("sim/sensors/battery", BatteryState, rate_hz=1.0)
         if self._flies:
-            self._sonar = await writer("sim/sensors/sonar", Range, rate_hz=rates.sonar_hz)
-        self._collision = await self._module.stream_writer(
+            self._sonar = writer("sim/sensors/sonar", Range, rate_hz=rates.sonar_hz)
+        self._collision = self._module.stream_writer(
             "sim/collision", Collision, kind="event", description="Collision of the vehicle"
         )
-        self.orders = await self._module.stream_writer(
+        self.orders = self._module.stream_writer(
             "vehicle/orders",
             MotorOrder,
             kind="event",

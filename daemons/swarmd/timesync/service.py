@@ -67,26 +67,26 @@ class TimeSync(Service):
     async def run(self) -> None:
         """Estimates, publishes and exchanges functions until cancelled."""
         module = self.module
-        self._board = await module.writer(
+        self._board = module.writer(
             "time/functions",
             TimeFunctions,
             link="request",
             log="all",
             description="Conversion functions of the clocks of all known hardware units",
         )
-        await module.serve(
+        module.serve(
             "sys/time/functions",
             Empty,
             self._on_request,
             reply=TimeFunctions,
             description="Current conversion functions",
         )
-        timing = await module.stream_reader("net/timing", TimingBatch)
+        timing = module.stream_reader("net/timing", TimingBatch)
         self._publish(self._core.functions(module.now_ns()))
         async with asyncio.TaskGroup() as group:
             group.create_task(self._driver.run(), name="time: driver")
             group.create_task(self._measure(timing), name="time: measure")
-            routes = await module.reader("net/routes", Routes)
+            routes = module.reader("net/routes", Routes)
             group.create_task(self._exchange(routes), name="time: exchange")
 
     async def _measure(self, timing: StreamReader[TimingBatch]) -> None:

@@ -70,13 +70,13 @@ class OperatorApi:
         self._structures_changed = asyncio.Event()
         self._access = Access()
 
-    async def serve(self) -> None:
+    def serve(self) -> None:
         """Takes requests from now on."""
         serve = self._module.serve
-        await serve("sys/tree/get", TreeGet, self._get, reply=TreeValue)
-        await serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
-        await serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
-        await serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
+        serve("sys/tree/get", TreeGet, self._get, reply=TreeValue)
+        serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
+        serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
+        serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
 
     def on_structures(self) -> None:
         """The structure of another platform may have changed."""

@@ -100,16 +100,16 @@ class Tree(Service):
         module = self.module
         with contextlib.ExitStack() as stack:
             stack.callback(self._close)
-            self._plan: BoardWriter[TreePlan] = await module.writer("tree/plan", TreePlan, link="request")
-            stats = await module.writer("tree/stats", TreeStats, rate_hz=1.0, link="request")
-            losses = await module.writer("tree/losses", StreamLosses, link="request")
+            self._plan: BoardWriter[TreePlan] = module.writer("tree/plan", TreePlan, link="request")
+            stats = module.writer("tree/stats", TreeStats, rate_hz=1.0, link="request")
+            losses = module.writer("tree/losses", StreamLosses, link="request")
             losses.write(self._losses)
-            changes = await module.writer("tree/changes", TreeChange, kind="event", link="request", log="all")
-            notes = await module.inbox("sys/tree/notify", TreeNotify, limit=4 * WINDOW)
-            neighbours = await module.reader("net/neighbours", Neighbours)
-            routes = await module.reader("net/routes", Routes)
-            mission = await module.reader("mission/state", MissionState)
-            limits = await module.reader("net/limits", ChannelLimits)
+            changes = module.writer("tree/changes", TreeChange, kind="event", link="request", log="all")
+            notes = module.inbox("sys/tree/notify", TreeNotify, limit=4 * WINDOW)
+            neighbours = module.reader("net/neighbours", Neighbours)
+            routes = module.reader("net/routes", Routes)
+            mission = module.reader("mission/state", MissionState)
+            limits = module.reader("net/limits", ChannelLimits)
             news = asyncio.Event()
             applications = module.node.applications
             stack.callback(applications.subscribe(lambda _: news.set()).close)
@@ -127,13 +127,9 @@ class Tree(Service):
                 self._driver.feed(self._tree.on_former_mirrors(platform, module.now_ns()))
             # before the first reply: others must not receive a tree without its applications
             self._take_applications(applications)
-            await module.serve(
-                "sys/tree/structure", StructureRequest, self._on_structure, reply=StructureReply
-            )
-            await module.serve(
-                "sys/tree/subscribe", SubscribeRequest, self._on_subscribe, reply=SubscribeReply
-            )
-            await self._operator_api.serve()
+            module.serve("sys/tree/structure", StructureRequest, self._on_structure, reply=StructureReply)
+            module.serve("sys/tree/subscribe", SubscribeRequest, self._on_subscribe, reply=SubscribeReply)
+            self._operator_api.serve()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="tree:driver")
                 group.create_task(self._follow_applications(applications, news), name="tree:apps")

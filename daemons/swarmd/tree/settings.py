@@ -11,8 +11,8 @@ from swarmd.tree.core.value import typed
 from swarmd.tree.store import SettingsStore
 from swarmware.errors import Conflict, InvalidInput, NotFound, SwarmError
 from swarmware.model.resource import Kind, Plain, Resource
-from swarmware.module.module import BOARD_SLOT_BYTES, BOARD_SLOTS, Module
-from swarmware.module.writer import BoardWriter
+from swarmware.module.module import Module
+from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
 from swarmware.types import registry
 
 log = logging.getLogger("swarm.tree")

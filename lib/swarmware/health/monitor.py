@@ -12,6 +12,7 @@ from swarmware.errors import InvalidInput, SwarmError
 from swarmware.health.debouncer import Debouncer
 from swarmware.health.reported_condition import ReportedCondition
 from swarmware.model import paths
+from swarmware.module.immediate import Immediate
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.transport.delivery.outcome import Status
@@ -41,7 +42,7 @@ Criterion = Callable[[D], str]
 Action = Callable[[D], Awaitable[None] | None]
 
 
-class Check(Generic[D]):
+class Check(Immediate, Generic[D]):
     """One check: data at a frequency, a criterion that makes a state of it, actions for states."""
 
     def __init__(
@@ -110,7 +111,7 @@ class HealthMonitor:
         self._board: BoardWriter[CheckReports] | None = None
         self._opening = False
 
-    async def register(
+    def register(
         self,
         name: str,
         *,
@@ -220,7 +221,7 @@ class HealthMonitor:
     async def _repeat_reports(self) -> None:
         """Open the board and write a report every period: silence is a fault."""
         module = self._module
-        self._board = await module.writer(
+        self._board = module.writer(
             paths.checks(module.name, module.instance),
             CheckReports,
             rate_hz=1 / REPORT_S,

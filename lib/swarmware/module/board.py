@@ -6,6 +6,7 @@ import msgspec
 
 from swarmware.errors import NoAnswer, WireError
 from swarmware.model.names import split
+from swarmware.module.immediate import Immediate
 from swarmware.module.meta import Meta
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.wakeup import Deadline, Wakeup
@@ -17,7 +18,7 @@ from swarmware.types import registry
 T = TypeVar("T", bound=msgspec.Struct)
 
 
-class BoardReader(Generic[T]):
+class BoardReader(Immediate, Generic[T]):
     """The newest value of a resource, here or mirrored from another platform.
 
     It may be opened before there is a writer. `async for value in reader` gives each value that was the

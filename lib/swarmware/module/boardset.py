@@ -10,6 +10,7 @@ from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.model import paths
 from swarmware.model.names import Pattern, check_path
 from swarmware.module.board import BoardReader
+from swarmware.module.immediate import Immediate
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
@@ -17,7 +18,7 @@ from swarmware.transport.shm.layout import ring_file
 T = TypeVar("T", bound=msgspec.Struct)
 
 
-class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
+class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
     """Platform → reader, of every other platform whose board is mirrored here."""
 
     def __init__(self, node: Node, pattern: str, open_reader: Callable[[str], BoardReader[T]]) -> None:

@@ -9,6 +9,7 @@ import msgspec
 from swarmware.errors import NoAnswer, WireError
 from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
+from swarmware.module.immediate import Immediate
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.node import Node
@@ -23,7 +24,7 @@ FAIR: Final = 64
 """Messages taken without waiting before the event loop gets its turn."""
 
 
-class Inbox(Generic[T]):
+class Inbox(Immediate, Generic[T]):
     """`async for message in inbox`."""
 
     def __init__(

@@ -24,9 +24,9 @@ from swarmware.module.inbox import Inbox
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.stream import StreamReader
-from swarmware.module.streamwriter import StreamWriter
+from swarmware.module.streamwriter import STREAM_SLOT_BYTES, STREAM_SLOTS, StreamWriter
 from swarmware.module.ticker import Lateness, Ticker
-from swarmware.module.writer import BoardWriter
+from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
 from swarmware.node.node import Node
 from swarmware.runtime.instant import stage_phase_ns
 from swarmware.transport.appfile.entry import AppEntry, Served
@@ -37,12 +37,6 @@ from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)
 R = TypeVar("R", bound=msgspec.Struct)
-
-BOARD_SLOTS = 4
-BOARD_SLOT_BYTES = 512
-"""A header and most values; a board of larger values grows by itself."""
-STREAM_SLOTS = 256
-STREAM_SLOT_BYTES = 2048
 
 
 class _Closes(Protocol):
@@ -86,7 +80,7 @@ class Module:
 
     async def __aenter__(self) -> Self:
         node = self._given_node
-        self.node = await Node.attach(self._config_dir) if node is None else await node.share()
+        self.node = Node.attach(self._config_dir) if node is None else node.share()
         try:
             self._file = AppFile(
                 self.node.run_dir,
@@ -98,7 +92,7 @@ class Module:
                 announce=self.node.announce_apps,
             )
         except BaseException:
-            await self.node.close()
+            self.node.close()
             raise
         self.instance = self._file.entry.instance
         self.app_id = self._file.entry.app_id
@@ -128,7 +122,7 @@ class Module:
             self.remote_clocks.close()
             self.node.post.remove_application(self.app_id)
             self._file.close()
-            await self.node.close()
+            self.node.close()
             self._leave_signals(kind)
 
     # -- about itself
@@ -213,7 +207,7 @@ class Module:
 
     # -- boards, events, streams
 
-    async def writer(
+    def writer(
         self,
         path: str,
         cls: type[T],
@@ -269,7 +263,7 @@ class Module:
         self.provide(resource)
         return writer
 
-    async def stream_writer(
+    def stream_writer(
         self,
         path: str,
         cls: type[T],
@@ -283,7 +277,7 @@ class Module:
         link: Link = "",
     ) -> StreamWriter[T]:
         """The one writer of a stream or of events: readers get every item, in order."""
-        writer = await self.writer(
+        writer = self.writer(
             path,
             cls,
             kind=kind,
@@ -304,7 +298,7 @@ class Module:
             writer.close()
             self.withdraw(writer.path)
 
-    async def reader(self, path: str, cls: type[T]) -> BoardReader[T]:
+    def reader(self, path: str, cls: type[T]) -> BoardReader[T]:
         """The newest value of a board, of this platform or (`/uav3/nav/pose`) mirrored from another."""
         local = self._interest(path)
         reader = self._board(local, cls)
@@ -315,7 +309,7 @@ class Module:
         data_id = names.data_id(names.split(path)[1], registry.type_name(cls))
         return BoardReader(self.node, path, cls, data_id, self.remote_clocks)
 
-    async def readers(self, pattern: str, cls: type[T]) -> BoardSet[T]:
+    def readers(self, pattern: str, cls: type[T]) -> BoardSet[T]:
         """The same board of all other platforms: `/*/nav/pose`; a mapping that grows as they appear."""
         boards = BoardSet(self.node, pattern, lambda path: self._board(path, cls))
         self._reads[pattern] = None
@@ -323,7 +317,7 @@ class Module:
         self._track(boards)
         return boards
 
-    async def stream_reader(self, path: str, cls: type[T], *, from_oldest: bool = False) -> StreamReader[T]:
+    def stream_reader(self, path: str, cls: type[T], *, from_oldest: bool = False) -> StreamReader[T]:
         """Every item of a stream or every event from now on; `from_oldest`: also those still in memory."""
         local = self._interest(path)
         data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
@@ -340,7 +334,7 @@ class Module:
 
     # -- messages
 
-    async def inbox(
+    def inbox(
         self, path: str, cls: type[T], *, limit: int = inbox_module.LIMIT, description: str = ""
     ) -> Inbox[T]:
         """The inbox of an address of this platform.
@@ -451,7 +445,7 @@ class Module:
 
     # -- requests
 
-    async def serve(
+    def serve(
         self,
         path: str,
         cls: type[msgspec.Struct],
@@ -459,7 +453,7 @@ class Module:
         *,
         reply: type[msgspec.Struct] | None = None,
         description: str = "",
-    ) -> None:
+    ) -> Server:
         """Answer the requests of an address: `handler(request, meta)` gives the answer, or a coroutine of it.
 
         A SwarmError of the handler is raised at the caller as the same class.
@@ -470,6 +464,7 @@ class Module:
         served = self._claim(local, cls, "request", reply_name, description)
         server = Server(local, cls, handler, self.start, acceptance(self.node, local, self._track))
         self.node.post.serve_requests(served.data_id, self.app_id, server.on_request)
+        return server
 
     def request(
         self,

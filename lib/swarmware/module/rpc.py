@@ -10,6 +10,7 @@ import msgspec
 from swarmware.errors import KINDS, SwarmError
 from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
+from swarmware.module.immediate import Immediate
 from swarmware.module.meta import Meta
 from swarmware.types import registry
 from swarmware.types.rpc import Reply
@@ -25,7 +26,7 @@ Start = Callable[[Any, str], object]
 log = logging.getLogger("swarm.rpc")
 
 
-class Server:
+class Server(Immediate):
     """Serves the requests of one path."""
 
     def __init__(

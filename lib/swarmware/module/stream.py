@@ -7,6 +7,7 @@ import msgspec
 
 from swarmware.errors import NoAnswer, WireError
 from swarmware.model.names import split
+from swarmware.module.immediate import Immediate
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.follower import RingFollower
@@ -20,7 +21,7 @@ FAIR: Final = 64
 """Items taken without waiting before the event loop gets its turn."""
 
 
-class StreamReader(Generic[T]):
+class StreamReader(Immediate, Generic[T]):
     """`async for item in reader`: every item from now on; those already there when the writer came before us
     are given only with `from_oldest`."""
 

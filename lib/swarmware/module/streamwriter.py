@@ -1,7 +1,7 @@
 """The owner's end of a stream or of events: every item, and what did not reach whom."""
 
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import msgspec
 
@@ -16,7 +16,9 @@ from swarmware.types.tree import StreamLosses
 
 T = TypeVar("T", bound=msgspec.Struct)
 
-LOSSES = "tree/losses"
+LOSSES: Final = "tree/losses"
+STREAM_SLOTS: Final = 256
+STREAM_SLOT_BYTES: Final = 2048
 
 
 class StreamWriter(BoardWriter[T]):

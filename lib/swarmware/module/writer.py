@@ -9,12 +9,16 @@ from swarmware.model.frame import HEADER_BYTES, Frame, FrameKind, encode
 from swarmware.model.names import ANY
 from swarmware.model.resource import Kind as ResourceKind
 from swarmware.model.resource import Resource
+from swarmware.module.immediate import Immediate
 from swarmware.node.node import Node
 from swarmware.node.publication import Publication
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)
 
+BOARD_SLOTS: Final = 4
+BOARD_SLOT_BYTES: Final = 512
+"""A header and most values; a board of larger values grows by itself."""
 FRAME_KINDS: Final = {
     ResourceKind.BOARD: FrameKind.BOARD,
     ResourceKind.SETTING: FrameKind.BOARD,
@@ -23,7 +27,7 @@ FRAME_KINDS: Final = {
 }
 
 
-class BoardWriter(Generic[T]):
+class BoardWriter(Immediate, Generic[T]):
     """Publishes the values of one resource of this platform; each `write` wakes its readers."""
 
     def __init__(

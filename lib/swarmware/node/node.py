@@ -123,7 +123,7 @@ class Node:
         return self._applications
 
     @classmethod
-    async def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:
+    def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:
         """Join the node of this configuration folder; None: of SWARM_CONFIG, else of /etc/swarm.
 
         Raises: ConfigError, Denied.
@@ -137,7 +137,7 @@ class Node:
         assert isinstance(node, cls)
         return node
 
-    async def share(self) -> Self:
+    def share(self) -> Self:
         """This node for one more user; each calls `close`."""
         self._users += 1
         return self
@@ -230,7 +230,7 @@ class Node:
         self._mirror_watchers.notify()
         return publication
 
-    async def close(self) -> None:
+    def close(self) -> None:
         """Leave the node, when the last module of this process does."""
         self._users -= 1
         if self._users > 0:

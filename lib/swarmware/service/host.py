@@ -137,7 +137,7 @@ class ServiceHost:
     async def _run_once(self, item: PreparedService, restarts: int) -> None:
         async with Module(item.name, node=self.node, config=item.config) as module:
             service = item.cls(module, item.config)
-            reporter = self._reporters[item.name] = await Reporter.open(module, restarts)
+            reporter = self._reporters[item.name] = Reporter.open(module, restarts)
             self._running[item.name] = service
             task = asyncio.create_task(service.run(), name=f"run:{item.name}")
             self._tasks[item.name] = task

@@ -91,13 +91,13 @@ async def _run(config_dir: Path, prepared: list[PreparedService]) -> int:
         loop.add_signal_handler(number, asked.set)
     notifier = Notifier()
     try:
-        node = await Node.attach(config_dir)
+        node = Node.attach(config_dir)
         try:
             host = ServiceHost(node, prepared)
             node.host = host
             return await _serve(host, notifier, asked)
         finally:
-            await node.close()
+            node.close()
     finally:
         notifier.close()
 

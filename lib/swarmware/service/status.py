@@ -58,9 +58,9 @@ class Reporter:
         self._before = Load.measured()
 
     @classmethod
-    async def open(cls, module: Module, restarts: int) -> Reporter:
+    def open(cls, module: Module, restarts: int) -> Reporter:
         """Open the board and write the first report."""
-        writer = await module.writer(
+        writer = module.writer(
             paths.status(module.name),
             AppStatus,
             rate_hz=1 / PERIOD_S,

@@ -43,8 +43,8 @@ def make_node(
 @asynccontextmanager
 async def tmp_node(root: Path, platform: str = "uav1", **settings: Any) -> AsyncIterator[Node]:
     """This process, attached to a node in a temporary place; several may be there at once."""
-    node = await Node.attach(await asyncio.to_thread(make_node, root, platform, **settings))
+    node = Node.attach(await asyncio.to_thread(make_node, root, platform, **settings))
     try:
         yield node
     finally:
-        await node.close()
+        node.close()

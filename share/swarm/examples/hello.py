@@ -11,9 +11,9 @@ from swarmware.types.vehicle import Goal, Pose
 
 async def main() -> None:
     async with Module("hello") as m:  # joins the node: no start order, no server to find
-        pose = await m.reader("nav/pose", Pose)  # board: the newest value
-        goal = await m.inbox("cmd/goto", Goal)  # messages: each exactly once, acknowledged
-        path = await m.stream_writer("plan/path", Pose)  # stream: every step, in order
+        pose = m.reader("nav/pose", Pose)  # board: the newest value
+        goal = m.inbox("cmd/goto", Goal)  # messages: each exactly once, acknowledged
+        path = m.stream_writer("plan/path", Pose)  # stream: every step, in order
         async for g in goal:
             here = pose.value or Pose(0.0, 0.0)
             for part in (0.25, 0.5, 0.75, 1.0):

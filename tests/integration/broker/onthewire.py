@@ -31,8 +31,8 @@ def loopback_bytes() -> int:
 async def measure(root: Path, seconds: float) -> dict[str, float]:
     """Poses between all, requests and a few large messages from one to another."""
     async with swarm(root, *NAMES) as cell:
-        await cell["uav3"].app.serve("cmd/echo", Blob, lambda request, _: request, reply=Blob)
-        writers = [await station.app.writer("nav/pose", Pose) for station in cell.values()]
+        cell["uav3"].app.serve("cmd/echo", Blob, lambda request, _: request, reply=Blob)
+        writers = [station.app.writer("nav/pose", Pose) for station in cell.values()]
         for name, station in cell.items():
             others = [other for other in NAMES if other != name]
             station.plan([("nav/pose", Pose)], [(other, "nav/pose", Pose) for other in others])

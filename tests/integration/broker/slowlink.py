@@ -42,8 +42,8 @@ async def measure(root: Path) -> dict[str, float]:
     async with swarm(root, "uav1", "uav2") as pair:
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")
-        await pair["uav2"].app.inbox("cmd/abort", Text)
-        notes = await pair["uav2"].app.inbox("sys/tree/notify", TreeNotify)
+        pair["uav2"].app.inbox("cmd/abort", Text)
+        notes = pair["uav2"].app.inbox("sys/tree/notify", TreeNotify)
         app = pair["uav1"].app
         await abort_s(pair["uav1"])  # makes the connections
         for number in range(NOTES):

@@ -62,8 +62,8 @@ class Station:
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        self.node = await Node.attach(self.config_dir)
-        self._stack.push_async_callback(self.node.close)
+        self.node = Node.attach(self.config_dir)
+        self._stack.callback(self.node.close)
         former = FormerSession(self.node.config.data_path)
         if (
             not former.declared_period_ns
@@ -71,11 +71,11 @@ class Station:
             former.next_session(1)
             former.keep(125_000_000)
         self.app = await self._stack.enter_async_context(Module("app", node=self.node))
-        self.neighbours: BoardReader[Neighbours] = await self.app.reader("net/neighbours", Neighbours)
-        self.routes: BoardReader[Routes] = await self.app.reader("net/routes", Routes)
-        self.counters: BoardReader[Traffic] = await self.app.reader("net/traffic", Traffic)
-        self.checks: BoardReader[CheckReports] = await self.app.reader("health/checks/broker", CheckReports)
-        self._plan = await self.app.writer("tree/plan", TreePlan)
+        self.neighbours: BoardReader[Neighbours] = self.app.reader("net/neighbours", Neighbours)
+        self.routes: BoardReader[Routes] = self.app.reader("net/routes", Routes)
+        self.counters: BoardReader[Traffic] = self.app.reader("net/traffic", Traffic)
+        self.checks: BoardReader[CheckReports] = self.app.reader("health/checks/broker", CheckReports)
+        self._plan = self.app.writer("tree/plan", TreePlan)
         await self.start()
 
     @property

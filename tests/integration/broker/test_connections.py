@@ -28,8 +28,8 @@ async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path
     async with swarm(tmp_path, "uav1", "uav2", settings={"uav2": {"tcp_port": port}}) as pair:
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")
-        await pair["uav1"].app.inbox("plan/share", Text)  # its path is known here, so it is counted by it
-        box = await pair["uav2"].app.inbox("plan/share", Text)
+        pair["uav1"].app.inbox("plan/share", Text)  # its path is known here, so it is counted by it
+        box = pair["uav2"].app.inbox("plan/share", Text)
         send = pair["uav1"].app.send
         assert await send("/uav2/plan/share", Text("command"), timeout_s=10)
         assert connections(port) == 1

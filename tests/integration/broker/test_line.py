@@ -17,8 +17,8 @@ from swarmware.types.vehicle import Pose
 NAMES = ("uav1", "uav2", "uav3")
 
 
-async def serve_echo(station: Station) -> None:
-    await station.app.serve(
+def serve_echo(station: Station) -> None:
+    station.app.serve(
         "cmd/echo", Text, lambda request, _: Text(f"{station.platform}: {request.value}"), reply=Text
     )
 
@@ -26,7 +26,7 @@ async def serve_echo(station: Station) -> None:
 @on_uvloop
 async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
-        await serve_echo(line["uav3"])
+        serve_echo(line["uav3"])
         await line["uav1"].until_reaches(uav2="uav2", uav3="uav2")
         await line["uav3"].until_reaches(uav1="uav2")
         assert line["uav1"].states() == {"uav2": "up"}
@@ -43,7 +43,7 @@ async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_pat
 async def test_frames_that_are_sent_together_leave_when_all_are_there(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         await pair["uav1"].until_up("uav2")
-        await serve_echo(pair["uav2"])
+        serve_echo(pair["uav2"])
         app = pair["uav1"].app
         await app.request("/uav2/cmd/echo", Text("connected"), Text)
         before = (await pair["uav1"].traffic()).sent_frames
@@ -61,7 +61,7 @@ async def test_frames_that_are_sent_together_leave_when_all_are_there(tmp_path: 
 async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         for station in pair.values():
-            await station.app.inbox("plan/share", Text)
+            station.app.inbox("plan/share", Text)
         await pair["uav1"].until_up("uav2")
         send = pair["uav1"].app.send
         for number in range(10):
@@ -85,7 +85,7 @@ async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(t
 @on_uvloop
 async def test_a_message_over_two_hops_is_acknowledged_once_it_is_there(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
-        box = await line["uav3"].app.inbox("cmd/note", Text)
+        box = line["uav3"].app.inbox("cmd/note", Text)
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav3"].until_reaches(uav1="uav2")
         for number in range(20):
@@ -123,7 +123,7 @@ async def test_when_the_far_end_goes_the_middle_says_so(tmp_path: Path) -> None:
 @on_uvloop
 async def test_a_middle_that_comes_back_is_used_again(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
-        await serve_echo(line["uav3"])
+        serve_echo(line["uav3"])
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav2"].stop()
         await line["uav1"].until_lost("uav3")
@@ -137,7 +137,7 @@ async def test_a_middle_that_comes_back_is_used_again(tmp_path: Path) -> None:
 @on_uvloop
 async def test_a_broker_that_restarts_at_once_is_a_neighbour_again(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
-        await serve_echo(pair["uav2"])
+        serve_echo(pair["uav2"])
         await pair["uav1"].until_up("uav2")
         await pair["uav1"].app.request("/uav2/cmd/echo", Text("1"), Text, timeout_s=10)
         await pair["uav2"].stop()
@@ -152,8 +152,8 @@ async def test_a_broker_that_restarts_at_once_is_a_neighbour_again(tmp_path: Pat
 @on_uvloop
 async def test_boards_travel_over_the_middle_to_those_who_want_them(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
-        pose = await line["uav1"].app.writer("nav/pose", Pose)
-        mirror = await line["uav3"].app.reader("/uav1/nav/pose", Pose)
+        pose = line["uav1"].app.writer("nav/pose", Pose)
+        mirror = line["uav3"].app.reader("/uav1/nav/pose", Pose)
         line["uav1"].plan(offers=[("nav/pose", Pose)])
         line["uav3"].plan(wants=[("uav1", "nav/pose", Pose)])
         pose.write(Pose.planar(1.0, 2.0, yaw_rad=0.5))
@@ -175,8 +175,8 @@ async def test_boards_travel_over_the_middle_to_those_who_want_them(tmp_path: Pa
 @on_uvloop
 async def test_nobody_relays_where_all_hear_each_other(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES) as cell:
-        pose = await cell["uav1"].app.writer("nav/pose", Pose)
-        mirror = await cell["uav3"].app.reader("/uav1/nav/pose", Pose)
+        pose = cell["uav1"].app.writer("nav/pose", Pose)
+        mirror = cell["uav3"].app.reader("/uav1/nav/pose", Pose)
         for one, station in cell.items():
             await station.until_up(*(other for other in NAMES if other != one))
         cell["uav1"].plan(offers=[("nav/pose", Pose)])
@@ -191,11 +191,11 @@ async def test_nobody_relays_where_all_hear_each_other(tmp_path: Path) -> None:
 @on_uvloop
 async def test_a_value_that_stood_before_anybody_wanted_it_comes_too(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
-        level = await pair["uav1"].app.writer("power/level", Float)
+        level = pair["uav1"].app.writer("power/level", Float)
         level.write(Float(12.5))
         pair["uav1"].plan(offers=[("power/level", Float)])
         await pair["uav2"].until_up("uav1")
-        reader = await pair["uav2"].app.reader("/uav1/power/level", Float)
+        reader = pair["uav2"].app.reader("/uav1/power/level", Float)
         pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
         assert (await reader.changed(10)).value == 12.5
 
@@ -203,7 +203,7 @@ async def test_a_value_that_stood_before_anybody_wanted_it_comes_too(tmp_path: P
 @on_uvloop
 async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
-        level = await pair["uav1"].app.writer("power/level", Float)
+        level = pair["uav1"].app.writer("power/level", Float)
         pair["uav1"].plan(offers=[("power/level", Float)])
         limits = await pair["uav1"].app.request(
             "sys/broker/set_channel", SetChannel("power/*", 0.0), ChannelLimits
@@ -219,7 +219,7 @@ async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: P
 
         traffic = await pair["uav1"].until_counted(held)
         assert [c.sent_frames for c in traffic.channels if c.channel == "power/level"] == [0]
-        reader = await pair["uav2"].app.reader("/uav1/power/level", Float)
+        reader = pair["uav2"].app.reader("/uav1/power/level", Float)
         pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
         await pair["uav1"].app.request("sys/broker/set_channel", SetChannel("power/*"), ChannelLimits)
         assert (await reader.changed(10)).value == 1.0
@@ -253,7 +253,7 @@ async def test_names_and_trees_are_known_over_two_hops(tmp_path: Path) -> None:
 @on_uvloop
 async def test_clock_differences_are_told_for_each_datagram(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
-        timing = await pair["uav1"].app.stream_reader("net/timing", TimingBatch)
+        timing = pair["uav1"].app.stream_reader("net/timing", TimingBatch)
         async with asyncio.timeout(10):
             async for batch in timing:
                 sample = batch.samples[0]
@@ -283,7 +283,7 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
             return table is not None and [n.cost for n in table.neighbours] == [256]
 
         await pair["uav1"].until(perfect, pair["uav1"].neighbours)
-        await pair["uav2"].app.inbox("cmd/note", Text)
+        pair["uav2"].app.inbox("cmd/note", Text)
         await pair["uav1"].app.send(join("uav2", "cmd/note"), Text(""), timeout_s=10)
 
         def connected() -> bool:
@@ -298,7 +298,7 @@ async def test_a_board_too_large_for_a_beacon_is_counted_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with swarm(tmp_path, "uav1") as one:
-        text = await one["uav1"].app.writer("plan/text", Text)
+        text = one["uav1"].app.writer("plan/text", Text)
         one["uav1"].plan(offers=[("plan/text", Text)])
         text.write(Text("x" * 5000))
         traffic = await one["uav1"].until_counted(
@@ -311,11 +311,11 @@ async def test_a_board_too_large_for_a_beacon_is_counted_and_logged(
 @on_uvloop
 async def test_a_mirror_that_nobody_reads_any_more_is_taken_away(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
-        level = await pair["uav1"].app.writer("power/level", Float)
+        level = pair["uav1"].app.writer("power/level", Float)
         level.write(Float(1.0))
         pair["uav1"].plan(offers=[("power/level", Float)])
         pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
-        reader = await pair["uav2"].app.reader("/uav1/power/level", Float)
+        reader = pair["uav2"].app.reader("/uav1/power/level", Float)
         await reader.changed(10)
         assert reader.alive
         pair["uav2"].plan(wants=[])

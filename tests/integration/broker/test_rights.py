@@ -17,10 +17,10 @@ async def test_a_node_commands_no_other_platform_and_an_operator_does(tmp_path: 
     roles = {"uav1": "node", "uav2": "node", "gcs": "operator"}
     async with swarm(tmp_path, *roles, roles=roles) as cell:
         owner = cell["uav1"]
-        box = await owner.app.inbox("cmd/goto", Text)
-        await owner.app.serve("sys/vehicle/arm", Text, lambda request, _: request, reply=Text)
-        await owner.app.serve("plan/share", Text, lambda request, meta: Text(str(meta.sender)), reply=Text)
-        denials = await owner.app.stream_reader("net/denials", Denial)
+        box = owner.app.inbox("cmd/goto", Text)
+        owner.app.serve("sys/vehicle/arm", Text, lambda request, _: request, reply=Text)
+        owner.app.serve("plan/share", Text, lambda request, meta: Text(str(meta.sender)), reply=Text)
+        denials = owner.app.stream_reader("net/denials", Denial)
         for name in ("uav2", "gcs"):
             await cell[name].until_up("uav1")
 

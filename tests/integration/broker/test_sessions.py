@@ -59,10 +59,10 @@ async def test_a_record_of_a_dead_node_brings_neither_its_link_nor_its_values_ba
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         dead, receiver = pair["uav1"], pair["uav2"]
         async with listener(receiver.group_port) as sock:
-            pose = await dead.app.writer("nav/pose", Pose)
+            pose = dead.app.writer("nav/pose", Pose)
             dead.plan([("nav/pose", Pose)])
             receiver.plan(wants=[("uav1", "nav/pose", Pose)])
-            mirror = await receiver.app.reader("/uav1/nav/pose", Pose)
+            mirror = receiver.app.reader("/uav1/nav/pose", Pose)
             await receiver.until_up("uav1")
             await dead.until_up("uav2")
             writing = asyncio.create_task(write(pose))
@@ -147,10 +147,10 @@ async def test_two_computers_with_one_name_notice_and_the_one_that_stays_is_back
             await copy.close()
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")
-        writer = await pair["uav2"].app.writer("nav/pose", Pose)
+        writer = pair["uav2"].app.writer("nav/pose", Pose)
         pair["uav2"].plan([("nav/pose", Pose)])
         pair["uav1"].plan(wants=[("uav2", "nav/pose", Pose)])
-        mirror = await pair["uav1"].app.reader("/uav2/nav/pose", Pose)
+        mirror = pair["uav1"].app.reader("/uav2/nav/pose", Pose)
         writing = asyncio.create_task(write(writer))
         async with asyncio.timeout(10):
             await mirror.changed()

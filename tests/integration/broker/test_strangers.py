@@ -62,7 +62,7 @@ async def test_a_member_with_a_key_that_is_not_on_the_roster_is_denied_and_it_sh
         # the group key is right, so they hear each other
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")
-        box = await pair["uav1"].app.inbox("cmd/note", Text)
+        box = pair["uav1"].app.inbox("cmd/note", Text)
         outcome = await pair["uav2"].app.send("/uav1/cmd/note", Text("let me in"), timeout_s=2.0)
         assert outcome.status is Status.UNREACHABLE
         assert len(box) == 0
@@ -96,7 +96,7 @@ async def test_a_member_cannot_start_frames_in_the_name_of_another(tmp_path: Pat
     tcp_port = free_port(socket.SOCK_STREAM)
     async with swarm(tmp_path, *names, settings={"uav1": {"tcp_port": tcp_port}}) as cell:
         await cell["uav1"].until_up("uav2", "uav3")
-        box = await cell["uav1"].app.inbox("cmd/note", Text)
+        box = cell["uav1"].app.inbox("cmd/note", Text)
         forged = Frame(
             FrameKind.MESSAGE,
             data_id("cmd/note", "Text"),
@@ -126,7 +126,7 @@ async def test_a_member_cannot_bring_frames_of_a_direct_neighbour_either(tmp_pat
     tcp_port = free_port(socket.SOCK_STREAM)
     async with swarm(tmp_path, *names, settings={"uav1": {"tcp_port": tcp_port}}) as cell:
         await cell["uav1"].until_up("uav2", "gcs")
-        box = await cell["uav1"].app.inbox("cmd/note", Text)
+        box = cell["uav1"].app.inbox("cmd/note", Text)
         sequence = 0
         keys = Keys.load(tmp_path / "keys" / "uav2", "uav2")
         server = keys.curve_of("uav1")
@@ -186,7 +186,7 @@ async def test_connections_that_show_no_key_are_limited_and_members_come_through
     port = free_port(socket.SOCK_STREAM)
     async with swarm(tmp_path, "uav1", "uav2", settings={"uav1": {"tcp_port": port}}) as pair:
         await pair["uav2"].until_up("uav1")
-        box = await pair["uav1"].app.inbox("cmd/note", Text)
+        box = pair["uav1"].app.inbox("cmd/note", Text)
         with ExitStack() as held:
             for _ in range(HALF_OPEN_MAX + 100):
                 sock = held.enter_context(socket.socket())
@@ -247,7 +247,7 @@ async def test_seeds_join_where_there_is_no_multicast(tmp_path: Path) -> None:
         table = star["uav2"].neighbours.value
         assert table is not None
         assert [(n.platform, n.multicast) for n in table.neighbours] == [("uav1", False)]
-        box = await star["uav3"].app.inbox("cmd/note", Text)
+        box = star["uav3"].app.inbox("cmd/note", Text)
         outcome = await star["uav2"].app.send("/uav3/cmd/note", Text("over the seed"), timeout_s=10)
         assert outcome.delivered
         assert (await anext(box)).value == "over the seed"

@@ -199,8 +199,8 @@ async def whole(root: Path, config: Path, began_s: float, killed: frozenset[int]
     """
     missing: set[str] = set()
     async with Module("probe", config_dir=config) as module:
-        guard = await module.reader("guard/status", GuardStatus)
-        beats = {name: await module.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
+        guard = module.reader("guard/status", GuardStatus)
+        beats = {name: module.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
         while time.monotonic() - began_s < PATIENCE_S:
             found = living(root)
             status = guard.value

@@ -128,7 +128,7 @@ async def test_a_service_that_hangs_is_killed_and_back_and_the_fault_is_told(tmp
         guarded(tmp_path, **services) as config,
         Module("probe", config_dir=config) as module,
     ):
-        board = await module.reader("app/timesync/status", AppStatus)
+        board = module.reader("app/timesync/status", AppStatus)
         async with asyncio.timeout(PATIENCE_S):
             while board.value is None or board.value.beat < 3:
                 await board.changed()
@@ -147,7 +147,7 @@ async def test_a_guard_that_hangs_is_replaced_by_the_monitor(tmp_path: Path) -> 
     run_dir = tmp_path / "uav1/run"
     services = {"health": {"hung_s": 1.6}, "guard": {}, "timesync": {}}
     async with guarded(tmp_path, **services) as config, Module("probe", config_dir=config) as module:
-        state = await module.reader("health/state", HealthState)
+        state = module.reader("health/state", HealthState)
         async with asyncio.timeout(PATIENCE_S):
             while state.value is None or state.value.guard != "alive":
                 await state.changed()
@@ -188,7 +188,7 @@ async def test_in_one_process_the_guard_has_the_runner_restart_a_service(tmp_pat
             before = pids(tmp_path / "uav1/run")["timesync"]
             await asked(module, "sys/guard/restart", RestartOrder("timesync"), GuardStatus)
             async with asyncio.timeout(PATIENCE_S):
-                restarted = await module.reader("guard/status", GuardStatus)
+                restarted = module.reader("guard/status", GuardStatus)
                 while restarted.value is None or restarted.value.restarts == 0:
                     await restarted.changed()
             assert pids(tmp_path / "uav1/run")["timesync"] == before

@@ -64,9 +64,9 @@ async def known(module: Module, check: str) -> Any:
             await asyncio.sleep(0.02)
 
 
-async def watched(module: Module, motor: Motor) -> HealthMonitor:
+def watched(module: Module, motor: Motor) -> HealthMonitor:
     monitor = HealthMonitor(module)
-    await monitor.register(
+    monitor.register(
         "heat",
         frequency_hz=50,
         data=motor.read,
@@ -86,8 +86,8 @@ async def test_a_check_acts_where_it_was_registered_and_its_fault_lives_in_the_m
     motor = Motor()
     with no_leaks(tmp_path / "uav1/run"):
         async with Module("motor", config_dir=config) as module:
-            faults = await module.stream_reader("health/faults", Fault)
-            monitor = await watched(module, motor)
+            faults = module.stream_reader("health/faults", Fault)
+            monitor = watched(module, motor)
             async with spawn(config, "health"):
                 check = await known(module, "motor/heat")
                 assert (check.app, check.state, check.frequency_hz) == ("motor#1", "ok", 50.0)
@@ -115,7 +115,7 @@ class Forwarder(Service):
 async def test_a_condition_that_a_service_states_is_a_fault_until_it_states_ok(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
     async with Module("forwarder", config_dir=config) as module, spawn(config, "health"):
-        faults = await module.stream_reader("health/faults", Fault)
+        faults = module.stream_reader("health/faults", Fault)
         service = Forwarder(module, None)
         for detail in ("connection refused", "connection refused, 2nd try"):
             service.health.report("mongodb", "unreachable", level="warn", detail=detail, clear_s=0.2)
@@ -126,7 +126,7 @@ async def test_a_condition_that_a_service_states_is_a_fault_until_it_states_ok(t
         assert (worse.state, worse.level) == ("rejected", "error")
         service.health.report("mongodb")
         await fault(faults, "forwarder/mongodb", Phase.CLEARED)
-        await service.health.register("heat", frequency_hz=1, data=lambda: 1.0, criterion=Above(warn=2))
+        service.health.register("heat", frequency_hz=1, data=lambda: 1.0, criterion=Above(warn=2))
         with pytest.raises(InvalidInput, match="runs it itself"):
             service.health.report("heat", "hot")
 
@@ -135,8 +135,8 @@ async def test_a_killed_monitor_comes_back_with_every_registration_and_every_fau
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
     motor = Motor()
     async with Module("motor", config_dir=config) as module:
-        faults = await module.stream_reader("health/faults", Fault)
-        await watched(module, motor)
+        faults = module.stream_reader("health/faults", Fault)
+        watched(module, motor)
         async with spawn(config, "health") as health:
             await known(module, "motor/heat")
             motor.heat_degc = 99.0
@@ -154,10 +154,10 @@ async def test_a_killed_monitor_comes_back_with_every_registration_and_every_fau
 async def test_an_event_loop_that_stands_still_makes_its_checks_silent(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0}, "timesync": {}})
     async with Module("probe", config_dir=config) as probe:
-        faults = await probe.stream_reader("health/faults", Fault)
+        faults = probe.stream_reader("health/faults", Fault)
         async with spawn(config, "health"):
             motor = Motor()
-            await watched(probe, motor)
+            watched(probe, motor)
             await known(probe, "probe/heat")
             time.sleep(STILL_S)  # noqa: ASYNC251  # the loop has to stand still: that is what is tested
             silent = await fault(faults, "probe/heat", Phase.CONFIRMED)
@@ -168,9 +168,9 @@ async def test_an_event_loop_that_stands_still_makes_its_checks_silent(tmp_path:
 async def test_a_resource_whose_owner_is_gone_without_goodbye_is_lost(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0, "grace_s": 0.5}, "timesync": {}})
     async with Module("probe", config_dir=config) as probe, spawn(config, "health"):
-        faults = await probe.stream_reader("health/faults", Fault)
-        state = await probe.reader("health/state", HealthState)
-        heat = await probe.writer("motor/heat", Float, rate_hz=10.0, critical=True)
+        faults = probe.stream_reader("health/faults", Fault)
+        state = probe.reader("health/state", HealthState)
+        heat = probe.writer("motor/heat", Float, rate_hz=10.0, critical=True)
         writing = asyncio.create_task(keep_writing(probe, heat))
         try:
             with contextlib.suppress(NoAnswer):

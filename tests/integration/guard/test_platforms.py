@@ -53,9 +53,9 @@ async def test_a_killed_vehicle_is_a_fault_of_the_ground_station_until_it_is_bac
     )
     with no_leaks(tmp_path / "gcs/run", tmp_path / "gcs/shm"):
         async with spawn(station, "broker", "health"), Module("probe", config_dir=station) as probe:
-            faults = await probe.stream_reader("health/faults", Fault)
-            routes = await probe.reader("net/routes", Routes)
-            state = await probe.reader("health/state", HealthState)
+            faults = probe.stream_reader("health/faults", Fault)
+            routes = probe.reader("net/routes", Routes)
+            state = probe.reader("health/state", HealthState)
             async with spawn(vehicle, "broker") as process:
                 await until_reached(routes, "uav1")
                 assert (await shown(state, ())).level == "ok"

@@ -56,17 +56,17 @@ def test_a_multirotor_takes_off_and_lands(tmp_path: Path) -> None:
     async def fly() -> None:
         config_dir = node(tmp_path, "uav1")
         async with spawn(config_dir, *VEHICLE), Module("test", config_dir=config_dir) as m:
-            goals = await m.writer("nav/goal", Goal)
-            status = await m.reader("nav/status", NavStatus)
-            truth = await m.reader("sim/truth", Pose)
-            pose = await m.reader("nav/pose", Pose)
-            await (await m.reader("sensor/gnss", GnssFix)).changed(timeout_s=10.0)
-            await (await m.reader("sensor/imu", Imu)).changed(timeout_s=10.0)
-            await (await m.reader("sensor/range", Range)).changed(timeout_s=10.0)
-            await (await m.reader("sensor/height", Float)).changed(timeout_s=10.0)
-            await (await m.reader("power/battery", BatteryState)).changed(timeout_s=10.0)
-            await (await m.reader("system/load", SystemLoad)).changed(timeout_s=10.0)
-            await (await m.reader("hal/drivers", DriverTable)).changed(timeout_s=10.0)
+            goals = m.writer("nav/goal", Goal)
+            status = m.reader("nav/status", NavStatus)
+            truth = m.reader("sim/truth", Pose)
+            pose = m.reader("nav/pose", Pose)
+            await m.reader("sensor/gnss", GnssFix).changed(timeout_s=10.0)
+            await m.reader("sensor/imu", Imu).changed(timeout_s=10.0)
+            await m.reader("sensor/range", Range).changed(timeout_s=10.0)
+            await m.reader("sensor/height", Float).changed(timeout_s=10.0)
+            await m.reader("power/battery", BatteryState).changed(timeout_s=10.0)
+            await m.reader("system/load", SystemLoad).changed(timeout_s=10.0)
+            await m.reader("hal/drivers", DriverTable).changed(timeout_s=10.0)
             await pose.changed(timeout_s=10.0)
             with pytest.raises(Denied, match="in the air"):
                 assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
@@ -89,9 +89,9 @@ def test_a_surface_vessel_goes_where_it_is_sent(tmp_path: Path) -> None:
     async def sail() -> None:
         config_dir = node(tmp_path, "usv1", template="usv")
         async with spawn(config_dir, "tree", *VEHICLE), Module("test", config_dir=config_dir) as m:
-            goals = await m.writer("nav/goal", Goal)
-            status = await m.reader("nav/status", NavStatus)
-            truth = await m.reader("sim/truth", Pose)
+            goals = m.writer("nav/goal", Goal)
+            status = m.reader("nav/status", NavStatus)
+            truth = m.reader("sim/truth", Pose)
             start = await truth.changed(timeout_s=10.0)
             assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
             goals.write(Goal(1, "goto", x_m=start.x_m + 6.0, y_m=start.y_m + 2.0, speed_m_s=2.0))
@@ -134,9 +134,9 @@ def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> No
     async def drive() -> None:
         config_dir = node(tmp_path, "ugv1")
         async with spawn(config_dir, "hal", "navigator"), Module("test", config_dir=config_dir) as m:
-            goals = await m.writer("nav/goal", Goal)
-            status = await m.reader("nav/status", NavStatus)
-            truth = await m.reader("sim/truth", Pose)
+            goals = m.writer("nav/goal", Goal)
+            status = m.reader("nav/status", NavStatus)
+            truth = m.reader("sim/truth", Pose)
             async with spawn(config_dir, "sim") as sim:
                 start = await truth.changed(timeout_s=10.0)
                 await m.request(ARM, ArmRequest(True), VehicleState)
@@ -161,7 +161,7 @@ def test_a_replayed_lidar_sends_753_packets_a_second_in_order(tmp_path: Path) ->
     async def listen() -> None:
         config_dir = node(tmp_path, "ugv1", hal=HalConfig(drivers=("replay",)))
         async with spawn(config_dir, "hal"), Module("test", config_dir=config_dir) as m:
-            stream = await m.stream_reader("sensor/lidar", Blob)
+            stream = m.stream_reader("sensor/lidar", Blob)
             indexes, stamps = [], []
             for _ in range(1600):
                 packet = await stream.next(timeout_s=10.0)
@@ -186,7 +186,7 @@ def test_a_device_that_is_missing_is_waited_for(tmp_path: Path) -> None:
         text = (config_dir / "services/hal.toml").read_text()
         (config_dir / "services/hal.toml").write_text(text.replace("vlp16/recording.bin", str(recording)))
         async with spawn(config_dir, "hal"), Module("test", config_dir=config_dir) as m:
-            drivers = await m.reader("hal/drivers", DriverTable)
+            drivers = m.reader("hal/drivers", DriverTable)
 
             async def state(wanted: str) -> str:
                 async with asyncio.timeout(10.0):
@@ -199,7 +199,7 @@ def test_a_device_that_is_missing_is_waited_for(tmp_path: Path) -> None:
             assert "No such file" in await state("failed")
             await asyncio.to_thread(recording.write_bytes, bytes(2412))
             assert await state("running") == "running"
-            stream = await m.stream_reader("sensor/lidar", Blob)
+            stream = m.stream_reader("sensor/lidar", Blob)
             assert len((await stream.next(timeout_s=5.0)).value) == 1206
 
     asyncio.run(wait())

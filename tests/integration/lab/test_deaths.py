@@ -70,7 +70,7 @@ def command(*words: str) -> "subprocess.Popen[str]":
 async def answer(lab: LabState, platform: str) -> NodeInfo:
     """What the node says of itself, asked from the ground station as soon as there is a way."""
     async with Module("probe", config_dir=lab.station.config_dir) as module, asyncio.timeout(PATIENCE_S):
-        routes = await module.reader("net/routes", Routes)
+        routes = module.reader("net/routes", Routes)
         while True:
             try:
                 return await module.request(f"/{platform}/sys/node/info", Empty(), NodeInfo, timeout_s=1)

@@ -75,8 +75,8 @@ async def test_a_full_disk_is_shown_and_costs_nothing_when_there_is_room_again(
     config = make_node(tmp_path, kind="uav", services={"logger": settings, "health": {}, "tree": {}})
     log = small_disk / "log"
     async with Module("source", config_dir=config) as module:
-        health = await module.reader("health/state", HealthState)
-        writer = await events(module, slots=1024)
+        health = module.reader("health/state", HealthState)
+        writer = events(module, slots=1024)
         async with spawn(config, "logger", "health", "tree"):
             writer.write(Int(0))
             assert (await set_gain(module, 1.5)).version == 1

@@ -59,7 +59,7 @@ async def test_a_server_that_takes_connections_and_never_answers_is_a_fault_and_
         logger = {"flush_s": 0.1, "mongodb_uri": uri, "answer_s": 0.3}
         config = make_node(tmp_path, services={"logger": logger, "health": {}})
         async with Module("source", config_dir=config) as module, spawn(config, "logger", "health"):
-            writer = await events(module)
+            writer = events(module)
             writer.write(Int(1))
             found = await fault(module)
             assert (found.state, found.level) == ("slow", "warn")
@@ -80,8 +80,8 @@ async def test_a_server_that_hangs_and_goes_on_later_gets_everything_once_and_de
     try:
         server.start()
         async with Module("source", config_dir=config) as module:
-            writer = await events(module, slots=512)
-            stats = await module.reader("log/stats", LogStats)
+            writer = events(module, slots=512)
+            stats = module.reader("log/stats", LogStats)
             async with spawn(config, "logger", "health"):
                 writer.write(Int(0))
                 await forwarded(stats, 1)

@@ -27,15 +27,15 @@ async def flushed(module: Module) -> LogStats:
     return await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=10.0)
 
 
-async def events(module: Module, **more: Any) -> BoardWriter[Int]:
-    return await module.writer(COUNT, Int, kind="event", log="all", **more)
+def events(module: Module, **more: Any) -> BoardWriter[Int]:
+    return module.writer(COUNT, Int, kind="event", log="all", **more)
 
 
 async def test_every_event_is_logged_once_although_the_logger_is_killed_in_the_middle(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"logger": {"flush_s": 0.1}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module:
-        writer = await events(module, slots=512)
+        writer = events(module, slots=512)
         for number in range(100):
             writer.write(Int(number))  # before there is a logger
         async with spawn(config, "logger") as logger:
@@ -59,7 +59,7 @@ async def test_events_that_were_overwritten_unseen_are_a_gap_with_their_number(t
     config = make_node(tmp_path, services={"logger": {"period_s": 1.0}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module:
-        writer = await events(module, slots=16)
+        writer = events(module, slots=16)
         async with spawn(config, "logger"):
             writer.write(Int(0))
             await flushed(module)
@@ -81,7 +81,7 @@ async def test_a_board_is_decimated_to_the_rate_of_its_descriptor(tmp_path: Path
     config = make_node(tmp_path, services={"logger": {"period_s": 0.02}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module, spawn(config, "logger"):
-        writer = await module.writer("test/level", Float, rate_hz=50.0, log="5hz")
+        writer = module.writer("test/level", Float, rate_hz=50.0, log="5hz")
         ticks = 0
         async for _ in module.every(0.02):
             writer.write(Float(float(ticks)))
@@ -99,7 +99,7 @@ async def test_a_board_is_followed_when_its_values_outgrow_its_ring(tmp_path: Pa
     log = tmp_path / "uav1/data/log"
     texts = ["short", "x" * 5000, "y" * 20_000]
     async with Module("source", config_dir=config) as module, spawn(config, "logger"):
-        writer = await module.writer("test/text", Text, log="all")
+        writer = module.writer("test/text", Text, log="all")
         for text in texts:
             writer.write(Text(text))
             await flushed(module)
@@ -118,8 +118,8 @@ async def test_a_database_that_comes_late_and_goes_away_gets_everything_once(tmp
     config = make_node(tmp_path, services={"logger": logger_settings})
     try:
         async with Module("source", config_dir=config) as module, spawn(config, "logger"):
-            writer = await events(module, slots=512)
-            stats = await module.reader("log/stats", LogStats)
+            writer = events(module, slots=512)
+            stats = module.reader("log/stats", LogStats)
             for number in range(200):
                 writer.write(Int(number))
             await flushed(module)
@@ -157,10 +157,10 @@ async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(
         Module("operator", config_dir=config) as operator,
         spawn(config, "logger"),
     ):
-        aborts = await mission.inbox("cmd/abort", MissionAbort)
+        aborts = mission.inbox("cmd/abort", MissionAbort)
         armed = VehicleState(True, True)
-        await sim.serve("sys/vehicle/arm", ArmRequest, lambda *_: armed, reply=VehicleState)
-        await operator.inbox("test/private", Text)  # the template does not log it
+        sim.serve("sys/vehicle/arm", ArmRequest, lambda *_: armed, reply=VehicleState)
+        operator.inbox("test/private", Text)  # the template does not log it
         for number in range(3):
             assert await operator.send("cmd/abort", MissionAbort(reason=f"no {number}"))
         await operator.request("sys/vehicle/arm", ArmRequest(True), VehicleState)
@@ -182,7 +182,7 @@ async def test_what_a_writer_left_when_it_went_is_logged(tmp_path: Path) -> None
     config = make_node(tmp_path, services={"logger": {"period_s": 0.5}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module, spawn(config, "logger"):
-        writer = await events(module, slots=512)
+        writer = events(module, slots=512)
         writer.write(Int(0))
         await flushed(module)
         for number in range(1, 101):
@@ -199,7 +199,7 @@ async def test_a_wrong_address_of_the_database_is_said_without_its_password_and_
     settings = {"mongodb_uri": "mongodb://swarm:secret@/nowhere:x"}
     config = make_node(tmp_path, services={"logger": settings})
     async with Module("source", config_dir=config) as module, spawn(config, "logger") as logger:
-        writer = await events(module)
+        writer = events(module)
         writer.write(Int(7))
         while not (stats := await flushed(module)).mongodb.startswith(
             "off: mongodb_uri 'mongodb://swarm:***@"

@@ -71,18 +71,18 @@ class FakeVehicle:
         self.landed = True
         self.took_s = 0.05
 
-    async def open(self) -> None:
+    def open(self) -> None:
         m = self.module
-        self._state: BoardWriter[VehicleState] = await m.writer("vehicle/state", VehicleState)
-        self._status: BoardWriter[NavStatus] = await m.writer("nav/status", NavStatus)
-        pose: BoardWriter[Pose] = await m.writer("nav/pose", Pose)
-        battery: BoardWriter[BatteryState] = await m.writer("power/battery", BatteryState)
-        health: BoardWriter[HealthState] = await m.writer("health/state", HealthState)
+        self._state: BoardWriter[VehicleState] = m.writer("vehicle/state", VehicleState)
+        self._status: BoardWriter[NavStatus] = m.writer("nav/status", NavStatus)
+        pose: BoardWriter[Pose] = m.writer("nav/pose", Pose)
+        battery: BoardWriter[BatteryState] = m.writer("power/battery", BatteryState)
+        health: BoardWriter[HealthState] = m.writer("health/state", HealthState)
         self._state.write(VehicleState(False, True))
         battery.write(BatteryState(12.0, 1.0, self.battery))
         health.write(HealthState("ok"))
         pose.write(Pose.planar(0.0, 0.0))
-        await m.serve("sys/vehicle/arm", ArmRequest, self._arm, reply=VehicleState)
+        m.serve("sys/vehicle/arm", ArmRequest, self._arm, reply=VehicleState)
         m.start(self._navigate(), "navigate")
         m.start(self._live(pose), "live")
 
@@ -99,7 +99,7 @@ class FakeVehicle:
             pose.write(Pose.planar(0.0, 0.0))
 
     async def _navigate(self) -> None:
-        goals = await self.module.reader("nav/goal", Goal)
+        goals = self.module.reader("nav/goal", Goal)
         goal = await goals.changed()
         while True:
             self.goals.append(goal)
@@ -178,7 +178,7 @@ class Swarm:
 
     async def all_known(self, asker: str = "gcs") -> None:
         """Waits until the ground station has heard everybody."""
-        boards = await self.operator.readers("/*/mission/state", MissionState)
+        boards = self.operator.readers("/*/mission/state", MissionState)
         path = join(asker, "sys/mission/status")
         async with asyncio.timeout(10):
             while len((await self.ask(path, Empty(), MissionStatus)).others) < len(self.members) - 1:
@@ -207,7 +207,7 @@ async def swarm(root: Path, *names: str, config: Config = FAST, **batteries: flo
             if kind != "gcs":
                 body = await stack.enter_async_context(Module("body", node=node))
                 vehicle = FakeVehicle(body, battery=batteries.get(name, 0.9))
-                await vehicle.open()
+                vehicle.open()
             daemon = await stack.enter_async_context(Module("mission", node=node, config=config))
             members[name] = Member(node, daemon, vehicle)
         by_hardware = {hardware_id(name): member.node for name, member in members.items()}
@@ -216,15 +216,15 @@ async def swarm(root: Path, *names: str, config: Config = FAST, **batteries: flo
         found = Swarm(members, operator)
         for member in members.values():
             radio = await stack.enter_async_context(Module("radio", node=member.node))
-            steps = await radio.stream_reader("mission/progress", MissionProgress)
+            steps = radio.stream_reader("mission/progress", MissionProgress)
             member.node.post.set_gateway(partial(_carry, found, by_hardware, steps))
-            await _tell_time(radio, members)
+            _tell_time(radio, members)
             radio.start(_broadcast(radio, found, member), "broadcast")
             radio.start(_follow(radio, found, member), "follow")
         for member in members.values():
             member.task = asyncio.create_task(Mission(member.daemon, config).run())
             stack.push_async_callback(_end, member)
-        receipts = await operator.stream_reader("mission/orders", OrderReceipt)
+        receipts = operator.stream_reader("mission/orders", OrderReceipt)
         operator.start(_collect(receipts, found), "receipts")
         await found.all_known(station.name)
         yield found
@@ -255,9 +255,9 @@ def _carry(
     node.post.deliver(frame)
 
 
-async def _tell_time(radio: Module, members: dict[str, Member]) -> None:
+def _tell_time(radio: Module, members: dict[str, Member]) -> None:
     """Conversion functions as timesync would find them, without its error."""
-    writer: BoardWriter[TimeFunctions] = await radio.writer("time/functions", TimeFunctions, slot_bytes=4096)
+    writer: BoardWriter[TimeFunctions] = radio.writer("time/functions", TimeFunctions, slot_bytes=4096)
     own, now_ns = radio.clock, radio.now_ns()
     functions = []
     for name, member in members.items():
@@ -277,7 +277,7 @@ async def _tell_time(radio: Module, members: dict[str, Member]) -> None:
 
 async def _broadcast(radio: Module, found: Swarm, member: Member) -> None:
     """The beacon: the state of a mission becomes a mirror at every other platform."""
-    reader = await radio.reader(STATE, MissionState)
+    reader = radio.reader(STATE, MissionState)
     mirrors = {
         name: other.node.mirror_writer(member.name, STATE, slot_bytes=1024)
         for name, other in found.members.items()
@@ -297,7 +297,7 @@ async def _broadcast(radio: Module, found: Swarm, member: Member) -> None:
 
 async def _follow(radio: Module, found: Swarm, member: Member) -> None:
     """The progress of a mission, for the test."""
-    events = await radio.stream_reader("mission/progress", MissionProgress)
+    events = radio.stream_reader("mission/progress", MissionProgress)
     while True:
         try:
             step = await events.next()

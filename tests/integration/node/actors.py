@@ -20,7 +20,7 @@ def say(*words: object) -> None:
 async def receive(config_dir: str) -> None:
     """Says each message it gets."""
     async with Module("receiver", config_dir=config_dir) as m:
-        inbox = await m.inbox("cmd/goto", Goal, limit=4)
+        inbox = m.inbox("cmd/goto", Goal, limit=4)
         say("ready")
         async for goal in inbox:
             say("goal", goal.seq)
@@ -29,7 +29,7 @@ async def receive(config_dir: str) -> None:
 async def hoard(config_dir: str) -> None:
     """Never looks into its inbox."""
     async with Module("receiver", config_dir=config_dir) as m:
-        await m.inbox("cmd/goto", Goal, limit=2)
+        m.inbox("cmd/goto", Goal, limit=2)
         say("ready")
         await asyncio.Event().wait()
 
@@ -37,8 +37,8 @@ async def hoard(config_dir: str) -> None:
 async def publish(config_dir: str) -> None:
     """Writes a board and a stream."""
     async with Module("publisher", config_dir=config_dir) as m:
-        pose = await m.writer("nav/pose", Pose, rate_hz=100)
-        steps = await m.stream_writer("plan/steps", Int)
+        pose = m.writer("nav/pose", Pose, rate_hz=100)
+        steps = m.stream_writer("plan/steps", Int)
         say("ready")
         async for tick in m.every(0.01):
             pose.write(Pose(float(tick), 0.0))
@@ -61,9 +61,9 @@ async def serve(config_dir: str) -> None:
         return Text(request.value[10])
 
     async with Module("server", config_dir=config_dir) as m:
-        await m.serve("sys/double", Int, double, reply=Int)
-        await m.serve("sys/slow", Int, slow)
-        await m.serve("sys/broken", Text, broken)
+        m.serve("sys/double", Int, double, reply=Int)
+        m.serve("sys/slow", Int, slow)
+        m.serve("sys/broken", Text, broken)
         say("ready")
         await asyncio.Event().wait()
 

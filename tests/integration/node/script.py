@@ -9,7 +9,7 @@ from swarmware.types.scalar import Float
 
 async def main() -> None:
     async with Module("thermometer", config_dir=sys.argv[1]) as m:
-        heat = await m.writer("motor/heat", Float, rate_hz=10.0)
+        heat = m.writer("motor/heat", Float, rate_hz=10.0)
         async for tick in m.every(0.1):
             heat.write(Float(float(tick)))
             if tick == 1:

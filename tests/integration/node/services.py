@@ -31,9 +31,9 @@ class Steady(Service):
         self._start = config.start
 
     async def run(self) -> None:
-        count = await self.module.writer("test/count", Int)
-        await self.module.serve("test/pid", Int, lambda request, meta: Int(os.getpid()))
-        await self.module.serve("test/block", Int, self._block)
+        count = self.module.writer("test/count", Int)
+        self.module.serve("test/pid", Int, lambda request, meta: Int(os.getpid()))
+        self.module.serve("test/block", Int, self._block)
         async for tick in self.module.every(0.02):
             count.write(Int(self._start + tick))
 
@@ -53,9 +53,9 @@ class TempSensor(Service):
     Config = Settings
 
     async def run(self) -> None:
-        board = await self.module.writer("sensor/temperature", Int, rate_hz=10)
+        board = self.module.writer("sensor/temperature", Int, rate_hz=10)
         board.write(Int(self.config.start))
-        async for order in await self.module.inbox("sensor/offset", Int):
+        async for order in self.module.inbox("sensor/offset", Int):
             board.write(order)
 
 
@@ -65,9 +65,9 @@ class Fragile(Service):
     name = "fragile"
 
     async def run(self) -> None:
-        board = await self.module.writer("test/fragile", Text)
+        board = self.module.writer("test/fragile", Text)
         board.write(Text(f"life {self.module.now_ns()}"))
-        async for order in await self.module.inbox("test/order", Text):
+        async for order in self.module.inbox("test/order", Text):
             if order.value == "return":
                 return
             raise ValueError(order.value)

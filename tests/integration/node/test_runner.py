@@ -59,10 +59,10 @@ def test_a_service_runs_with_its_settings_and_stops_in_order(setting: Setting) -
     async def run() -> None:
         (config_dir / "services" / "steady.toml").write_text("start = 1000\n")
         async with Module("test", config_dir=config_dir) as m:
-            count = await m.reader("test/count", Int)
+            count = m.reader("test/count", Int)
             async with spawn(config_dir, "steady", env=env) as process:
                 assert (await count.changed(5)).value > 1000
-                beats = await m.reader("app/steady/status", AppStatus)
+                beats = m.reader("app/steady/status", AppStatus)
                 assert beats.value is not None
                 assert beats.value.state == "running", "a node that is ready says so at once"
                 status = await beats.changed(5)
@@ -85,9 +85,9 @@ def test_a_service_and_a_module_with_hyphens_run_under_a_guard(setting: Setting)
         (config_dir / "node.toml").write_text(re.sub(r"services = \[[^]]*\]", f"services = {services}", node))
         (config_dir / "services" / "temp-sensor.toml").write_text("start = 21\n")
         async with Module("my-module", config_dir=config_dir) as m:
-            watched = await m.reader("guard/status", GuardStatus)
-            beats = await m.reader("app/temp_sensor/status", AppStatus)
-            temperature = await m.reader("sensor/temperature", Int)
+            watched = m.reader("guard/status", GuardStatus)
+            beats = m.reader("app/temp_sensor/status", AppStatus)
+            temperature = m.reader("sensor/temperature", Int)
             async with spawn(config_dir, env=env), asyncio.timeout(30):
                 while temperature.value is None:
                     await temperature.changed()
@@ -129,9 +129,9 @@ def test_a_service_that_fails_is_started_again_and_its_neighbours_notice_nothing
             Module("test", config_dir=config_dir) as m,
             spawn(config_dir, "steady", "fragile", env=env) as process,
         ):
-            count = await m.reader("test/count", Int)
-            board = await m.reader("test/fragile", Text)
-            status = await m.reader("app/fragile/status", AppStatus)
+            count = m.reader("test/count", Int)
+            board = m.reader("test/fragile", Text)
+            status = m.reader("app/fragile/status", AppStatus)
             life = await board.changed(5)
             for restarts, order in enumerate(("boom", "return", "boom"), 1):
                 before = (await count.changed(5)).value
@@ -176,7 +176,7 @@ def test_a_step_that_holds_the_event_loop_is_named(setting: Setting) -> None:
             Module("test", config_dir=config_dir) as m,
             spawn(config_dir, "steady", env=env) as process,
         ):
-            status = await m.reader("app/steady/status", AppStatus)
+            status = m.reader("app/steady/status", AppStatus)
             await m.request("test/block", Int(150), Int)
             while (await status.changed(5)).loop_lag_ms < 100:
                 pass

@@ -36,7 +36,7 @@ async def test_a_module_ended_by_a_signal_takes_its_resources_and_files_with_it(
 async def test_a_module_ended_by_sigterm_leaves_no_fault(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 20.0, "grace_s": 0.1}})
     async with Module("probe", config_dir=config) as probe, spawn(config, "health"):
-        faults = await probe.stream_reader("health/faults", Fault)
+        faults = probe.stream_reader("health/faults", Fault)
         async with run_python(str(SCRIPT), str(config)) as script:
             assert await script.line() == "running"
             while True:

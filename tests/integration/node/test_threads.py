@@ -41,8 +41,8 @@ class Worker(threading.Thread):
 
     async def _main(self) -> None:
         async with Module(self.name, config_dir=self._config_dir) as module:
-            inbox = await module.inbox(f"{self.name}/number", Int)
-            board = await module.writer(f"{self.name}/double", Int)
+            inbox = module.inbox(f"{self.name}/number", Int)
+            board = module.writer(f"{self.name}/double", Int)
             self.endpoint = module.node.post.endpoint
             module.start(self._double(inbox, board), "double")
             self.joined.set()
@@ -60,7 +60,7 @@ class Worker(threading.Thread):
 def test_modules_in_several_threads_all_receive_their_messages(config_dir: Path) -> None:
     async def run(workers: list[Worker]) -> None:
         async with Module("test", config_dir=config_dir) as module:
-            boards = [await module.reader(f"{worker.name}/double", Int) for worker in workers]
+            boards = [module.reader(f"{worker.name}/double", Int) for worker in workers]
             for number in range(1, 4):
                 for worker, board in zip(workers, boards, strict=True):
                     assert await module.send(f"{worker.name}/number", Int(number), timeout_s=10)

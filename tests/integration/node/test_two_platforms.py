@@ -53,8 +53,8 @@ async def pair(root: Path) -> AsyncIterator[Pair]:
 def test_messages_and_requests_cross_between_platforms(tmp_path: Path) -> None:
     async def run() -> None:
         async with pair(tmp_path) as (near, far, cut):
-            inbox = await far.inbox("cmd/goto", Goal)
-            await far.serve("sys/double", Int, lambda request, meta: Int(request.value * 2))
+            inbox = far.inbox("cmd/goto", Goal)
+            far.serve("sys/double", Int, lambda request, meta: Int(request.value * 2))
             for number in range(10):
                 outcome = await near.send("/uav2/cmd/goto", Goal(number, "goto"))
                 assert outcome.delivered
@@ -84,7 +84,7 @@ def test_messages_and_requests_cross_between_platforms(tmp_path: Path) -> None:
 def test_a_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
     async def run() -> None:
         async with pair(tmp_path) as (near, far, _):
-            inbox = await far.inbox("cmd/goto", Goal, limit=1)
+            inbox = far.inbox("cmd/goto", Goal, limit=1)
             first = await near.send("/uav2/cmd/goto", Goal(1, "goto"))
             assert first
             expired = await near.send("/uav2/cmd/goto", Goal(2, "goto"), timeout_s=0.7)
@@ -100,8 +100,8 @@ def test_a_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
 def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("test", node=node) as m:
-            poses = await m.readers("/*/nav/pose", Pose)
-            one = await m.reader("/uav3/nav/pose", Pose)
+            poses = m.readers("/*/nav/pose", Pose)
+            one = m.reader("/uav3/nav/pose", Pose)
             assert dict(poses) == {}
             await asyncio.sleep(0)
             assert set(m.entry.reads) == {"/*/nav/pose", "/uav3/nav/pose"}
@@ -134,7 +134,7 @@ def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
             # its clock is 5 s ahead: no age until that is known
             unknown_s = one.age_s
             assert unknown_s is None
-            functions = await m.writer("time/functions", TimeFunctions)
+            functions = m.writer("time/functions", TimeFunctions)
             conversion = Conversion(
                 "uav3", "main", names.hardware_id("uav3"), 1, 5_000_000_000, 0.0, m.now_ns(), 10, 1, 0.0, 0
             )
@@ -160,9 +160,9 @@ def test_a_pattern_with_a_wildcard_in_the_path_is_refused(tmp_path: Path) -> Non
         async with tmp_node(tmp_path) as node, Module("test", node=node) as m:
             for pattern in ("/*/nav/*", "nav/pose", "/*"):
                 with pytest.raises(InvalidInput):
-                    await m.readers(pattern, Pose)
+                    m.readers(pattern, Pose)
             with pytest.raises(InvalidInput, match="of another platform"):
-                await m.writer("/uav9/nav/pose", Pose)
+                m.writer("/uav9/nav/pose", Pose)
 
     asyncio.run(run())
 
@@ -172,8 +172,8 @@ def test_a_board_grows_and_its_reader_follows(tmp_path: Path) -> None:
         async with tmp_node(tmp_path) as node, Module("test", node=node) as m:
             from swarmware.types.scalar import Text
 
-            board = await m.writer("test/text", Text)
-            reader = await m.reader("test/text", Text)
+            board = m.writer("test/text", Text)
+            reader = m.reader("test/text", Text)
             for length in (10, 600, 5_000, 100_000, 20):
                 board.write(Text("x" * length))
                 value = reader.value
@@ -187,8 +187,8 @@ def test_a_board_grows_and_its_reader_follows(tmp_path: Path) -> None:
 def test_a_board_of_another_type_is_refused_and_counted(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("test", node=node) as m:
-            board = await m.writer("test/number", Int)
-            reader = await m.reader("test/number", Float)
+            board = m.writer("test/number", Int)
+            reader = m.reader("test/number", Float)
             board.write(Int(1))
             assert (reader.value, reader.refused) == (None, 1)
             with pytest.raises(NoAnswer):
@@ -200,7 +200,7 @@ def test_a_board_of_another_type_is_refused_and_counted(tmp_path: Path) -> None:
 def test_garbage_at_the_socket_is_counted_and_dropped(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("test", node=node) as m:
-            inbox = await m.inbox("cmd/goto", Goal)
+            inbox = m.inbox("cmd/goto", Goal)
             with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
                 socket.linger = 1000
                 socket.connect(node.post.endpoint)

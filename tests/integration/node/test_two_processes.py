@@ -36,8 +36,8 @@ def test_a_board_and_a_stream_of_another_process_are_read(config_dir: Path) -> N
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m:
             # opened before there is a writer: no start order
-            pose = await m.reader("nav/pose", Pose)
-            steps = await m.stream_reader("plan/steps", Int)
+            pose = m.reader("nav/pose", Pose)
+            steps = m.stream_reader("plan/steps", Int)
             assert (pose.value, pose.age_s) == (None, None)
             async with actor("publish", config_dir) as publisher:
                 assert await publisher.line() == "ready"
@@ -61,7 +61,7 @@ def test_a_board_and_a_stream_of_another_process_are_read(config_dir: Path) -> N
 def test_a_killed_writer_comes_back_to_the_same_readers(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m:
-            pose = await m.reader("nav/pose", Pose)
+            pose = m.reader("nav/pose", Pose)
             for _ in range(3):
                 async with actor("publish", config_dir) as publisher:
                     await publisher.line()
@@ -194,9 +194,9 @@ def test_the_smallest_module_of_the_examples_works(config_dir: Path) -> None:
     async def run() -> None:
         example = str(EXAMPLES / "hello.py")
         async with Module("test", config_dir=config_dir) as m:
-            pose = await m.writer("nav/pose", Pose)
+            pose = m.writer("nav/pose", Pose)
             pose.write(Pose(0.0, 8.0))
-            path = await m.stream_reader("plan/path", Pose)
+            path = m.stream_reader("plan/path", Pose)
             async with run_python(example, env={"SWARM_CONFIG": str(config_dir)}) as hello:
                 while not await m.send("cmd/goto", Goal(1, "goto", x_m=4.0), timeout_s=10):
                     assert hello.returncode is None, hello.stderr()

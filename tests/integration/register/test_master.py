@@ -23,7 +23,7 @@ PATIENCE_S = 20.0
 
 async def table_where(module: Module, wanted: object) -> ApplicationTable:
     """The first published table of which `wanted` is true."""
-    board = await module.reader("register/apps", ApplicationTable)
+    board = module.reader("register/apps", ApplicationTable)
     assert callable(wanted)
     async with asyncio.timeout(PATIENCE_S):
         while (table := board.value) is None or not wanted(table):

@@ -122,7 +122,7 @@ async def until_link(module: Module, platform: str, *, is_up: bool) -> float:
     """Seconds until the neighbour is up, or is not."""
     loop = asyncio.get_running_loop()
     began_s = loop.time()
-    board = await module.reader("net/neighbours", Neighbours)
+    board = module.reader("net/neighbours", Neighbours)
     try:
         word = f"{'with' if is_up else 'without'} {platform}"
         await until(board, lambda now: (platform in up(now)) is is_up, word)
@@ -141,7 +141,7 @@ async def until_trees_agree(*modules: Module) -> float:
     """Seconds until every node has the tree of every node as that one has it itself."""
     loop = asyncio.get_running_loop()
     began_s = loop.time()
-    stats = await modules[0].reader("tree/stats", TreeStats)
+    stats = modules[0].reader("tree/stats", TreeStats)
     found: dict[str, dict[str, tuple[int, bool]]] = {}
     try:
         async with asyncio.timeout(PATIENCE_S):

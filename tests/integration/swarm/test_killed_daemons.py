@@ -114,7 +114,7 @@ def runs_as(pid: int) -> Callable[[AppStatus], bool]:
 
 async def answer(module: Module) -> TreeValue:
     """The pose, asked of the platform itself; as soon as it answers."""
-    routes = await module.reader("net/routes", Routes)
+    routes = module.reader("net/routes", Routes)
     async with asyncio.timeout(PATIENCE_S):
         while True:
             try:
@@ -123,12 +123,10 @@ async def answer(module: Module) -> TreeValue:
                 await routes.changed()  # written once a second, and when the way there changes
 
 
-async def readable(module: Module, dead: str) -> None:
+def readable(module: Module, dead: str) -> None:
     """Asserts that somebody who comes only now can read the boards that a dead service and others left."""
-    late: list[BoardReader[AppStatus] | BoardReader[Pose]] = [
-        await module.reader(f"app/{dead}/status", AppStatus)
-    ]
-    late += [await module.reader(path, Pose) for path in BOARDS]
+    late: list[BoardReader[AppStatus] | BoardReader[Pose]] = [module.reader(f"app/{dead}/status", AppStatus)]
+    late += [module.reader(path, Pose) for path in BOARDS]
     for board in late:
         assert board.value is not None, f"{board.path} cannot be read without {dead}"
         board.close()
@@ -138,13 +136,13 @@ async def kill_in_turn(made: Swarm, starts: Starts, after_each: Callable[[str], 
     found: dict[str, Took] = {}
     loop = asyncio.get_running_loop()
     async with made.at("uav1") as inside, made.at("gcs") as outside:
-        own = {path: await inside.reader(path, Pose) for path in BOARDS}
-        beats = {name: await inside.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
-        neighbours = await outside.reader("net/neighbours", Neighbours)
-        mirror = await outside.reader(POSE, Pose)
-        silence = Silence(await outside.reader(POSE, Pose))
+        own = {path: inside.reader(path, Pose) for path in BOARDS}
+        beats = {name: inside.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
+        neighbours = outside.reader("net/neighbours", Neighbours)
+        mirror = outside.reader(POSE, Pose)
+        silence = Silence(outside.reader(POSE, Pose))
         outside.start(silence.listen(), "silence")
-        restarts = await inside.stream_reader("guard/restarts", WatchedService)
+        restarts = inside.stream_reader("guard/restarts", WatchedService)
         with Joined(inside) as joined:
             for name in SERVICES:
                 await starts.measure()
@@ -156,7 +154,7 @@ async def kill_in_turn(made: Swarm, starts: Starts, after_each: Callable[[str], 
                 os.kill(dead_pid, signal.SIGKILL)
                 another = asyncio.create_task(joined.another(name, dead_pid))
                 while not another.done():
-                    await readable(inside, name)
+                    readable(inside, name)
                     await asyncio.sleep(0.005)
                 pid = another.result()
                 took.joined_s = loop.time() - began_s
@@ -179,7 +177,7 @@ async def kill_in_turn(made: Swarm, starts: Starts, after_each: Callable[[str], 
 
 async def kill_all_but_the_monitor(made: Swarm) -> None:
     async with made.at("uav1") as inside, made.at("gcs") as outside:
-        beats = {name: await inside.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
+        beats = {name: inside.reader(f"app/{name}/status", AppStatus) for name in SERVICES}
         for name, board in beats.items():
             await until(board, lambda now: now.state == "running", f"{name} running")
         await until_link(outside, "uav1", is_up=True)
@@ -192,7 +190,7 @@ async def kill_all_but_the_monitor(made: Swarm) -> None:
             for name, pid in dead.items():
                 await until(beats[name], runs_as(await joined.another(name, pid)), f"{name} again")
         whole_s = loop.time() - began_s
-        mirror = await outside.reader(POSE, Pose)
+        mirror = outside.reader(POSE, Pose)
         for _ in range(2):
             await mirror.changed(PATIENCE_S)
         await until_trees_agree(inside, outside)

@@ -42,7 +42,7 @@ async def fresh_pose(module: Module, platform: str) -> float:
     """Seconds until poses of the platform flow to this node (again)."""
     loop = asyncio.get_running_loop()
     began_s = loop.time()
-    pose = await module.reader(f"/{platform}/nav/pose", Pose)
+    pose = module.reader(f"/{platform}/nav/pose", Pose)
     for _ in range(3):  # one may have been on its way when its sender died
         await pose.changed(PATIENCE_S)
     pose.close()
@@ -51,17 +51,17 @@ async def fresh_pose(module: Module, platform: str) -> float:
 
 async def kill_and_start(made: Swarm, victim: str, others: list[Module]) -> Life:
     async with made.at(victim) as module:  # the log has begun, and is in the middle of a batch
-        log = await module.reader("log/stats", LogStats)
+        log = module.reader("log/stats", LogStats)
         begun = await until(log, lambda now: now.frames > 0, "begun")
         await until(log, lambda now: now.frames > begun.frames, "going on")
-        pose = await module.reader("nav/pose", Pose)
+        pose = module.reader("nav/pose", Pose)
         for _ in range(5):
             await pose.changed(PATIENCE_S)
     took: dict[str, float] = {}
     loop = asyncio.get_running_loop()
     ground = others[0]
     before = await ground.request(f"/{victim}/sys/node/info", Empty(), NodeInfo)
-    health = await ground.reader(f"/{victim}/health/state", HealthState)
+    health = ground.reader(f"/{victim}/health/state", HealthState)
     killed_utc_ns, killed_s = time.time_ns(), loop.time()
     await made.kill(victim)
     for module in others:

@@ -27,7 +27,7 @@ async def boots(made: Swarm) -> set[int]:
 
 async def heard(module: Module) -> set[int]:
     """Boots of the nodes to which there is a link."""
-    board = await module.reader("net/neighbours", Neighbours)
+    board = module.reader("net/neighbours", Neighbours)
     now = await until(board, lambda now: up(now) == set(NAMES) - {module.platform}, "with all of its own")
     return {one.boot_id for one in now.neighbours}
 
@@ -37,7 +37,7 @@ async def check(made: Swarm, own: set[int]) -> None:
         await until_trees_agree(ground, vehicle)
         for module in (ground, vehicle):
             assert await heard(module) < own
-            traffic = await module.reader("net/traffic", Traffic)
+            traffic = module.reader("net/traffic", Traffic)
             now = await until(
                 traffic, lambda now: now.refused.forged > 0, "without the other swarm's datagrams"
             )

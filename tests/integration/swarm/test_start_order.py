@@ -30,10 +30,10 @@ async def converged(made: Swarm) -> float:
         await until_trees_agree(*modules)
         for module in modules:
             for platform in {"uav1", "ugv1"} - {module.platform}:
-                pose = await module.reader(f"/{platform}/nav/pose", Pose)  # carried by the beacon
+                pose = module.reader(f"/{platform}/nav/pose", Pose)  # carried by the beacon
                 for _ in range(2):
                     await pose.changed(PATIENCE_S)
-        health = await modules[0].readers("/*/health/state", HealthState)  # carried by notifications
+        health = modules[0].readers("/*/health/state", HealthState)  # carried by notifications
         async with asyncio.timeout(PATIENCE_S):
             while {name for name, board in health.items() if board.value is not None} < {"uav1", "ugv1"}:
                 await health.changed()
@@ -43,7 +43,7 @@ async def converged(made: Swarm) -> float:
 async def beats_passed(made: Swarm, platform: str, count: int) -> None:
     """The long gap: this node has lived alone for so many beats."""
     async with made.at(platform) as module:
-        board = await module.reader("app/broker/status", AppStatus)
+        board = module.reader("app/broker/status", AppStatus)
         first = await until(board, lambda now: now.state == "running", "running")
         await until(board, lambda now: now.beat >= first.beat + count, f"{count} beats on")
 

@@ -82,8 +82,8 @@ async def test_functions_follow_a_clock_over_a_step_and_a_restart(tmp_path: Path
         tmp_path, services={"timesync": {"solve_s": 0.1, "publish_s": 0.1}}, clock={"offset_s": -3.0}
     )
     async with Module("broker", config_dir=config) as module:
-        stream = await module.stream_writer("net/timing", TimingBatch)
-        board = await module.reader("time/functions", TimeFunctions)
+        stream = module.stream_writer("net/timing", TimingBatch)
+        board = module.reader("time/functions", TimeFunctions)
         remote = Remote(module, 4.0, 30.0)
         async with spawn(config, "timesync"):
             first = await function_where(board, stream, remote, lambda function: True)
@@ -112,8 +112,8 @@ async def test_functions_follow_a_clock_over_a_step_and_a_restart(tmp_path: Path
 async def test_a_killed_service_has_functions_again_from_the_next_packets(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
     async with Module("broker", config_dir=config) as module:
-        stream = await module.stream_writer("net/timing", TimingBatch)
-        board = await module.reader("time/functions", TimeFunctions)
+        stream = module.stream_writer("net/timing", TimingBatch)
+        board = module.reader("time/functions", TimeFunctions)
         remote = Remote(module, -2.0, -20.0)
         async with spawn(config, "timesync") as process:
             before = await function_where(board, stream, remote, lambda function: True)
@@ -156,8 +156,8 @@ class Partner:
 async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measured_yet(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
     async with Module("broker", config_dir=config) as module:
-        stream = await module.stream_writer("net/timing", TimingBatch)
-        board = await module.reader("time/functions", TimeFunctions)
+        stream = module.stream_writer("net/timing", TimingBatch)
+        board = module.reader("time/functions", TimeFunctions)
         remote = Remote(module, 4.0, 0.0)
         partner = Partner(module, remote)
         async with spawn(config, "timesync") as process:

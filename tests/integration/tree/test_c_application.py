@@ -67,7 +67,7 @@ async def test_a_program_in_c_reads_the_pose_of_another_node_and_answers_request
         started(listener, gcs.config_dir, "/uav1/nav/pose") as process,
         asyncio.timeout(PATIENCE_S),
     ):
-        pose = await uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
+        pose = uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
 
         async def fly() -> None:
             async for _ in uav.probe.every(0.05):

@@ -43,7 +43,7 @@ LINE = {"uav1": ("uav2",), "uav2": ("uav1", "gcs"), "gcs": ("uav2",)}
 async def test_the_tree_of_a_neighbour_appears_with_what_its_modules_add(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         await gcs.until_listed("/uav1/net/routes", lambda entry: entry is not None)
-        board = await uav.probe.writer("plan/step", Text, description="what it is about to do")
+        board = uav.probe.writer("plan/step", Text, description="what it is about to do")
         await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None and entry.owner == "probe")
         entry = (await gcs.list("/uav1/plan/*"))["/uav1/plan/step"]
         assert (entry.kind, entry.type, entry.description) == ("board", "Text", "what it is about to do")
@@ -54,11 +54,11 @@ async def test_the_tree_of_a_neighbour_appears_with_what_its_modules_add(tmp_pat
 @on_uvloop
 async def test_a_subscription_may_come_before_its_resource(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
-        fuel = await gcs.probe.reader("/uav1/power/fuel", Float)
-        faults = await gcs.probe.stream_reader("/uav1/power/faults", Text)
+        fuel = gcs.probe.reader("/uav1/power/fuel", Float)
+        faults = gcs.probe.stream_reader("/uav1/power/faults", Text)
         await gcs.until_listed("/uav1/net/routes", lambda entry: entry is not None)
         assert fuel.value is None
-        board = await uav.probe.writer("power/fuel", Float)
+        board = uav.probe.writer("power/fuel", Float)
         board.write(Float(0.75))
         assert (await until(fuel, lambda value: True)).value == 0.75
         board.write(Float(0.5))
@@ -66,7 +66,7 @@ async def test_a_subscription_may_come_before_its_resource(tmp_path: Path) -> No
         entry = (await gcs.list("/uav1/power/fuel"))["/uav1/power/fuel"]
         assert entry.quality == "live"
         # events: each of them, in order, once
-        event = await uav.probe.stream_writer("power/faults", Text, kind="event")
+        event = uav.probe.stream_writer("power/faults", Text, kind="event")
         await gcs.until_listed("/uav1/power/faults", lambda entry: entry is not None)
         event.write(Text("first"))
         heard = [(await faults.next(PATIENCE_S)).value]
@@ -80,8 +80,8 @@ async def test_a_subscription_may_come_before_its_resource(tmp_path: Path) -> No
 @on_uvloop
 async def test_what_a_stream_loses_on_its_way_is_counted_at_its_reader_and_its_writer(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
-        scans = await gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
-        scan = await uav.probe.stream_writer("sensor/scan", Blob, link="notify")
+        scans = gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
+        scan = uav.probe.stream_writer("sensor/scan", Blob, link="notify")
         got = 0
         async with asyncio.timeout(PATIENCE_S):
             while not got:
@@ -99,7 +99,7 @@ async def test_what_a_stream_loses_on_its_way_is_counted_at_its_reader_and_its_w
                 got += 1
             assert scans.lost > 0
             assert got + scans.lost == last - first + 1
-        told = await uav.probe.reader("tree/losses", StreamLosses)
+        told = uav.probe.reader("tree/losses", StreamLosses)
         # the reader's own ring may have overrun too: that is not for the writer to know
         await until(told, lambda _: 0 < scan.losses.get("gcs", 0) <= scans.lost)
         assert scan.lost == scan.losses["gcs"]
@@ -108,8 +108,8 @@ async def test_what_a_stream_loses_on_its_way_is_counted_at_its_reader_and_its_w
 @on_uvloop
 async def test_a_periodic_board_rides_in_the_beacon_and_is_mirrored(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
-        poses = await gcs.probe.readers("/*/nav/pose", Pose)
-        pose = await uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
+        poses = gcs.probe.readers("/*/nav/pose", Pose)
+        pose = uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
         async with asyncio.timeout(PATIENCE_S):
             count = 0
             while not (poses.keys() and poses["uav1"].value is not None):
@@ -122,13 +122,13 @@ async def test_a_periodic_board_rides_in_the_beacon_and_is_mirrored(tmp_path: Pa
 @on_uvloop
 async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owner(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
-        board = await uav.probe.writer("plan/step", Text, unit="")
+        board = uav.probe.writer("plan/step", Text, unit="")
         board.write(Text("turn left"))
         await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None)
         asked = await gcs.get("/uav1/plan/step")
         assert (asked.source, asked.path, asked.type) == ("asked", "/uav1/plan/step", "Text")
         assert msgspec.msgpack.decode(asked.data, type=Text) == Text("turn left")
-        mirror = await gcs.probe.reader("/uav1/plan/step", Text)
+        mirror = gcs.probe.reader("/uav1/plan/step", Text)
         await until(mirror, lambda value: value.value == "turn left")
         assert (await gcs.get("/uav1/plan/step")).source == "mirror"
         assert (await gcs.get("/uav1/plan/step", fresh=True)).source == "asked"
@@ -147,7 +147,7 @@ async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owne
 async def test_a_node_sets_nothing_at_another_platform_and_the_audit_names_it(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         gcs.probe.provide(SPEED)
-        changes = await gcs.probe.stream_reader("tree/changes", TreeChange)
+        changes = gcs.probe.stream_reader("tree/changes", TreeChange)
         path = f"/gcs/{SPEED.path}"
         await uav.until_listed(path, lambda entry: entry is not None)
         with pytest.raises(Denied, match=rf"{SPEED.path}: node@uav1 may not set it; expected role operator"):
@@ -165,12 +165,12 @@ async def test_a_node_sets_nothing_at_another_platform_and_the_audit_names_it(tm
 async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         uav.probe.provide(SPEED)
-        own = await uav.probe.reader(SPEED.path, Float)
-        changes = await uav.probe.stream_reader("tree/changes", TreeChange)
+        own = uav.probe.reader(SPEED.path, Float)
+        changes = uav.probe.stream_reader("tree/changes", TreeChange)
         assert (await until(own, lambda value: True)).value == 2.5
         path = f"/uav1/{SPEED.path}"
         await gcs.until_listed(path, lambda entry: entry is not None)
-        seen = await gcs.probe.reader(path, Float)
+        seen = gcs.probe.reader(path, Float)
         done = await gcs.set(path, 4)
         assert (done.path, done.version) == (path, 1)
         await until(own, lambda value: value.value == 4.0)
@@ -217,8 +217,8 @@ async def test_a_command_is_handed_to_its_application_and_so_is_a_board_that_tak
     tmp_path: Path,
 ) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
-        inbox = await uav.probe.inbox("cmd/goto", Goal)
-        await uav.probe.serve("sys/double", Int, lambda request, _: Int(request.value * 2), reply=Int)
+        inbox = uav.probe.inbox("cmd/goto", Goal)
+        uav.probe.serve("sys/double", Int, lambda request, _: Int(request.value * 2), reply=Int)
         await gcs.until_listed("/uav1/sys/double", lambda entry: entry is not None)
         await gcs.set("/uav1/cmd/goto", {"seq": 3, "kind": "goto", "x_m": 5})
         assert (await inbox.next(PATIENCE_S)) == Goal(3, "goto", 5.0)
@@ -236,10 +236,10 @@ async def test_a_tree_service_that_was_killed_heals_from_either_side(tmp_path: P
     async with platforms(tmp_path, "uav1", "gcs", services=(APART[0],)) as both:
         uav, gcs = both
         trees = [await platform.start("tree") for platform in both]
-        fuel = await gcs.probe.reader("/uav1/power/fuel", Float)
-        faults = await gcs.probe.stream_reader("/uav1/power/faults", Text)
-        board = await uav.probe.writer("power/fuel", Float)
-        event = await uav.probe.stream_writer("power/faults", Text, kind="event")
+        fuel = gcs.probe.reader("/uav1/power/fuel", Float)
+        faults = gcs.probe.stream_reader("/uav1/power/faults", Text)
+        board = uav.probe.writer("power/fuel", Float)
+        event = uav.probe.stream_writer("power/faults", Text, kind="event")
         board.write(Float(0.9))
         await until(fuel, lambda value: value.value == 0.9)
         event.write(Text("before"))
@@ -271,8 +271,8 @@ async def test_an_application_that_is_killed_is_lost_at_every_neighbour(tmp_path
 @on_uvloop
 async def test_a_stream_arrives_whole_and_in_order_over_two_hops(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
-        scans = await gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
-        scan = await uav.probe.stream_writer("sensor/scan", Blob, link="notify")
+        scans = gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
+        scan = uav.probe.stream_writer("sensor/scan", Blob, link="notify")
         async with asyncio.timeout(PATIENCE_S):
             while scans.take() is None:  # a stream begins where its subscription does
                 scan.write(Blob(b""))
@@ -290,12 +290,12 @@ async def test_a_stream_arrives_whole_and_in_order_over_two_hops(tmp_path: Path)
 @on_uvloop
 async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
-        board = await uav.probe.writer("plan/step", Text)
+        board = uav.probe.writer("plan/step", Text)
         board.write(Text("turn left"))
         uav.probe.provide(SPEED)
         # nobody on gcs reads anything of it: its structure is asked for when somebody looks
         await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None)
-        mirror = await gcs.probe.reader("/uav1/plan/step", Text)
+        mirror = gcs.probe.reader("/uav1/plan/step", Text)
         await until(mirror, lambda value: value.value == "turn left")
         assert (await gcs.set(f"/uav1/{SPEED.path}", 3.5)).version == 1
         assert (await gcs.get(f"/uav1/{SPEED.path}")).source == "asked"
@@ -307,8 +307,8 @@ async def test_what_a_killed_platform_said_last_stays_readable_with_its_age(tmp_
     async with platforms(tmp_path, "uav1", "gcs", tree=keep, start=False) as (uav, gcs):
         process = await uav.start(*SERVICES)
         await gcs.start(*SERVICES)
-        pose = await uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
-        state = await uav.probe.writer("vehicle/state", VehicleState, link="notify")
+        pose = uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
+        state = uav.probe.writer("vehicle/state", VehicleState, link="notify")
         state.write(VehicleState(True, False))
         async with asyncio.timeout(PATIENCE_S):
             quality, number = "", 0
@@ -340,9 +340,9 @@ async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_stream
     tmp_path: Path,
 ) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
-        fuel = await gcs.probe.reader("/uav1/power/fuel", Float)
-        board = await uav.probe.writer("power/fuel", Float)
-        await uav.probe.stream_writer("sensor/scan", Blob)
+        fuel = gcs.probe.reader("/uav1/power/fuel", Float)
+        board = uav.probe.writer("power/fuel", Float)
+        uav.probe.stream_writer("sensor/scan", Blob)
         board.write(Float(0.9))
         await until(fuel, lambda value: value.value == 0.9)
 
@@ -352,7 +352,7 @@ async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_stream
 
         with pytest.raises(InvalidInput, match="sensor/scan, of which each item is promised"):
             await limit("sensor/scan", 1.0)
-        stopped = await uav.probe.reader("net/limits", ChannelLimits)
+        stopped = uav.probe.reader("net/limits", ChannelLimits)
         assert "sensor/scan" in (await limit("**", 0.0)).unlimited
         await until(stopped, lambda limits: [one.max_hz for one in limits.limits] == [0.0])
         board.write(Float(0.85))

@@ -172,7 +172,7 @@ def note_of_structure(digest: int) -> SendNotify:
 def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
-            inbox = await module.inbox("sys/note", Text)
+            inbox = module.inbox("sys/note", Text)
             for kind in (FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.STREAM, FrameKind.FILE):
                 assert await module.send("sys/note", Text(kind.name), kind=kind)
                 assert (await inbox.next(5)).value == kind.name

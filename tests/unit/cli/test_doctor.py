@@ -18,7 +18,7 @@ async def examined(config_dir: Path, *checks: str) -> list[CheckResult]:
 async def test_who_was_turned_away_is_said_with_the_address_and_how_often(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("broker", config_dir=config_dir) as broker:
-        denials = await broker.stream_writer("net/denials", Denial, kind="event")
+        denials = broker.stream_writer("net/denials", Denial, kind="event")
         assert await examined(config_dir, "denied") == []
         for count in (1, 3):
             denials.write(Denial("uav2", "node", "call", "cmd/goto", count, "expected role operator"))
@@ -32,7 +32,7 @@ async def test_who_was_turned_away_is_said_with_the_address_and_how_often(tmp_pa
 async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("broker", config_dir=config_dir) as broker:
-        denials = await broker.stream_writer("net/denials", Denial, kind="event")
+        denials = broker.stream_writer("net/denials", Denial, kind="event")
         for number in range(20):
             denials.write(Denial(f"uav{number}", "node", "call", "cmd/goto", 2, "expected role operator"))
         found = await examined(config_dir, "denied")
@@ -48,7 +48,7 @@ async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_pat
     faults = [full, away, over]
 
     async with Module("health", config_dir=config_dir) as health:
-        await health.serve(
+        health.serve(
             "sys/health/faults",
             FaultQuery,
             lambda *_: FaultList("uav1", 3, tuple(faults)),

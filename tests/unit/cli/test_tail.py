@@ -114,7 +114,7 @@ async def _log_late(
     """A logger whose batches reach back half a second."""
     segment = SegmentWriter(log_dir / "00000001.mcap", {})
     async with Module("logger", config_dir=config_dir) as module:
-        stats = await module.writer("log/stats", LogStats)
+        stats = module.writer("log/stats", LogStats)
         sequence, taken_ns = 0, utc_ns() - 500_000_000
         while not ended.is_set():
             now_ns = utc_ns()

@@ -34,7 +34,7 @@ def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
 
 async def table_where(module: Module, wanted: Callable[[set[str]], bool]) -> ApplicationTable:
     """The first published table with applications of which `wanted` is true."""
-    board = await module.reader("register/apps", ApplicationTable)
+    board = module.reader("register/apps", ApplicationTable)
     async with asyncio.timeout(10):
         while (table := board.value) is None or not wanted({app.name for app in table.applications}):
             await board.changed()
@@ -45,7 +45,7 @@ async def test_who_comes_and_who_leaves_is_in_the_next_table_which_is_a_later_on
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         alone = await table_where(m, lambda names: names == {"planner"})
         async with Module("pilot", node=node) as pilot:
-            await pilot.inbox("cmd/step", Int)
+            pilot.inbox("cmd/step", Int)
             both = await table_where(m, lambda names: names == {"planner", "pilot"})
         again = await table_where(m, lambda names: names == {"planner"})
         assert alone.version < both.version < again.version

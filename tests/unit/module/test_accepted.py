@@ -28,7 +28,7 @@ def kept(ring: RingReader) -> list[Frame]:
 async def test_a_command_that_the_template_logs_is_kept_once_although_it_comes_again(tmp_path: Path) -> None:
     far = hardware_id("uav7")
     async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:
-        await m.inbox("cmd/abort", MissionAbort)
+        m.inbox("cmd/abort", MissionAbort)
         began_ns = node.clock.now_ns()
         with RingReader(ring_file(node.shm_dir, "cmd/abort"), after=0) as ring:
             for sequence in (1, 1, 2):
@@ -54,8 +54,8 @@ async def test_a_command_that_the_template_logs_is_kept_once_although_it_comes_a
 
 async def test_a_request_is_kept_too_and_what_the_template_does_not_log_is_not(tmp_path: Path) -> None:
     async with tmp_node(tmp_path, template="multirotor") as node, Module("sim", node=node) as m:
-        await m.serve("sys/vehicle/arm", ArmRequest, lambda *_: VehicleState(True, True), reply=VehicleState)
-        box = await m.inbox("test/private", Text)
+        m.serve("sys/vehicle/arm", ArmRequest, lambda *_: VehicleState(True, True), reply=VehicleState)
+        box = m.inbox("test/private", Text)
         await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState)
         assert await m.send("test/private", Text("x"))
         assert await box.next(1.0) == Text("x")
@@ -67,14 +67,14 @@ async def test_a_request_is_kept_too_and_what_the_template_does_not_log_is_not(t
 async def test_what_was_accepted_stays_for_the_logger_when_the_application_has_gone(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         async with Module("mission", node=node) as m:
-            await m.inbox("cmd/abort", MissionAbort, limit=2 * SLOTS)
+            m.inbox("cmd/abort", MissionAbort, limit=2 * SLOTS)
             for number in range(3):
                 assert await m.send("cmd/abort", MissionAbort(reason=f"no {number}"))
         with RingReader(ring_file(node.shm_dir, "cmd/abort"), after=0) as ring:
             assert not ring.owner_alive(), "its writer has let it go, so the next application may have it"
             assert len(kept(ring)) == 3
         async with Module("mission", node=node) as m:
-            await m.inbox("cmd/abort", MissionAbort)
+            m.inbox("cmd/abort", MissionAbort)
             assert await m.send("cmd/abort", MissionAbort(reason="again"))
         with RingReader(ring_file(node.shm_dir, "cmd/abort"), after=3) as ring:
             assert [registry.decode(MissionAbort, one.payload).reason for one in kept(ring)] == ["again"]

@@ -20,18 +20,18 @@ SECOND = 1_000_000_000
 
 async def test_a_board_is_alive_as_long_as_somebody_writes_it(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        reader = await m.reader("nav/height", Float)
+        reader = m.reader("nav/height", Float)
         seen = [reader.alive]
         async with Module("pilot", node=node) as pilot:
             pilot.keep_boards()
-            writer = await pilot.writer("nav/height", Float)
+            writer = pilot.writer("nav/height", Float)
             seen.append(reader.alive)
             writer.write(Float(1.0))
             seen.append(reader.alive)
         seen.append(reader.alive)
         assert reader.value == Float(1.0), "its last value stays"
         async with Module("pilot", node=node) as pilot:
-            await pilot.writer("nav/height", Float)
+            pilot.writer("nav/height", Float)
             seen.append(reader.alive)
         assert seen == [False, True, True, False, True]
 
@@ -44,7 +44,7 @@ async def test_the_age_of_another_platforms_value_is_by_its_clock_and_unknown_wi
         Module("planner", node=node) as m,
         Module("timesync", node=node) as timesync,
     ):
-        reader = await m.reader("/uav7/nav/height", Float)
+        reader = m.reader("/uav7/nav/height", Float)
         mirror = node.mirror_writer("uav7", "nav/height")
         stamp_ns = node.clock.now_ns() + 10 * SECOND - 2 * SECOND  # their clock is 10 s ahead, 2 s ago
         frame = Frame(FrameKind.BOARD, data_id("nav/height", "Float"), THERE, stamp_ns=stamp_ns)
@@ -53,7 +53,7 @@ async def test_the_age_of_another_platforms_value_is_by_its_clock_and_unknown_wi
         assert (reader.value, reader.stamp_ns, reader.age_s) == (Float(4.0), stamp_ns, None)
         assert m.remote_clocks.to_local(THERE, stamp_ns) is None
         assert m.remote_clocks.to_local(node.hardware, 7) == 7
-        functions = await timesync.writer("time/functions", TimeFunctions)
+        functions = timesync.writer("time/functions", TimeFunctions)
         theirs = Conversion("uav7", "main", THERE, 1, 10 * SECOND, 0.0, 0, 0, 0, 0.0, 1)
         functions.write(TimeFunctions("uav1", "main", 1, 0, (theirs,)))
         assert reader.age_s == pytest.approx(2.0, abs=1.0)
@@ -65,16 +65,16 @@ async def test_who_waits_for_a_board_gets_it_when_its_writer_comes_and_after_it_
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        reader = await m.reader("nav/height", Float)
+        reader = m.reader("nav/height", Float)
         first = asyncio.create_task(reader.changed(5.0))
         await asyncio.sleep(0)
-        writer = await m.writer("nav/height", Float)
+        writer = m.writer("nav/height", Float)
         writer.write(Float(1.0))
         assert await first == Float(1.0)
         m.close_writer(writer)
         again = asyncio.create_task(reader.changed(5.0))
         await asyncio.sleep(0)
-        (await m.writer("nav/height", Float)).write(Float(2.0))
+        m.writer("nav/height", Float).write(Float(2.0))
         assert await again == Float(2.0)
         with pytest.raises(NoAnswer, match=r"board nav/height: no new value within 0.01 s"):
             await reader.changed(0.01)
@@ -84,9 +84,9 @@ async def test_a_reader_of_many_items_lets_others_have_their_turn(tmp_path: Path
     turns: list[int] = []
 
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        writer = await m.stream_writer("plan/path", Int)
-        stream = await m.stream_reader("plan/path", Int)
-        box = await m.inbox("cmd/step", Int, limit=200)
+        writer = m.stream_writer("plan/path", Int)
+        stream = m.stream_reader("plan/path", Int)
+        box = m.inbox("cmd/step", Int, limit=200)
         for number in range(130):
             writer.write(Int(number))
             assert await m.send("cmd/step", Int(number))
@@ -107,8 +107,8 @@ async def test_a_reader_of_many_items_lets_others_have_their_turn(tmp_path: Path
 
 async def test_a_value_is_filled_in_place_and_one_that_failed_is_never_seen(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        stream = await m.stream_reader("plan/path", Int)
-        writer = await m.stream_writer("plan/path", Int)
+        stream = m.stream_reader("plan/path", Int)
+        writer = m.stream_writer("plan/path", Int)
         for number, stamp_ns in ((1, 7), (2, None)):
             before_ns = node.clock.now_ns()
             payload = registry.encode(Int(number))

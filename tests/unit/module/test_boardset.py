@@ -36,7 +36,7 @@ async def waiting(boards: BoardSet[Float]) -> asyncio.Task[tuple[str, ...]]:
 
 async def test_who_waits_is_woken_by_a_mirror_that_appears_and_by_each_of_its_values(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        heights = await m.readers(f"/*/{PATH}", Float)
+        heights = m.readers(f"/*/{PATH}", Float)
         task = await waiting(heights)
         mirror = node.mirror_writer("uav7", PATH)
         publish(mirror, "uav7", 4.0)
@@ -53,7 +53,7 @@ async def test_platforms_are_those_of_the_pattern_that_have_this_board_never_our
     tmp_path: Path, pattern: str
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        heights = await m.readers(pattern, Float)
+        heights = m.readers(pattern, Float)
         mirrors = [
             mirror_of(node, "uav7", PATH),
             mirror_of(node, "uav1", PATH),
@@ -68,7 +68,7 @@ async def test_platforms_are_those_of_the_pattern_that_have_this_board_never_our
 
 async def test_a_platform_is_found_by_its_name_without_asking_for_all(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        heights = await m.readers(f"/*/{PATH}", Float)
+        heights = m.readers(f"/*/{PATH}", Float)
         mirror = mirror_of(node, "uav7", PATH)
         assert heights["uav7"].value == Float(1.0)
         with pytest.raises(KeyError):
@@ -78,7 +78,7 @@ async def test_a_platform_is_found_by_its_name_without_asking_for_all(tmp_path: 
 
 async def test_a_set_that_was_closed_listens_no_more(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        heights = await m.readers(f"/*/{PATH}", Float)
+        heights = m.readers(f"/*/{PATH}", Float)
         before = dict(node._listens), dict(node._watchers)
         with pytest.raises(NoAnswer, match=r"boards /\*/nav/height: no new value within 0.01 s"):
             await heights.changed(0.01)
@@ -97,7 +97,7 @@ def mirror_of(node: Node, platform: str, path: str) -> Publication:
 
 async def test_a_platform_that_left_and_came_back_with_one_value_is_news(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        heights = await m.readers(f"/*/{PATH}", Float)
+        heights = m.readers(f"/*/{PATH}", Float)
         mirror = mirror_of(node, "uav7", PATH)
         assert await heights.changed(1.0) == ("uav7",)
         mirror.close()

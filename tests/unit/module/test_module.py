@@ -46,9 +46,9 @@ THERE = names.hardware_id("uav7")
 
 async def test_a_reader_may_come_before_its_writer_and_sees_the_newest_value(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        reader = await m.reader("nav/height", Float)
+        reader = m.reader("nav/height", Float)
         assert (reader.value, reader.age_s, reader.sequence) == (None, None, 0)
-        writer = await m.writer("nav/height", Float, unit="m")
+        writer = m.writer("nav/height", Float, unit="m")
         for number in (1.0, 2.0):
             writer.write(Float(number))
         assert reader.value == Float(2.0)
@@ -65,8 +65,8 @@ async def test_a_reader_may_come_before_its_writer_and_sees_the_newest_value(tmp
 async def test_what_a_module_provides_stands_in_its_entry_until_it_withdraws_it(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         async with Module("planner", node=node) as m:
-            writer = await m.writer("plan/step", Int)
-            await m.inbox("cmd/step", Int)
+            writer = m.writer("plan/step", Int)
+            m.inbox("cmd/step", Int)
             m._flush()
             assert [resource.path for resource in m.entry.provides] == ["plan/step", "cmd/step"]
             assert [resource.owner for resource in m.entry.provides] == ["planner", "planner"]
@@ -101,21 +101,21 @@ async def test_the_first_that_is_seen_of_a_service_has_its_configuration(
 async def test_what_cannot_be_written_is_refused_and_says_what_was_expected(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         with pytest.raises(InvalidInput, match="of another platform; expected a resource of uav1"):
-            await m.writer("/uav7/nav/pose", Float)
+            m.writer("/uav7/nav/pose", Float)
         with pytest.raises(InvalidInput, match="segment"):
-            await m.writer("nav/Pose", Float)
-        writer = await m.writer("/uav1/nav/height", Float)
+            m.writer("nav/Pose", Float)
+        writer = m.writer("/uav1/nav/height", Float)
         assert writer.path == "nav/height"
         with pytest.raises(TypeMismatch, match="Int, expected Float"):
             writer.write(Int(1))  # type: ignore[arg-type]  # what a user without a type checker does
         with pytest.raises(OutOfRange, match="64 bits"):
-            (await m.writer("nav/count", Int)).write(Int(2**70))
+            m.writer("nav/count", Int).write(Int(2**70))
 
 
 async def test_a_stream_gives_every_item_in_order_and_counts_what_was_overrun(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        writer = await m.stream_writer("plan/path", Int, slots=8)
-        reader = await m.stream_reader("plan/path", Int)
+        writer = m.stream_writer("plan/path", Int, slots=8)
+        reader = m.stream_reader("plan/path", Int)
         for number in range(5):
             writer.write(Int(number))
         assert [(await reader.next(1.0)).value for _ in range(5)] == [0, 1, 2, 3, 4]
@@ -133,7 +133,7 @@ async def test_a_stream_gives_every_item_in_order_and_counts_what_was_overrun(tm
 
 async def test_a_stream_of_another_platform_counts_the_gaps_in_its_owners_sequence(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        reader = await m.stream_reader("/uav7/plan/path", Int)
+        reader = m.stream_reader("/uav7/plan/path", Int)
         mirror = node.mirror_writer("uav7", "plan/path", slots=64)
         data_id = names.data_id("plan/path", "Int")
         # items 4 to 8 were left out on the way; then the owner starts again with 1
@@ -165,9 +165,9 @@ async def test_a_writer_of_a_stream_learns_who_will_never_get_some_of_it(tmp_pat
         Module("planner", node=node) as m,
         Module("tree", node=node) as tree,
     ):
-        writer = await m.stream_writer("plan/path", Int)
+        writer = m.stream_writer("plan/path", Int)
         assert (writer.lost, writer.losses) == (0, {})
-        board = await tree.writer("tree/losses", StreamLosses)
+        board = tree.writer("tree/losses", StreamLosses)
         mine = (StreamLoss("plan/path", "gcs", 3), StreamLoss("plan/path", "uav2", 4))
         board.write(StreamLosses((StreamLoss("other/one", "gcs", 9), *mine)))
         assert writer.losses == {"gcs": 3, "uav2": 4}
@@ -180,7 +180,7 @@ async def test_a_message_is_acknowledged_with_the_application_that_has_it(tmp_pa
         Module("planner", node=node) as m,
         Module("pilot", node=node) as pilot,
     ):
-        box = await pilot.inbox("cmd/step", Int, limit=2)
+        box = pilot.inbox("cmd/step", Int, limit=2)
         for number in range(2):
             outcome = await m.send("cmd/step", Int(number))
             assert outcome
@@ -210,7 +210,7 @@ async def test_a_request_is_answered_or_fails_with_the_class_of_the_handlers_err
         return Text(str(request.value))
 
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        await m.serve("sys/text", Int, handler, reply=Text)
+        m.serve("sys/text", Int, handler, reply=Text)
         assert await m.request("sys/text", Int(3), Text) == Text("3")
         with pytest.raises(OutOfRange, match="-1: expected 0 or more"):
             await m.request("sys/text", Int(-1), Text)
@@ -237,7 +237,7 @@ async def test_a_request_leaves_before_its_answer_is_awaited_and_says_when_it_ca
             metas.append(meta)
             return step
 
-        await m.serve("cmd/step", Int, take)
+        m.serve("cmd/step", Int, take)
         await m.request("cmd/step", Int(2), Int)
         frame = left[0]
         frame.receiver_hw, frame.sender_hw = node.hardware, THERE
@@ -255,7 +255,7 @@ async def test_who_asks_for_what_nobody_serves_is_told_so_after_the_time_for_sta
 
 async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        heights = await m.readers("/*/nav/height", Float)
+        heights = m.readers("/*/nav/height", Float)
         assert len(heights) == 0
         mirror = node.mirror_writer("uav7", "nav/height")
         data_id = names.data_id("nav/height", "Float")
@@ -266,19 +266,19 @@ async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path
             await heights.changed(0.01)
         mirror.close()
         with pytest.raises(InvalidInput, match="wildcards only in the platform"):
-            await m.readers("/*/nav/*", Float)
+            m.readers("/*/nav/*", Float)
 
 
 async def test_who_waits_for_boards_of_other_platforms_is_not_woken_by_other_bells(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        heights = await m.readers("/*/nav/height", Float)
+        heights = m.readers("/*/nav/height", Float)
         mirror = node.mirror_writer("uav7", "nav/height")
         data_id = names.data_id("nav/height", "Float")
         frame = encode(Frame(FrameKind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0))))
         mirror.publish(frame)
         assert await heights.changed(1.0) == ("uav7",)
-        other = await m.writer("nav/other", Float)
-        reader = await m.reader("nav/other", Float)
+        other = m.writer("nav/other", Float)
+        reader = m.reader("nav/other", Float)
         wakeup = heights._wakeup = Counted()
         waiting = asyncio.create_task(heights.changed(5.0))
         await asyncio.sleep(0)
@@ -297,7 +297,7 @@ async def test_a_frame_that_is_damaged_or_of_another_type_is_counted_and_the_las
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        reader = await m.reader("/uav7/nav/height", Float)
+        reader = m.reader("/uav7/nav/height", Float)
         mirror = node.mirror_writer("uav7", "nav/height")
         good = Frame(
             FrameKind.BOARD, names.data_id("nav/height", "Float"), THERE, payload=registry.encode(Float(4.0))

@@ -16,12 +16,12 @@ async def test_modules_of_one_process_share_the_node_and_the_last_one_closes_it(
     async with Module("planner", config_dir=folder) as one:
         async with Module("mapper", config_dir=folder) as other:
             assert one.node is other.node
-        assert await Node.attach(folder) is one.node, "it lives as long as somebody uses it"
-        await one.node.close()
+        assert Node.attach(folder) is one.node, "it lives as long as somebody uses it"
+        one.node.close()
         former = one.node
-    again = await Node.attach(folder)
+    again = Node.attach(folder)
     assert again is not former
-    await again.close()
+    again.close()
     assert not list((tmp_path / "uav1" / "run" / "p").iterdir()), "no socket is left"
 
 
@@ -35,7 +35,7 @@ async def test_a_bell_wakes_who_watches_as_long_as_somebody_listens(tmp_path: Pa
 
         watcher = Watcher()
         readers = readers_folder(ring_file(node.shm_dir, "nav/height"))
-        writer = await m.writer("nav/height", Float)
+        writer = m.writer("nav/height", Float)
         node.watch(watcher)
         node.listen(readers)
         node.listen(readers)

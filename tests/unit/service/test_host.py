@@ -30,7 +30,7 @@ class Steady(Service):
 
     async def run(self) -> None:
         type(self).begun += 1
-        (await self.module.writer("test/begun", Int)).write(Int(type(self).begun))
+        (self.module.writer("test/begun", Int)).write(Int(type(self).begun))
         await asyncio.Event().wait()
 
     async def stop(self) -> None:
@@ -128,8 +128,8 @@ async def test_a_restart_on_request_is_no_failure_and_its_boards_stay_readable(
     async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
         host, running = hosted(node, Steady, *others)
         await host.started()
-        begun = await probe.reader("test/begun", Int)
-        status = await probe.reader("app/steady/status", AppStatus)
+        begun = probe.reader("test/begun", Int)
+        status = probe.reader("app/steady/status", AppStatus)
         assert begun.value == Int(1)
         host.restart("steady")
         while Steady.begun < 2:
@@ -145,7 +145,7 @@ async def test_services_are_asked_to_end_the_last_started_first_and_say_goodbye(
     async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
         host, running = hosted(node, Steady, Other)
         await host.started()
-        status = await probe.reader("app/steady/status", AppStatus)
+        status = probe.reader("app/steady/status", AppStatus)
         await host.stop()
         assert Steady.ended == ["other", "steady"]
         assert status.value is not None

@@ -46,7 +46,7 @@ def query_node(folder: Path) -> NodeFindings:
 
 async def _look(folder: Path) -> NodeFindings:
     async with Module(NAME, config_dir=folder) as module:
-        refusals = await _refusals(module)
+        refusals = _refusals(module)
         try:
             found = await module.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=ANSWER_S)
         except SwarmError as error:
@@ -55,8 +55,8 @@ async def _look(folder: Path) -> NodeFindings:
         return NodeFindings(confirmed, refusals)
 
 
-async def _refusals(module: Module) -> tuple[DeniedRequests, ...]:
-    reader = await module.stream_reader("net/denials", Denial, from_oldest=True)
+def _refusals(module: Module) -> tuple[DeniedRequests, ...]:
+    reader = module.stream_reader("net/denials", Denial, from_oldest=True)
     found: dict[tuple[str, str], DeniedRequests] = {}
     while (denial := reader.take()) is not None:
         before = found.get((denial.platform, denial.path))

@@ -64,7 +64,7 @@ class Tail:
         """Joins the nodes."""
         for folder, growing in self._growing.items():
             module = await self._stack.enter_async_context(Module("swarmctl", config_dir=folder))
-            stats = await module.reader("log/stats", LogStats)
+            stats = module.reader("log/stats", LogStats)
             module.start(self._read(str(folder), stats, growing), "tail")
 
     async def _read(self, logger: str, stats: BoardReader[LogStats], growing: "SegmentFollower") -> None:

@@ -35,7 +35,7 @@ async def find_active(session: Session) -> ActiveMission:
     The one that is asked need not be a member itself.
     Raises: NotFound when there is none.
     """
-    states = await _states(session)
+    states = _states(session)
     if session.settings.node:
         found = await session.ask("sys/mission/status", Empty(), MissionStatus)
         if not found.state.epoch:
@@ -51,10 +51,10 @@ async def find_active(session: Session) -> ActiveMission:
     return _ensemble(epoch, states, [answer for answer in answers.values() if answer.state.epoch == epoch])
 
 
-async def _states(session: Session) -> dict[str, MissionState]:
+def _states(session: Session) -> dict[str, MissionState]:
     """Newest state of every platform, including unreachable ones."""
-    others = await session.module.readers("/*/mission/state", MissionState)
-    own = await session.module.reader("mission/state", MissionState)
+    others = session.module.readers("/*/mission/state", MissionState)
+    own = session.module.reader("mission/state", MissionState)
     found = {name: reader.value for name, reader in others.items()} | {session.here: own.value}
     return {name: state for name, state in found.items() if state is not None}
 
@@ -75,8 +75,8 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
 
     Raises: SwarmError when it ended badly for one, Partial when one fell silent.
     """
-    others = await session.module.readers("/*/mission/state", MissionState)
-    own = await session.module.reader("mission/state", MissionState)
+    others = session.module.readers("/*/mission/state", MissionState)
+    own = session.module.reader("mission/state", MissionState)
     shown: dict[str, MissionState] = {}
     last_change: dict[str, tuple[int | None, int]] = {}
     silent: set[str] = set()

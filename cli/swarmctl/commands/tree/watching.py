@@ -38,7 +38,7 @@ class ResourceWatch:
         self._streams: list[StreamReader[Any]] = []
 
     @classmethod
-    async def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
+    def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
         """Subscribes; what is not mirrored yet will be.
 
         Raises: NotFound for a type that is not known here.
@@ -47,11 +47,11 @@ class ResourceWatch:
         for entry in entries:
             found = registry.find(entry.type)
             if entry.kind in {"event", "stream"}:
-                stream = await session.module.stream_reader(entry.path, found)
+                stream = session.module.stream_reader(entry.path, found)
                 watch._streams.append(stream)
                 session.module.start(watch._every(entry, stream, session), f"watch {entry.path}")
             else:
-                board = await session.module.reader(entry.path, found)
+                board = session.module.reader(entry.path, found)
                 session.module.start(watch._newest(entry, board), f"watch {entry.path}")
         return watch
 
@@ -89,7 +89,7 @@ async def print_changes(session: Session, path: str, count: int | None) -> None:
     Raises: Partial when values were overwritten before they were read.
     """
     name, _, fields = path.partition(".")
-    watch = await ResourceWatch.open(session, await valued(session, name))
+    watch = ResourceWatch.open(session, await valued(session, name))
     printed = 0
     async for new in watch:
         value = field(new.value, new.path, fields)

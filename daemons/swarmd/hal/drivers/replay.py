@@ -36,7 +36,7 @@ class Replay(Driver):
         if not data or len(data) % size:
             raise DeviceError(f"recording {self._file}: {len(data)} bytes, expected packets of {size} bytes")
         self._packets = tuple(Blob(data[at : at + size]) for at in range(0, len(data), size))
-        self._writer = await module.stream_writer(
+        self._writer = module.stream_writer(
             config.path, Blob, rate_hz=config.packets_hz, slots=config.slots, slot_bytes=size + 128
         )
         self._clock = None

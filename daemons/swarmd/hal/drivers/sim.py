@@ -34,8 +34,8 @@ class SimDevice(Driver, Generic[T]):
     async def open(self, module: Module) -> None:
         """Opens the board of the simulation, which may not exist yet."""
         self._module = module
-        self._reader = await module.reader(self._source, self._cls)
-        self._writer = await module.writer(self._path, self._cls, rate_hz=self._rate_hz)
+        self._reader = module.reader(self._source, self._cls)
+        self._writer = module.writer(self._path, self._cls, rate_hz=self._rate_hz)
 
     async def read(self, now_ns: int) -> bool:
         """Publishes the newest value once."""
@@ -75,9 +75,9 @@ class SimSonar(Driver):
         """Opens the board of the simulation, which may not exist yet."""
         self._module = module
         self._filter.reset()
-        self._reader = await module.reader("sim/sensors/sonar", Range)
+        self._reader = module.reader("sim/sensors/sonar", Range)
         # without a rate: above its range the sonar publishes nothing, which is not a fault
-        self._writer = await module.writer("sensor/height", Float, unit="m", link="request")
+        self._writer = module.writer("sensor/height", Float, unit="m", link="request")
 
     async def read(self, now_ns: int) -> bool:
         """Publishes the filtered height; nothing when the ground is out of range."""

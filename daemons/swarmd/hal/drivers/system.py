@@ -26,7 +26,7 @@ class System(Driver):
     async def open(self, module: Module) -> None:
         """Opens the writer."""
         self._module = module
-        self._writer = await module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
+        self._writer = module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
         psutil.cpu_percent()  # the first call returns 0: it has no earlier sample to compare with
 
     async def read(self, now_ns: int) -> bool:

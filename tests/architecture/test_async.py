@@ -1,0 +1,91 @@
+"""`async` is only what waits: a function that never does returns at once."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+WAITING = {
+    "Service": {"run", "stop"},  # a service may wait as it stops, ours or a user's
+    "Driver": {"open", "read", "close"},  # a device may be slow
+    "FunctionalBlock": {"run"},  # the step of a mission
+}
+"""Methods that users implement, and that may wait there: class → methods, also in what is derived from it."""
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def own(body: list[ast.stmt]) -> Iterator[ast.AST]:
+    """The nodes of a function without those of the functions and classes inside it."""
+    todo: list[ast.AST] = list(body)
+    while todo:
+        node = todo.pop()
+        yield node
+        if not isinstance(node, Function | ast.Lambda | ast.ClassDef):
+            todo += ast.iter_child_nodes(node)
+
+
+def waits(function: ast.AsyncFunctionDef) -> bool:
+    return any(
+        isinstance(node, ast.Await | ast.AsyncFor | ast.AsyncWith | ast.Yield)
+        or (isinstance(node, ast.comprehension) and node.is_async)
+        for node in own(function.body)
+    )
+
+
+def idle(tree: ast.AST, bases: dict[str, set[str]]) -> Iterator[tuple[int, str]]:
+    """Line and name of each `async def` that never waits."""
+    for node in ast.walk(tree):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.AsyncFunctionDef) and not waits(child):
+                kin = ancestors(node.name, bases) if isinstance(node, ast.ClassDef) else set()
+                if not any(child.name in WAITING.get(name, ()) for name in kin):
+                    yield child.lineno, child.name
+
+
+def ancestors(name: str, bases: dict[str, set[str]]) -> set[str]:
+    return {name}.union(*(ancestors(base, bases) for base in bases.get(name, ())))
+
+
+def last_word(node: ast.expr) -> str:
+    return ast.unparse(node).partition("[")[0].rpartition(".")[2]
+
+
+def bases_of(trees: list[ast.Module]) -> dict[str, set[str]]:
+    return {
+        node.name: {last_word(base) for base in node.bases} - {node.name}
+        for tree in trees
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+    }
+
+
+def test_what_never_waits_is_not_async() -> None:
+    files = [
+        p for folder in ("lib", "daemons", "cli", "share") for p in sorted((ROOT / folder).rglob("*.py"))
+    ]
+    trees = {path: ast.parse(path.read_text("utf-8")) for path in files}
+    bases = bases_of(list(trees.values()))
+    found = [
+        f"{path.relative_to(ROOT)}:{line} {name}"
+        for path, tree in trees.items()
+        for line, name in idle(tree, bases)
+    ]
+    assert not found, "no await, async for, async with or yield in:\n" + "\n".join(found)
+
+
+def test_the_rule_sees_what_waits_and_what_does_not() -> None:
+    text = """
+class Slow(Driver[int]):
+    async def read(self): return 1
+    async def list(self): return [x async for x in self]
+class Other:
+    async def read(self): return 1
+    async def outer(self):
+        async def inner(): await self.read()
+        return inner
+    async def items(self): yield 1
+"""
+    tree = ast.parse(text)
+    assert {name for _, name in idle(tree, bases_of([tree]))} == {"read", "outer"}
+    assert {line for line, name in idle(tree, bases_of([tree])) if name == "read"} == {6}
