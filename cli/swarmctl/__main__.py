@@ -1,4 +1,4 @@
-"""`python -m swarmctl`."""
+"""Entry point of `python -m swarmctl`."""
 
 import sys
 

@@ -16,7 +16,7 @@ VALUED: Final = frozenset({"board", "event", "stream", "setting"})
 
 
 class CachedResource(NamedTuple):
-    """One resource."""
+    """One resource as the completion shows it."""
 
     path: str
     kind: str

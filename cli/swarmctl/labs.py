@@ -47,7 +47,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def data_dir(self) -> Path:
-        """Logs, settings, missions."""
+        """Folder of the node's logs, settings and missions."""
         return Path(self.folder) / "data"
 
     @property
@@ -76,7 +76,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LabState(msgspec.Struct, frozen=True, kw_only=True):
-    """One lab."""
+    """Description of one lab as its state file keeps it."""
 
     schema_version: int = 1
     name: str

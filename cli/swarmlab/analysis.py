@@ -93,7 +93,7 @@ class Analysis:
         return [abs(error) for error in clocks.errors_us(platform, inside, self._recording.clocks)]
 
     def result(self) -> tuple[ExperimentReport, PlotData]:
-        """Figures and data."""
+        """The figures of the report and the data for the plots."""
         totals = {p: traffic_totals.between(known, 0.0, self._end_s) for p, known in self._counters.items()}
         return self._report(totals), self._plot_data(totals)
 

@@ -61,7 +61,7 @@ def describe(lab: LabState, now_utc_ns: int) -> LabLine:
 
 
 def list_labs(out: Output) -> None:
-    """Prints the list."""
+    """Print the list of labs."""
     lines = [describe(lab, time.time_ns()) for lab in labs.labs()]
     if out.settings.json:
         out.document({"labs": lines})

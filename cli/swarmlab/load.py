@@ -21,7 +21,7 @@ class Usage(msgspec.Struct, frozen=True):
 
 
 def usage(lab: LabState) -> dict[str, Usage]:
-    """All nodes now."""
+    """Present processor time and memory of every node."""
     running = processes.by_mark(NODE_MARK)
     found = {}
     for node in lab.nodes:

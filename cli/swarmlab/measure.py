@@ -34,7 +34,7 @@ class VehicleTrack(msgspec.Struct, frozen=True):
 
 
 class Contact(msgspec.Struct, frozen=True, order=True):
-    """Two bodies touched."""
+    """An instant at which two bodies touched."""
 
     t_s: float
     one: str

@@ -37,7 +37,7 @@ class MissionRun:
         self.busy = (host.busy(), host.busy())
 
     def accepted(self, answer: TaskAnswer) -> None:
-        """Notes the members."""
+        """Note the members that accepted the mission."""
         self.members = MissionMembers([order.platform for order in answer.orders], answer.epoch)
 
     def close(self, lab: LabState) -> None:

@@ -21,7 +21,7 @@ TRUTH: Final = "sim/truth"
 
 
 class LoggedValue(msgspec.Struct, frozen=True):
-    """A logged value."""
+    """One value that a node has logged."""
 
     t_s: float
     """True time since the command."""

@@ -15,7 +15,7 @@ FAILED_S: Final = 2.0
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """The parser of swarmd's command line."""
     made = argparse.ArgumentParser(
         prog="swarmd",
         description="Run daemons of a Swarmware node.",

@@ -41,7 +41,7 @@ class Words:
         self._socket.bind(self._path)
 
     def fileno(self) -> int:
-        """For poll."""
+        """File descriptor of the socket, for `poll`."""
         return self._socket.fileno()
 
     def take(self) -> tuple[int, dict[str, str]] | None:
@@ -61,7 +61,7 @@ class Words:
                         return pid, dict(line.partition("=")[::2] for line in lines)
 
     def close(self) -> None:
-        """Listen no more."""
+        """Close the socket and release its lock."""
         with suppress(FileNotFoundError):
             os.unlink(self._path)
         self._socket.close()

@@ -279,7 +279,7 @@ def struct_section(cls: type[msgspec.Struct], docs: dict[tuple[str, str], str], 
         wire = _wire_type(field.type)
         doc = docs.get((cls.__name__, field.name), "")
         cells = (
-            str(number), f"`{field.name}`", wire, _unit(field.name, wire), _default(field), doc,
+            str(number), f"`{field.encode_name}`", wire, _unit(field.name, wire), _default(field), doc,
         )  # fmt: skip
         out.append(f"| {' | '.join(_cell(cell) for cell in cells)} |\n")
     forms: tuple[Form, ...] = getattr(cls, "forms", ())

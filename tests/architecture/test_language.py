@@ -24,6 +24,8 @@ SOURCES = [
     for path in sorted((ROOT / folder).rglob("*.py"))
     if "__pycache__" not in path.parts
 ]
+SHORTEST: Final = 4
+"""Words of a docstring: fewer leave out the subject or the object."""
 LONGEST: Final = 67
 """Entries when the list was made: it is never longer."""
 
@@ -142,6 +144,16 @@ def test_a_class_name_that_has_one_meaning_is_taken_off_the_list() -> None:
     assert not stale, f"{removal()}\n" + "\n".join(stale)
 
 
+def test_a_public_docstring_has_four_words_or_more() -> None:
+    found = [
+        f"{name(path)}:{line}: {text!r}; expected {SHORTEST} words or more: subject, verb, object"
+        for path in SOURCES
+        for line, text in docstrings(ast.parse(path.read_text()))
+        if len(re.findall(r"[\w'-]+", text)) < SHORTEST
+    ]
+    assert not found, "\n".join(found)
+
+
 def test_the_list_is_never_longer_than_it_was() -> None:
     listed = tomllib.loads(EXCEPTIONS.read_text())
     assert sum(map(len, listed["files"].values())) + len(listed["classes"]) <= LONGEST
@@ -216,6 +228,18 @@ def classes() -> dict[str, list[str]]:
             if isinstance(node, ast.ClassDef):
                 found[node.name].append(name(path))
     return found
+
+
+def docstrings(node: ast.AST) -> Iterator[tuple[int, str]]:
+    """Docstrings of a module and of its public classes, functions and methods: line, text."""
+    if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+        return
+    if (text := ast.get_docstring(node)) is not None:
+        yield node.body[0].lineno, text
+    if isinstance(node, ast.Module | ast.ClassDef):
+        for inner in node.body:
+            if not getattr(inner, "name", "").startswith("_"):
+                yield from docstrings(inner)
 
 
 def superfluous() -> list[tuple[str, str]]:

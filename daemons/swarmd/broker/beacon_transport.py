@@ -304,5 +304,5 @@ class BeaconTransport:
             refused.other_epoch += 1
 
     def close(self) -> None:
-        """Closes the sockets."""
+        """Close the sockets for beacons."""
         self._udp.close()

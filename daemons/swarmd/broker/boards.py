@@ -81,7 +81,7 @@ class OwnBoards:
         board.put(payload, packed, frame.stamp_ns)
 
     def close(self) -> None:
-        """Stops reading."""
+        """Stop reading and close all rings."""
         for follower in self._followers.values():
             follower.close()
         self._followers.clear()

@@ -233,5 +233,5 @@ class FrameGateway:
         return path
 
     def close(self) -> None:
-        """Closes all connections."""
+        """Close all connections to neighbours."""
         self.links.close()

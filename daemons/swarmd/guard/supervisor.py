@@ -48,11 +48,11 @@ class Supervisor(Protocol):
         ...
 
     def kill(self, name: str, pid: int) -> None:
-        """Kill the service."""
+        """Kill the process of a service."""
         ...
 
     def close(self) -> None:
-        """Stop watching processes."""
+        """Stop watching the processes of services."""
         ...
 
 
@@ -101,7 +101,7 @@ class ProcessSupervisor:
         clear_start_record(name, self._run_dir)
 
     def terminate(self, name: str, pid: int) -> None:
-        """Send SIGTERM."""
+        """Send SIGTERM to the process of a service."""
         self._signal(name, pid, signal.SIGTERM)
 
     def kill(self, name: str, pid: int) -> None:
@@ -204,7 +204,7 @@ class InProcessSupervisor:
         return True
 
     def joined(self, name: str) -> None:
-        """Do nothing."""
+        """Do nothing: the service has no process of its own."""
 
     def terminate(self, name: str, pid: int) -> None:
         """Cancel the task of the service, which is then started again."""
@@ -218,4 +218,4 @@ class InProcessSupervisor:
         self.terminate(name, pid)
 
     def close(self) -> None:
-        """Do nothing."""
+        """Do nothing: no process is watched."""

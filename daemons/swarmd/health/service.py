@@ -90,7 +90,7 @@ class Health(Service):
         self._events: BoardWriter[Fault] | None = None
 
     async def run(self) -> None:
-        """Monitor until cancelled."""
+        """Run the monitor until cancelled."""
         module, node = self.module, self.module.node
         self._load_template()
         journal = self._journal.load()

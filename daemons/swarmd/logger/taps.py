@@ -61,5 +61,5 @@ class LogTap:
         return self._after_ns is not None and frame.stamp_ns <= self._after_ns
 
     def close(self) -> None:
-        """Closes the ring."""
+        """Stop reading and close the ring."""
         self._follower.close()

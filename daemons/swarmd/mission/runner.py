@@ -33,7 +33,7 @@ class BlockRunner:
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
     def start(self, action: StartBlock) -> None:
-        """Begins a block."""
+        """Start the task of a block."""
         block = action.block
         context = Context(
             self._module, self._vehicle, block.id, block.params, partial(self._report, action.token)

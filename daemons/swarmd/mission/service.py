@@ -74,7 +74,7 @@ class Mission(Service):
     config: Settings
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Run the daemon until cancelled."""
         self._open()
         try:
             async with asyncio.TaskGroup() as group:

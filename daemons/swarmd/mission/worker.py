@@ -28,7 +28,7 @@ class FolderJob(msgspec.Struct, frozen=True, tag=True):
 
 
 class TextJob(msgspec.Struct, frozen=True, tag=True):
-    """One member's mission."""
+    """The mission of one member, to be checked."""
 
     text: str
     file: str
@@ -39,7 +39,7 @@ Job = FolderJob | TextJob
 
 
 def judge(job: Job) -> list[Finding]:
-    """The findings."""
+    """The findings of one check."""
     try:
         catalogue = installed()
         if isinstance(job, FolderJob):
@@ -50,7 +50,7 @@ def judge(job: Job) -> list[Finding]:
 
 
 def main() -> None:
-    """One job."""
+    """Read one job from stdin, check it, write its findings to stdout."""
     # a second line behind the check's budget; a hardened unit forbids it (EPERM) and has limits of its own
     with contextlib.suppress(OSError):
         os.nice(10)  # a mission that is asked about must not slow down one that flies

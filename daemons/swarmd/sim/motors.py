@@ -29,7 +29,7 @@ class Motors:
         self._orders = orders
 
     def serve(self) -> None:
-        """Registers the requests."""
+        """Register the handlers of the vehicle's requests."""
         serve = self._module.serve
         serve(
             "sys/vehicle/arm",

@@ -111,7 +111,7 @@ class Outputs:
         self._sonar: BoardWriter[Range] | None = None
 
     def open(self) -> None:
-        """Opens the writers."""
+        """Open the writers of truth, sensors and events."""
         writer, rates = self._module.writer, self._config.sensors
         self._truth = writer(
             "sim/truth", Pose, rate_hz=self._config.rate_hz, description="True pose of the vehicle"

@@ -35,7 +35,7 @@ class Peek:
         return frame
 
     def close(self) -> None:
-        """Close all rings."""
+        """Stop reading and close all rings."""
         for follower in self._followers.values():
             follower.close()
         self._followers.clear()
@@ -79,5 +79,5 @@ class Tap:
             )
 
     def close(self) -> None:
-        """Stop watching."""
+        """Stop reading and close the ring."""
         self._follower.close()

@@ -67,7 +67,7 @@ class Check(Immediate, Generic[D]):
 
     @property
     def state(self) -> str:
-        """The confirmed state."""
+        """The state of this check that the debouncer has confirmed."""
         return self._debouncer.confirmed
 
     async def sample(self, now_ns: int) -> bool:

@@ -34,7 +34,7 @@ class Assignment(msgspec.Struct, frozen=True):
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """The ensemble."""
+        """The members of the ensemble, with their roles."""
         return tuple(assignment.member for assignment in self.member_assignments)
 
 

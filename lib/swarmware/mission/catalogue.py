@@ -40,7 +40,7 @@ class Params(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class Nothing(Params, frozen=True):
-    """No parameters."""
+    """The block takes no parameters."""
 
 
 class End(Params, frozen=True):
@@ -88,7 +88,7 @@ class Wait(Params, frozen=True):
 
 
 class Takeoff(Params, frozen=True):
-    """Straight up."""
+    """Climb straight up to an altitude."""
 
     altitude_m: Altitude
     """Above the map's origin."""
@@ -96,7 +96,7 @@ class Takeoff(Params, frozen=True):
 
 
 class Goto(Params, frozen=True):
-    """One position."""
+    """Move to one position."""
 
     x_m: Metres
     y_m: Metres
@@ -150,14 +150,14 @@ class Land(Params, frozen=True):
 
 
 class Hold(Params, frozen=True):
-    """Stay."""
+    """Stay at the present position."""
 
     s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
     """For how long; 0: until the vehicle stands still, which it then keeps doing."""
 
     @property
     def lasts_s(self) -> float:
-        """The time of holding."""
+        """The time for which the block holds."""
         return self.s
 
 

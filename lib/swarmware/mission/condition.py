@@ -91,13 +91,13 @@ class Compare(msgspec.Struct, frozen=True, tag=True):
 
 
 class Not(msgspec.Struct, frozen=True, tag=True):
-    """The opposite."""
+    """Holds when the inner condition does not."""
 
     inner: "Node"
 
 
 class Both(msgspec.Struct, frozen=True, tag=True):
-    """Both hold."""
+    """Holds when both conditions hold."""
 
     left: "Node"
     right: "Node"

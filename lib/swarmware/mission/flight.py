@@ -44,7 +44,7 @@ class FlightPhases:
         self._found: dict[tuple[str, str], Remark] = {}
 
     def remarks(self) -> list[Remark]:
-        """What was seen."""
+        """The remarks on all paths that were followed."""
         return list(self._found.values())
 
     def after(self, step: Firing, marking: Marking) -> tuple[Marking, ...]:

@@ -58,7 +58,7 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """mission.toml."""
+    """Contents of a mission folder's `mission.toml`."""
 
     name: Name
     title: str = ""

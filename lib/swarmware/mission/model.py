@@ -78,5 +78,5 @@ class MissionDefinition(msgspec.Struct, frozen=True):
         return frozenset(path for condition in conditions for path in condition.resources())
 
     def barriers(self) -> tuple[Block, ...]:
-        """Its barrier blocks."""
+        """The blocks of type Barrier."""
         return tuple(block for block in self.blocks.values() if block.type == "Barrier")

@@ -19,7 +19,7 @@ class Clock:
         """Changes with each start of the node; later starts have larger ones."""
 
     def now_ns(self) -> int:
-        """The present instant."""
+        """The present instant on the hardware clock."""
         return self.from_mono_ns(time.monotonic_ns())
 
     def from_mono_ns(self, mono_ns: int) -> int:

@@ -133,5 +133,5 @@ class BoardReader(Immediate, Generic[T]):
         return await self.changed()
 
     def close(self) -> None:
-        """Stop reading."""
+        """Stop reading and close the ring."""
         self._follower.close()

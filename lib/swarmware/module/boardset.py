@@ -106,7 +106,7 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
                 raise NoAnswer(f"boards {self.pattern}: no new value within {timeout_s} s")
 
     def close(self) -> None:
-        """Stop reading."""
+        """Stop reading and close all rings."""
         if self._listening:
             self._listening = False
             self._node.unwatch(self)

@@ -129,7 +129,7 @@ class Module:
 
     @property
     def id(self) -> str:
-        """`name#instance`."""
+        """Name and instance of the application: `name#instance`."""
         return f"{self.name}#{self.instance}"
 
     @property

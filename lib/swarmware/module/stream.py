@@ -104,5 +104,5 @@ class StreamReader(Immediate, Generic[T]):
         return await self.next()
 
     def close(self) -> None:
-        """Stop reading."""
+        """Stop reading and close the ring."""
         self._follower.close()

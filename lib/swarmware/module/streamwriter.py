@@ -52,7 +52,7 @@ class StreamWriter(BoardWriter[T]):
 
     @property
     def lost(self) -> int:
-        """All of `losses`."""
+        """Number of items lost at all subscribers together."""
         return sum(self.losses.values())
 
     def close(self, *, unlink: bool = True) -> None:

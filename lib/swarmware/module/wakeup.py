@@ -18,7 +18,7 @@ class Wakeup:
         return bool(self._waiters)
 
     def notify(self) -> None:
-        """Wake all waiters."""
+        """Wake all tasks that wait."""
         for future in self._waiters:
             if not future.done():
                 future.set_result(True)

@@ -70,7 +70,7 @@ class Applications:
         return made
 
     def unsubscribe(self, subscription: ApplicationSubscription) -> None:
-        """Undo `subscribe`."""
+        """Cancel a subscription made by `subscribe`."""
         if subscription in self._subscriptions:
             self._subscriptions.remove(subscription)
             if not self._subscriptions:

@@ -50,7 +50,7 @@ class Services(Protocol):
 
     @property
     def names(self) -> list[str]:
-        """Their names."""
+        """Names of the services that this process runs."""
         ...
 
     def restart(self, name: str) -> None:
@@ -149,7 +149,7 @@ class Node:
         self._watchers[watcher] = None
 
     def unwatch(self, watcher: Watcher) -> None:
-        """Undo `watch`."""
+        """Cancel what `watch` registered."""
         self._watchers.pop(watcher, None)
 
     def listen(self, readers: Path) -> None:
@@ -163,7 +163,7 @@ class Node:
             bells.add(self.doorbell.name)
 
     def unlisten(self, readers: Path) -> None:
-        """Undo `listen`."""
+        """Remove the doorbell that `listen` registered."""
         self._listens[readers] -= 1
         if self._listens[readers] <= 0:
             del self._listens[readers]

@@ -28,7 +28,7 @@ class HardwareClock(Protocol):
     """The clock in whose time a core thinks."""
 
     def now_ns(self) -> int:
-        """The present instant."""
+        """The present instant on the hardware clock."""
         ...
 
     def to_mono_ns(self, stamp_ns: int) -> int:

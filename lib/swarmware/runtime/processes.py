@@ -66,7 +66,7 @@ class ProcessWatcher:
         self._on_end(pid)
 
     def close(self) -> None:
-        """Stop watching."""
+        """Stop watching all processes."""
         self.watch(frozenset())
 
 

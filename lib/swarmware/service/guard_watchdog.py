@@ -32,7 +32,7 @@ class GuardWatchdog:
         self._process: SupervisedProcess | None = None
 
     async def run(self) -> None:
-        """Watch until cancelled."""
+        """Watch the guard until cancelled."""
         changes = self._node.applications.subscribe(lambda _: self._changed.set())
         try:
             await self._keep()

@@ -49,7 +49,7 @@ class Notifier:
         self._send("STOPPING=1\nSTATUS=stopping")
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the socket to the supervisor."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

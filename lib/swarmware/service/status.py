@@ -40,7 +40,7 @@ class Load(NamedTuple):
 
     @classmethod
     def measured(cls) -> Load:
-        """The present use."""
+        """The present processor time and memory of this process."""
         with open("/proc/self/statm", "rb") as file:  # noqa: PTH123  # read every second: no Path object
             resident_bytes = int(file.read().split()[1]) * _PAGE_BYTES
         return cls(time.monotonic(), time.process_time(), resident_bytes)

@@ -28,7 +28,7 @@ class Process:
 
     @property
     def pid(self) -> int:
-        """Process number."""
+        """Number of the child process."""
         return self._child.pid
 
     @property
@@ -55,7 +55,7 @@ class Process:
         return line.decode().rstrip("\n")
 
     def signal(self, number: int) -> None:
-        """Send a signal."""
+        """Send a signal to the child process."""
         self._child.send_signal(number)
 
     async def wait(self, timeout_s: float = END_S) -> int:

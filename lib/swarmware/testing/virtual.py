@@ -111,7 +111,7 @@ class VirtualClock(Clock):
         self._time = time
 
     def now_ns(self) -> int:
-        """The present instant."""
+        """The present instant on the virtual hardware clock."""
         return self.from_mono_ns(self._time.now_ns)
 
 

@@ -167,7 +167,7 @@ class HealthReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class FaultQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request for faults."""
+    """Request for the list of faults."""
 
     cleared: bool = False
     """Also those that are over."""

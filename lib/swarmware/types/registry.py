@@ -29,7 +29,7 @@ class Packs(Protocol):
     """
 
     def pack(self) -> bytes:
-        """The quantised form."""
+        """The value in its quantised form."""
         ...
 
 

@@ -7,28 +7,28 @@ from swarmware.types.registry import register
 
 @register
 class Float(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A number."""
+    """A single floating-point number."""
 
     value: float
 
 
 @register
 class Int(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A whole number."""
+    """A single whole number."""
 
     value: int
 
 
 @register
 class Bool(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Yes or no."""
+    """A single truth value."""
 
     value: bool
 
 
 @register
 class Text(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A string."""
+    """A single character string."""
 
     value: str
 

@@ -163,7 +163,7 @@ def _unpack_attitude(packed: int) -> list[float]:
 
 @register
 class BatteryState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Energy left."""
+    """Voltage, current and remaining charge of the battery."""
 
     voltage_v: Finite
     current_a: Finite

@@ -17,7 +17,7 @@ from swarmware.service.find import find, installed
 
 
 class EffectiveSetting(msgspec.Struct, frozen=True):
-    """One key."""
+    """One key with its value and where the value comes from."""
 
     service: str
     """`node` for node.toml."""

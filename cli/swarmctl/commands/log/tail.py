@@ -61,7 +61,7 @@ class Tail:
         self._news = asyncio.Event()
 
     async def open(self) -> None:
-        """Joins the nodes."""
+        """Join the nodes whose logs are shown."""
         for folder, growing in self._growing.items():
             module = await self._stack.enter_async_context(Module("swarmctl", config_dir=folder))
             stats = module.reader("log/stats", LogStats)
@@ -84,7 +84,7 @@ class Tail:
         return ready
 
     async def close(self) -> None:
-        """Leaves the nodes."""
+        """Leave the nodes that were joined."""
         await self._stack.aclose()
 
 

@@ -19,7 +19,7 @@ from swarmware.types.vehicle import BatteryState, Pose, VehicleState
 
 
 class NodeOverview(msgspec.Struct, frozen=True):
-    """One node."""
+    """One row of the overview: a platform and what is known of it."""
 
     platform: str
     answers: bool

@@ -1,1 +1,1 @@
-"""Clock conversions."""
+"""The `time` commands: conversions between the clocks of nodes."""

@@ -1,4 +1,4 @@
-"""Newest values, printed."""
+"""Prints the newest values of resources."""
 
 from swarmctl.session import Session
 from swarmctl.tree_access import ResourceReading, read, read_all

@@ -19,7 +19,7 @@ QUEUE_LIMIT: Final = 1000
 
 
 class WatchedValue(msgspec.Struct, frozen=True):
-    """One new value."""
+    """One new value of a watched resource."""
 
     path: str
     type: str

@@ -171,7 +171,7 @@ class BeaconProtocol:
         return bool(self.published.boards) or self._relaying
 
     def beacon_hz(self) -> float:
-        """Present beacon rate."""
+        """Present rate of the node's beacons."""
         if self.busy or self.topology.is_new(self._now_ns):
             wanted_hz = self._busy_hz
         else:

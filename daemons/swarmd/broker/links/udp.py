@@ -166,7 +166,7 @@ class Udp:
         return TURN
 
     def close(self) -> None:
-        """Closes the sockets."""
+        """Close the sockets and cancel the timer."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -24,7 +24,7 @@ class System(Driver):
         self._disk = "/"
 
     async def open(self, module: Module) -> None:
-        """Opens the writer."""
+        """Open the writer of `system/load`."""
         self._module = module
         self._writer = module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
         psutil.cpu_percent()  # the first call returns 0: it has no earlier sample to compare with
@@ -45,7 +45,7 @@ class System(Driver):
         return True
 
     async def close(self) -> None:
-        """Closes the writer."""
+        """Close the writer of `system/load`."""
         if self._module is not None and self._writer is not None:
             self._module.close_writer(self._writer)
             self._writer = None

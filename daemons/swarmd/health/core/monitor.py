@@ -272,11 +272,11 @@ class MonitorCore:
     # -- rules of the monitor
 
     def ages(self) -> list[AgeRule]:
-        """Rules for ages."""
+        """The rules for ages of resources."""
         return list(self._ages.values())
 
     def limits(self) -> list[LimitRule]:
-        """Rules for values."""
+        """The rules for limits of values."""
         return list(self._rules.values())
 
     def on_age_sample(self, age: AgeRule, position: int, now_ns: int) -> list[Action]:

@@ -45,7 +45,7 @@ class AgeRule:
 
     @property
     def state(self) -> str:
-        """The confirmed state."""
+        """The state that the debouncer has confirmed."""
         return self._debouncer.confirmed
 
     @property
@@ -106,7 +106,7 @@ class LimitRule:
 
     @property
     def state(self) -> str:
-        """The confirmed state."""
+        """The state that the debouncer has confirmed."""
         return self._debouncer.confirmed
 
     @property

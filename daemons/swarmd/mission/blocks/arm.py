@@ -4,20 +4,20 @@ from swarmd.mission.blocks.context import Context, spec
 
 
 class ArmBlock:
-    """Arms the motors."""
+    """Arms the motors of the vehicle."""
 
     spec = spec("Arm")
 
     async def run(self, context: Context) -> None:
-        """Until the vehicle says so."""
+        """Ends when the vehicle reports that it is armed."""
         await context.vehicle.arm(True)
 
 
 class DisarmBlock:
-    """Disarms the motors."""
+    """Disarms the motors of the vehicle."""
 
     spec = spec("Disarm")
 
     async def run(self, context: Context) -> None:
-        """Until the vehicle says so."""
+        """Ends when the vehicle reports that it is disarmed."""
         await context.vehicle.arm(False)

@@ -1,4 +1,4 @@
-"""Goto: one position."""
+"""Goto: moves the vehicle to one position."""
 
 from swarmd.mission.blocks.context import Context, spec
 from swarmd.mission.vehicle import Way

@@ -1,4 +1,4 @@
-"""Hold: stay."""
+"""Hold: the vehicle stays at its position."""
 
 import asyncio
 

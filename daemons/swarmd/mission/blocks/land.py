@@ -12,7 +12,7 @@ class LandBlock:
     spec = spec("Land")
 
     async def run(self, context: Context) -> None:
-        """Until it stands."""
+        """Ends when the vehicle stands on the ground."""
         params: catalogue.Land = context.params
         way = Way()
 

@@ -1,4 +1,4 @@
-"""Takeoff: straight up."""
+"""Takeoff: the vehicle climbs straight up."""
 
 from swarmd.mission.blocks.context import Context, spec
 from swarmd.mission.vehicle import Way

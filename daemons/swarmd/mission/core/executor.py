@@ -103,12 +103,12 @@ class MissionExecutor:
 
     @property
     def since_ns(self) -> int:
-        """When that began."""
+        """When the present phase began."""
         return self._since_ns
 
     @property
     def role(self) -> str:
-        """This platform's part."""
+        """The role of this platform in the mission."""
         return self._run.role if self._run else ""
 
     @property
@@ -118,7 +118,7 @@ class MissionExecutor:
 
     @property
     def epoch(self) -> int:
-        """Of the present or last run."""
+        """Epoch of the present or last run; 0 without one."""
         return self._run.epoch if self._run else 0
 
     @property
@@ -127,7 +127,7 @@ class MissionExecutor:
         return self._unmet
 
     def state(self) -> MissionState:
-        """For the board."""
+        """The state that the platform publishes on its board."""
         player, barriers, run = self._player, self._barriers, self._run
         moving = max(self._ratios.values(), default=0.0)
         blocks = len(run.mission.blocks) if run and self._playing == run.name else 1

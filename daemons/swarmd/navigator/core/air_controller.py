@@ -38,7 +38,7 @@ class AirController:
         """Always true: in the air there is a way around."""
 
     def set_config(self, config: Config) -> None:
-        """Replaces the gains."""
+        """Replace the gains of all control loops."""
         self._config = config
         self._altitude.set_gains(config.altitude)
 

@@ -71,7 +71,7 @@ class Ground:
         self.state = GroundState(x_m, y_m, self.state.yaw_rad)
 
     def pose(self) -> Pose:
-        """The true pose."""
+        """The true pose of the vehicle."""
         s = self.state
         velocity = (s.v_m_s * math.cos(s.yaw_rad), s.v_m_s * math.sin(s.yaw_rad), 0.0)
         return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, velocity, s.w_rad_s)

@@ -94,7 +94,7 @@ class Multirotor:
         self._accel = (0.0, 0.0, 0.0)
 
     def pose(self) -> Pose:
-        """The true pose."""
+        """The true pose of the vehicle."""
         velocity = (self._v[0], self._v[1], self._v[2])
         return Pose.planar(self._x[0], self._x[1], self._x[2], self._yaw, velocity, self._w)
 

@@ -76,7 +76,7 @@ class Surface:
         self.state = SurfaceState(x_m, y_m, self.state.yaw_rad)
 
     def pose(self) -> Pose:
-        """The true pose."""
+        """The true pose of the vehicle."""
         s = self.state
         cos, sin = math.cos(s.yaw_rad), math.sin(s.yaw_rad)
         velocity = (s.surge_m_s * cos - s.sway_m_s * sin, s.surge_m_s * sin + s.sway_m_s * cos, 0.0)

@@ -101,7 +101,7 @@ class Index:
 
     @property
     def paths(self) -> "SortedList[str]":
-        """All paths, sorted."""
+        """All paths of the index, sorted."""
         if self._paths is None:
             self._paths = SortedList(self._leaves)
         return self._paths

@@ -136,7 +136,7 @@ class NotificationLane:
         return self.backoff_until_ns if waits else None
 
     def repeat(self, now_ns: int) -> Iterator[TreeNotify]:
-        """Retransmit what failed."""
+        """Retransmit the notifications whose sending failed."""
         first = next(iter(self._unacknowledged), 0)
         for flight in self._unacknowledged.values():
             if not flight.in_flight:

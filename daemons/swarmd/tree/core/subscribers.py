@@ -31,7 +31,7 @@ SUBSCRIBERS_LIMIT: Final = 2000
 
 
 class Intervals(msgspec.Struct, frozen=True, kw_only=True):
-    """Intervals of notifications."""
+    """Intervals between notifications to a subscriber."""
 
     coalesce_ns: int
     """Delay of a change of the structure, so that several are sent together."""

@@ -33,11 +33,11 @@ class Timers(Generic[Key]):
         self._due.pop(key, None)
 
     def due_ns(self, key: Key) -> int | None:
-        """The key's deadline."""
+        """The deadline of this key."""
         return self._due.get(key)
 
     def next_ns(self) -> int | None:
-        """The earliest deadline."""
+        """The earliest deadline of all keys."""
         heap = self._heap
         while heap:
             when_ns, _, key = heap[0]

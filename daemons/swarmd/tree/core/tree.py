@@ -140,7 +140,7 @@ class SwarmTree:
         return self._take_actions()
 
     def on_notify(self, notify: TreeNotify, now_ns: int) -> list[Action]:
-        """A notification came."""
+        """A notification from an owner was received."""
         items = self.replicas.on_notify(notify, now_ns)
         return [*(WriteMirror(notify.platform, item) for item in items), *self._take_actions()]
 

@@ -58,7 +58,7 @@ class LeaderCandidate:
         self.preferred = False
 
     def start(self) -> None:
-        """Start to contend."""
+        """Start to contend for leadership."""
         self._contend()
 
     @property

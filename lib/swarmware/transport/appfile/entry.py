@@ -50,7 +50,7 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def id(self) -> str:
-        """`name#instance`."""
+        """Name and instance of the application: `name#instance`."""
         return f"{self.name}#{self.instance}"
 
     @property

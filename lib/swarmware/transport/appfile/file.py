@@ -70,7 +70,7 @@ class AppFile:
         raise Conflict(f"{self._folder}: {which} runs already; expected a free instance number")
 
     def write(self, entry: AppEntry) -> None:
-        """Replace the content."""
+        """Replace the content and notify the readers."""
         data = encode(entry)
         os.pwrite(self._fd, data, 0)
         os.ftruncate(self._fd, len(data))

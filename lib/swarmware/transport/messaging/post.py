@@ -112,7 +112,7 @@ class Post:
         self._clocks[clocks] = None
 
     def remove_clocks(self, clocks: Clocks) -> None:
-        """Undo `add_clocks`."""
+        """Remove what `add_clocks` registered."""
         self._clocks.pop(clocks, None)
 
     def expired(self, frame: Frame) -> bool:

@@ -82,7 +82,10 @@ class Geometry(msgspec.Struct, frozen=True):
     """Longest frame."""
 
     def check(self, where: Path) -> None:
-        """Raises: OutOfRange."""
+        """Check the geometry against the limits of a ring.
+
+        Raises: OutOfRange.
+        """
         if not MIN_SLOTS <= self.slots <= MAX_SLOTS:
             raise OutOfRange(f"{where}: {self.slots} slots, expected {MIN_SLOTS} to {MAX_SLOTS}")
         if not 1 <= self.slot_bytes <= MAX_SLOT_BYTES:

@@ -65,7 +65,7 @@ class ReaderNotifier:
         self._fence()
 
     def remove(self, name: str) -> None:
-        """Remove a doorbell."""
+        """Remove the doorbell of this name."""
         folder = open_readers(self.path, create=False)
         if folder is not None:
             folder.remove(name)
