@@ -1,13 +1,12 @@
 """Stamps of other hardware units on the own clock, by the conversion functions on board `time/functions`."""
 
-from typing import TYPE_CHECKING
-
+from swarmware.errors import WireError
 from swarmware.model.names import data_id
+from swarmware.node.follower import RingFollower
+from swarmware.node.node import Node
+from swarmware.transport.shm.layout import ring_file
+from swarmware.types import registry
 from swarmware.types.time import Conversion, TimeFunctions
-
-if TYPE_CHECKING:
-    from swarmware.module.board import BoardReader
-    from swarmware.node.node import Node
 
 PATH = "time/functions"
 
@@ -15,24 +14,27 @@ PATH = "time/functions"
 class RemoteClocks:
     """Converts stamps of other units; every clock is unknown until timesync has published."""
 
-    def __init__(self, node: "Node") -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
-        self._reader: BoardReader[TimeFunctions] | None = None
-        self._source: TimeFunctions | None = None
+        self._follower: RingFollower | None = None  # opened by the first question: most modules ask none
         self._by_hardware: dict[int, Conversion] = {}
 
     def conversion(self, hardware: int) -> Conversion | None:
         """The function of one unit's clock; None when it is not known."""
-        if self._reader is None:
-            from swarmware.module.board import BoardReader  # it is a board itself, and boards need this
-
-            self._reader = BoardReader(
-                self._node, PATH, TimeFunctions, data_id(PATH, TimeFunctions.__name__), self
+        if self._follower is None:
+            self._follower = RingFollower(
+                ring_file(self._node.shm_dir, PATH),
+                name=f"board {PATH}",
+                data_id=data_id(PATH, TimeFunctions.__name__),
             )
-        functions = self._reader.value
-        if functions is not self._source and functions is not None:
-            self._source = functions
-            self._by_hardware = {function.hardware: function for function in functions.functions}
+        frame = self._follower.newest()
+        if frame is not None:
+            try:
+                functions = registry.decode(TimeFunctions, frame.payload, frame.codec).functions
+            except WireError as error:
+                self._follower.refuse(error)
+            else:
+                self._by_hardware = {function.hardware: function for function in functions}
         return self._by_hardware.get(hardware)
 
     def to_local(self, hardware: int, stamp_ns: int) -> int | None:
@@ -44,6 +46,6 @@ class RemoteClocks:
 
     def close(self) -> None:
         """Stop reading the board."""
-        if self._reader is not None:
-            self._reader.close()
-            self._reader = None
+        if self._follower is not None:
+            self._follower.close()
+            self._follower = None

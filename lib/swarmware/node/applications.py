@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Callable
 from enum import Enum
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 from swarmware.model import paths
-from swarmware.node.node import Node
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.appfile.trace import died
@@ -32,6 +32,34 @@ class ApplicationEvent(NamedTuple):
 OnEvents = Callable[[list[ApplicationEvent]], None]
 
 
+class Watcher(Protocol):
+    """Looks at shared memory when the doorbell has rung."""
+
+    def poll(self) -> None:
+        """Look whether there is something new; called in the event loop, must be cheap."""
+        ...
+
+
+class Waker(Protocol):
+    """Wakes watchers when something changed in shared memory: the node."""
+
+    def listen(self, readers: Path) -> None:
+        """Enter this process's doorbell in a table of readers."""
+        ...
+
+    def unlisten(self, readers: Path) -> None:
+        """Remove the doorbell that `listen` registered."""
+        ...
+
+    def watch(self, watcher: Watcher) -> None:
+        """Have it look at shared memory whenever the doorbell rings."""
+        ...
+
+    def unwatch(self, watcher: Watcher) -> None:
+        """Cancel what `watch` registered."""
+        ...
+
+
 class ApplicationSubscription:
     """One subscriber; `close` ends it."""
 
@@ -49,19 +77,21 @@ class ApplicationSubscription:
 class Applications:
     """Compares the node's table of applications with what subscribers know, whoever had it refreshed."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, table: AppTable, waker: Waker, shm_dir: Path, run_dir: Path) -> None:
+        self.table = table
+        self._waker = waker
+        self._readers = paths.applications_watchers(shm_dir)
+        self._run_dir = run_dir
         self._loop = asyncio.get_running_loop()
         self._subscriptions: list[ApplicationSubscription] = []
         self._known: dict[str, AppEntry] = {}
         self._comes = False
-        self.table: AppTable = node.table
 
     def subscribe(self, on_events: OnEvents) -> ApplicationSubscription:
         """Have `on_events` called with each change from now on; `table` holds what is there now."""
         if not self._subscriptions:
-            self._node.listen(paths.applications_watchers(self._node.shm_dir))
-            self._node.watch(self)
+            self._waker.listen(self._readers)
+            self._waker.watch(self)
             self.table.on_change = self._on_change
             self._known = {entry.id: entry for entry in self.table}
         self.refresh(probe=True)
@@ -75,8 +105,8 @@ class Applications:
             self._subscriptions.remove(subscription)
             if not self._subscriptions:
                 self.table.on_change = None
-                self._node.unwatch(self)
-                self._node.unlisten(paths.applications_watchers(self._node.shm_dir))
+                self._waker.unwatch(self)
+                self._waker.unlisten(self._readers)
 
     def poll(self) -> None:
         """The doorbell has rung, perhaps for a change."""
@@ -110,7 +140,7 @@ class Applications:
             self._loop.call_soon(self._deliver)
 
     def _end(self, entry: AppEntry) -> Change:
-        return Change.DIED if died(self._node.run_dir, entry) else Change.LEFT
+        return Change.DIED if died(self._run_dir, entry) else Change.LEFT
 
     def _deliver(self) -> None:
         self._comes = False

@@ -6,7 +6,7 @@ import logging
 import os
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
+from typing import ClassVar, Final, Protocol, Self
 from weakref import WeakSet
 
 from swarmware.errors import SwarmError
@@ -14,6 +14,7 @@ from swarmware.model import paths
 from swarmware.model.clock import Clock, utc_ns
 from swarmware.model.config import NodeConfig, find_config_dir, load_node
 from swarmware.model.names import hardware_id
+from swarmware.node.applications import Applications, Watcher
 from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
 from swarmware.node.master.master import Master
@@ -24,9 +25,6 @@ from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.notifier import ReaderNotifier
 
-if TYPE_CHECKING:
-    from swarmware.node.applications import Applications
-
 TEND_S: Final = 1.0
 """How often a process looks whether its files in shared memory are as it made them."""
 MIRROR_SLOTS: Final = 4
@@ -35,14 +33,6 @@ MIRROR_SLOT_BYTES: Final = 256
 
 
 log = logging.getLogger("swarm.node")
-
-
-class Watcher(Protocol):
-    """Looks at shared memory when the doorbell has rung."""
-
-    def poll(self) -> None:
-        """Look whether there is something new; called in the event loop, must be cheap."""
-        ...
 
 
 class Services(Protocol):
@@ -81,7 +71,6 @@ class Node:
         self.host: Services | None = None
         """What runs the services of this process; None in a program that only has modules."""
         self._users = 0
-        self._applications: Applications | None = None
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
         self._complained = ""
@@ -91,6 +80,8 @@ class Node:
         self.started_ns = self.clock.now_ns()
         self.ending = Ending()
         self.table = AppTable(self.run_dir)
+        self.applications = Applications(self.table, self, self.shm_dir, self.run_dir)
+        """The applications of this node, with events for all who follow them."""
         self.doorbells = DoorbellSenders(paths.doorbells(self.run_dir))
         self.doorbell = Doorbell(paths.doorbells(self.run_dir))
         self.post = Post(
@@ -112,15 +103,6 @@ class Node:
             candidate=not self._incarnation.guest,
         )
         self.watch(self.master)
-
-    @property
-    def applications(self) -> "Applications":
-        """The applications of this node, with events for all who follow them."""
-        if self._applications is None:
-            from swarmware.node.applications import Applications  # it follows a node
-
-            self._applications = Applications(self)
-        return self._applications
 
     @classmethod
     def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:
