@@ -1,4 +1,4 @@
-"""The fork server of the node as its parent keeps it: started first, started again when it was killed."""
+"""Supervision of the node's fork server by its parent: started first, restarted when it is killed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NS: Final = 1_000_000_000
 
 
 class Forks:
-    """One process. Whatever becomes of it, the node goes on: starts only cost more."""
+    """Starts and restarts the fork server. The node works without it: starts then only take longer."""
 
     def __init__(self, services: list[str], config_dir: str, run_dir: str) -> None:
         self._words = ["forkserver", *services, "--config", config_dir]
@@ -29,12 +29,12 @@ class Forks:
         self.pid = 0
         self.pidfd = -1
         self.due_ns: int | None = None
-        """When it is started again; None: it runs, or was given up."""
+        """When the fork server is restarted; None: it runs, or was given up."""
 
     def begin(self) -> None:
-        """Starts it. Raises: OSError."""
+        """Starts the fork server. Raises: OSError."""
         self.due_ns = None
-        theirs, self._lifeline = os.pipe()  # its input: closed with this process, whatever ends that
+        theirs, self._lifeline = os.pipe()  # its stdin: the kernel closes the pipe when this process ends
         try:
             self.pid = start(self._words, environment(self._run_dir, notifies=True), stdin=theirs)
         finally:
@@ -42,11 +42,11 @@ class Forks:
         self.pidfd = os.pidfd_open(self.pid)
 
     def on_ready(self) -> None:
-        """It has said so."""
+        """The fork server has reported that it is ready."""
         self._lives.on_ready(time.monotonic_ns())
 
     def on_end(self) -> None:
-        """Its end was seen."""
+        """The fork server has ended: schedules its restart."""
         how = os.waitid(os.P_PID, self.pid, os.WEXITED)
         killed = how is not None and how.si_code != os.CLD_EXITED
         self._forget()
@@ -55,7 +55,7 @@ class Forks:
         self.due_ns = None if pause_s is None else now_ns + round(pause_s * _NS)
 
     def close(self) -> None:
-        """Ends it; it holds nothing that had to be saved."""
+        """Kills the fork server, which has no state to save."""
         self.due_ns = None
         if self.pid:
             with suppress(ProcessLookupError):

@@ -1,8 +1,9 @@
 """The fork server of a node of several processes: imports once what daemons need, and forks itself for each.
 
-A daemon from here needs a part of the processor time of one that begins with an empty interpreter, and shares
-the memory of its code with the others. The server holds no thread, socket of ZeroMQ, mapped file or lock:
-nothing that a fork would break or keep. Its input is a pipe from the parent of the node: it ends with that.
+A forked daemon needs a fraction of the processor time of one that starts with an empty interpreter, and
+shares the memory of its code with the others. The server holds no thread, socket of ZeroMQ, mapped file or
+lock: nothing that a fork would break or inherit. Its stdin is a pipe from the parent of the node: it ends
+with that.
 """
 
 import gc
@@ -25,23 +26,24 @@ from swarmware.service.notify import Notifier
 from swarmware.service.starting import environment
 
 OURS: Final = "swarmd."
-"""Only daemons of this package are imported: nobody else has promised that an import starts no thread."""
+"""Only daemons of this package are imported: imports of other packages may start threads."""
 BACKLOG: Final = 64
 _ARG_START: Final = 45
 """Position of arg_start (field 48) behind the command name; arg_end follows. Source: proc_pid_stat(5)."""
 
 
 class ForkRequest(msgspec.Struct, frozen=True):
-    """What a forked process has to do."""
+    """Services that a forked process runs, and its configuration."""
 
     names: tuple[str, ...]
     config_dir: Path
 
 
 def preload(names: Sequence[str]) -> None:
-    """Imports these services and what runs them, as far as they are ours.
+    """Imports the service runner and those of the services that belong to this package.
 
-    Raises: SwarmError when there is a thread afterwards: a fork would lose it, with the locks that it holds.
+    Raises: SwarmError when an import has started a thread: a fork would lose it, with the locks that it
+    holds.
     """
     import swarmware.service.runner  # noqa: F401
 
@@ -57,7 +59,7 @@ def preload(names: Sequence[str]) -> None:
 
 
 class ForkServer:
-    """Listens in the run directory; one connection for each process that was asked for."""
+    """Accepts requests on a socket in the run directory: one connection for each process."""
 
     def __init__(self, run_dir: Path) -> None:
         self._run_dir = run_dir
@@ -66,12 +68,13 @@ class ForkServer:
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
         self._wake, self._waker = socket.socketpair()
         self._asking: dict[int, socket.socket] = {}
-        """Connections that have not said yet what they want, by descriptor."""
+        """Connections whose request has not arrived yet, by descriptor."""
         self._status: dict[int, socket.socket] = {}
-        """Where to say how a process ended, by its pid."""
+        """Connections that are to receive the exit status of a process, by its pid."""
 
     def run(self) -> ForkRequest | None:
-        """None: the parent of the node has ended. An order: this is the new process, and that its job."""
+        """Serves requests. None: the parent of the node has ended. A request: this is the forked process for
+        it."""
         for end in (self._wake, self._waker):
             end.setblocking(False)
         signal.signal(signal.SIGCHLD, lambda *_: None)
@@ -103,12 +106,12 @@ class ForkServer:
         try:
             asking, _ = self._listener.accept()
         except OSError:
-            return  # it has gone again, or no descriptor is free: it asks nobody then
+            return  # closed again, or no descriptor is free: the requester starts the process itself
         asking.setblocking(False)
         self._asking[asking.fileno()] = asking
 
     def _answer(self, asking: socket.socket) -> ForkRequest | None:
-        """Forks; the order in the new process."""
+        """Forks for one request; returns the request in the new process, None in the server."""
         try:
             speaks, config_dir, *names = asking.recv(MESSAGE_BYTES).decode().split("\0")
             pid = os.fork() if names and not _closed(asking) else None
@@ -116,18 +119,18 @@ class ForkServer:
             sys.stderr.write(f"swarmd: fork server: {error}\n")
             pid = None
         if pid is None:
-            asking.close()  # whoever asked, and is still there, starts the process from scratch
+            asking.close()  # the requester then starts the process itself
             return None
         if pid == 0:
             self._become(names, config_dir, speaks=bool(speaks))
             return ForkRequest(tuple(names), Path(config_dir))
         self._status[pid] = asking
-        with suppress(OSError):  # whoever asked has died meanwhile; the process goes on
+        with suppress(OSError):  # the requester has died meanwhile; the process continues
             asking.send(b"%d" % pid)
         return None
 
     def _become(self, names: Sequence[str], config_dir: str, *, speaks: bool) -> None:
-        """In the new process: nothing of the server stays."""
+        """Releases in the new process everything that belongs to the server."""
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         self._close()
@@ -151,7 +154,7 @@ class ForkServer:
         self._close()
 
     def _collect(self) -> None:
-        """Processes that ended: whoever asked for one learns how."""
+        """Collects ended processes, and sends each exit status to the requester."""
         while True:
             try:
                 result = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG)
@@ -160,19 +163,19 @@ class ForkServer:
             if result is None:
                 return
             if (status := self._status.pop(result.si_pid, None)) is not None:
-                with status, suppress(OSError):  # whoever asked may have died, too
+                with status, suppress(OSError):  # the requester may have died, too
                     status.send(exit_text(result).encode())
 
 
 def _closed(asking: socket.socket) -> bool:
-    """Whether the one who asked has gone, or given up: it has started the process in another way."""
+    """Whether the requester has ended or given up; then it has started the process itself."""
     poller = select.poll()
     poller.register(asking, 0)
     return bool(poller.poll(0))
 
 
 def _show_as(command: list[str]) -> None:
-    """Has `ps` show this command line, as far as there is room in the memory of the former one."""
+    """Makes `ps` show this command line, as far as it fits into the memory of the former one."""
     text = b"\0".join(os.fsencode(word) for word in command) + b"\0"
     try:
         fields = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()

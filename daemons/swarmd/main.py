@@ -11,7 +11,7 @@ from swarmware import __version__
 from swarmware.errors import SwarmError
 
 FAILED_S: Final = 2.0
-"""A process of systemd that fails earlier ends only then."""
+"""Minimum lifetime of a process under systemd, which would restart a faster failure without limit."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -30,11 +30,11 @@ def parser() -> argparse.ArgumentParser:
     )
     run.add_argument("services", nargs="+", metavar="NAME", help="a service; `swarmd ls` names them")
     node = commands.add_parser(
-        "node", help="run the whole set of the node, as node.toml says", epilog="Example: swarmd node"
+        "node", help="run all services of the node that node.toml lists", epilog="Example: swarmd node"
     )
     units = commands.add_parser(
         "units",
-        help="list the systemd units of the node's services, as node.toml says",
+        help="list the systemd units of the services that node.toml lists",
         epilog="Example: systemctl enable swarm.target $(swarmd units)",
     )
     forks = commands.add_parser("forkserver")  # started by `swarmd node`: no help, so not listed
@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Runs one command; errors the user can cause are one line and an exit code."""
+    """Runs one command; an error that the user can cause gives one line and an exit code."""
     options = parser().parse_args(args)
     began_s = time.monotonic()
     failed = True

@@ -1,9 +1,9 @@
-"""The parent of a node's processes: small, outside of shared memory, there to start the node again.
+"""The parent of a node's processes: a small process without shared memory that restarts the node.
 
-It lives as long as the node, so it imports only what it needs to start, to listen and to signal; whoever has
-loaded more (`swarmd node` has read the configuration) makes room for it with `become`.
+It lives as long as the node, so it imports only what it needs to start, receive and signal. `swarmd node`,
+which has imported more to read the configuration, replaces itself by it with `become`.
 With `processes = "one"` its child runs all services, with "per-daemon" the guard, which starts the others.
-A guard that another daemon has started is taken for its own as soon as it speaks.
+A guard that another daemon has started is adopted when its first notification arrives.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
     from typing import Final, NoReturn
 
 HUNG_S: Final = 15.0
-"""A process without a sign of life for so long is killed; an event loop gives one every few seconds."""
+"""A process without a heartbeat for so long is killed; an event loop sends one every few seconds."""
 ELSEWHERE_S: Final = 0.3
-"""A process that somebody else starts is looked for again after so long, unless it speaks before."""
+"""Period of looking for a process that another process starts, unless its notification arrives before."""
 FORKS_S: Final = 10.0
-"""The first process waits no longer for the fork server."""
+"""Maximum time for which the first process waits for the fork server."""
 LATE_S: Final = 1.0
-"""A parent that was kept from running for longer blames nobody for that time."""
+"""A parent that itself was delayed for longer does not count that time as silence of its process."""
 _NS: Final = 1_000_000_000
 _ENTRY: Final = "import sys; from swarmd.parent import main; sys.exit(main(sys.argv[1:]))"
 """Half a megabyte less than `-m swarmd.parent`, whose runpy stays loaded."""
@@ -62,7 +62,7 @@ def become(platform: str, config_dir: Path, run_dir: Path, services: list[str], 
 
 
 def main(words: list[str]) -> int:
-    """The words of `become`; the exit code of the node."""
+    """Runs the parent with the arguments of `become`; returns the exit code of the node."""
     _, platform, config_dir, run_dir, shared, *services = words
     name = GUARD if shared else WHOLE_NODE
 
@@ -92,10 +92,10 @@ def main(words: list[str]) -> int:
 
 
 class Parent:
-    """Keeps one process running until it ends in peace, or this one is asked to end.
+    """Keeps one process running until it ends without an error, or this process receives a signal to end.
 
-    `start` begins a process; None: it runs already, started by somebody else.
-    `forks`: the server that forks it; then others may start it too.
+    `start` starts a process; None: it runs already, started by another process.
+    `forks`: the server that forks it; then other processes may start it, too.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Parent:
         self._pid = 0
         self._pidfd = -1
         self._child: StartedProcess | None = None
-        """The newest that we started ourselves: only its exit code is known to us."""
+        """The newest process that this one started: only of that the exit code is known."""
         self._started_ns = 0
         self._beat_ns = 0
         self._ready = False
@@ -192,7 +192,7 @@ class Parent:
         return None
 
     def _wait_s(self) -> float:
-        """Until something is due by time."""
+        """Time until the next deadline, in seconds."""
         now_ns = time.monotonic_ns()
         due = [now_ns + round(BEAT_S / 2 * _NS)]
         if self._due_ns is not None:
@@ -203,7 +203,7 @@ class Parent:
             due.append(now_ns + round(self._above.watchdog_s * _NS))
         return max(0.0, (min(due) - now_ns) / _NS)
 
-    # -- what happens
+    # -- events
 
     def _on_signal(self, *_: object) -> None:
         self._asked = True
@@ -250,7 +250,7 @@ class Parent:
         return True
 
     def _ended(self) -> int | None:
-        """The process is no more; the node's exit code when it is not to be started again."""
+        """The process has ended: returns the node's exit code unless the process is restarted."""
         pid, was_ready, leaving = self._pid, self._ready, self._leaving
         how = "gone"
         if self._child is not None and self._child.pid == pid:
@@ -263,7 +263,9 @@ class Parent:
         if self._asked:
             return int(number) if kind == "exit" else 128 + int(number)
         if kind == "exit" and not self._was_ready:
-            return int(number)  # it has said why: a second try would say the same
+            return int(
+                number
+            )  # it failed at its start and has reported why: a second start would fail in the same way
         now_ns = time.monotonic_ns()
         pause_s = self._lives.on_end(now_ns, killed=was_ready and how in {"signal 9", "gone"})
         if pause_s is None:
@@ -275,7 +277,8 @@ class Parent:
         return None
 
     def _reap(self) -> None:
-        """Collects orphans that the kernel has given to us: as the first process of a container."""
+        """Collects orphans that the kernel assigns to this process when it is the first one of a
+        container."""
         while True:
             try:
                 found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
@@ -291,7 +294,7 @@ class Parent:
         if self._due_ns is not None and now_ns >= self._due_ns:
             self._begin()
         elif self._ready and now_ns - self._beat_ns > HUNG_S * _NS:
-            self._say(f"no sign of life for {HUNG_S:g} s: pid {self._pid} is killed")
+            self._say(f"no heartbeat for {HUNG_S:g} s: pid {self._pid} is killed")
             self._beat_ns = now_ns
             self._signal(signal.SIGKILL)
 
@@ -314,7 +317,7 @@ class Parent:
             self._on_forks()
 
     def _on_forks(self) -> None:
-        """The fork server is there, or will not be: the first process need not wait for it any more."""
+        """The fork server is ready or has failed: the first process is started now."""
         if self._pid == 0 and self._child is None:
             self._due_ns = time.monotonic_ns()
 

@@ -1,4 +1,4 @@
-"""Where the parent of a node listens to its processes; a later parent listens in the same place."""
+"""The socket on which the parent of a node receives notifications (sd_notify) of its processes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 RECEIVE_BYTES: Final = 4096
 LOCK_WAIT_S: Final = 1.0
-"""A parent that was killed a moment ago holds the lock until the kernel has taken it down."""
+"""Wait for the lock of a killed parent: it is held until the kernel has ended that process."""
 _CREDENTIALS: Final = struct.Struct("3i")
 """pid, uid, gid. Source: unix(7), SCM_CREDENTIALS."""
 
 
 class Words:
-    """The socket to which a process speaks as to systemd; only processes of this user are listened to."""
+    """Receives notifications in the format of systemd; those of other users are ignored."""
 
     def __init__(self, run_dir: str) -> None:
         """Raises: Conflict when the node has a parent already."""
@@ -45,7 +45,7 @@ class Words:
         return self._socket.fileno()
 
     def take(self) -> tuple[int, dict[str, str]] | None:
-        """pid of the speaker and what it says; None when there is nothing more."""
+        """pid of the sender and the variables of its notification; None when none is waiting."""
         while True:
             try:
                 data, ancillary, _, _ = self._socket.recvmsg(

@@ -41,7 +41,7 @@ FAULTS: Final = (
     struct.error,
     SwarmError,
 )
-"""A fault of our own code on bytes from outside: it costs one datagram or one beacon, never the broker."""
+"""Exceptions of a defect of this program on input from outside: they cost one datagram, not the broker."""
 FAULTS_LOGGED: Final = 5
 """Faults that are logged with their traceback; the others are only counted."""
 
@@ -136,7 +136,8 @@ class BeaconTransport:
             log.exception("%s; please report this", what)
 
     def _send(self, outgoing: OutgoingBeacon, composed_ns: int) -> None:
-        """Sends a beacon, stamped as late as possible; `composed_ns`: what its ages and echoes count from."""
+        """Sends a beacon, stamped as late as possible; `composed_ns`: instant to which its ages and echoes
+        refer."""
         beacon, sequence = outgoing.beacon, outgoing.sequence
         body = bytearray(codec.encode(beacon))
         tx_ns = self._clock.now_ns()
@@ -234,7 +235,7 @@ class BeaconTransport:
             self._take(header, beacon, address, rx_ns, by_multicast, len(data))
         except FAULTS:
             self._counters.refused.failed += 1
-            self._failed("a datagram could not be taken")
+            self._failed("a datagram could not be processed")
 
     def _take(
         self,
@@ -259,7 +260,7 @@ class BeaconTransport:
         self._on_received(received)
 
     def _is_own(self, data: bytes) -> bool:
-        """Whether it is an own datagram looped back; one without a session is taken for one."""
+        """Whether a datagram is an own one that was looped back; one without a session counts as own."""
         try:
             session = codec.decode_header(data)[0].session
         except WireError:

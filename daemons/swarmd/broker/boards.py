@@ -1,4 +1,4 @@
-"""Boards in shared memory: our own that the beacon takes out, those of others that it brings."""
+"""Boards in shared memory: reads the own ones for the beacon, writes mirrors of those that it brings."""
 
 import logging
 from typing import Final
@@ -20,13 +20,13 @@ from swarmware.types.net import BoardSubscription
 VALUE_LIMIT: Final = BODY_LIMIT - 200
 """Largest value: it must fit beside a hello and some rows."""
 LOOK_AGAIN_NS: Final = 500_000_000
-"""A board whose ring is not there yet is looked for this often."""
+"""Period of the attempts to open a ring that does not exist yet."""
 
 log = logging.getLogger("swarm.broker")
 
 
 class OwnBoards:
-    """Takes the newest values of our own boards out of shared memory."""
+    """Reads the newest values of the own boards from shared memory."""
 
     def __init__(self, node: Node, published: PublishedBoards, counters: Counters) -> None:
         self._node = node
@@ -88,7 +88,7 @@ class OwnBoards:
 
 
 def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:
-    """A value as it travels, and whether that is the type's quantised form."""
+    """The payload in its wire form, and whether that is the type's quantised form."""
     payload = bytes(frame.payload)
     if frame.codec is Codec.PACKED:
         return payload, True
@@ -97,7 +97,7 @@ def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:
     try:
         cls = registry.find(type_name)
     except NotFound:
-        return payload, False  # a type of somebody's own module: it travels as it is
+        return payload, False  # a type that is not installed here: it is sent unchanged
     if not hasattr(cls, "unpack"):
         return payload, False
     packed, codec = registry.pack(registry.decode(cls, payload))
@@ -105,7 +105,8 @@ def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:
 
 
 class _Mirror:
-    """One board of another platform: its ring, and its newest frame, of which the next is made in place."""
+    """One board of another platform: its ring, and its newest frame, which the next value overwrites in
+    place."""
 
     __slots__ = ("_form", "_frame", "_publication", "_sequence")
 
@@ -114,14 +115,15 @@ class _Mirror:
         self._sequence = publication.sequence
         self._frame = bytearray()
         self._form = (0, 0, False, -1)
-        """What a frame must share with the one before to be made of it: data id, origin, coding, length."""
+        """Data id, origin, coding and length: a value with the same form reuses the buffer of the last
+        frame."""
 
     def write(self, want: BoardSubscription, value: RemoteValue) -> None:
         payload = value.payload
         form = (want.data_id, value.origin_hw, value.packed, len(payload))
         sequence, stamp_ns = self._sequence + 1, value.stamp_us * 1000
         # our clock when the value was made, from the ages on the way: accurate enough to
-        # judge its age where the origin's clock is not known yet
+        # our clock when the value was made, from the ages on the way: accurate enough to
         made_us = value.rx_ns // 1000 - value.age_us
         if form == self._form:
             restamp(self._frame, sequence, stamp_ns, echo_rx_us=made_us)
@@ -149,7 +151,7 @@ class _Mirror:
 
 
 class Mirrors:
-    """Writes values of other platforms where their readers here look for them."""
+    """Writes values of other platforms to the rings that their readers on this node open."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -157,7 +159,7 @@ class Mirrors:
         self._complained: set[tuple[str, str]] = set()
 
     def write(self, want: BoardSubscription, value: RemoteValue) -> bool:
-        """One value; False when it could not be written."""
+        """Writes one value; False when that failed."""
         key = (want.platform, want.path)
         mirror = self._mirrors.get(key)
         try:
@@ -172,13 +174,13 @@ class Mirrors:
         return True
 
     def keep_only(self, wants: tuple[BoardSubscription, ...]) -> None:
-        """Takes away mirrors that nobody reads any more."""
+        """Removes the mirrors of boards that are no longer subscribed."""
         wanted = {(want.platform, want.path) for want in wants}
         for key in [key for key in self._mirrors if key not in wanted]:
             self._mirrors.pop(key).close(unlink=True)
 
     def close(self) -> None:
-        """Stops writing; the newest values stay readable, a broker that is started again goes on."""
+        """Stops writing; the newest values stay readable, and a restarted broker continues the rings."""
         for mirror in self._mirrors.values():
             mirror.close(unlink=False)
         self._mirrors.clear()

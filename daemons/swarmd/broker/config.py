@@ -26,15 +26,15 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     tcp_port: Port = 0
     """ZeroMQ port; neighbours learn it from the beacon. 0: any."""
     seeds: tuple[Seed, ...] = ()
-    """Nodes to write to where multicast does not work, as host:port."""
+    """Nodes that get beacons by unicast where multicast does not work, as host:port."""
     hear_only: tuple[Platform, ...] = ()
-    """Platforms whose datagrams are heard; empty: all. Forms multi-hop swarms on one machine."""
+    """Platforms whose datagrams are accepted; empty: all. Forms multi-hop swarms on one machine."""
     tick_hz: Annotated[float, msgspec.Meta(ge=1, le=50)] = 10.0
-    """While somebody wants boards of this node and they change; 5 Hz at least while links come and go,
-    otherwise 2 Hz. Each of them is less where the air is full."""
+    """Beacon rate while boards of this node have subscribers and change; at least 5 Hz while links change,
+    otherwise 2 Hz. Each rate is lower where the channel is congested."""
     link_timeout_s: Annotated[float, msgspec.Meta(ge=0.2, le=60)] = 1.0
-    """A neighbour that was silent for so long is down; 2.5 of its periods where that is longer."""
+    """Silence after which the link to a neighbour is down; 2.5 of its beacon periods where that is longer."""
     relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 2200.0
-    """Budget for boards of other nodes that are passed on."""
+    """Budget for relaying boards of other nodes, in bytes per second."""
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
-    """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is gone."""
+    """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is lost."""

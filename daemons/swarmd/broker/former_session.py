@@ -28,10 +28,11 @@ class FormerSession:
         """Longest time between two datagrams that the former session declared; 0: none is known."""
 
     def quiet_ns(self, timeout_ns: int) -> int:
-        """How long others may still send through the former session.
+        """Time for which neighbours may still use routes of the former session.
 
-        An empty folder does not prove that there was none, and without this wait idle swarms looped: who lost
-        its data counts as idle. A loop stays possible where the lost session declared a longer period.
+        An empty folder does not prove that there was no former session (the disk may have been replaced), so
+        an idle one is assumed: without this wait routes formed loops. A loop stays possible where the lost
+        session declared a longer period.
         """
         return notice_ns(self.declared_period_ns or _IDLE_NS, timeout_ns)
 
@@ -55,7 +56,7 @@ class FormerSession:
     def next_session(self, wanted: int) -> int:
         """The session number of this start, greater than all earlier ones.
 
-        Raises: Denied when it cannot be kept.
+        Raises: Denied when it cannot be stored.
         """
         try:
             return next_session(self._session, wanted)
@@ -63,7 +64,7 @@ class FormerSession:
             raise Denied(f"{self._session}: cannot be written: {error.strerror}") from error
 
     def keep(self, declared_period_ns: int) -> None:
-        """Keep the longest period that this session declared, for the next start."""
+        """Stores the longest period that this session declared, for the next start."""
         try:
             replace_file(self._period, b"%d\n" % (declared_period_ns // 1_000_000))
         except OSError as error:

@@ -134,7 +134,7 @@ class FrameGateway:
             return
         if decision.step is ForwardStep.SEND:
             if self._post.expired(frame):
-                counters.refused.expired += 1  # its sender has had a refusal
+                counters.refused.expired += 1  # a refusal was sent to its sender
                 return
             counters.forwarded_frames += 1
         self._onward(frame, decision)

@@ -147,8 +147,8 @@ class Broker(Service):
         if (folder / "node.key").exists():
             return Keys.load(folder, config.platform)
         log.warning(
-            "no keys in %s: only this computer is served, and whoever is on it; "
-            "make keys before the node talks to others",
+            "no keys in %s: only this computer is served, without authentication; "
+            "make keys before the node communicates with other computers",
             folder,
         )
         return Keys.open(config.platform)
@@ -186,27 +186,32 @@ class Broker(Service):
         module = self.module
         self._plan = module.reader("tree/plan", TreePlan)
         self._neighbours_board = module.writer(
-            "net/neighbours", Neighbours, rate_hz=1, link="request", description="Nodes heard directly"
+            "net/neighbours", Neighbours, rate_hz=1, link="request", description="Nodes received directly"
         )
         self._routes_board = module.writer(
             "net/routes", Routes, rate_hz=1, link="request", description="Nodes that can be reached"
         )
         self._traffic_board = module.writer(
-            "net/traffic", Traffic, rate_hz=1, link="request", log="1hz", description="Counters in bytes"
+            "net/traffic",
+            Traffic,
+            rate_hz=1,
+            link="request",
+            log="1hz",
+            description="Traffic counters in bytes",
         )
         self._limits_board = module.writer(
             "net/limits", ChannelLimits, link="request", description="Limits of rates in force"
         )
         self._limits_board.write(ChannelLimits())
         self._denials = module.stream_writer(
-            "net/denials", Denial, kind="event", log="all", description="Who asked for what it may not"
+            "net/denials", Denial, kind="event", log="all", description="Requests denied by access control"
         )
         self._timing_stream = module.stream_writer(
             "net/timing",
             TimingBatch,
             slots=TIMING_SLOTS,
             slot_bytes=TIMING_SLOT_BYTES,
-            description="Clock differences read off datagrams",
+            description="Clock differences measured from datagrams",
         )
         module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
         module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
@@ -307,7 +312,7 @@ class Broker(Service):
     def _denied(self, denial: Denial) -> None:
         self._denials.write(denial)
 
-    # what a datagram changed
+    # results of datagrams
 
     def _on_received(self, received: ReceivedBeacon) -> None:
         if received.clock_sample is not None:
@@ -338,7 +343,7 @@ class Broker(Service):
             log.error(
                 "two computers are named %s: %s; change the platform in node.toml of one of them",
                 name,
-                "this one and another" if own else "both are heard here",
+                "this one and another" if own else "both are received here",
             )
         self._duplicate_ns = self._clock.now_ns()
         self.health.report(
@@ -371,7 +376,7 @@ class Broker(Service):
             self._topology_changed = True
             self._wakeup.notify()
         if any(not change.via for change in routes) or any(c.event is LinkEvent.SILENT for c in links):
-            self._trigger_beacon()  # others should know soon
+            self._trigger_beacon()  # so that other nodes learn of it soon
 
     # requests
 
@@ -394,7 +399,7 @@ class Broker(Service):
         if request.max_hz is not None and unlimited and len(unlimited) == len(matching):
             raise InvalidInput(
                 f"pattern {request.pattern!r}: matches only {', '.join(unlimited[:3])}, of which each item is"
-                " promised; expected boards: the rate of a stream is its owner's to set"
+                " promised; expected boards: the owner of a stream sets its rate"
             )
         now_ns = self._clock.now_ns()
         self._protocol.rate_limits.set(request, now_ns)

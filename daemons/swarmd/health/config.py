@@ -9,7 +9,8 @@ from swarmware.health.criterion import Above, Below
 
 
 class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of one field of one resource; with `low`, below the limits is bad, else above."""
+    """Limits of one field of one resource; with `low`, values below the limits are faults, else values
+    above."""
 
     check: str
     """Name of the check."""

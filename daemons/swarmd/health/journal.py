@@ -19,7 +19,7 @@ class Journal(msgspec.Struct, frozen=True):
 
 
 class JournalFile:
-    """One small file, replaced as a whole: a kill leaves the one before."""
+    """One small file, replaced atomically: a kill leaves the former content."""
 
     def __init__(self, folder: Path, boot_id: int) -> None:
         self._path = folder / "journal.json"
@@ -35,7 +35,7 @@ class JournalFile:
         return found if found.boot_id == self._boot_id else empty
 
     def save(self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...]) -> None:
-        """Replace the file. It outlives processes, not the node.
+        """Replace the file, which survives the monitor, but not the node.
 
         Raises: OSError when it cannot be written; the former journal is then unchanged.
         """

@@ -116,7 +116,7 @@ class Health(Service):
             FaultClear,
             self._on_clear,
             reply=FaultList,
-            description="Ends faults that an operator has seen",
+            description="Clear faults that match a pattern",
         )
         if self._required_platforms:
             self._routes = module.reader("net/routes", Routes)

@@ -1,1 +1,1 @@
-"""The logger: what moves in a node is written to a local ring and forwarded to MongoDB."""
+"""The logger: writes the values of a node's resources to a local ring and forwards them to MongoDB."""

@@ -12,7 +12,7 @@ from swarmware.types.log import LogGap
 
 OVERWRITTEN: Final = "ring overwritten"
 BATCH_BYTES: Final = 4 << 20
-"""Maximum payload of a batch of several entries: bounds the memory that a slow database costs."""
+"""Maximum payload of a batch of several entries: bounds the memory that a slow database takes."""
 
 
 class LogStore(Protocol):

@@ -1,4 +1,4 @@
-"""The built-in missions: always there, without network, above every user mission (S2.37)."""
+"""The built-in missions: available without network, with priority over every user mission (S2.37)."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ TEXTS: Final = {
         "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
         "end": {"type": "End"}
     }}""",
-    # whatever keeps it from the way back, it lands where it is, and the return has failed
+    # any error on the way back: it lands at its position, and the return has failed
     "return": """{"mission": {
         "start": {"type": "Start", "next": "back"},
         "back": {"type": "Return", "next": "land", "nextError": "down", "nextTimeout": "down"},
@@ -34,7 +34,8 @@ TEXTS: Final = {
 
 
 def built_in(platform: str, kind: str) -> dict[str, MissionDefinition]:
-    """Those that a platform of this kind can play; a ground station has nothing to bring to safety."""
+    """The built-in missions of a platform of this kind; a ground station has none: nothing is to be made
+    safe."""
     if kind not in VEHICLES:
         return {}
     binding = Binding(platform, kind)

@@ -8,7 +8,7 @@ from swarmware.types.registry import register
 
 @register
 class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A node that is heard directly."""
+    """A node that is received directly."""
 
     platform: str
     """Empty as long as it has not said its name."""

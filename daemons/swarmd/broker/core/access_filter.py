@@ -18,7 +18,8 @@ class AccessFilter:
     """Checks the rights of frames for applications of this platform."""
 
     def __init__(self, roles: Mapping[str, Role] | None, access: Access) -> None:
-        """`roles`: of the members; None, without a roster: all passes, only this computer is served."""
+        """`roles`: role of each member; None without a roster: every frame passes, as only this computer is
+        served."""
         self._access = access
         self._open = roles is None
         self._roles = roles or {}
@@ -27,8 +28,8 @@ class AccessFilter:
     def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:
         """Checks a frame, and adds its authenticated sender and time of arrival.
 
-        `path`: where it goes; None where nobody takes it.
-        Raises: Denied, WireError when its extension is none.
+        `path`: resource to which the frame is addressed; None: no application serves it.
+        Raises: Denied; WireError for an invalid extension.
         """
         sender = None if self._open else Sender(platform, self._roles.get(platform, Role.OBSERVER))
         asks = answerable(frame)

@@ -53,9 +53,9 @@ def beacon_hz(wanted_hz: float, neighbours: int, datagram_bytes: float) -> float
 class Slowdown:
     """Reduces the beacon rate while the processor is overloaded.
 
-    A node whose beacons begin late is taken for gone by its neighbours. It says less often that it is there,
-    and says so (the hello declares its period), before links fall; what it saves is processor time here and
-    at all that hear it.
+    Neighbours take the link to a node down when its beacons are late. Before that happens the node lengthens
+    its beacon period and declares the longer one in its hello. Fewer beacons save processor time here and at
+    all nodes that receive them.
     """
 
     def __init__(self) -> None:
@@ -142,9 +142,10 @@ class BeaconSchedule:
         self.due_ns = (now_ns // period_ns + 1) * period_ns
 
     def defer_after_skip(self, now_ns: int, period_ns: int) -> bool:
-        """True: a beacon that follows one without words waits for its share of chance; it is due then.
+        """Delays the beacon after a skipped one by random jitter. True: it was delayed, and must not be
+        skipped.
 
-        Nodes that look at the same instants would send at the same ones.
+        Nodes check at the same instants; without jitter they would send at the same instants.
         """
         if not self._resting:
             return False
@@ -154,7 +155,7 @@ class BeaconSchedule:
 
     @staticmethod
     def jitter_ns(period_ns: int) -> int:
-        """Width of the jitter."""
+        """Width of the jitter, the difference of its limits."""
         return round(2 * JITTER * period_ns)
 
     def set_next(self, now_ns: int, period_ns: int) -> None:

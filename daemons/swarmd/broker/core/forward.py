@@ -49,8 +49,8 @@ _Identity = tuple[int, int, int, int, int]
 class FrameForwarder:
     """Forwards frames along the routing table and stops loops.
 
-    A repetition by its sender (an acknowledgement was lost) is forwarded again; what comes round
-    within milliseconds with fewer hops left is not.
+    A retransmission by the sender (its acknowledgement was lost) is forwarded again. A frame that returns
+    within milliseconds with fewer hops left is in a loop and is dropped.
     """
 
     def __init__(self, own_hw: int, routing: RoutingTable) -> None:
@@ -73,9 +73,10 @@ class FrameForwarder:
     def from_neighbour(
         self, frame: Frame, neighbour_hw: int | None, now_ns: int, *, direct: bool = False
     ) -> ForwardDecision:
-        """A frame from a link; `neighbour_hw`: the member at its other end; None without authentication.
+        """Decides about a frame from a link; `neighbour_hw`: the member at its other end, None without
+        authentication.
 
-        `direct`: its origin is so near that it sends to us itself; then nobody else brings its frames.
+        `direct`: the origin sends to this node directly, so no other neighbour may forward its frames.
         """
         starts_here = frame.hops_left >= HOPS or direct
         if starts_here and neighbour_hw is not None and frame.sender_hw != neighbour_hw:

@@ -234,7 +234,7 @@ class NeighbourTable:
         return max(LISTING_NS, self.active_count() * LISTING_EACH_NS)
 
     def usual_period_ns(self) -> int:
-        """Between two datagrams of a node: half of those that are heard declare a shorter one."""
+        """Median of the periods that the received nodes declare."""
         periods_ns = sorted(one.period_ns for one in self._all.values() if one.state is not LinkState.DOWN)
         return periods_ns[len(periods_ns) // 2] if periods_ns else FIRST_PERIOD_NS
 
@@ -242,7 +242,7 @@ class NeighbourTable:
         """Number of nodes in range, which share the channel."""
         return self._active
 
-    # what comes in
+    # input
 
     def on_header(
         self,
@@ -384,7 +384,7 @@ class NeighbourTable:
         """Instant by which `on_timer` must be called; None: no deadline."""
         return min((n.deadline_ns for n in self._all.values() if n.state is not LinkState.DOWN), default=None)
 
-    # what goes out
+    # output
 
     def sent(self, sequence: int, tx_ns: int) -> None:
         """Records the send time of a datagram, for the echoes that answer it."""
@@ -452,7 +452,7 @@ class NeighbourTable:
         self.common(now_ns)
         return self._linked
 
-    # how a datagram is counted
+    # loss measurement
 
     def _count(self, neighbour: Neighbour, header: Header) -> None:
         ahead = header.sequence - neighbour.top

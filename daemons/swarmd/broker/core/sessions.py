@@ -1,7 +1,7 @@
 """Acceptance of sessions: a session of a node is accepted after it has answered a challenge.
 
-A seal proves that a member made a datagram, not when: it may be a replay. So every new session is asked, and
-answers by naming our present session, which no recorded datagram can do. A session that follows an accepted
+A seal proves that a member made a datagram, not when: it may be a replay. So every new session is challenged:
+it must name our present session, which no recorded datagram can do. A session that follows an accepted
 one is proven over a connection that only the key of the platform opens; until then the former one stays
 accepted.
 """

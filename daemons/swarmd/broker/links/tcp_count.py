@@ -60,18 +60,18 @@ class TcpCount:
         try:
             sock.shutdown(socket.SHUT_RDWR)
         except OSError:
-            pass  # it has gone by itself
+            pass  # the peer has closed it
         finally:
             sock.detach()  # it belongs to libzmq, which will see the end and close it
 
     def sample_all(self) -> None:
-        """Brings the counters up to date; those of connections that are gone stand still."""
+        """Updates the counters of all connections; closed ones keep their values."""
         for fd in list(self._inodes):
             if not self.sample(fd):
                 del self._inodes[fd], self._last[fd]
 
     def sample(self, fd: int) -> bool:
-        """Brings one connection's counters up to date; False when it is gone."""
+        """Updates the counters of one connection; False when it is closed."""
         if _socket_inode(fd) != self._inodes.get(fd):
             return False
         moved = _moved_bytes(fd)
@@ -94,7 +94,7 @@ def _socket_inode(fd: int) -> int | None:
 
 def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
     """Bytes sent and received with IP and TCP headers, acknowledgements and repetitions, and those received
-    without them; None: no TCP."""
+    without them; None: not a TCP connection."""
     sock = None
     try:
         # its kind given, the kernel is not asked for it; only TCP sockets have TCP_INFO
@@ -106,7 +106,7 @@ def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
         if sock is not None:
             sock.detach()  # it belongs to libzmq
     received, segments_out, segments_in = _BYTES_RECEIVED.unpack_from(info)
-    # Linux before 4.19 does not say what it sent, only what arrived
+    # Linux before 4.19 does not report the bytes sent, only those received
     sent = (_BYTES_SENT if len(info) >= _BYTES_SENT.size else _BYTES_ACKED).unpack_from(info)[0]
     header = _HEADERS + (_TIMESTAMP_BYTES if info[_OPTIONS_AT] & _TIMESTAMPS else 0)
     arrived = received + segments_in * header + _SYN_BYTES

@@ -48,8 +48,8 @@ class Udp:
     """The broker's UDP sockets.
 
     Reception is coalesced as a network card's interrupts are: after a pause a datagram is taken at once, then
-    the sockets are read by a timer until it finds them empty. It ends at multiples of the window on the
-    node's clock, where the periodic work of the process is done.
+    the sockets are read by a timer until they are empty. The timer expires at multiples of the window on the
+    node's clock, at the instants of the other periodic work of the process.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ async def resolve(seed: str, loop: asyncio.AbstractEventLoop) -> Address | None:
 
 
 def loopback_only(config: Config) -> Config:
-    """The same settings, for a node that must not talk to other computers."""
+    """The same settings, for a node that must not communicate with other computers."""
     return msgspec.structs.replace(
         config,
         bind_address=config.bind_address if config.bind_address.startswith("127.") else LOOPBACK,
@@ -234,13 +234,13 @@ def _send_to_group(sock: socket.socket, config: Config) -> None:
 
 
 def _interface(config: Config) -> str:
-    """The group is heard and written to where single nodes are, unless the settings say otherwise."""
+    """Interface of the multicast group: the configured one, else that of `bind_address`."""
     bound = config.bind_address if config.bind_address != _EVERYWHERE else ""
     return config.multicast_interface or bound
 
 
 def _membership(group: str, interface: str) -> bytes:
-    """struct ip_mreqn, see ip(7)."""
+    """Membership of a group as struct ip_mreqn, see ip(7)."""
     address, index = _EVERYWHERE, 0
     if interface[:1].isdigit():
         address = interface

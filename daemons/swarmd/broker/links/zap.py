@@ -16,7 +16,7 @@ COMPLAINTS: Final = 100
 _ENDPOINT: Final = "inproc://zeromq.zap.01"
 _VERSION: Final = b"1.0"
 _PARTS: Final = 7
-"""Of a CURVE request: version, request, domain, address, identity, mechanism, key."""
+"""Parts of a CURVE request: version, request, domain, address, identity, mechanism, key."""
 
 log = logging.getLogger("swarm.broker")
 

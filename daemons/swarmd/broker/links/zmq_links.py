@@ -209,7 +209,7 @@ class ZmqLinks:
         self._on_frame = on_frame
         self._peers: dict[int, _PeerConnections] = {}
         self._deferred: dict[_PeerConnections, None] | None = None
-        """Ways with frames that wait for the end of `together`; None: frames are sent at once."""
+        """Connections with frames that wait for the end of `batch`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
         # before the first CURVE socket: without an authenticator libzmq accepts every client
         self._zap = Zap(self._context, loop, keys)
@@ -260,8 +260,9 @@ class ZmqLinks:
     def batch(self) -> Iterator[None]:
         """Defers frames sent in its scope and passes them to libzmq together at its end.
 
-        Otherwise its thread sends the first while others are still being made, and on a busy computer the
-        receivers that this wakes take its turns until the last has waited for all of them.
+        Otherwise the thread of libzmq sends the first frame while later ones are still being encoded; on a
+        busy computer the receivers that it wakes take the processor, and the last frame waits for all of
+        them.
         """
         if self._deferred is not None:
             yield  # the outer scope sends them
@@ -276,7 +277,7 @@ class ZmqLinks:
                 connections.flush(now_ns)
 
     def defers(self, connections: _PeerConnections) -> bool:
-        """Whether the frames of this way are sent later; then they will be."""
+        """Whether the frames of these connections wait for the end of `batch`; records that they do."""
         if self._deferred is None:
             return False
         self._deferred[connections] = None

@@ -1,1 +1,1 @@
-"""What the monitor decides: faults and their life, checks of modules, rules of its own. No sockets."""
+"""Decisions of the monitor: states of faults, checks of modules, own rules. No sockets."""

@@ -104,7 +104,7 @@ class WatchedApps:
     def on_status(self, app: WatchedApp, status: AppStatus, now_ns: int) -> bool:
         """Evaluate its status board; True if its state changed, or at its first heartbeat."""
         if status.pid != app.pid:
-            return False  # left in memory by a process that is gone
+            return False  # left in shared memory by a process that has ended
         first, app.beats = not app.beats, True
         if first:
             # of a service that left its process running, the count goes on; a new process begins at 0

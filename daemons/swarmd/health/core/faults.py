@@ -76,7 +76,7 @@ class FaultTable:
         self._clear_ns_by_check[check] = round(clear_s * 1e9)
 
     def on_failed(self, sample: CheckSample, now_ns: int, *, confirmed: bool) -> Fault | None:
-        """A check failed; the fault if a change of it is to be announced."""
+        """A check failed; returns its fault if it changed and is to be published."""
         event = FaultEvent.FAILED if confirmed else FaultEvent.PREFAILED
         old = self._open.get(sample.check)
         phase = TRANSITIONS[old.phase if old else Phase.CLEARED, event]
@@ -109,7 +109,7 @@ class FaultTable:
         return None if known or phase is Phase.PENDING else new
 
     def on_passed(self, check: str, now_ns: int) -> Fault | None:
-        """A check passed; the fault if a change of it is to be announced."""
+        """A check passed; returns its fault if it changed and is to be published."""
         old = self._open.get(check)
         if old is None:
             return None

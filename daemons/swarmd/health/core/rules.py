@@ -12,7 +12,7 @@ STALE: Final = "stale"
 LOST: Final = "lost"
 LOST_PERIODS: Final = 10.0
 LOST_MIN_S: Final = 3.0
-"""A killed service is back in less time: its resource is late, not lost."""
+"""A killed service is restarted in less time: its resource is stale, not lost."""
 AGE_CONFIRM_SAMPLES: Final = 2
 """Samples that must agree: one alone may be due to load of the machine."""
 

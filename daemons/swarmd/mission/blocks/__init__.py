@@ -1,4 +1,4 @@
-"""The functional blocks of vehicles: one file each, its type stands in the library's catalogue.
+"""The functional blocks of vehicles: one file each; the library's catalogue has their types.
 
-May live here: what a block does, over `context.vehicle`. Not here: when it does it (the player).
+Belongs here: what a block does with `context.vehicle`. Not here: when a block starts and ends (the player).
 """

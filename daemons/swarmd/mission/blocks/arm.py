@@ -1,4 +1,4 @@
-"""Arm and Disarm: the motors."""
+"""Arm and Disarm: switch the motors on and off."""
 
 from swarmd.mission.blocks.context import Context, spec
 

@@ -1,4 +1,4 @@
-"""Return: to where the vehicle was armed."""
+"""Return: moves the vehicle to the place where it was armed."""
 
 from swarmd.mission.blocks.context import Context, spec
 from swarmd.mission.vehicle import Way
@@ -7,23 +7,23 @@ from swarmware.mission.plugin import BlockError
 from swarmware.types.vehicle import NavStatus
 
 MIN_HEIGHT_M = 2.0
-"""A vehicle that is lower climbs to this before it goes: between is what it did not fly over."""
+"""A vehicle that is lower climbs to this height first: obstacles on the direct way are not known."""
 
 
 class ReturnBlock:
-    """Moves to where it was armed."""
+    """Moves to the place where the vehicle was armed."""
 
     spec = spec("Return")
 
     async def run(self, context: Context) -> None:
-        """Until it is above it."""
+        """Ends when the vehicle is above that place."""
         params: catalogue.Return = context.params
         vehicle = context.vehicle
         if vehicle.flies and vehicle.landed:
-            return  # nothing here takes off by itself
+            return  # a landed vehicle does not take off for this block
         home = vehicle.home
         if home is None:
-            raise BlockError("no_home", "nobody saw where it was armed")
+            raise BlockError("no_home", "the place where it was armed is not known")
         way = Way()
 
         def progress(status: NavStatus) -> None:

@@ -1,4 +1,4 @@
-"""What a running block is given."""
+"""The interface that a running block gets."""
 
 from collections.abc import Callable
 from typing import Any
@@ -28,7 +28,7 @@ class Context:
 
     @property
     def vehicle(self) -> VehicleClient:
-        """The platform's vehicle.
+        """The vehicle of this platform.
 
         Raises: BlockError when it has none.
         """
@@ -37,7 +37,7 @@ class Context:
         return self._vehicle
 
     def report(self, ratio: float, text: str) -> None:
-        """How far the block is."""
+        """Report the progress of the block, from 0 to 1, with a text for operators."""
         self._report(ratio, f"{self.block_id}: {text}")
 
 

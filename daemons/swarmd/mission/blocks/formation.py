@@ -1,4 +1,4 @@
-"""Formation: a slot beside a leader, standing or along a course."""
+"""Formation: keeps a slot beside a leader, at rest or along a course."""
 
 from swarmd.mission.blocks.context import Context, spec
 from swarmd.mission.vehicle import Way
@@ -8,12 +8,12 @@ from swarmware.types.vehicle import NavStatus
 
 
 class FormationBlock:
-    """Takes a slot; with `advance`, keeps it to the end of the course."""
+    """Moves into a slot; with `advance`, keeps it to the end of the course."""
 
     spec = spec("Formation")
 
     async def run(self, context: Context) -> None:
-        """Until the slot was held long enough, or the end of the course is reached in it."""
+        """Ends when the slot was kept long enough, or the end of the course is reached."""
         params: catalogue.Formation = context.params
         forward_m, left_m = place(params.shape, params.slot, params.spacing_m)
         ahead_m, across_m, up_m = params.offset_m
@@ -24,7 +24,7 @@ class FormationBlock:
             context.report(ratio, f"{status.formation_error_m:.1f} m off its slot, {status.state}")
 
         def settled(status: NavStatus) -> bool:
-            # the navigator says arrived in the slot, of an advancing member at the end of the course
+            # the navigator reports arrival in the slot; of an advancing member, at the end of the course
             return status.state == "arrived" and status.formation_error_m < params.tolerance_m
 
         await context.vehicle.move(

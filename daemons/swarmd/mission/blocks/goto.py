@@ -7,12 +7,12 @@ from swarmware.types.vehicle import NavStatus
 
 
 class GotoBlock:
-    """Moves to a position."""
+    """Moves the vehicle to a position."""
 
     spec = spec("Goto")
 
     async def run(self, context: Context) -> None:
-        """Until it is there."""
+        """Ends when the vehicle has arrived."""
         params: catalogue.Goto = context.params
         vehicle = context.vehicle
         z_m = params.z_m if params.z_m is not None else vehicle.height_m if vehicle.flies else 0.0

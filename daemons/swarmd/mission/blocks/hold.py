@@ -8,12 +8,12 @@ from swarmware.types.vehicle import NavStatus
 
 
 class HoldBlock:
-    """Stays where it is, for a while or for good."""
+    """Holds the position, for a time or without end."""
 
     spec = spec("Hold")
 
     async def run(self, context: Context) -> None:
-        """Until it stands still, then for the time that the mission says."""
+        """Waits until the vehicle is at rest, then for the time in the mission."""
         params: catalogue.Hold = context.params
 
         def progress(status: NavStatus) -> None:

@@ -1,4 +1,4 @@
-"""Land: straight down; a vehicle that does not fly stops."""
+"""Land: descends straight down; a vehicle that does not fly stops."""
 
 from swarmd.mission.blocks.context import Context, spec
 from swarmd.mission.vehicle import Way
@@ -7,7 +7,7 @@ from swarmware.types.vehicle import NavStatus
 
 
 class LandBlock:
-    """Lands where it is."""
+    """Lands the vehicle at its position."""
 
     spec = spec("Land")
 

@@ -1,4 +1,4 @@
-"""Classes by block type: the built-in ones, and those of installed packages."""
+"""Classes of blocks by type: the built-in ones, and those of installed packages."""
 
 from collections.abc import Mapping
 from importlib.metadata import entry_points
@@ -27,22 +27,22 @@ BUILT_IN: Final[tuple[type, ...]] = (
 
 
 class Plugins:
-    """Makes a block from its type's name."""
+    """Creates blocks by the name of their type."""
 
     def __init__(self, classes: Mapping[str, type], foreign: tuple[BlockType, ...]) -> None:
         self._classes = dict(classes)
         self.catalogue = Catalogue((*BLOCKS, *foreign))
 
     def make(self, name: str) -> FunctionalBlock:
-        """A new block of this type."""
+        """Create a block of this type."""
         block: FunctionalBlock = self._classes[name]()
         return block
 
 
 def installed() -> Plugins:
-    """Everything that is installed here.
+    """All block classes that are installed here.
 
-    Raises: MissionError when a package takes a name that is in use.
+    Raises: MissionError when a package uses a name that is taken.
     """
     classes = {cls.spec.name: cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # each has a spec
     foreign: list[BlockType] = []

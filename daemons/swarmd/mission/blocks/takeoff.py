@@ -7,12 +7,12 @@ from swarmware.types.vehicle import NavStatus
 
 
 class TakeoffBlock:
-    """Climbs to an altitude."""
+    """Climbs straight up to an altitude."""
 
     spec = spec("Takeoff")
 
     async def run(self, context: Context) -> None:
-        """Until it is there."""
+        """Ends when the vehicle has reached the altitude."""
         params: catalogue.Takeoff = context.params
         way = Way()
 
