@@ -14,9 +14,9 @@ from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.admission import OrderAdmission
 from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS
-from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
+from swarmd.mission.core.lead import lead_to_ns
 from swarmd.mission.core.run import Action, Announce, BlockResult, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
@@ -297,15 +297,14 @@ class Mission(Service):
 
     def _lead_ns(self, platforms: frozenset[str]) -> int:
         """How long the news of an opened barrier takes to these platforms, at the links' present rates."""
-        traffic, neighbours, routes = self._traffic.value, self._neighbours.value, self._routes.value
-        ways = [route for route in routes.routes if route.platform in platforms] if routes else []
-        relays = {route.via for route in ways if route.hops > 1}
-        rates_hz = [n.tick_hz for n in neighbours.neighbours if n.platform in relays] if neighbours else []
-        if traffic is not None:
-            rates_hz.append(traffic.tick_hz)
-        min_ns = round(self.config.barrier_lead_s * 1e9)
-        hops = max((route.hops for route in ways), default=1)
-        return lead_ns(min_ns, min((hz for hz in rates_hz if hz > 0), default=0.0), hops)
+        traffic = self._traffic.value
+        return lead_to_ns(
+            platforms,
+            min_ns=round(self.config.barrier_lead_s * 1e9),
+            own_hz=0.0 if traffic is None else traffic.tick_hz,
+            routes=self._routes.value,
+            neighbours=self._neighbours.value,
+        )
 
     async def _watch_links(self) -> None:
         async for _ in self.module.every(HEARTBEAT_NS / 1e9):

@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.mission.results import result
 
-from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed, lead_ns
+from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
 from swarmware.types.mission import Arrival, BarrierResult, Member, MissionState
 
 S = 1_000_000_000
@@ -41,22 +41,6 @@ class Ensemble:
 
 def outcomes(passed: dict[str, list[Passed]]) -> dict[str, str]:
     return {name: p.result.label for name, found in passed.items() for p in found}
-
-
-@pytest.mark.parametrize(
-    ("beacon_hz", "hops", "lead_s"),
-    [
-        (10.0, 1, 0.25),
-        (10.0, 0, 0.25),
-        (50.0, 1, 0.25),
-        (10.0, 3, 0.75),
-        (1.0, 1, 2.5),
-        (0.2, 4, 5.0),
-        (0.0, 1, 0.25),
-    ],
-)
-def test_the_common_time_leaves_the_news_time_to_travel(beacon_hz: float, hops: int, lead_s: float) -> None:
-    assert lead_ns(LEAD, beacon_hz, hops) == round(lead_s * S)
 
 
 def test_all_leave_at_the_time_the_first_member_names() -> None:

@@ -28,20 +28,10 @@ MEMORY: Final = 16
 ANNOUNCED: Final = 3
 """Of these it keeps announcing the newest, for members that come late."""
 
-LEAD_BEACONS: Final = 2.5
-"""The news of an opened barrier crosses a hop with the next beacon, or with the one after if that is lost."""
-LEAD_MAX_NS: Final = 5_000_000_000
 LATE_NS: Final = 500_000_000
 """A member that waits, and learns so long after the common time that the others have left, stays behind."""
 
 Key = tuple[str, int]
-
-
-def lead_ns(min_ns: int, beacon_hz: float, hops: int) -> int:
-    """From the opening of a barrier to the common time, with members so many hops away."""
-    if beacon_hz <= 0:
-        return min_ns
-    return max(min_ns, min(round(LEAD_BEACONS * max(hops, 1) * 1e9 / beacon_hz), LEAD_MAX_NS))
 
 
 class BarrierSpec(msgspec.Struct, frozen=True):
