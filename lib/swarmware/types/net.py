@@ -137,7 +137,7 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     spoofed: int = 0
     """Frames whose sender is not the member that sent them."""
     denied_connections: int = 0
-    """ZeroMQ handshakes of strangers."""
+    """Incoming TCP connections that ended before they proved a key of the roster."""
     looped: int = 0
     """Frames that came round again."""
     no_route: int = 0

@@ -7,10 +7,11 @@ import struct
 from typing import Final
 
 HALF_OPEN_MAX: Final = 128
-"""Limit of connections without a presented key; members need milliseconds for it, and open two each."""
-SHOWN_BYTES: Final = 400
-"""ZMTP's greeting (64 bytes) and CURVE's HELLO (202) are less, with INITIATE (260 at least), which has the
-key, it is more. Source: RFC 23 and 26 of ZeroMQ."""
+"""Limit of incoming connections that have not proven a key; members take milliseconds, and open two each."""
+PROVEN_BYTES: Final = 272
+"""Sent to a client and acknowledged by it: the greeting (64), WELCOME (170) and an ERROR (12) are less; with
+READY (67), which only a client gets whose key is on the roster, it is more. What the client sends proves
+nothing. Source: RFC 23 and 26 of ZeroMQ."""
 _TCP_INFO_BYTES: Final = 256
 _OPTIONS_AT: Final = 5
 _TIMESTAMPS: Final = 1
@@ -25,20 +26,53 @@ _SYN_BYTES: Final = 8
 """Options of the first segment each way, less the timestamps counted on every segment: MSS, SACK, scale."""
 
 
+class HalfOpen:
+    """Incoming connections that have not proven a key yet, by remote address, the oldest first."""
+
+    def __init__(self) -> None:
+        self._address: dict[int, str] = {}
+        self._by_address: dict[str, dict[int, None]] = {}
+
+    def __len__(self) -> int:
+        return len(self._address)
+
+    def add(self, fd: int, address: str) -> None:
+        """Adds a connection that was accepted now."""
+        self._address[fd] = address
+        self._by_address.setdefault(address, {})[fd] = None
+
+    def remove(self, fd: int) -> None:
+        """Removes a connection that is gone or proven."""
+        address = self._address.pop(fd, None)
+        if address is not None:
+            rest = self._by_address[address]
+            del rest[fd]
+            if not rest:
+                del self._by_address[address]
+
+    def all(self) -> list[int]:
+        """The descriptors of these connections."""
+        return list(self._address)
+
+    def first(self) -> int:
+        """The oldest of the address that has the most: who opens many loses its own."""
+        largest: dict[int, None] = max(self._by_address.values(), key=len)
+        return next(iter(largest))
+
+
 class TcpCount:
     """Counters of libzmq's connections; their descriptors are read, never kept or closed."""
 
     def __init__(self) -> None:
         self._inodes: dict[int, int] = {}
         self._last: dict[int, tuple[int, int, int]] = {}
-        self._new: set[int] = set()
+        self._half_open = HalfOpen()
         self.sent_bytes = 0
         self.received_bytes = 0
-        self.shut = 0
-        """Connections that were closed because too many had not presented a key."""
 
     def add(self, fd: int) -> None:
         """Starts counting a connection."""
+        self._half_open.remove(fd)  # of a connection before, which had the same descriptor
         inode = _socket_inode(fd)
         if inode is not None:
             self._inodes[fd] = inode
@@ -46,23 +80,30 @@ class TcpCount:
             self.sample(fd)
 
     def accept(self, fd: int) -> None:
-        """Counts an incoming connection; closes it where too many have not presented a key yet."""
+        """Counts an incoming connection; where too many have not proven a key, an older one is shut for it.
+
+        The newest is kept: a member proves its key within milliseconds, so it gets in however many wait.
+        """
         self.add(fd)
-        if fd not in self._inodes:
+        address = _remote_address(fd)
+        if fd not in self._inodes or address is None:
             return
-        if len(self._new) >= HALF_OPEN_MAX:
-            self._new = {one for one in self._new if self.sample(one) and self._last[one][2] < SHOWN_BYTES}
-        if len(self._new) < HALF_OPEN_MAX:
-            self._new.add(fd)
-            return
-        self.shut += 1
-        sock = socket.socket(fileno=fd)
-        try:
-            sock.shutdown(socket.SHUT_RDWR)
-        except OSError:
-            pass  # the peer has closed it
-        finally:
-            sock.detach()  # it belongs to libzmq, which will see the end and close it
+        while len(self._half_open) >= HALF_OPEN_MAX:
+            oldest = self._half_open.first()
+            if self._is_half_open(oldest):
+                _shut(oldest)
+            self._half_open.remove(oldest)
+        self._half_open.add(fd, address)
+
+    def half_open(self) -> int:
+        """Incoming connections that wait now to prove a key."""
+        for fd in self._half_open.all():
+            if not self._is_half_open(fd):
+                self._half_open.remove(fd)
+        return len(self._half_open)
+
+    def _is_half_open(self, fd: int) -> bool:
+        return self.sample(fd) and self._last[fd][2] < PROVEN_BYTES
 
     def sample_all(self) -> None:
         """Updates the counters of all connections; closed ones keep their values."""
@@ -92,9 +133,34 @@ def _socket_inode(fd: int) -> int | None:
     return found.st_ino if stat.S_ISSOCK(found.st_mode) else None
 
 
+def _remote_address(fd: int) -> str | None:
+    """Address at the other end; None: not, or no longer, a TCP connection."""
+    sock = None
+    try:
+        sock = socket.socket(fileno=fd)
+        peer = sock.getpeername()
+    except OSError:
+        return None
+    finally:
+        if sock is not None:
+            sock.detach()  # it belongs to libzmq
+    return str(peer[0]) if sock.family in (socket.AF_INET, socket.AF_INET6) else None
+
+
+def _shut(fd: int) -> None:
+    """Ends a connection; libzmq, to which it belongs, sees the end and closes it."""
+    sock = socket.socket(fileno=fd)
+    try:
+        sock.shutdown(socket.SHUT_RDWR)
+    except OSError:
+        pass  # the peer has closed it
+    finally:
+        sock.detach()
+
+
 def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
-    """Bytes sent and received with IP and TCP headers, acknowledgements and repetitions, and those received
-    without them; None: not a TCP connection."""
+    """Bytes sent and received with IP and TCP headers, acknowledgements and repetitions, and the payload that
+    the other end acknowledged; None: not a TCP connection."""
     sock = None
     try:
         # its kind given, the kernel is not asked for it; only TCP sockets have TCP_INFO
@@ -110,4 +176,4 @@ def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
     sent = (_BYTES_SENT if len(info) >= _BYTES_SENT.size else _BYTES_ACKED).unpack_from(info)[0]
     header = _HEADERS + (_TIMESTAMP_BYTES if info[_OPTIONS_AT] & _TIMESTAMPS else 0)
     arrived = received + segments_in * header + _SYN_BYTES
-    return sent + segments_out * header + _SYN_BYTES, arrived, received
+    return sent + segments_out * header + _SYN_BYTES, arrived, _BYTES_ACKED.unpack_from(info)[0]

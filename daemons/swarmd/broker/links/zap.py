@@ -30,8 +30,6 @@ class Zap:
     def __init__(self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys) -> None:
         self._keys = keys
         self._complained: set[bytes] = set()
-        self.denied = 0
-        """Denied handshakes: of keys that are unknown or revoked."""
         socket = context.socket(zmq.REP)
         socket.setsockopt(zmq.LINGER, 0)
         socket.bind(_ENDPOINT)
@@ -45,7 +43,6 @@ class Zap:
         request = parts[1] if len(parts) > 1 else b""
         user = self._judge(parts)
         if user is None:
-            self.denied += 1
             reply = [_VERSION, request, b"400", b"not on the roster", b"", b""]
         else:
             reply = [_VERSION, request, b"200", b"OK", user.encode(), b""]

@@ -201,8 +201,9 @@ class ZmqLinks:
         self.count = TcpCount()
         self.received_frames = 0
         self.received_bytes = 0
-        self.broken_handshakes = 0
-        """Incoming connections that ended before they presented a key."""
+        self._accepted = 0
+        self._proven = 0
+        self._denied = 0
         self.gave_up = on_given_up
         self.sent_one = on_sent
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
@@ -239,8 +240,9 @@ class ZmqLinks:
 
     @property
     def denied(self) -> int:
-        """Denied connections: with a key that is not on the roster, or too many without a key."""
-        return self._zap.denied + self.count.shut
+        """Incoming connections that ended before they proved a key of the roster."""
+        self._denied = max(self._denied, self._accepted - self._proven - self.count.half_open())
+        return self._denied
 
     def make_socket(self, kind: int) -> Socket:
         """Creates a socket with bounded queues, message size and handshake time."""
@@ -335,9 +337,10 @@ class ZmqLinks:
 
     def _on_router_event(self, event: int, value: int) -> None:
         if event == zmq.EVENT_ACCEPTED:
+            self._accepted += 1
             self.count.accept(value)
-        elif event in (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL):
-            self.broken_handshakes += 1
+        elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+            self._proven += 1
 
     def close(self) -> None:
         """Closes all sockets and the context."""
