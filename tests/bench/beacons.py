@@ -44,7 +44,7 @@ from swarmware.types.registry import pack
 from swarmware.types.vehicle import Pose
 
 NEIGHBOURS: Final = 15
-TOGETHER: Final = 3
+TOGETHER: Final = 7
 """Datagrams in a cell of sixteen that come within `udp.WINDOW_NS`."""
 ME: Final = "uav16"
 GROUP: Final = "239.83.87.16"

@@ -5,6 +5,8 @@ from typing import Annotated
 import msgspec
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
+RestRate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
+"""Three of its periods are the `max_age_s` that the templates promise at rest."""
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=3600)]
 
 
@@ -12,10 +14,12 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Driver `sim`: rates of the simulated devices."""
 
     gnss_hz: Rate = 10.0
-    imu_hz: Rate = 25.0
+    imu_hz: Rate = 20.0
     range_hz: Rate = 10.0
     sonar_hz: Rate = 20.0
     """Rate of the sonar; only on air vehicles."""
+    rest_hz: RestRate = 10.0
+    """No device of a vehicle that is disarmed and on the ground is read faster."""
     battery_hz: Rate = 1.0
     sonar_window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
     """Window of the median filter, in echoes (S2.49)."""

@@ -23,7 +23,7 @@ class Driver(ABC):
     name: str
     """Unique on the platform: `system`, `sim.gnss`."""
     period_s: float
-    """Period of `read`, matched to the update rate of the device (S2.5)."""
+    """Period of `read`, matched to the update rate of the device (S2.5); each read may change it."""
 
     async def open(self, module: Module) -> None:  # noqa: B027  # some devices need no opening
         """Opens the device and the writers of its resources."""

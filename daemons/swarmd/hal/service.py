@@ -58,7 +58,7 @@ class Hal(Service):
             await asyncio.sleep(self.config.retry_s)
 
     async def _read(self, driver: Driver, schedule: Schedule) -> None:
-        """Reads the device once per period. Raises: DeviceError after too many failures in a row."""
+        """Reads the device once per period, which a read may change. Raises: DeviceError after too many failures in a row."""
         now_ns = self.module.now_ns
         while True:
             await until(self.module.clock, schedule.due_ns, STAGE)
@@ -67,6 +67,7 @@ class Hal(Service):
             try:
                 if await driver.read(begin_ns):
                     schedule.done()
+                schedule.retime(driver.period_s)
             except (SwarmError, OSError) as error:
                 if schedule.failed(str(error)) >= self.config.failures:
                     raise DeviceError(f"{self.config.failures} reads failed in a row: {error}") from error

@@ -62,7 +62,8 @@ class Navigator(Service):
             "nav/status", NavStatus, rate_hz=self.config.status_hz, description="Progress towards the goal"
         )
         current = self.config
-        async for tick in module.every(1 / self.config.rate_hz, stage=2):
+        ticker = module.every(navigator.period_s(), stage=2)
+        async for tick in ticker:
             now_ns = module.now_ns()
             if tick % _SETTINGS_EVERY == 0:
                 news = {name: new.value for name, board in gains.items() if (new := board.take())}
@@ -78,6 +79,7 @@ class Navigator(Service):
             if step.status is not None:
                 statuses.write(step.status, now_ns)
                 module.log.debug("goal %d: %s", step.status.goal_seq, step.status.state)
+            ticker.retime(navigator.period_s())
 
     async def stop(self) -> None:
         """Writes a last set-point that stops the vehicle."""

@@ -8,6 +8,8 @@ Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 Sigma = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Power = Annotated[float, msgspec.Meta(ge=0, le=100_000)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
+RestRate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
+"""Three of its periods are the `max_age_s` that the templates promise at rest."""
 Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
@@ -81,7 +83,8 @@ class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     gnss_bias_sigma_m: Sigma = 0.03
     """Bias of the position, a first-order Gauss-Markov process with `gnss_bias_tau_s`."""
     gnss_bias_tau_s: Positive = 60.0
-    imu_hz: Rate = 25.0
+    imu_hz: Rate = 20.0
+    """That of the navigator: what is read together is sampled together."""
     gyro_sigma_rad_s: Sigma = 0.01
     accel_sigma_m_s2: Sigma = 0.08
     yaw_sigma_rad: Sigma = 0.005
@@ -93,6 +96,8 @@ class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     range_sigma_m: Sigma = 0.02
     sonar_hz: Rate = 20.0
     """Sonar of air vehicles: height above the ground (S2.49)."""
+    rest_hz: RestRate = 10.0
+    """No sensor of a vehicle that is disarmed and on the ground is sampled faster."""
     sonar_max_m: Positive = 6.45
     sonar_sigma_m: Sigma = 0.02
     sonar_outliers_ratio: Ratio = 0.02
@@ -119,7 +124,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Index of the vehicle in the start rule of the world; 0: the number in the platform's name."""
     seed: int = 1
     """Seed of noise and start position, combined with the platform's name."""
-    rate_hz: Annotated[float, msgspec.Meta(ge=10, le=1000)] = 50.0
+    rate_hz: Annotated[float, msgspec.Meta(ge=10, le=1000)] = 40.0
+    """Steps of the integration; a multiple of the rates of the sensors."""
     setpoint_timeout_s: Positive = 0.5
     """Time without a new set-point after which the vehicle stops."""
     contacts_hz: Rate = 10.0

@@ -50,7 +50,9 @@ class Sim(Service):
         last = self._last(start)
         simulation = Simulation(self.config, world, kind, last[0], chance.gauss, chance.random)
         simulation.vehicle.armed = last[1]
-        outputs = Outputs(module, self.config, flies=simulation.vehicle.flies)
+        outputs = Outputs(
+            module, self.config, flies=simulation.vehicle.flies, output_hz=simulation.output_hz
+        )
         outputs.open()
 
         Motors(module, simulation, outputs.vehicle, outputs.orders).serve()
@@ -104,17 +106,18 @@ class Sim(Service):
 class Outputs:
     """The writers of the simulation."""
 
-    def __init__(self, module: Module, config: settings.Config, *, flies: bool) -> None:
+    def __init__(self, module: Module, config: settings.Config, *, flies: bool, output_hz: float) -> None:
         self._module = module
         self._config = config
         self._flies = flies
+        self._output_hz = output_hz
         self._sonar: BoardWriter[Range] | None = None
 
     def open(self) -> None:
         """Open the writers of truth, sensors and events."""
         writer, rates = self._module.writer, self._config.sensors
         self._truth = writer(
-            "sim/truth", Pose, rate_hz=self._config.rate_hz, description="True pose of the vehicle"
+            "sim/truth", Pose, rate_hz=self._output_hz, description="True pose of the vehicle"
         )
         self.vehicle = writer("vehicle/state", VehicleState, description="Armed, landed")
         self._gnss = writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)

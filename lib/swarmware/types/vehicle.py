@@ -225,6 +225,11 @@ class VehicleState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     mode: str = "auto"
     """auto | manual."""
 
+    @property
+    def resting(self) -> bool:
+        """Disarmed and on the ground: nothing about it changes fast."""
+        return self.landed and not self.armed
+
 
 @register
 class ArmRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):

@@ -31,7 +31,7 @@ def test_periods_are_those_of_the_devices() -> None:
     periods = {driver.name: driver.period_s for driver in make_all(Config(), UAV)}
     assert periods == {
         "sim.gnss": 0.1,
-        "sim.imu": 0.04,
+        "sim.imu": 0.05,
         "sim.range": 0.1,
         "sim.battery": 1.0,
         "sim.sonar": 0.05,

@@ -69,3 +69,20 @@ def test_the_state_is_that_of_the_device() -> None:
     schedule.closed("failed", "unplugged")
     status = schedule.report(3 * MS)
     assert (status.state, status.note) == ("failed", "unplugged")
+
+
+def test_a_changed_period_begins_at_the_next_of_its_instants() -> None:
+    for phase_ms in (0, 4):
+        schedule = Schedule("imu", 0.05, 0, phase_ms * MS)
+        schedule.opened(phase_ms * MS)
+        schedule.begin(phase_ms * MS)
+        schedule.begin((150 + phase_ms) * MS)
+        schedule.retime(0.1)
+        assert schedule.due_ns == (200 + phase_ms) * MS
+        schedule.begin(schedule.due_ns)
+        assert schedule.due_ns == (300 + phase_ms) * MS
+        schedule.retime(0.05)
+        assert schedule.due_ns == (250 + phase_ms) * MS
+        schedule.retime(0.05)
+        assert schedule.due_ns == (250 + phase_ms) * MS
+        assert schedule.report(300 * MS).asked_hz == 20.0

@@ -335,3 +335,37 @@ def test_the_same_goal_again_changes_nothing() -> None:
     rig.goal(goal).go(0.05)
     assert rig.status.state == "arrived"
     assert len(rig.said) - count <= 1
+
+
+def test_a_vehicle_that_is_disarmed_on_the_ground_is_navigated_at_the_rate_of_rest() -> None:
+    rig = Rig("ugv")
+    moving_s, resting_s = 1 / Config().rate_hz, 1 / Config().rest_hz
+    assert resting_s > moving_s
+    assert rig.navigator.period_s() == moving_s
+    rig.vehicle(False, True)
+    assert rig.navigator.period_s() == resting_s
+    rig.vehicle(False, False)
+    assert rig.navigator.period_s() == moving_s, "it falls"
+    rig.vehicle(True, True)
+    assert rig.navigator.period_s() == moving_s
+
+
+def test_the_rate_of_rest_is_never_above_the_usual_one() -> None:
+    config = Config(rate_hz=12.0, rest_hz=20.0)
+    navigator = NavigatorCore(config, "ugv1", ORIGIN, GroundController(config))
+    navigator.on_vehicle(VehicleState(False, True))
+    assert navigator.period_s() == 1 / 12
+
+
+def test_a_vehicle_at_rest_finds_its_pose_with_samples_at_the_rate_of_rest() -> None:
+    rig = Rig("ugv")
+    rig.vehicle(False, True)
+    for _ in range(40):
+        rig.now_ns += round(1e9 / Config().rest_hz)
+        rig.navigator.on_imu(Imu(0.0, 0.0, 0.0, 0.0, 0.0, 9.80665, 0.0), rig.now_ns)
+        rig.navigator.on_gnss(GnssFix(*rig.map.to_wgs84(0.0, 0.0, 0.0), 0.02, 12), rig.now_ns)
+        rig.last = rig.navigator.on_timer(rig.now_ns)
+    pose = rig.last.pose
+    assert pose is not None
+    assert (pose.vx_m_s, pose.vy_m_s) == (0.0, 0.0)
+    assert rig.navigator.on_timer(rig.now_ns + 1).pose is pose, "at rest it states the same pose again"

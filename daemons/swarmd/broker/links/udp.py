@@ -22,13 +22,15 @@ OnDatagram = Callable[[bytes, Address, int, bool], None]
 
 TURN: Final = 64
 """Datagrams read from a socket before control returns to the event loop: about 3 ms."""
-WINDOW_NS: Final = 20_000_000
-"""While datagrams come faster than this, they are read in batches at this interval, a fifth of a period.
+WINDOW_NS: Final = 50_000_000
+"""While datagrams come faster than this, they are read in batches at this interval, half a period of a beacon and
+the period of the navigator, which runs after the broker has read.
 One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
 (`tests/bench/beacons.py`). The kernel's stamps say when each of them came."""
-REST_WINDOW_NS: Final = 50_000_000
-"""The same while most nodes send no more than four beacons a second. The members of a barrier leave 250 ms
-after it opens."""
+REST_WINDOW_NS: Final = 100_000_000
+"""The same while most nodes send no more than four beacons a second: the period of a vehicle at rest. The
+members of a barrier leave 250 ms after it opens."""
+REST_PERIOD_NS: Final = 250_000_000
 DATAGRAM_MAX: Final = 2048
 RECEIVE_BYTES: Final = 512 * 1024
 STAMP_LIMIT_NS: Final = 5_000_000_000
@@ -99,7 +101,7 @@ class Udp:
 
     def set_min_period(self, period_ns: int) -> None:
         """The usual time between two datagrams of one sender."""
-        self._window_ns = WINDOW_NS if period_ns < 5 * REST_WINDOW_NS else REST_WINDOW_NS
+        self._window_ns = WINDOW_NS if period_ns < REST_PERIOD_NS else REST_WINDOW_NS
 
     def receive(self) -> int:
         """Reads waiting datagrams, TURN per socket at most; returns the larger count of the two sockets."""

@@ -73,6 +73,14 @@ class Schedule:
             if self._due_ns <= now_ns:
                 self._due_ns += self._period_ns
 
+    def retime(self, period_s: float) -> None:
+        """Takes the period from now on; the next read is at a multiple of it."""
+        period_ns = round(period_s * _NS)
+        if period_ns != self._period_ns:
+            before_ns = self._due_ns - self._period_ns
+            self._period_ns = period_ns
+            self._due_ns = before_ns + period_ns - (before_ns - self._phase_ns) % period_ns
+
     def done(self) -> None:
         """Takes a read that returned new values."""
         self._reads += 1

@@ -11,17 +11,44 @@ from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Range
+from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Range, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
+
+
+class RestPeriod:
+    """Period of a device: a longer one while the vehicle is disarmed and on the ground."""
+
+    def __init__(self, rate_hz: float, rest_hz: float) -> None:
+        self._moving_s = 1 / rate_hz
+        self._resting_s = 1 / min(rate_hz, rest_hz)
+        self._reader: BoardReader[VehicleState] | None = None
+
+    def open(self, module: Module) -> None:
+        """Opens the board with the state of the vehicle, if there are two periods."""
+        if self._resting_s > self._moving_s:
+            self._reader = module.reader("vehicle/state", VehicleState)
+
+    @property
+    def period_s(self) -> float:
+        """The period in force now."""
+        state = None if self._reader is None else self._reader.value
+        return self._resting_s if state is not None and state.resting else self._moving_s
+
+    def close(self) -> None:
+        """Closes the board of the vehicle."""
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
 
 
 class SimDevice(Driver, Generic[T]):
     """A simulated device whose values and stamps are passed through."""
 
-    def __init__(self, device: str, path: str, cls: type[T], rate_hz: float) -> None:
+    def __init__(self, device: str, path: str, cls: type[T], rate_hz: float, rest_hz: float) -> None:
         self.name = f"sim.{device}"
-        self.period_s = 1 / rate_hz
+        self._period = RestPeriod(rate_hz, rest_hz)
+        self.period_s = self._period.period_s
         self._source = f"sim/sensors/{device}"
         self._path = path
         self._cls = cls
@@ -34,6 +61,7 @@ class SimDevice(Driver, Generic[T]):
     async def open(self, module: Module) -> None:
         """Opens the board of the simulation, which may not exist yet."""
         self._module = module
+        self._period.open(module)
         self._reader = module.reader(self._source, self._cls)
         self._writer = module.writer(self._path, self._cls, rate_hz=self._rate_hz)
 
@@ -42,6 +70,7 @@ class SimDevice(Driver, Generic[T]):
         reader, writer = self._reader, self._writer
         if reader is None or writer is None:
             return False
+        self.period_s = self._period.period_s
         value = reader.value
         if value is None or reader.sequence == self._sequence:
             return False
@@ -50,7 +79,8 @@ class SimDevice(Driver, Generic[T]):
         return True
 
     async def close(self) -> None:
-        """Closes reader and writer."""
+        """Closes readers and writer."""
+        self._period.close()
         if self._reader is not None:
             self._reader.close()
         if self._module is not None and self._writer is not None:
@@ -63,8 +93,9 @@ class SimSonar(Driver):
 
     name = "sim.sonar"
 
-    def __init__(self, rate_hz: float, window: int) -> None:
-        self.period_s = 1 / rate_hz
+    def __init__(self, rate_hz: float, rest_hz: float, window: int) -> None:
+        self._period = RestPeriod(rate_hz, rest_hz)
+        self.period_s = self._period.period_s
         self._filter = MedianFilter(window)
         self._reader: BoardReader[Range] | None = None
         self._module: Module | None = None
@@ -75,6 +106,7 @@ class SimSonar(Driver):
         """Opens the board of the simulation, which may not exist yet."""
         self._module = module
         self._filter.reset()
+        self._period.open(module)
         self._reader = module.reader("sim/sensors/sonar", Range)
         # without a rate: above its range the sonar publishes nothing, which is not a fault
         self._writer = module.writer("sensor/height", Float, unit="m", link="request")
@@ -84,6 +116,7 @@ class SimSonar(Driver):
         reader, writer = self._reader, self._writer
         if reader is None or writer is None:
             return False
+        self.period_s = self._period.period_s
         scan = reader.value
         if scan is None or reader.sequence == self._sequence or not scan.ranges_m:
             return False
@@ -95,7 +128,8 @@ class SimSonar(Driver):
         return True
 
     async def close(self) -> None:
-        """Closes reader and writer."""
+        """Closes readers and writer."""
+        self._period.close()
         if self._reader is not None:
             self._reader.close()
         if self._module is not None and self._writer is not None:
@@ -108,12 +142,13 @@ def make(config: Config, site: Site) -> list[Driver]:
     rates = config.sim
     if site.kind == "gcs":
         return []
+    rest_hz = rates.rest_hz
     found: list[Driver] = [
-        SimDevice("gnss", "sensor/gnss", GnssFix, rates.gnss_hz),
-        SimDevice("imu", "sensor/imu", Imu, rates.imu_hz),
-        SimDevice("range", "sensor/range", Range, rates.range_hz),
-        SimDevice("battery", "power/battery", BatteryState, rates.battery_hz),
+        SimDevice("gnss", "sensor/gnss", GnssFix, rates.gnss_hz, rest_hz),
+        SimDevice("imu", "sensor/imu", Imu, rates.imu_hz, rest_hz),
+        SimDevice("range", "sensor/range", Range, rates.range_hz, rest_hz),
+        SimDevice("battery", "power/battery", BatteryState, rates.battery_hz, rest_hz),
     ]
     if site.kind == "uav":
-        found.append(SimSonar(rates.sonar_hz, rates.sonar_window))
+        found.append(SimSonar(rates.sonar_hz, rest_hz, rates.sonar_window))
     return found

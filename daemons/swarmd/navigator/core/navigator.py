@@ -147,6 +147,12 @@ class NavigatorCore:
                 if goal.leader == self._platform and not self._keeper.has_course:
                     self._goal_error = "leading a formation: expected a course"
 
+    def period_s(self) -> float:
+        """Time from one control step to the next: longer for a vehicle that is disarmed and on the ground."""
+        config, vehicle = self._config, self._vehicle
+        rests = vehicle is not None and vehicle.resting
+        return 1 / (min(config.rate_hz, config.rest_hz) if rests else config.rate_hz)
+
     def on_timer(self, now_ns: int) -> NavigatorOutput:
         """Computes pose, set-point and status for this instant."""
         vehicle = self._vehicle

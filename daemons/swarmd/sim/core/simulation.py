@@ -74,11 +74,35 @@ class SimulationOutput(msgspec.Struct, frozen=True, gc=False):
     collisions: tuple[Collision, ...] = ()
 
 
+class _SamplePeriods(msgspec.Struct, frozen=True):
+    """Period of each output, in steps."""
+
+    gnss: int
+    imu: int
+    scan: int
+    battery: int
+    sonar: int | None
+    """None: a vehicle that does not fly has none."""
+
+    def shortest(self) -> int:
+        """Of the fastest of them."""
+        return min(n for n in msgspec.structs.astuple(self) if n is not None)
+
+    def next_after(self, steps: int) -> int:
+        """The next step at which any is due."""
+        return min((steps // n + 1) * n for n in msgspec.structs.astuple(self) if n is not None)
+
+    def not_faster(self, steps: int) -> "_SamplePeriods":
+        """The same, with a minimum."""
+        every = (None if n is None else max(n, steps) for n in msgspec.structs.astuple(self))
+        return _SamplePeriods(*every)  # type: ignore[arg-type]  # the fields in their order
+
+
 class Simulation:
     """Simulates a vehicle, its battery, its sensors and its collisions.
 
     Samples are at multiples of their periods, independent of the lateness of the calls; so are the reads of
-    their drivers.
+    their drivers. It is called when a sensor is due, and integrates the steps since the last call.
     """
 
     def __init__(
@@ -96,6 +120,8 @@ class Simulation:
         """Index of the current sample: its instant in periods."""
         self._setpoint = _STOP
         self._setpoint_ns = 0
+        self._next_setpoint: tuple[Setpoint, int] | None = None
+        """The newest set-point and its instant: it is in force from the step that contains it."""
         self._published: VehicleState | None = None
         self._touched: frozenset[str] = frozenset()
         self._parked: Pose | None = None
@@ -105,16 +131,17 @@ class Simulation:
         self.stalls = 0
         """Number of stalls longer than `_CATCH_UP_S`."""
         rates = config.sensors
-        self._every_gnss = self._every(rates.gnss_hz)
-        self._every_imu = self._every(rates.imu_hz)
-        self._every_scan = self._every(rates.range_hz)
-        self._every_sonar = self._every(rates.sonar_hz)
-        self._every_battery = self._every(_BATTERY_HZ)
-        self._every_contact = self._every(config.contacts_hz)
-        self._every_sensor = frozenset(
-            {self._every_gnss, self._every_imu, self._every_scan, self._every_battery}
-            | ({self._every_sonar} if self.vehicle.flies else set())
+        self._moving = _SamplePeriods(
+            self._every(rates.gnss_hz),
+            self._every(rates.imu_hz),
+            self._every(rates.range_hz),
+            self._every(_BATTERY_HZ),
+            self._every(rates.sonar_hz) if self.vehicle.flies else None,
         )
+        self._resting = self._moving.not_faster(self._every(rates.rest_hz))
+        self._every_contact = self._every(config.contacts_hz)
+        self.output_hz = config.rate_hz / self._moving.shortest()
+        """Rate of the true pose: it comes with the fastest sensor."""
 
     def _every(self, rate_hz: float) -> int:
         return max(1, round(self._config.rate_hz / rate_hz))
@@ -125,8 +152,9 @@ class Simulation:
 
     def on_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
         """Takes a set-point of the navigator."""
-        self._setpoint = setpoint
-        self._setpoint_ns = now_ns
+        if self._next_setpoint is not None:
+            self._setpoint, self._setpoint_ns = self._next_setpoint
+        self._next_setpoint = (setpoint, now_ns)
 
     def on_arm(self, armed: bool) -> VehicleState:
         """Arms or disarms the motors.
@@ -180,9 +208,10 @@ class Simulation:
         if not self._begun:
             return None
         # a parked vehicle is only simulated at the samples of its sensors
-        parked = self._is_parked()
-        step = min((self._steps // n + 1) * n for n in self._every_sensor) if parked else self._steps + 1
-        return step * self._dt_ns
+        return self._periods().next_after(self._steps) * self._dt_ns
+
+    def _periods(self) -> _SamplePeriods:
+        return self._resting if self.state().resting else self._moving
 
     def _is_parked(self) -> bool:
         vehicle = self.vehicle
@@ -206,6 +235,9 @@ class Simulation:
         vehicle = self.vehicle
         if self._battery.empty:
             vehicle.armed = False
+        if self._next_setpoint is not None and self._next_setpoint[1] < stamp_ns:
+            self._setpoint, self._setpoint_ns = self._next_setpoint
+            self._next_setpoint = None
         old = stamp_ns - self._setpoint_ns > self._config.setpoint_timeout_s * 1e9
         before = vehicle.pose()
         impact_m_s = vehicle.step(_STOP if old else self._setpoint, self._dt_s)
@@ -265,19 +297,19 @@ class Simulation:
         def due(every: int) -> bool:
             return self._steps // every > first // every
 
-        vehicle, sensors = self.vehicle, self._sensors
+        vehicle, sensors, periods = self.vehicle, self._sensors, self._periods()
         pose = vehicle.pose()
         state = self.state()
-        publish = state != self._published or due(self._every_battery)
+        publish = state != self._published or due(periods.battery)
         self._published = state
         return SimulationOutput(
             self._stamp_ns(),
             pose,
-            sensors.gnss(pose) if due(self._every_gnss) else None,
-            sensors.imu(pose, vehicle.acceleration()) if due(self._every_imu) else None,
-            sensors.scan(pose, max(pose.z_m, _SCANNER_M)) if due(self._every_scan) else None,
-            sensors.sonar(pose.z_m) if vehicle.flies and due(self._every_sonar) else None,
-            self._battery.state() if due(self._every_battery) else None,
+            sensors.gnss(pose) if due(periods.gnss) else None,
+            sensors.imu(pose, vehicle.acceleration()) if due(periods.imu) else None,
+            sensors.scan(pose, max(pose.z_m, _SCANNER_M)) if due(periods.scan) else None,
+            sensors.sonar(pose.z_m) if periods.sonar is not None and due(periods.sonar) else None,
+            self._battery.state() if due(periods.battery) else None,
             state if publish else None,
             hits,
         )

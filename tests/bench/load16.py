@@ -1,0 +1,178 @@
+"""Processor time, wakes and memory of the nodes of a swarm of sixteen, at rest and in formation.
+
+    python tests/bench/load16.py [--seconds S] [--lab NAME] [--json]
+
+Wakes are the voluntary context switches of a node's threads: how often it had to be given a processor. The
+memory of a node is the sum over its processes: resident (RSS) counts what processes share in each of them,
+proportional (PSS) divides it by their number. `--lab`: a lab that is up already. Nothing else should run:
+the nodes share the cores of this machine.
+"""
+
+import argparse
+import asyncio
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from swarmctl import labs
+from swarmctl.labs import LabState
+from swarmctl.output import Column, plain_table
+from swarmctl.processes import NODE_MARK, by_mark
+from swarmctl.session import connect
+from swarmlab import lifecycle
+from swarmlab.experiment import PLAN, TASK, TASK_S, mission_task
+from swarmlab.watch import SwarmWatch
+from swarmware.errors import SwarmError
+from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, TaskAnswer
+
+NODES: Final = 16
+OWN: Final = "bench-load"
+SETTLE_S: Final = 25.0
+"""Clocks of new links need 15 s, then beacons that say nothing new are left out; functions and rates follow."""
+FORMED_S: Final = 12.0
+"""From the order until every member moves: barriers, take-off, forming."""
+TICK_S: Final = 1 / os.sysconf("SC_CLK_TCK")
+ABORT: Final = MissionAbort("the bench has measured", "hold")
+
+
+class Use(NamedTuple):
+    """What the processes of one node have used up to now."""
+
+    cpu_s: float
+    main_wakes: int
+    """Of main threads."""
+    other_wakes: int
+    """Of all other threads: those of libzmq, and of the mission's and the logger's work."""
+    rss_mb: float
+    pss_mb: float
+    processes: int
+
+
+def used(pids: list[int]) -> Use:
+    """The sum over the processes of a node."""
+    cpu_s, main_wakes, other_wakes, rss_kb, pss_kb = 0.0, 0, 0, 0, 0
+    for pid in pids:
+        folder = Path(f"/proc/{pid}")
+        ticks = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+        cpu_s += (int(ticks[11]) + int(ticks[12])) * TICK_S
+        for task in (folder / "task").iterdir():
+            wakes = _field(task / "status", "voluntary_ctxt_switches")
+            if task.name == str(pid):
+                main_wakes += wakes
+            else:
+                other_wakes += wakes
+        rss_kb += _field(folder / "smaps_rollup", "Rss")
+        pss_kb += _field(folder / "smaps_rollup", "Pss")
+    return Use(cpu_s, main_wakes, other_wakes, rss_kb / 1e3, pss_kb / 1e3, len(pids))
+
+
+def _field(path: Path, name: str) -> int:
+    for line in path.read_text().splitlines():
+        key, _, value = line.partition(":")
+        if key == name:
+            return int(value.split()[0])
+    raise SwarmError(f"{path}: no field {name}")
+
+
+def of_nodes(lab: LabState) -> dict[str, list[int]]:
+    """Platform → its processes."""
+    found = by_mark(NODE_MARK)
+    return {node.platform: [process.pid for process in found[node.folder]] for node in lab.nodes}
+
+
+async def measure(lab: LabState, what: str, seconds: float) -> dict[str, object]:
+    """The mean over the nodes, over so many seconds."""
+    nodes = of_nodes(lab)
+    before, began_s = {name: used(pids) for name, pids in nodes.items()}, time.monotonic()
+    await asyncio.sleep(seconds)
+    after, span_s = {name: used(pids) for name, pids in nodes.items()}, time.monotonic() - began_s
+    cpu = {name: (after[name].cpu_s - before[name].cpu_s) / span_s * 100 for name in nodes}
+
+    def mean(values: list[float]) -> float:
+        return round(sum(values) / len(values), 2)
+
+    return {
+        "state": what,
+        "cpu_percent": mean(list(cpu.values())),
+        "cpu_percent_max": round(max(cpu.values()), 2),
+        "main_wakes_per_s": mean([(after[n].main_wakes - before[n].main_wakes) / span_s for n in nodes]),
+        "other_wakes_per_s": mean([(after[n].other_wakes - before[n].other_wakes) / span_s for n in nodes]),
+        "rss_mb": mean([use.rss_mb for use in after.values()]),
+        "pss_mb": mean([use.pss_mb for use in after.values()]),
+        "processes": mean([use.processes for use in after.values()]),
+        "cpu_percent_of_nodes": {name: round(value, 2) for name, value in cpu.items()},
+    }
+
+
+async def measure_all(lab: LabState, seconds: float) -> list[dict[str, object]]:
+    """At rest, then while the mission is flown."""
+    async with connect(lifecycle.station_settings(lab)) as session:
+        watch = await SwarmWatch.open(session)
+        await watch.until_quiet(SETTLE_S)
+    await asyncio.sleep(SETTLE_S)  # nobody looks: a console's subscriptions are no part of a swarm at rest
+    found = [await measure(lab, "at rest", seconds)]
+    task = mission_task(lab.experiment)
+    async with connect(lifecycle.station_settings(lab)) as session:
+        await session.ask(PLAN, task, MissionPlan, timeout_s=TASK_S)
+        answer = await session.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
+        if not answer.accepted:
+            raise SwarmError(f"not accepted: {[order for order in answer.orders if not order.accepted]}")
+    await asyncio.sleep(FORMED_S)
+    found.append(await measure(lab, "in formation", seconds))
+    async with connect(lifecycle.station_settings(lab)) as session:
+        await session.ask("sys/mission/abort", ABORT, AbortAnswer, timeout_s=10)
+    return found
+
+
+COLUMNS: Final = (
+    Column("node"),
+    Column("CPU", right=True),
+    Column("max", right=True),
+    Column("wakes/s", right=True),
+    Column("other threads", right=True),
+    Column("RSS", right=True),
+    Column("PSS", right=True),
+)
+
+
+def main() -> int:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--seconds", type=float, default=12.0, help="of each of the two measurements")
+    parser.add_argument("--lab", default="")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    swarmctl = [sys.executable, "-m", "swarmctl", "--quiet", "lab"]
+    if not given.lab:
+        up = ["up", "formation", "--nodes", str(NODES), "--name", OWN, "--detach"]
+        subprocess.run([*swarmctl, *up], check=True, stdout=subprocess.DEVNULL)
+    try:
+        found = asyncio.run(measure_all(labs.find(given.lab or OWN), given.seconds))
+    finally:
+        if not given.lab:
+            subprocess.run([*swarmctl, "down", OWN], check=True, stdout=subprocess.DEVNULL)
+    if given.json:
+        print(json.dumps(found, indent=1))
+        return 0
+    rows = [
+        [
+            str(row["state"]),
+            f"{row['cpu_percent']} %",
+            f"{row['cpu_percent_max']} %",
+            str(row["main_wakes_per_s"]),
+            str(row["other_wakes_per_s"]),
+            f"{row['rss_mb']} MB",
+            f"{row['pss_mb']} MB",
+        ]
+        for row in found
+    ]
+    print(plain_table(COLUMNS, rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

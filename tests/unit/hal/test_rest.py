@@ -1,0 +1,41 @@
+"""Simulated devices are read less often while the vehicle rests."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmd.hal.config import Config
+from swarmd.hal.driver import Site
+from swarmd.hal.drivers.sim import make
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.vehicle import VehicleState
+
+FAST = ("sim.imu", "sim.sonar")
+
+
+@pytest.mark.parametrize(
+    ("state", "period_s"),
+    [
+        (VehicleState(armed=False, landed=True), 0.1),
+        (VehicleState(armed=True, landed=True), 0.05),
+        (VehicleState(armed=False, landed=False), 0.05),
+        (None, 0.05),
+    ],
+)
+async def test_devices_are_read_faster_as_soon_as_the_vehicle_may_move(
+    tmp_path: Path, state: VehicleState | None, period_s: float
+) -> None:
+    async with tmp_node(tmp_path, platform="uav1") as node, Module("hal", node=node) as module:
+        vehicle = module.writer("vehicle/state", VehicleState)
+        if state is not None:
+            vehicle.write(state)
+        drivers = {driver.name: driver for driver in make(Config(), Site("uav", ""))}
+        for driver in drivers.values():
+            await driver.open(module)
+            await driver.read(module.now_ns())
+        assert {name: drivers[name].period_s for name in FAST} == dict.fromkeys(FAST, period_s)
+        assert drivers["sim.gnss"].period_s == 0.1
+        assert drivers["sim.battery"].period_s == 1.0
+        for driver in drivers.values():
+            await driver.close()
