@@ -32,7 +32,7 @@ from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, Task
 NODES: Final = 16
 OWN: Final = "bench-load"
 SETTLE_S: Final = 25.0
-"""Clocks of new links need 15 s, then beacons that say nothing new are left out; functions and rates follow."""
+"""Clocks of new links need 15 s, then beacons that say nothing new are left out."""
 FORMED_S: Final = 12.0
 """From the order until every member moves: barriers, take-off, forming."""
 TICK_S: Final = 1 / os.sysconf("SC_CLK_TCK")

@@ -58,7 +58,10 @@ class Hal(Service):
             await asyncio.sleep(self.config.retry_s)
 
     async def _read(self, driver: Driver, schedule: Schedule) -> None:
-        """Reads the device once per period, which a read may change. Raises: DeviceError after too many failures in a row."""
+        """Reads the device once per period, which each read may change.
+
+        Raises: DeviceError after too many failures in a row.
+        """
         now_ns = self.module.now_ns
         while True:
             await until(self.module.clock, schedule.due_ns, STAGE)

@@ -50,9 +50,7 @@ class Sim(Service):
         last = self._last(start)
         simulation = Simulation(self.config, world, kind, last[0], chance.gauss, chance.random)
         simulation.vehicle.armed = last[1]
-        outputs = Outputs(
-            module, self.config, flies=simulation.vehicle.flies, output_hz=simulation.output_hz
-        )
+        outputs = Outputs(module, self.config, flies=simulation.vehicle.flies, output_hz=simulation.output_hz)
         outputs.open()
 
         Motors(module, simulation, outputs.vehicle, outputs.orders).serve()

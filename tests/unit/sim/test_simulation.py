@@ -80,7 +80,8 @@ def test_each_sensor_is_sampled_at_multiples_of_its_period_when_its_driver_reads
             assert due_ns is not None
             run.now_ns = due_ns
         run.now_ns += 7_777_000_001
-    for sensor, period_ns in (("imu", 50_000_000 if armed else 100_000_000), ("gnss", 100_000_000), ("battery", 1_000_000_000)):
+    imu_ns = 50_000_000 if armed else 100_000_000
+    for sensor, period_ns in (("imu", imu_ns), ("gnss", 100_000_000), ("battery", 1_000_000_000)):
         stamps = [one.stamp_ns for one in run.samples if getattr(one, sensor) is not None]
         late = [stamp_ns for stamp_ns in stamps if stamp_ns % period_ns]
         assert len(late) <= 2, "only where a sample is caught up with"
