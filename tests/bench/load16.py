@@ -111,7 +111,7 @@ async def measure(lab: LabState, what: str, seconds: float) -> dict[str, object]
 async def measure_all(lab: LabState, seconds: float) -> list[dict[str, object]]:
     """At rest, then while the mission is flown."""
     async with connect(lifecycle.station_settings(lab)) as session:
-        watch = await SwarmWatch.open(session)
+        watch = SwarmWatch.open(session)
         await watch.until_quiet(SETTLE_S)
     await asyncio.sleep(SETTLE_S)  # nobody looks: a console's subscriptions are no part of a swarm at rest
     found = [await measure(lab, "at rest", seconds)]

@@ -23,7 +23,7 @@ OnDatagram = Callable[[bytes, Address, int, bool], None]
 TURN: Final = 64
 """Datagrams read from a socket before control returns to the event loop: about 3 ms."""
 WINDOW_NS: Final = 50_000_000
-"""While datagrams come faster than this, they are read in batches at this interval: half a period of a beacon,
+"""While datagrams come faster than this, they are read in batches at this interval: half a period of beacons,
 and the period of the navigator, which runs after the broker has read.
 One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
 (`tests/bench/beacons.py`). The kernel's stamps say when each of them came."""

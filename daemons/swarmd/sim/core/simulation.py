@@ -84,18 +84,24 @@ class _SamplePeriods(msgspec.Struct, frozen=True):
     sonar: int | None
     """None: a vehicle that does not fly has none."""
 
-    def shortest(self) -> int:
-        """Of the fastest of them."""
-        return min(n for n in msgspec.structs.astuple(self) if n is not None)
+    def all(self) -> list[int]:
+        """The periods that there are."""
+        some = [self.gnss, self.imu, self.scan, self.battery]
+        return some if self.sonar is None else [*some, self.sonar]
 
     def next_after(self, steps: int) -> int:
         """The next step at which any is due."""
-        return min((steps // n + 1) * n for n in msgspec.structs.astuple(self) if n is not None)
+        return min((steps // period + 1) * period for period in self.all())
 
     def not_faster(self, steps: int) -> "_SamplePeriods":
         """The same, with a minimum."""
-        every = (None if n is None else max(n, steps) for n in msgspec.structs.astuple(self))
-        return _SamplePeriods(*every)  # type: ignore[arg-type]  # the fields in their order
+        return _SamplePeriods(
+            max(self.gnss, steps),
+            max(self.imu, steps),
+            max(self.scan, steps),
+            max(self.battery, steps),
+            None if self.sonar is None else max(self.sonar, steps),
+        )
 
 
 class Simulation:
@@ -140,7 +146,7 @@ class Simulation:
         )
         self._resting = self._moving.not_faster(self._every(rates.rest_hz))
         self._every_contact = self._every(config.contacts_hz)
-        self.output_hz = config.rate_hz / self._moving.shortest()
+        self.output_hz = config.rate_hz / min(self._moving.all())
         """Rate of the true pose: it comes with the fastest sensor."""
 
     def _every(self, rate_hz: float) -> int:
