@@ -7,7 +7,7 @@ RUN := $(BIN)/python -m
 LAB_ARGS ?= --nodes 16
 REPORT ?= report
 
-.PHONY: lab test lint check bench figures docs wheel boot-test clean
+.PHONY: lab test lint check hooks bench figures docs wheel boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -24,6 +24,9 @@ lint: $(VENV)/.test ## style, types, layering
 
 check: lint ## the fast part: lint, unit and architecture tests
 	$(RUN) pytest -q -n auto tests/unit tests/architecture
+
+hooks: $(VENV)/.test ## git runs the quick checks before each commit (.pre-commit-config.yaml)
+	$(BIN)/pre-commit install
 
 bench: $(VENV)/.bench ## measures; ratios in one run
 	for file in tests/bench/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
@@ -59,10 +62,10 @@ $(VENV)/.lab: pyproject.toml | $(VENV)/bin/python
 
 $(VENV)/.test: pyproject.toml | $(VENV)/bin/python
 	@echo "installing swarmware and its test tools into $(VENV)"
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(VENV)/.lab
 
 $(VENV)/.bench: $(VENV)/.test
 	@echo "installing the peers to measure against into $(VENV)"
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,bench]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,bench]'
 	@touch $@
