@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Iterable
 from typing import Any
 
 import msgspec
@@ -98,10 +98,18 @@ class Dispatcher:
             await self.abort(
                 tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
             )
+        self._publish(receipts)
         left_out = _left_out(task, assignment, platforms, absent)
         return TaskAnswer(
             name, folder.hash, epoch, accepted, tuple(receipts), left_out, instructed_ns, warnings
         )
+
+    def _publish(self, receipts: Iterable[OrderReceipt]) -> None:
+        """Publishes them when all are there: members of one computer share its time with this platform."""
+        for receipt in receipts:
+            if receipt.platform != self._module.platform:
+                # the own one crossed no link: it would flatter the figure
+                self._receipts.write(receipt)
 
     async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
         """Sends the abort to all these platforms to stop; those that did not acknowledge."""
@@ -186,7 +194,7 @@ class Dispatcher:
             receipt = await answer
         except SwarmError as error:
             reasons = (f"{type(error).__name__}: {error}",)
-        found = OrderReceipt(
+        return OrderReceipt(
             mission=order.mission,
             epoch=order.epoch,
             platform=platform,
@@ -197,10 +205,6 @@ class Dispatcher:
             accepted=receipt is not None and receipt.accepted,
             reasons=receipt.reasons if receipt else reasons,
         )
-        if platform != self._module.platform:
-            # the own one crossed no link: it would flatter the figure
-            self._receipts.write(found)
-        return found
 
 
 def _left_out(

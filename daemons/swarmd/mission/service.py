@@ -19,6 +19,7 @@ from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
 from swarmd.mission.core.run import Action, Announce, BlockResult, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
+from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import BlockRunner
 from swarmd.mission.store import MissionStore
@@ -86,6 +87,7 @@ class Mission(Service):
                 self._restarted()
         finally:
             await self._runner.close()
+            self._record.close()
 
     def _open(self) -> None:
         module, node = self.module, self.module.node.config
@@ -116,9 +118,10 @@ class Mission(Service):
             link="tick",
             description="Where the platform stands in its mission; barriers work through it",
         )
-        self._progress: BoardWriter[MissionProgress] = module.stream_writer(
+        progress: BoardWriter[MissionProgress] = module.stream_writer(
             "mission/progress", MissionProgress, kind="event", log="all", description="Steps of the mission"
         )
+        self._record = ProgressRecord(progress, module.clock)
         receipts: BoardWriter[OrderReceipt] = module.stream_writer(
             "mission/orders",
             OrderReceipt,
@@ -201,8 +204,8 @@ class Mission(Service):
 
     def _taken(self, epoch: int) -> None:
         """What the others stated in this run before this platform took its order counts, too."""
-        others = self._others.items()
-        self._hear([name for name, board in others if (s := board.value) and s.epoch == epoch])
+        if platforms := self._census.in_run(epoch):
+            self._hear(platforms)
 
     def _has_taken(self, order: MissionOrder) -> bool:
         """It is asked again, because the answer was lost or late."""
@@ -349,24 +352,13 @@ class Mission(Service):
             case CancelBlock(token):
                 self._runner.cancel(token)
             case ProgressStep():
-                self._report_step(action)
+                self._record.add(self._progress(action))
             case Announce(state):
                 self._state.write(msgspec.structs.replace(state, kind=self._kind))
 
-    def _report_step(self, step: ProgressStep) -> None:
-        self._progress.write(
-            MissionProgress(
-                step.mission,
-                self._core.epoch,
-                step.block,
-                step.type,
-                step.event,
-                self.module.now_ns(),
-                step.text,
-            )
-        )
-        level = logging.DEBUG if step.block else logging.INFO
-        log.log(level, "%s %s: %s %s", step.mission, step.block or "mission", step.event, step.text)
+    def _progress(self, step: ProgressStep) -> MissionProgress:
+        epoch, now_ns = self._core.epoch, self.module.now_ns()
+        return MissionProgress(step.mission, epoch, step.block, step.type, step.event, now_ns, step.text)
 
     def _now_state(self) -> MissionState:
         return msgspec.structs.replace(self._core.state(), kind=self._kind)

@@ -48,3 +48,11 @@ def test_who_is_only_on_the_roster_is_known_too(heard: bool) -> None:
     if heard:
         census.on_state("uav1", IDLE, 10 * S)
     assert list(why(census, 11 * S)) == ([] if heard else ["uav1"])
+
+
+def test_who_states_a_run_is_found_by_its_epoch() -> None:
+    census = Census("gcs", 3 * S)
+    census.on_state("uav1", MissionState(7, "h", "ready", kind="uav"), 10 * S)
+    census.on_state("uav2", IDLE, 10 * S)
+    census.on_state("uav3", MissionState(6, "h", "done", kind="uav"), 10 * S)
+    assert census.in_run(7) == ["uav1"]

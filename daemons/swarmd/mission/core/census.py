@@ -37,6 +37,10 @@ class Census:
             if max(received.at_ns, self._reached.get(name, received.at_ns)) >= oldest_ns
         }
 
+    def in_run(self, epoch: int) -> list[str]:
+        """Platforms whose newest state is of this run."""
+        return [name for name, received in self._received.items() if received.state.epoch == epoch]
+
     def absent(self, now_ns: int) -> list[LeftOut]:
         """Platforms that are known and could take no part now."""
         known = {*self._received, *self._reached, *self._roster} - {*self.present(now_ns), self._me}
