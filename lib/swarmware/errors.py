@@ -13,8 +13,11 @@ class SwarmError(Exception):
     exit_code: ClassVar[int] = 1
 
 
-class InvalidInput(SwarmError):
-    """A value, file or argument that cannot be accepted as it is."""
+class InvalidInput(SwarmError, ValueError):
+    """A value, file or argument that cannot be accepted as it is.
+
+    A ValueError too: so msgspec states the place of a field whose Struct refuses its value.
+    """
 
     exit_code = 7
 

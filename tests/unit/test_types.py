@@ -11,7 +11,7 @@ import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.errors import NotFound, OutOfRange, WireError
+from swarmware.errors import InvalidInput, NotFound, OutOfRange, WireError
 from swarmware.model.frame import PAYLOAD_LIMIT, Codec
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int, Text
@@ -93,7 +93,7 @@ def test_a_type_is_found_by_name_without_having_been_imported() -> None:
 
 
 def test_two_types_of_one_name_are_refused() -> None:
-    with pytest.raises(ValueError, match="belongs to"):
+    with pytest.raises(InvalidInput, match="belongs to"):
         registry.register(msgspec.defstruct("Pose", [("x", int)], module="elsewhere"))
 
 

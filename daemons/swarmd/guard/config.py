@@ -4,6 +4,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from swarmware.errors import InvalidInput
+
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How services are started, when one counts as hung, and how often it is restarted."""
@@ -26,4 +28,4 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def __post_init__(self) -> None:
         """Check constraints between fields."""
         if not self.back_off_s:
-            raise ValueError("back_off_s: empty; expected at least one pause")
+            raise InvalidInput("back_off_s: empty; expected at least one pause")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import msgspec
 
+from swarmware.errors import InvalidInput
 from swarmware.health.criterion import Above, Below
 
 
@@ -29,9 +30,9 @@ class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     def __post_init__(self) -> None:
         """Check constraints between fields."""
         if self.warn is None and self.error is None:
-            raise ValueError(f"limit {self.check}: neither warn nor error; expected one of them")
+            raise InvalidInput(f"limit {self.check}: neither warn nor error; expected one of them")
         if self.confirm[0] > self.confirm[1]:
-            raise ValueError(f"limit {self.check}: confirm {list(self.confirm)}; expected [n, m] with n ≤ m")
+            raise InvalidInput(f"limit {self.check}: confirm {list(self.confirm)}; expected n ≤ m")
 
     def criterion(self) -> Callable[[float], str]:
         """Make a criterion with its own hysteresis state."""

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import random
 from collections.abc import Awaitable, Iterable
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import msgspec
 
@@ -29,6 +29,7 @@ from swarmware.errors import Conflict, SwarmError
 from swarmware.mission.assign import Platform
 from swarmware.mission.catalogue import VEHICLES
 from swarmware.model.names import hardware_id
+from swarmware.model.resource import Resource
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.inbox import Inbox
@@ -63,6 +64,17 @@ log = logging.getLogger("swarm.mission")
 
 SAFE = "land"
 """What a vehicle does that is under way when the daemon starts: its mission is forgotten."""
+
+
+STATE: Final = Resource(
+    path="mission/state",
+    type="MissionState",
+    rate_hz=1e9 / INTERVAL_NS,  # of changes; a barrier's news must not wait for a slower one
+    max_age_s=3.5 * HEARTBEAT_NS / 1e9,
+    log="all",
+    link="tick",
+    description="Where the platform stands in its mission; barriers work through it",
+)
 
 
 class Mission(Service):
@@ -109,15 +121,7 @@ class Mission(Service):
         self._runner = BlockRunner(module, vehicle, self._plugins, self._ended, self._core.report)
         self._store = MissionStore((node.data_path / "missions", node.share_path / "missions"), self._checker)
         self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values)
-        self._state: BoardWriter[MissionState] = module.writer(
-            "mission/state",
-            MissionState,
-            rate_hz=1e9 / INTERVAL_NS,  # of changes; a barrier's news must not wait for a slower one
-            max_age_s=3.5 * HEARTBEAT_NS / 1e9,
-            log="all",
-            link="tick",
-            description="Where the platform stands in its mission; barriers work through it",
-        )
+        self._state: BoardWriter[MissionState] = module.writer(STATE, MissionState)
         progress: BoardWriter[MissionProgress] = module.stream_writer(
             "mission/progress", MissionProgress, kind="event", log="all", description="Steps of the mission"
         )

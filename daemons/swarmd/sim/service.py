@@ -120,7 +120,7 @@ class Outputs:
         self.vehicle = writer("vehicle/state", VehicleState, description="Armed, landed")
         self._gnss = writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
         self._imu = writer("sim/sensors/imu", Imu, rate_hz=rates.imu_hz)
-        self._scan = writer("sim/sensors/range", Range, rate_hz=rates.range_hz, slot_bytes=4096)
+        self._scan = writer("sim/sensors/range", Range, rate_hz=rates.range_hz)
         self._battery = writer("sim/sensors/battery", BatteryState, rate_hz=1.0)
         if self._flies:
             self._sonar = writer("sim/sensors/sonar", Range, rate_hz=rates.sonar_hz)

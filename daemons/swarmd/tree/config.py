@@ -4,6 +4,7 @@ from typing import Annotated, Final
 
 import msgspec
 
+from swarmware.errors import InvalidInput
 from swarmware.model.names import Pattern, check_path
 from swarmware.types.tree import Rule
 
@@ -62,7 +63,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def __post_init__(self) -> None:
         if not self.retry_s:
-            raise ValueError("retry_s: empty; expected at least one pause")
+            raise InvalidInput("retry_s: empty; expected at least one pause")
         for path in self.keep or ():
             check_path(path)
 

@@ -104,7 +104,9 @@ class Tree(Service):
             stats = module.writer("tree/stats", TreeStats, rate_hz=1.0, link="request")
             losses = module.writer("tree/losses", StreamLosses, link="request")
             losses.write(self._losses)
-            changes = module.writer("tree/changes", TreeChange, kind="event", link="request", log="all")
+            changes = module.stream_writer(
+                "tree/changes", TreeChange, kind="event", link="request", log="all"
+            )
             notes = module.inbox("sys/tree/notify", TreeNotify, limit=4 * WINDOW)
             neighbours = module.reader("net/neighbours", Neighbours)
             routes = module.reader("net/routes", Routes)

@@ -5,6 +5,8 @@ from typing import Final
 
 import msgspec
 
+from swarmware.errors import InvalidInput
+
 SEMI_MAJOR_M: Final = 6_378_137.0
 FLATTENING: Final = 1 / 298.257223563
 """Ellipsoid of WGS84 (NIMA TR8350.2, table 3.1)."""
@@ -22,7 +24,7 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def __post_init__(self) -> None:
         if not (abs(self.lat_deg) < 89.9 and abs(self.lon_deg) <= 180.0):
-            raise ValueError("origin: expected lat_deg within ±89.9 and lon_deg within ±180")
+            raise InvalidInput("origin: expected lat_deg within ±89.9 and lon_deg within ±180")
 
 
 class LocalMap:

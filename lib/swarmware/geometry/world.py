@@ -28,7 +28,7 @@ class Bounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def __post_init__(self) -> None:
         for name, (low, high) in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
             if not low < high:
-                raise ValueError(f"{name}: [{low}, {high}], expected [least, greatest]")
+                raise InvalidInput(f"{name}: [{low}, {high}], expected [least, greatest]")
 
     def contains(self, x_m: float, y_m: float, z_m: float) -> bool:
         """Whether a point is inside."""
@@ -153,7 +153,7 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         seen: set[str] = set()
         for obstacle in self.obstacles():
             if obstacle.name in seen:
-                raise ValueError(f"obstacle {obstacle.name!r}: the name stands there twice")
+                raise InvalidInput(f"obstacle {obstacle.name!r}: the name stands there twice")
             seen.add(obstacle.name)
 
     def obstacles(self) -> Iterator[Obstacle]:

@@ -2,6 +2,7 @@
 
 import math
 
+from swarmware.errors import InvalidInput
 from swarmware.types.health import OK_STATE
 
 
@@ -15,7 +16,7 @@ class Below:
         self, *, warn: float | None = None, error: float | None = None, hysteresis: float = 0.0
     ) -> None:
         if warn is None and error is None:
-            raise ValueError("criterion: neither warn nor error; expected a limit")
+            raise InvalidInput("criterion: neither warn nor error; expected a limit")
         self._warn = warn
         self._error = error
         self._hysteresis = hysteresis

@@ -2,6 +2,7 @@
 
 from collections import deque
 
+from swarmware.errors import InvalidInput
 from swarmware.types.health import OK_STATE
 
 
@@ -9,9 +10,9 @@ class Debouncer:
     """Derives the confirmed state of one check from its samples."""
 
     def __init__(self, *, confirm_n: int = 1, confirm_m: int = 1, grace_until_ns: int | None = None) -> None:
-        """Raises: ValueError unless 1 ≤ n ≤ m."""
+        """Raises: InvalidInput unless 1 ≤ n ≤ m."""
         if not 1 <= confirm_n <= confirm_m:
-            raise ValueError(f"confirm {confirm_n} of {confirm_m}: expected 1 ≤ n ≤ m")
+            raise InvalidInput(f"confirm {confirm_n} of {confirm_m}: expected 1 ≤ n ≤ m")
         self._n = confirm_n
         self._samples: deque[str] = deque(maxlen=confirm_m)
         self._grace_until_ns = grace_until_ns

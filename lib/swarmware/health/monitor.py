@@ -159,7 +159,7 @@ class HealthMonitor:
         )
         try:
             check = Check(registration, data, criterion, actions or {}, module.now_ns())
-        except ValueError as error:
+        except InvalidInput as error:
             raise InvalidInput(f"check {name!r}: {error}") from error
         self._add(name, check)
         self._tasks[name].append(module.start(self._run(check), f"check {name}"))

@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from swarmware.errors import MissionError
+from swarmware.errors import InvalidInput, MissionError
 
 GROUP: Final = "swarmware.blocks"
 """Entry-point group of third parties' blocks."""
@@ -77,7 +77,7 @@ class Wait(Params, frozen=True):
     def __post_init__(self) -> None:
         """Exactly one unit."""
         if (self.ms is msgspec.UNSET) == (self.s is msgspec.UNSET):
-            raise ValueError("expected exactly one of `ms` and `s`")
+            raise InvalidInput("expected exactly one of `ms` and `s`")
 
     @property
     def duration_s(self) -> float:
@@ -138,9 +138,9 @@ class Formation(Params, frozen=True):
     def __post_init__(self) -> None:
         """Waypoints are pairs, and who advances has some."""
         if any(len(point) != 2 for point in self.course):
-            raise ValueError("course: expected pairs [x, y] in metres")
+            raise InvalidInput("course: expected pairs [x, y] in metres")
         if self.advance and not self.course:
-            raise ValueError("advance without a course: expected at least one waypoint in `course`")
+            raise InvalidInput("advance without a course: expected at least one waypoint in `course`")
 
 
 class Land(Params, frozen=True):

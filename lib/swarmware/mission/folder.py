@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from swarmware.errors import ConfigError, NotFound
+from swarmware.errors import ConfigError, InvalidInput, NotFound
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import VEHICLES, Catalogue, Name, built_in
 from swarmware.mission.content import content_hash
@@ -54,7 +54,7 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def __post_init__(self) -> None:
         """Kinds are known ones."""
         if not self.kinds or any(kind not in KINDS for kind in self.kinds):
-            raise ValueError(f"kinds of role {self.name!r}: expected some of {', '.join(KINDS)}")
+            raise InvalidInput(f"kinds of role {self.name!r}: expected some of {', '.join(KINDS)}")
 
 
 class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -71,7 +71,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         """Roles exist and have names of their own."""
         names = [role.name for role in self.roles]
         if not names or len(set(names)) != len(names):
-            raise ValueError("roles: expected at least one, each with a name of its own")
+            raise InvalidInput("roles: expected at least one, each with a name of its own")
 
 
 class Folder(msgspec.Struct, frozen=True):

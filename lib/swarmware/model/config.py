@@ -79,9 +79,9 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             check_application(name)
             other = seen.setdefault(segment(name), name)
             if other != name:
-                raise ValueError(f"services: {other!r} and {name!r} have the same resource paths")
+                raise InvalidInput(f"services: {other!r} and {name!r} have the same resource paths")
         if len(set(self.services)) != len(self.services):
-            raise ValueError("services: a name stands there twice")
+            raise InvalidInput("services: a name stands there twice")
 
     @property
     def shm_path(self) -> Path:

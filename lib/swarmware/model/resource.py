@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from swarmware.errors import SwarmError
+from swarmware.errors import InvalidInput
 from swarmware.model import names
 
 
@@ -53,7 +53,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     """Descriptor of one resource: everything about it but its value.
 
     Empty `category` and `link` are filled in when the descriptor is made, from kind and rate.
-    Raises: ValueError when two fields contradict each other.
+    Raises: InvalidInput when two fields contradict each other.
     """
 
     path: str
@@ -91,12 +91,9 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     """What will happen when somebody sets it; an operator is asked before. Empty: nothing to ask."""
 
     def __post_init__(self) -> None:
-        try:
-            names.check_path(self.path)
-        except SwarmError as error:
-            raise ValueError(str(error)) from error
+        names.check_path(self.path)
         if self.path.startswith("/"):
-            raise ValueError(f"path {self.path!r}: names a platform; expected a local path such as nav/pose")
+            raise InvalidInput(f"path {self.path!r}: names a platform; expected a local path: nav/pose")
         if not self.category:
             periodic = self.rate_hz > 0 and self.kind in {Kind.BOARD, Kind.STREAM}
             msgspec.structs.force_setattr(self, "category", "periodic" if periodic else "conditional")
@@ -111,39 +108,40 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
 
     def _check(self) -> None:
         if not _LOG.match(self.log):
-            raise ValueError(f"log of {self.path}: {self.log!r}, expected 'all', 'none' or '<n>hz'")
+            raise InvalidInput(f"log of {self.path}: {self.log!r}, expected 'all', 'none' or '<n>hz'")
         if self.rate_hz != 0 and not SLOWEST_HZ <= self.rate_hz <= FASTEST_HZ:
-            raise ValueError(
+            raise InvalidInput(
                 f"rate_hz of {self.path}: {self.rate_hz}, expected 0 or {SLOWEST_HZ} to {FASTEST_HZ:g}"
             )
         if not 0 <= self.max_age_s <= OLDEST_S:
-            raise ValueError(f"max_age_s of {self.path}: {self.max_age_s}, expected 0 to {OLDEST_S:g}")
+            raise InvalidInput(f"max_age_s of {self.path}: {self.max_age_s}, expected 0 to {OLDEST_S:g}")
         if self.range is not None and not self.range[0] <= self.range[1]:
-            raise ValueError(f"range of {self.path}: {list(self.range)}, expected [least, greatest]")
+            raise InvalidInput(f"range of {self.path}: {list(self.range)}, expected [least, greatest]")
         if self.kind is not Kind.BRANCH and not self.type:
-            raise ValueError(f"type of {self.path}: missing, expected the name of a type")
+            raise InvalidInput(f"type of {self.path}: missing, expected the name of a type")
         if self.confirm and not self.writable:
-            raise ValueError(f"confirm of {self.path}: nobody may set it; expected access 'rw'")
+            raise InvalidInput(f"confirm of {self.path}: nobody may set it; expected access 'rw'")
         if self.link == "tick" and self.kind is not Kind.BOARD:
-            raise ValueError(f"link of {self.path}: 'tick' carries boards only, not a {self.kind}")
+            raise InvalidInput(f"link of {self.path}: 'tick' carries boards only, not a {self.kind}")
         if self.kind is Kind.SETTING and self.default is None:
-            raise ValueError(f"default of {self.path}: missing, expected the first value of the setting")
+            raise InvalidInput(f"default of {self.path}: missing, expected the first value of the setting")
         if self.default is not None:
             self._check_default(self.default)
 
     def _check_default(self, default: Plain) -> None:
         expected = _PLAIN_TYPES.get(self.type)
         if expected is None:
-            raise ValueError(
+            raise InvalidInput(
                 f"default of {self.path}: only {', '.join(_PLAIN_TYPES)} have one, not {self.type}"
             )
         fits = type(default) is expected or (expected is float and type(default) is int)
         if not fits:
-            raise ValueError(f"default of {self.path}: {default!r}, expected {self.type}")
+            raise InvalidInput(f"default of {self.path}: {default!r}, expected {self.type}")
         if self.range is not None and not isinstance(default, str) and not self.in_range(default):
-            raise ValueError(f"default of {self.path}: {default}, expected {self.range[0]}..{self.range[1]}")
+            low, high = self.range
+            raise InvalidInput(f"default of {self.path}: {default}, expected {low}..{high}")
         if self.choices and default not in self.choices:
-            raise ValueError(
+            raise InvalidInput(
                 f"default of {self.path}: {default!r}, expected one of {', '.join(self.choices)}"
             )
 

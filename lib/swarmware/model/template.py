@@ -189,7 +189,7 @@ def _remove(text: str, source: str, merged: dict[str, dict[str, Any]]) -> None:
 def _resource(path: str, fields: dict[str, Any], source: str) -> Resource:
     try:
         return Resource(path=path, **fields)
-    except ValueError as error:
+    except InvalidInput as error:
         raise ConfigError(f'{source}: resources."{path}": {error}') from error
 
 

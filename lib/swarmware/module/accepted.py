@@ -58,7 +58,7 @@ class Accepted:
             self._publication = None
 
 
-def acceptance(node: "Node", path: str, track: Callable[[Accepted], None]) -> Accepted | None:
+def acceptance(node: "Node", path: str, track: Callable[[Accepted], object]) -> Accepted | None:
     """Where accepted commands of this path are kept for the logger; None when it is not logged.
 
     `track` takes it, to close it with the module.

@@ -2,25 +2,27 @@
 
 import asyncio
 import logging
-import secrets
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self, TypeVar
+from typing import Any, Literal, Protocol, Self, TypeVar, overload
 
 import msgspec
 
-from swarmware.errors import Conflict, InvalidInput, OutOfRange, TypeMismatch
+from swarmware.errors import InvalidInput, TypeMismatch
 from swarmware.model import names
-from swarmware.model.frame import ADDRESSED, PAYLOAD_LIMIT, Flag, Frame, FrameKind
-from swarmware.model.resource import Access, Link, Resource
-from swarmware.model.resource import Kind as ResourceKind
+from swarmware.model.clock import Clock
+from swarmware.model.frame import ADDRESSED, Flag, FrameKind
+from swarmware.model.resource import Kind, Link, Resource
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
+from swarmware.module.addressing import Address, Addressing
 from swarmware.module.answer import answer
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.inbox import Inbox
+from swarmware.module.node_participant import NodeParticipant
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.stream import StreamReader
@@ -29,24 +31,38 @@ from swarmware.module.ticker import Lateness, Ticker
 from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
 from swarmware.node.node import Node
 from swarmware.runtime.instant import stage_phase_ns
-from swarmware.transport.appfile.entry import AppEntry, Served
-from swarmware.transport.appfile.file import AppFile
-from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)
 R = TypeVar("R", bound=msgspec.Struct)
+W = TypeVar("W", bound=BoardWriter[Any])
 
 
 class _Closes(Protocol):
     def close(self) -> None: ...
 
 
+C = TypeVar("C", bound=_Closes)
+
+
+@dataclass(frozen=True)
+class _Membership:
+    """What a module has from `async with` on."""
+
+    participant: NodeParticipant
+    addressing: Addressing
+    tasks: asyncio.TaskGroup
+    leave_signals: Callable[[type[BaseException] | None], None]
+    clock: Clock
+
+
 class Module:
     """`async with Module("planner") as m`: joins the node, leaves it at the end, be it by SIGTERM or SIGINT.
 
-    Raises: ConfigError without a node configuration, Conflict when the instance runs already.
+    Raises: ConfigError without a node configuration, Conflict when the instance runs already; InvalidInput
+    where it is used outside of `async with`.
     """
 
     def __init__(
@@ -67,79 +83,96 @@ class Module:
         self._given_node = node
         self._given_instance = instance
         self._config_dir = config_dir
-        self._sequences: dict[int, int] = {}
+        self._membership: _Membership | None = None
         self._writers: list[BoardWriter[Any]] = []
         self._readers: list[_Closes] = []
-        self._provides: dict[str, Resource] = {}
-        self._serves: dict[str, Served] = {}
-        self._reads: dict[str, None] = {}
-        self._tasks: asyncio.TaskGroup
         self._running: set[asyncio.Task[Any]] = set()
-        self._flush_comes = False
         self._keep_boards = False
 
     async def __aenter__(self) -> Self:
-        node = self._given_node
-        self.node = Node.attach(self._config_dir) if node is None else node.share()
+        node = Node.attach(self._config_dir) if self._given_node is None else self._given_node.share()
         try:
-            self._file = AppFile(
-                self.node.run_dir,
-                self.name,
-                endpoint=self.node.post.endpoint,
-                started_ns=self.node.clock.now_ns(),
-                instance=self._given_instance,
-                config=msgspec.to_builtins(self.config) if self.config is not None else None,
-                announce=self.node.announce_apps,
-            )
+            participant = NodeParticipant(self.name, node, instance=self._given_instance, config=self.config)
         except BaseException:
-            self.node.close()
+            node.close()
             raise
-        self.instance = self._file.entry.instance
-        self.app_id = self._file.entry.app_id
-        self.platform = self.node.platform
-        self.clock = self.node.clock
-        self.remote_clocks = RemoteClocks(self.node)
-        """Converts stamps of other hardware units to our clock."""
-        self.node.post.add_application(self.app_id)
-        self.node.post.add_clocks(self.remote_clocks)
-        self._tasks = await asyncio.TaskGroup().__aenter__()
-        self._leave_signals = self.node.ending.enter()
+        self._membership = _Membership(
+            participant,
+            Addressing(participant),
+            await asyncio.TaskGroup().__aenter__(),
+            node.ending.enter(),
+            node.clock,
+        )
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        member = self._member
         for task in list(self._running):
             task.cancel()
         try:
-            await self._tasks.__aexit__(None, None, None)
+            await member.tasks.__aexit__(None, None, None)
         finally:
             for reader in self._readers:
                 reader.close()
             for writer in self._writers:
                 writer.close(unlink=not self._keep_boards)
-            self.node.post.remove_clocks(self.remote_clocks)
-            self.remote_clocks.close()
-            self.node.post.remove_application(self.app_id)
-            self._file.close()
+            member.participant.close()
             self.node.close()
-            self._leave_signals(kind)
+            member.leave_signals(kind)
+
+    @property
+    def _member(self) -> _Membership:
+        if self._membership is None:
+            raise InvalidInput(f"module {self.name}: not on a node; expected use inside `async with`")
+        return self._membership
 
     # -- about itself
 
     @property
     def id(self) -> str:
         """Name and instance of the application: `name#instance`."""
-        return f"{self.name}#{self.instance}"
+        return self._member.participant.id
 
     @property
     def entry(self) -> AppEntry:
         """What the application file says."""
-        return self._file.entry
+        return self._member.participant.entry
+
+    @property
+    def node(self) -> Node:
+        """The node that it is on."""
+        return self._member.participant.node
+
+    @property
+    def platform(self) -> str:
+        """Name of the platform."""
+        return self.node.platform
+
+    @property
+    def instance(self) -> int:
+        """Number among the running modules of this name, from 0."""
+        return self.entry.instance
+
+    @property
+    def app_id(self) -> int:
+        """Sender of its frames."""
+        return self._member.participant.app_id
+
+    @property
+    def clock(self) -> Clock:
+        """This node's hardware clock."""
+        return self._member.clock
+
+    @property
+    def remote_clocks(self) -> RemoteClocks:
+        """Converts stamps of other hardware units to our clock."""
+        return self._member.participant.remote_clocks
 
     def now_ns(self) -> int:
         """The present instant on this node's hardware clock."""
-        return self.clock.now_ns()
+        return self._member.clock.now_ns()
 
     def every(self, period_s: float, stage: int = 0) -> Ticker:
         """`async for _ in m.every(0.05)`: ticks at multiples of the period on this node's clock.
@@ -152,7 +185,7 @@ class Module:
 
     def start(self, coroutine: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
         """Run it beside the module, until the module ends; an error in it ends the module."""
-        task = self._tasks.create_task(coroutine, name=f"{self.name}: {name}")
+        task = self._member.tasks.create_task(coroutine, name=f"{self.name}: {name}")
         self._running.add(task)
         task.add_done_callback(self._running.discard)
         return task
@@ -161,134 +194,114 @@ class Module:
         """Leave the newest values readable at the end: this module will be back in a moment."""
         self._keep_boards = keep
 
-    def _track(self, reader: _Closes) -> None:
+    def _track(self, reader: C) -> C:
         self._readers.append(reader)
-
-    def _local(self, path: str) -> str:
-        """A path of this platform in its local form; of another, unchanged."""
-        platform, local = names.split(names.check_path(path))
-        return local if platform == self.platform else path
-
-    def _own(self, path: str) -> str:
-        local = self._local(path)
-        if local.startswith("/"):
-            raise InvalidInput(f"{path}: of another platform; expected a resource of {self.platform}")
-        return local
-
-    def _changed(self) -> None:
-        if not self._flush_comes:
-            self._flush_comes = True
-            asyncio.get_running_loop().call_soon(self._flush)
-
-    def _flush(self) -> None:
-        self._flush_comes = False
-        if self._file.closed:
-            return
-        self._file.write(
-            msgspec.structs.replace(
-                self._file.entry,
-                provides=tuple(self._provides.values()),
-                serves=tuple(self._serves.values()),
-                reads=tuple(self._reads),
-            )
-        )
+        return reader
 
     def provide(self, resource: Resource) -> None:
         """State a resource of this application in its file, where the tree finds it."""
-        if resource.owner != self.name:
-            resource = msgspec.structs.replace(resource, owner=self.name)
-        self._provides[resource.path] = resource
-        self._changed()
+        self._member.participant.provide(resource)
 
     def withdraw(self, path: str) -> None:
         """Take a resource back."""
-        if self._provides.pop(path, None) is not None:
-            self._changed()
+        self._member.participant.withdraw(path)
 
     # -- boards, events, streams
 
+    @overload
     def writer(
         self,
-        path: str,
+        resource: str,
         cls: type[T],
         *,
-        kind: Literal["board", "event", "stream", "setting"] = "board",
         unit: str = "",
         rate_hz: float = 0.0,
-        description: str = "",
-        access: Access = "r",
         log: str = "none",
         link: Link = "",
-        max_age_s: float = 0.0,
-        critical: bool = False,
-        resource: Resource | None = None,
-        slots: int | None = None,
-        slot_bytes: int | None = None,
-    ) -> BoardWriter[T]:
-        """The one writer of a resource of this platform; `resource`: its whole descriptor instead.
+        description: str = "",
+    ) -> BoardWriter[T]: ...
+
+    @overload
+    def writer(self, resource: Resource, cls: type[T]) -> BoardWriter[T]: ...
+
+    def writer(self, resource: str | Resource, cls: type[T], **details: Any) -> BoardWriter[T]:
+        """The one writer of a board, by its path or its whole descriptor; of a setting by its descriptor.
 
         Raises: Conflict when another process writes it, InvalidInput.
         """
-        local = self._own(path)
-        if resource is None:
-            try:
-                resource = Resource(
-                    path=local,
-                    kind=ResourceKind(kind),
-                    type=registry.type_name(cls),
-                    unit=unit,
-                    rate_hz=rate_hz,
-                    description=description,
-                    access=access,
-                    log=log,
-                    link=link,
-                    max_age_s=max_age_s,
-                    critical=critical,
-                    owner=self.name,
-                )
-            except ValueError as error:
-                raise InvalidInput(str(error)) from error
-        board = resource.kind in {ResourceKind.BOARD, ResourceKind.SETTING}
-        publication = self.node.publication(
-            local,
-            slots=slots or (BOARD_SLOTS if board else STREAM_SLOTS),
-            slot_bytes=slot_bytes or (BOARD_SLOT_BYTES if board else STREAM_SLOT_BYTES),
-        )
-        writer: BoardWriter[T]
-        if board:
-            writer = BoardWriter(self.node, self.app_id, resource, cls, publication)
-        else:
-            writer = StreamWriter(self.node, self.app_id, resource, cls, publication, self.remote_clocks)
-        self._writers.append(writer)
-        self.provide(resource)
-        return writer
+        described = self._described(resource, cls, (Kind.BOARD, Kind.SETTING), details)
+        node, participant = self.node, self._member.participant
+        publication = node.publication(described.path, slots=BOARD_SLOTS, slot_bytes=BOARD_SLOT_BYTES)
+        return self._provided(BoardWriter(node, participant.app_id, described, cls, publication))
 
+    @overload
     def stream_writer(
         self,
-        path: str,
+        resource: str,
+        cls: type[T],
+        *,
+        kind: Literal["stream", "event"] = "stream",
+        rate_hz: float = 0.0,
+        log: str = "none",
+        link: Link = "",
+        description: str = "",
+        slots: int = STREAM_SLOTS,
+        slot_bytes: int = STREAM_SLOT_BYTES,
+    ) -> StreamWriter[T]: ...
+
+    @overload
+    def stream_writer(
+        self,
+        resource: Resource,
         cls: type[T],
         *,
         slots: int = STREAM_SLOTS,
         slot_bytes: int = STREAM_SLOT_BYTES,
-        kind: Literal["stream", "event"] = "stream",
-        rate_hz: float = 0.0,
-        description: str = "",
-        log: str = "none",
-        link: Link = "",
+    ) -> StreamWriter[T]: ...
+
+    def stream_writer(
+        self,
+        resource: str | Resource,
+        cls: type[T],
+        *,
+        slots: int = STREAM_SLOTS,
+        slot_bytes: int = STREAM_SLOT_BYTES,
+        **details: Any,
     ) -> StreamWriter[T]:
-        """The one writer of a stream or of events: readers get every item, in order."""
-        writer = self.writer(
-            path,
-            cls,
-            kind=kind,
-            rate_hz=rate_hz,
-            description=description,
-            log=log,
-            link=link,
-            slots=slots,
-            slot_bytes=slot_bytes,
+        """The one writer of a stream or of events: readers get every item, in order.
+
+        `slots`: items that stay readable for those who are late, each of about `slot_bytes`.
+        Raises: Conflict when another process writes it, InvalidInput.
+        """
+        described = self._described(resource, cls, (Kind.STREAM, Kind.EVENT), details)
+        node, participant = self.node, self._member.participant
+        publication = node.publication(described.path, slots=slots, slot_bytes=slot_bytes)
+        return self._provided(
+            StreamWriter(node, participant.app_id, described, cls, publication, participant.remote_clocks)
         )
-        assert isinstance(writer, StreamWriter)
+
+    def _described(
+        self, resource: str | Resource, cls: type[T], kinds: tuple[Kind, Kind], details: dict[str, Any]
+    ) -> Resource:
+        """The whole descriptor of what is to be written."""
+        if isinstance(resource, Resource):
+            path, kind, given = resource.path, resource.kind, resource.type
+            if details:
+                raise InvalidInput(f"{path}: {', '.join(details)}: expected inside the descriptor")
+        else:
+            path, kind = self._member.participant.own(resource), details.pop("kind", kinds[0])
+            given = registry.type_name(cls)
+        if kind not in kinds:
+            raise InvalidInput(f"{path}: of kind {kind}; expected {' or '.join(kinds)} here")
+        if given != registry.type_name(cls):
+            raise TypeMismatch(f"{path}: {registry.type_name(cls)}; its descriptor expects {given}")
+        if isinstance(resource, Resource):
+            return msgspec.structs.replace(resource, owner=self.name)
+        return Resource(path=path, kind=Kind(kind), type=given, owner=self.name, **details)
+
+    def _provided(self, writer: W) -> W:
+        self._writers.append(writer)
+        self.provide(writer.resource)
         return writer
 
     def close_writer(self, writer: BoardWriter[Any]) -> None:
@@ -300,10 +313,7 @@ class Module:
 
     def reader(self, path: str, cls: type[T]) -> BoardReader[T]:
         """The newest value of a board, of this platform or (`/uav3/nav/pose`) mirrored from another."""
-        local = self._interest(path)
-        reader = self._board(local, cls)
-        self._track(reader)
-        return reader
+        return self._track(self._board(self._interest(path), cls))
 
     def _board(self, path: str, cls: type[T]) -> BoardReader[T]:
         data_id = names.data_id(names.split(path)[1], registry.type_name(cls))
@@ -312,24 +322,20 @@ class Module:
     def readers(self, pattern: str, cls: type[T]) -> BoardSet[T]:
         """The same board of all other platforms: `/*/nav/pose`; a mapping that grows as they appear."""
         boards = BoardSet(self.node, pattern, lambda path: self._board(path, cls))
-        self._reads[pattern] = None
-        self._changed()
-        self._track(boards)
-        return boards
+        self._member.participant.read(pattern)
+        return self._track(boards)
 
     def stream_reader(self, path: str, cls: type[T], *, from_oldest: bool = False) -> StreamReader[T]:
         """Every item of a stream or every event from now on; `from_oldest`: also those still in memory."""
         local = self._interest(path)
         data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
-        reader = StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest)
-        self._track(reader)
-        return reader
+        return self._track(StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest))
 
     def _interest(self, path: str) -> str:
-        local = self._local(path)
+        participant = self._member.participant
+        local = participant.local(path)
         if local.startswith("/"):
-            self._reads[local] = None
-            self._changed()
+            participant.read(local)
         return local
 
     # -- messages
@@ -341,41 +347,12 @@ class Module:
 
         Raises: Conflict when another application has it.
         """
-        local = self._own(path)
+        participant = self._member.participant
+        local = participant.own(path)
         box = Inbox(self.node, self.id, local, cls, limit, acceptance(self.node, local, self._track))
-        served = self._claim(local, cls, "message", "", description)
+        served = participant.serve(local, cls, "message", description=description)
         self.node.post.serve_messages(served.data_id, self.app_id, box.put)
         return box
-
-    def _claim(
-        self,
-        path: str,
-        cls: type[msgspec.Struct],
-        kind: Literal["message", "request"],
-        reply: str,
-        description: str,
-    ) -> Served:
-        table = self.node.table
-        table.refresh()
-        other = table.serving_path(path)
-        if other is not None and other[0].id != self.id:
-            table.refresh(probe=True)  # it may have died
-            other = table.serving_path(path)
-        if other is not None and other[0].id != self.id:
-            raise Conflict(f"{path}: served by {other[0].id} already; expected one application only")
-        served = Served(path=path, type=registry.type_name(cls), kind=kind)
-        self._serves[path] = served
-        self.provide(
-            Resource(
-                path=path,
-                kind=ResourceKind.COMMAND,
-                type=served.type,
-                reply=reply,
-                description=description,
-                access="rw",
-            )
-        )
-        return served
 
     async def send(
         self,
@@ -395,53 +372,16 @@ class Module:
         if kind not in ADDRESSED:
             taken = ", ".join(sorted(kind.name.lower() for kind in ADDRESSED))
             raise InvalidInput(f"{path}: a message of kind {kind.name.lower()}; expected one of {taken}")
-        local = self._local(path)
-        platform, name = names.split(local)
-        data_id = names.data_id(name, registry.type_name(type(value)))
-        if platform is None and (wrong := self._other_type(name, data_id)):
+        member = self._member
+        address = Address(member.participant, path, type(value))
+        if wrong := address.mismatch():
             return Outcome(Status.REFUSED, self.platform, wrong)
-        frame = self._frame(kind, platform, data_id, value, timeout_s)
+        frame = member.addressing.frame(kind, address, value, timeout_s)
         frame.flags = Flag.WANTS_ACK | (Flag.URGENT if urgent else 0)
         outcome = await self.node.post.send(frame, timeout_s)
-        if (
-            platform is None
-            and outcome.status is Status.REFUSED
-            and (wrong := self._other_type(name, data_id))
-        ):
+        if outcome.status is Status.REFUSED and (wrong := address.mismatch()):
             return msgspec.structs.replace(outcome, detail=wrong)  # its owner came while we waited
         return outcome
-
-    def _frame(
-        self, kind: FrameKind, platform: str | None, data_id: int, value: msgspec.Struct, timeout_s: float
-    ) -> Frame:
-        payload = registry.encode(value)
-        if len(payload) > PAYLOAD_LIMIT:
-            raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {PAYLOAD_LIMIT}")
-        # a random start: a restarted application is not taken for a duplicate of its former self
-        sequence = self._sequences.get(data_id)
-        sequence = secrets.randbits(32) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
-        self._sequences[data_id] = sequence
-        return Frame(
-            kind,
-            data_id,
-            self.node.hardware,
-            self.app_id,
-            self.node.hardware if platform is None else names.hardware_id(platform),
-            names.ANY,
-            sequence,
-            self.clock.now_ns(),
-            extension=with_lifetime(timeout_s),
-            payload=payload,
-        )
-
-    def _other_type(self, path: str, data_id: int) -> str:
-        """Why a local address cannot take this value; empty when it can, or nobody is there yet."""
-        table = self.node.table
-        table.refresh()
-        if table.serving(data_id) is not None:
-            return ""
-        found = table.serving_path(path)
-        return "" if found is None else f"{path} of {found[0].id} takes {found[1].type}"
 
     # -- requests
 
@@ -459,9 +399,10 @@ class Module:
         A SwarmError of the handler is raised at the caller as the same class.
         Raises: Conflict when another application has the address.
         """
-        local = self._own(path)
+        participant = self._member.participant
+        local = participant.own(path)
         reply_name = registry.type_name(reply) if reply is not None else ""
-        served = self._claim(local, cls, "request", reply_name, description)
+        served = participant.serve(local, cls, "request", reply=reply_name, description=description)
         server = Server(local, cls, handler, self.start, acceptance(self.node, local, self._track))
         self.node.post.serve_requests(served.data_id, self.app_id, server.on_request)
         return server
@@ -480,16 +421,15 @@ class Module:
         Raises: the error of the handler as its own class; NoAnswer in time; NotFound when nobody serves it;
         TypeMismatch when it takes another type.
         """
-        local = self._local(path)
-        platform, name = names.split(local)
-        data_id = names.data_id(name, registry.type_name(type(value)))
+        member = self._member
+        address = Address(member.participant, path, type(value))
 
         def mismatch() -> str:
-            wrong = "" if platform else self._other_type(name, data_id)
+            wrong = address.mismatch()
             return wrong and f"{wrong}, not {registry.type_name(type(value))}"
 
         if wrong := mismatch():
             raise TypeMismatch(wrong)
-        frame = self._frame(FrameKind.REQUEST, platform, data_id, value, timeout_s)
+        frame = member.addressing.frame(FrameKind.REQUEST, address, value, timeout_s)
         frame.flags = Flag.URGENT if urgent else 0
         return answer(path, self.node.post.request(frame, timeout_s), reply, mismatch)

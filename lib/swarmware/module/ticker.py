@@ -1,5 +1,6 @@
 """A period: ticks at multiples of it on the node's clock, misses counted and never made up for."""
 
+from swarmware.errors import InvalidInput
 from swarmware.model.clock import Clock
 from swarmware.runtime.instant import until
 
@@ -39,7 +40,7 @@ class Ticker:
         phase_ns: int = 0,
     ) -> None:
         if period_s <= 0:
-            raise ValueError(f"period of {period_s} s: expected more than 0")
+            raise InvalidInput(f"period of {period_s} s: expected more than 0")
         self._clock = clock
         self._lateness = lateness
         self.period_s = period_s

@@ -10,6 +10,7 @@ import msgspec
 from mcap.writer import Writer
 
 from swarmware import __version__
+from swarmware.errors import InvalidInput
 from swarmware.recorder.entry import LogEntry, schema
 from swarmware.recorder.scan import (
     CHANNEL,
@@ -416,17 +417,17 @@ def _packed(text: str) -> bytes:
 
 
 def _text(body: bytes, at: int) -> tuple[str, int]:
-    """Reads a string; its end. Raises: ValueError when it exceeds the record, or is not UTF-8."""
+    """Reads a string; its end. Raises: InvalidInput when it exceeds the record, or is not UTF-8."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if at + 4 > len(body) or end > len(body):
-        raise ValueError("string exceeds its record")
+        raise InvalidInput("string exceeds its record")
     return body[at + 4 : end].decode(), end
 
 
 def _map(body: bytes, at: int) -> dict[str, str]:
-    """Reads a map of strings. Raises: ValueError when its length does not match the record."""
+    """Reads a map of strings. Raises: InvalidInput when its length does not match the record."""
     if at + 4 + int.from_bytes(body[at : at + 4], "little") != len(body):
-        raise ValueError("length of the map differs from its record")
+        raise InvalidInput("length of the map differs from its record")
     at += 4
     out: dict[str, str] = {}
     while at < len(body):

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
-from swarmware.errors import ConfigError, Denied
+from swarmware.errors import ConfigError, Denied, InvalidInput
 from swarmware.model import document
 from swarmware.model.access import Role
 from swarmware.model.names import check_platform
@@ -182,11 +182,11 @@ class Sealer:
     def seal(self, sequence: int, clear: bytes, body: bytes) -> bytes:
         """The body encrypted, with a tag over it and the clear header.
 
-        Raises: ValueError when the sequence number does not rise: the same nonce twice gives
+        Raises: InvalidInput when the sequence number does not rise: the same nonce twice gives
         the key stream away.
         """
         if sequence <= self._last:
-            raise ValueError(f"sequence {sequence}: expected more than {self._last}")
+            raise InvalidInput(f"sequence {sequence}: expected more than {self._last}")
         self._last = sequence
         return self._seal(_NONCE.pack(self._sender_hw, sequence), body, clear)
 

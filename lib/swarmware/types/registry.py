@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import msgspec
 
 import swarmware.types
-from swarmware.errors import NotFound, OutOfRange, WireError
+from swarmware.errors import InvalidInput, NotFound, OutOfRange, WireError
 from swarmware.model.frame import PAYLOAD_LIMIT, Codec
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -36,11 +36,11 @@ class Packs(Protocol):
 def register(cls: type[T]) -> type[T]:
     """Class decorator: makes a payload type known by its class name.
 
-    Raises: ValueError when another class has the name already.
+    Raises: InvalidInput when another class has the name already.
     """
     known = _TYPES.setdefault(cls.__name__, cls)
     if known is not cls and known.__module__ != cls.__module__:
-        raise ValueError(f"type {cls.__name__} of {cls.__module__}: the name belongs to {known.__module__}")
+        raise InvalidInput(f"type {cls.__name__} of {cls.__module__}: the name belongs to {known.__module__}")
     _TYPES[cls.__name__] = cls
     return cls
 
@@ -158,8 +158,8 @@ def _unzstd(data: bytes | memoryview) -> bytes:
     try:
         # memory is taken for the size that a frame states, before anything of it is looked at
         stated = zstandard.frame_content_size(data)
-        if stated > PAYLOAD_LIMIT:
-            raise WireError(f"zstd payload: states {stated} bytes, expected at most {PAYLOAD_LIMIT}")
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=PAYLOAD_LIMIT)
+        if stated <= PAYLOAD_LIMIT:
+            return zstandard.ZstdDecompressor().decompress(data, max_output_size=PAYLOAD_LIMIT)
     except (zstandard.ZstdError, ValueError) as error:
         raise WireError(f"zstd payload: {error}") from error
+    raise WireError(f"zstd payload: states {stated} bytes, expected at most {PAYLOAD_LIMIT}")

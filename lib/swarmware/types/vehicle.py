@@ -6,7 +6,7 @@ from typing import ClassVar, Final, Self
 
 import msgspec
 
-from swarmware.errors import WireError
+from swarmware.errors import InvalidInput, WireError
 from swarmware.types.bounds import Finite
 from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
@@ -106,7 +106,7 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
     def pack(self) -> bytes:
         """The quantised form; values beyond its range are clipped to it.
 
-        Raises: ValueError when the attitude is no unit quaternion.
+        Raises: InvalidInput when the attitude is no unit quaternion.
         """
         place = (_clip32(self.x_m * _MM), _clip32(self.y_m * _MM), _clip32(self.z_m * _MM))
         if max(place) <= _NEAR_MAX and min(place) >= -_NEAR_MAX:
@@ -143,7 +143,7 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
 def _pack_attitude(q: tuple[float, float, float, float]) -> int:
     """Which component is the largest, and the others: `q` and `-q` are the same attitude."""
     if not abs(sum(part * part for part in q) - 1) < _UNIT_ERROR:
-        raise ValueError(f"attitude {q}: no unit quaternion")
+        raise InvalidInput(f"attitude {q}: no unit quaternion")
     largest = max(range(4), key=lambda index: abs(q[index]))
     scale = -_PART if q[largest] < 0 else _PART
     packed = largest

@@ -6,6 +6,7 @@ from typing import Any
 from tests.integration.recorder.mongod import Mongod
 
 from swarmware.module.module import Module
+from swarmware.module.streamwriter import STREAM_SLOTS
 from swarmware.module.writer import BoardWriter
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.testing.process import spawn
@@ -27,8 +28,8 @@ async def flushed(module: Module) -> LogStats:
     return await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=10.0)
 
 
-def events(module: Module, **more: Any) -> BoardWriter[Int]:
-    return module.writer(COUNT, Int, kind="event", log="all", **more)
+def events(module: Module, slots: int = STREAM_SLOTS) -> BoardWriter[Int]:
+    return module.stream_writer(COUNT, Int, kind="event", log="all", slots=slots)
 
 
 async def test_every_event_is_logged_once_although_the_logger_is_killed_in_the_middle(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def _carry(
 
 def _tell_time(radio: Module, members: dict[str, Member]) -> None:
     """Conversion functions as timesync would find them, without its error."""
-    writer: BoardWriter[TimeFunctions] = radio.writer("time/functions", TimeFunctions, slot_bytes=4096)
+    writer: BoardWriter[TimeFunctions] = radio.writer("time/functions", TimeFunctions)
     own, now_ns = radio.clock, radio.now_ns()
     functions = []
     for name, member in members.items():

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmware.errors import InvalidInput
 from swarmware.health.criterion import Above, Below
 from swarmware.health.debouncer import Debouncer
 
@@ -43,7 +44,7 @@ def test_nothing_is_judged_during_the_grace() -> None:
 
 @pytest.mark.parametrize("confirm", [(0, 1), (3, 2)])
 def test_an_impossible_confirmation_is_refused(confirm: tuple[int, int]) -> None:
-    with pytest.raises(ValueError, match="confirm"):
+    with pytest.raises(InvalidInput, match="confirm"):
         Debouncer(confirm_n=confirm[0], confirm_m=confirm[1])
 
 
@@ -90,5 +91,5 @@ def test_a_value_that_nobody_measured_is_an_error() -> None:
 
 
 def test_a_criterion_without_limits_is_refused() -> None:
-    with pytest.raises(ValueError, match="limit"):
+    with pytest.raises(InvalidInput, match="limit"):
         Above()

@@ -1,5 +1,6 @@
 """A platform reads its part of the stored missions before anybody orders one."""
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,6 @@ async def test_an_order_of_a_stored_mission_is_answered_from_memory(
         await checker.load(AIR, "air.json", first.binding)  # the other platform's part
         assert read == [AIR]
         # what would have to be sent by another platform is not asked for yet
-        m._flush()
+        await asyncio.sleep(0)
         assert m.entry.reads == ()
         assert values.age_s("power/battery") is None

@@ -67,11 +67,11 @@ async def test_what_a_module_provides_stands_in_its_entry_until_it_withdraws_it(
         async with Module("planner", node=node) as m:
             writer = m.writer("plan/step", Int)
             m.inbox("cmd/step", Int)
-            m._flush()
+            await asyncio.sleep(0)  # declarations are written at the next turn of the loop
             assert [resource.path for resource in m.entry.provides] == ["plan/step", "cmd/step"]
             assert [resource.owner for resource in m.entry.provides] == ["planner", "planner"]
             m.close_writer(writer)
-            m._flush()
+            await asyncio.sleep(0)  # declarations are written at the next turn of the loop
             assert [resource.path for resource in m.entry.provides] == ["cmd/step"]
             ring = node.shm_dir / "plan.step.ring"
             assert not ring.exists()

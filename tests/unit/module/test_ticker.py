@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 
+from swarmware.errors import InvalidInput
 from swarmware.model.clock import Clock
 from swarmware.module.ticker import Lateness, Ticker
 
@@ -51,5 +52,5 @@ def test_a_late_ticker_goes_on_at_the_next_instant(
 
 
 def test_a_period_must_be_positive() -> None:
-    with pytest.raises(ValueError, match="more than 0"):
+    with pytest.raises(InvalidInput, match="more than 0"):
         Ticker(Hand(), 0.0)

@@ -169,7 +169,7 @@ def test_a_sequence_number_is_sealed_once() -> None:
     sealer = Sealer(GROUP, HW, 1)
     sealer.seal(5, CLEAR, b"")
     for sequence in (5, 4):
-        with pytest.raises(ValueError, match="expected more than 5"):
+        with pytest.raises(InvalidInput, match="expected more than 5"):
             sealer.seal(sequence, CLEAR, b"")
 
 

@@ -5,6 +5,7 @@ import math
 import msgspec
 import pytest
 
+from swarmware.errors import InvalidInput
 from swarmware.model.names import data_id
 from swarmware.model.resource import Kind, Resource
 
@@ -58,7 +59,7 @@ def test_kind_and_rate_decide_how_a_value_travels(
 def test_contradictions_are_refused_with_path_and_expectation(
     fields: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InvalidInput, match=message):
         Resource(**fields)  # type: ignore[arg-type]
 
 

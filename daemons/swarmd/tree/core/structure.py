@@ -143,7 +143,7 @@ def decode(data: bytes) -> Patch:
     try:
         plain = inflate.decompress(data, PLAIN_LIMIT)
         if not inflate.eof:
-            raise WireError(f"structure: cut short, or more than {PLAIN_LIMIT} bytes")
+            raise WireError(f"cut short, or more than {PLAIN_LIMIT} bytes")
         changes = _decoder.decode(plain)
     except (zlib.error, msgspec.DecodeError, RecursionError, ValueError) as error:
         raise WireError(f"structure: {error}") from error

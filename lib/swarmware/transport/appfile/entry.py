@@ -6,7 +6,7 @@ from typing import Any, Final, Literal
 import msgspec
 import tomli_w
 
-from swarmware.errors import ConfigError, WireError
+from swarmware.errors import WireError
 from swarmware.model import document, names
 from swarmware.model.resource import Resource
 
@@ -72,11 +72,12 @@ def decode(data: bytes, source: str) -> AppEntry:
     """
     try:
         text, mark, check = data.decode().rpartition(_MARK)
-        if not mark or int(check, 16) != zlib.crc32(text.encode()):
-            raise WireError(f"{source}: incomplete; expected a last line with the checksum of the others")
-        return msgspec.convert(document.toml(text, source, finite=False), AppEntry)
-    except (ValueError, msgspec.ValidationError, ConfigError) as error:
+        whole = mark and int(check, 16) == zlib.crc32(text.encode())
+        if whole:
+            return msgspec.convert(document.toml(text, source, finite=False), AppEntry)
+    except (ValueError, msgspec.ValidationError) as error:
         raise WireError(f"{source}: no application file: {error}") from error
+    raise WireError(f"{source}: incomplete; expected a last line with the checksum of the others")
 
 
 def _plain(value: Any) -> Any:

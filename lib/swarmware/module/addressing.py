@@ -1,0 +1,66 @@
+"""Frames to addresses: to whom, of which type, numbered so that none is taken for another."""
+
+import secrets
+
+import msgspec
+
+from swarmware.errors import OutOfRange
+from swarmware.model import names
+from swarmware.model.frame import PAYLOAD_LIMIT, Frame, FrameKind
+from swarmware.module.node_participant import NodeParticipant
+from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.types import registry
+
+
+class Address:
+    """An address for values of one type, here or on another platform."""
+
+    def __init__(self, participant: NodeParticipant, path: str, cls: type[msgspec.Struct]) -> None:
+        self.platform, self._name = names.split(participant.local(path))
+        """Platform: None for our own."""
+        self.data_id = names.data_id(self._name, registry.type_name(cls))
+        self._table = participant.node.table
+
+    def mismatch(self) -> str:
+        """Why a local address cannot take this type; empty when it can, or nobody serves it yet."""
+        if self.platform is not None:
+            return ""
+        self._table.refresh()
+        if self._table.serving(self.data_id) is not None:
+            return ""
+        found = self._table.serving_path(self._name)
+        return "" if found is None else f"{self._name} of {found[0].id} takes {found[1].type}"
+
+
+class Addressing:
+    """Makes the frames of one application; each address has a sequence of its own."""
+
+    def __init__(self, participant: NodeParticipant) -> None:
+        self._participant = participant
+        self._sequences: dict[int, int] = {}
+
+    def frame(self, kind: FrameKind, address: Address, value: msgspec.Struct, timeout_s: float) -> Frame:
+        """A frame with the value, to be delivered within the time.
+
+        Raises: OutOfRange when the value is too large.
+        """
+        payload = registry.encode(value)
+        if len(payload) > PAYLOAD_LIMIT:
+            raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {PAYLOAD_LIMIT}")
+        # a random start: a restarted application is not taken for a duplicate of its former self
+        sequence = self._sequences.get(address.data_id)
+        sequence = secrets.randbits(32) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
+        self._sequences[address.data_id] = sequence
+        node = self._participant.node
+        return Frame(
+            kind,
+            address.data_id,
+            node.hardware,
+            self._participant.app_id,
+            node.hardware if address.platform is None else names.hardware_id(address.platform),
+            names.ANY,
+            sequence,
+            node.clock.now_ns(),
+            extension=with_lifetime(timeout_s),
+            payload=payload,
+        )

@@ -1,0 +1,156 @@
+"""One application on its node: who it is, and what it declares in its application file."""
+
+import asyncio
+from typing import Literal
+
+import msgspec
+
+from swarmware.errors import Conflict, InvalidInput
+from swarmware.model import names
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.remote_clocks import RemoteClocks
+from swarmware.node.node import Node
+from swarmware.transport.appfile.entry import AppEntry, Served
+from swarmware.transport.appfile.file import AppFile
+from swarmware.types import registry
+
+
+class NodeParticipant:
+    """Takes part in the node from its construction until `close`.
+
+    Declarations are written together, at the next turn of the event loop.
+    Raises: Conflict when the instance runs already.
+    """
+
+    def __init__(self, name: str, node: Node, *, instance: int | None, config: msgspec.Struct | None) -> None:
+        self.name = name
+        self.node = node
+        self._file = AppFile(
+            node.run_dir,
+            name,
+            endpoint=node.post.endpoint,
+            started_ns=node.clock.now_ns(),
+            instance=instance,
+            config=msgspec.to_builtins(config) if config is not None else None,
+            announce=node.announce_apps,
+        )
+        self.remote_clocks = RemoteClocks(node)
+        self._provides: dict[str, Resource] = {}
+        self._serves: dict[str, Served] = {}
+        self._reads: dict[str, None] = {}
+        self._flush_comes = False
+        node.post.add_application(self.app_id)
+        node.post.add_clocks(self.remote_clocks)
+
+    @property
+    def entry(self) -> AppEntry:
+        """What the application file says."""
+        return self._file.entry
+
+    @property
+    def app_id(self) -> int:
+        """Sender of its frames."""
+        return self.entry.app_id
+
+    @property
+    def id(self) -> str:
+        """Name and instance of the application: `name#instance`."""
+        return f"{self.name}#{self.entry.instance}"
+
+    def local(self, path: str) -> str:
+        """A path of this platform in its local form; of another, unchanged.
+
+        Raises: InvalidInput.
+        """
+        platform, local = names.split(names.check_path(path))
+        return local if platform == self.node.platform else path
+
+    def own(self, path: str) -> str:
+        """The local form of a path of this platform.
+
+        Raises: InvalidInput for a path of another platform.
+        """
+        local = self.local(path)
+        if local.startswith("/"):
+            raise InvalidInput(f"{path}: of another platform; expected a resource of {self.node.platform}")
+        return local
+
+    # -- declarations
+
+    def provide(self, resource: Resource) -> None:
+        """State a resource of this application, where the tree finds it."""
+        if resource.owner != self.name:
+            resource = msgspec.structs.replace(resource, owner=self.name)
+        self._provides[resource.path] = resource
+        self._changed()
+
+    def withdraw(self, path: str) -> None:
+        """Take a resource back."""
+        if self._provides.pop(path, None) is not None:
+            self._changed()
+
+    def read(self, path: str) -> None:
+        """State that a resource of other platforms is read here, so that it is sent to this one."""
+        self._reads[path] = None
+        self._changed()
+
+    def serve(
+        self,
+        path: str,
+        cls: type[msgspec.Struct],
+        kind: Literal["message", "request"],
+        *,
+        reply: str = "",
+        description: str = "",
+    ) -> Served:
+        """Take an address of this platform.
+
+        Raises: Conflict when another application has it.
+        """
+        table = self.node.table
+        table.refresh()
+        other = table.serving_path(path)
+        if other is not None and other[0].id != self.id:
+            table.refresh(probe=True)  # it may have died
+            other = table.serving_path(path)
+        if other is not None and other[0].id != self.id:
+            raise Conflict(f"{path}: served by {other[0].id} already; expected one application only")
+        served = Served(path=path, type=registry.type_name(cls), kind=kind)
+        self._serves[path] = served
+        self.provide(
+            Resource(
+                path=path,
+                kind=Kind.COMMAND,
+                type=served.type,
+                reply=reply,
+                description=description,
+                access="rw",
+            )
+        )
+        return served
+
+    def _changed(self) -> None:
+        if not self._flush_comes:
+            self._flush_comes = True
+            asyncio.get_running_loop().call_soon(self._flush)
+
+    def _flush(self) -> None:
+        self._flush_comes = False
+        if self._file.closed:
+            return
+        self._file.write(
+            msgspec.structs.replace(
+                self._file.entry,
+                provides=tuple(self._provides.values()),
+                serves=tuple(self._serves.values()),
+                reads=tuple(self._reads),
+            )
+        )
+
+    def close(self) -> None:
+        """Leave the node and remove the application file."""
+        post = self.node.post
+        post.remove_clocks(self.remote_clocks)
+        self.remote_clocks.close()
+        post.remove_application(self.app_id)
+        self._file.close()

@@ -1,0 +1,43 @@
+"""The code of share/doc/modules.md runs as it is printed."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.testing.tmpnode import tmp_node
+
+PAGE = Path(__file__).parents[3] / "share/doc/modules.md"
+
+
+async def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(compile(block, str(PAGE), "exec"), names)  # our own page
+    written: dict[Resource, Any] = {}
+    write = BoardWriter.write
+
+    def seen(self: BoardWriter[Any], value: Any, stamp_ns: int | None = None) -> int:
+        written[self.resource] = value.value
+        return write(self, value, stamp_ns)
+
+    monkeypatch.setattr(BoardWriter, "write", seen)
+    async with tmp_node(tmp_path) as node:
+        monkeypatch.setenv("SWARM_CONFIG", str(node.config_dir))
+        await names["main"]()
+    assert [(one.path, one.kind, value) for one, value in written.items()] == [
+        ("nav/height", Kind.BOARD, 2.0),
+        ("motor/temperature", Kind.BOARD, 95.0),
+        ("config/motor/limit", Kind.SETTING, 90.0),
+        ("motor/trips", Kind.EVENT, "too hot"),
+    ]
+
+
+def test_every_method_of_the_page_is_one_of_a_module() -> None:
+    methods = set(re.findall(r"`(?:await )?m\.(\w+)\(", PAGE.read_text("utf-8")))
+    assert methods > {"writer", "request", "inbox"}
+    assert not [method for method in methods if not callable(getattr(Module, method, None))]
