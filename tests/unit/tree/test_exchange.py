@@ -123,8 +123,8 @@ def test_changes_that_do_not_fit_what_is_held_are_asked_for_again() -> None:
     replica = both.trees["gcs"].replicas.get("uav1")
     assert replica is not None
     assert replica.index is not None
-    replica.index = replica.index.copy()
-    replica.index.remove("nav/pose")  # a fault in memory, if you like
+    replica.structure.index = damaged = replica.index.copy()
+    damaged.remove("nav/pose")  # a fault in memory, if you like
     both.trees["uav1"].on_applications([STEP], [], 0)
     both.wait(0.3)
     assert knows(both, "gcs", "uav1")

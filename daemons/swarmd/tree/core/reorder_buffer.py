@@ -1,4 +1,4 @@
-"""Reorder buffer of one lane of notifications: delivers them in order, each once."""
+"""Order of the notifications of another tree: those of one start, each lane in order, each once."""
 
 from typing import Final
 
@@ -7,10 +7,12 @@ from swarmware.types.tree import TreeNotify
 
 REORDER_WINDOW: Final = 512
 """Serials from the oldest unacknowledged one: ten seconds of one every 20 ms."""
+FORMER_EPOCHS: Final = 8
+"""Former epochs of another tree whose late notifications are recognised."""
 
 
 class ReorderBuffer:
-    """Holds notifications that arrive early; drops duplicates."""
+    """Holds notifications of one lane that arrive early; drops duplicates."""
 
     __slots__ = ("_expected", "_waiting")
 
@@ -37,3 +39,32 @@ class ReorderBuffer:
             ready.append(following)
             self._expected += 1
         return ready
+
+
+class NotificationReceiver:
+    """Reorder buffers of one other tree; a restart of it begins with new ones."""
+
+    __slots__ = ("_buffers", "_epoch", "_former")
+
+    def __init__(self) -> None:
+        self._epoch: int | None = None
+        self._buffers: dict[int, ReorderBuffer] = {}
+        self._former: tuple[int, ...] = ()
+
+    def is_former(self, epoch: int) -> bool:
+        """Whether the tree has restarted since this epoch."""
+        return epoch in self._former
+
+    def take(self, notify: TreeNotify) -> list[TreeNotify]:
+        """Add a notification; returns those in order. Raises: WireError for a serial out of the window."""
+        if notify.epoch != self._epoch:
+            self._epoch, self._buffers = notify.epoch, {}
+        return self._buffers.setdefault(notify.lane, ReorderBuffer()).take(notify)
+
+    def on_epoch(self, epoch: int, before: int | None) -> None:
+        """The tree has this epoch, and had another one before: what comes late of that is refused."""
+        former = [one for one in self._former if one != epoch]
+        for one in (before, self._epoch):
+            if one is not None and one not in {epoch, *former}:
+                former.append(one)
+        self._former = tuple(former[-FORMER_EPOCHS:])

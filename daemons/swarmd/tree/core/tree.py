@@ -90,7 +90,7 @@ class SwarmTree:
 
     def on_demand(self, platform: str, now_ns: int) -> list[Action]:
         """Somebody wants to see the structure of another platform; it may become known: `remotes.asks`."""
-        self.replicas.demand(platform)
+        self.replicas.on_demand(platform)
         return self._take_actions()
 
     # -- the network
