@@ -9,7 +9,6 @@ import msgspec
 
 from swarmd.broker import config as settings
 from swarmd.broker.beacon_transport import BeaconTransport
-from swarmd.broker.boards import Mirrors, OwnBoards
 from swarmd.broker.core.beacon import PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity, ReceivedBeacon
 from swarmd.broker.core.beacon_rate import BeaconSchedule
@@ -22,6 +21,8 @@ from swarmd.broker.core.traffic import Counters
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.links.udp import loopback_only
+from swarmd.broker.mirrored_boards import MirroredBoards
+from swarmd.broker.own_boards import OwnBoards
 from swarmd.broker.report import NetReport
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.clock import utc_ns
@@ -29,6 +30,7 @@ from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
+from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.runtime.instant import wait_s
 from swarmware.service.service import Service
 from swarmware.transport.security import Keys
@@ -120,7 +122,7 @@ class Broker(Service):
             stack.callback(self._gateway.close)
             self._own = OwnBoards(node, self._protocol.published, self._counters)
             stack.callback(self._own.close)
-            self._mirrors = Mirrors(node)
+            self._mirrors = MirroredBoards(MirrorWriter(node), self._counters)
             stack.callback(self._mirrors.close)
             self._protocol.tcp_port = self._gateway.links.port
             self._report = NetReport(

@@ -24,7 +24,6 @@ from swarmd.tree.core.action import (
 from swarmd.tree.core.lane import WINDOW
 from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
-from swarmd.tree.mirrors import Mirrors
 from swarmd.tree.operator_api import OperatorApi
 from swarmd.tree.settings import Settings
 from swarmd.tree.store import SettingsStore
@@ -38,6 +37,7 @@ from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.node.applications import Applications
+from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.types.mission import MissionState
 from swarmware.types.net import ChannelLimits, Neighbours, Routes, TreePlan
@@ -82,7 +82,7 @@ class Tree(Service):
             keep=config.kept(node.config.kind),
         )
         self._peek = Peek(node.shm_dir)
-        self._mirrors = Mirrors(node)
+        self._mirrors = MirrorWriter(node)
         self._settings = Settings(module, SettingsStore(node.config.data_path / "settings.toml"))
         self._taps: dict[str, Tap] = {}
         self._reached: dict[str, Reachability] = {}
@@ -308,12 +308,12 @@ class Tree(Service):
             case Unwatch():
                 if tap := self._taps.pop(action.path, None):
                     tap.close()
-            case WriteMirror(platform, item):
-                self._values_in += self._mirrors.write(platform, item)
+            case WriteMirror(platform, item, epoch):
+                self._values_in += self._mirrors.write(platform, item.path, action.frame, epoch=epoch)
             case PruneMirrors():
-                self._mirrors.keep_only(action.platform, action.paths)
+                self._mirrors.prune(action.platform, action.paths)
             case RemoveMirrors():
-                self._mirrors.forget(action.platform)
+                self._mirrors.prune(action.platform, ())
 
     def _watch(self, resource: Resource) -> None:
         old = self._taps.get(resource.path)

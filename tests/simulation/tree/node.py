@@ -16,10 +16,10 @@ from swarmd.tree.core.action import (
     Watch,
     WriteMirror,
 )
-from swarmd.tree.core.mirror import is_newer
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
+from swarmware.node.mirror_writer import ArrivalOrder
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types.tree import (
     StructureReply,
@@ -96,8 +96,7 @@ class Node:
         self._config = msgspec.structs.replace(CONFIG, whole_swarm=whole_swarm)
         self._watched: set[str] = set()
         self._driver: CoreDriver[Action] | None = None
-        self._epoch = 0
-        """Of the notification that came last."""
+        self._orders: dict[tuple[str, str], ArrivalOrder] = {}
 
     # -- its life
 
@@ -112,6 +111,7 @@ class Node:
             templates=(TEMPLATE,),
         )
         self._watched = set()
+        self._orders = {}
         self.seen = ({}, {})
         if self._driver is not None:
             self._driver.stop()
@@ -163,16 +163,19 @@ class Node:
         """A notification came."""
         tree = self.tree
         assert tree is not None
-        self._epoch = notify.epoch
         self.do(partial(tree.on_notify, notify, self._network.now_ns))
 
     def _write_mirror(self, platform: str, item: TreeItem, epoch: int) -> None:
-        last = self.mirrors.get((platform, item.path))
-        if last is not None and not is_newer(item, last.sequence, last.stamp_ns):
-            return
-        self.mirrors[platform, item.path] = item
+        position = (epoch, item.sequence, item.stamp_ns)
         if item.kind == FrameKind.EVENT:
+            last = self.mirrors.get((platform, item.path))
+            resumed = None if last is None else (last.sequence, last.stamp_ns)
+            order = self._orders.setdefault((platform, item.path), ArrivalOrder(resumed))
+            if order.is_late(*position):
+                return
+            order.on_written(*position)
             self.events.setdefault((platform, epoch), []).append(item.sequence)
+        self.mirrors[platform, item.path] = item
 
     # -- the shell
 
@@ -189,8 +192,8 @@ class Node:
                 value = self.values.get(resource.path)
                 if value is not None and resource.kind is Kind.BOARD:
                     self.do(partial(tree.on_value, value, self._network.now_ns))
-            case WriteMirror(platform, item):
-                self._write_mirror(platform, item, self._epoch)
+            case WriteMirror(platform, item, epoch):
+                self._write_mirror(platform, item, epoch)
             case Unwatch(path):
                 self._watched.discard(path)
             case RequestStructure(platform, request):

@@ -6,11 +6,13 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.boards import Mirrors
 from swarmd.broker.core.relay_cache import RemoteValue
+from swarmd.broker.core.traffic import Counters
+from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmware.errors import WireError
 from swarmware.model.frame import Codec, Frame, FrameKind, decode, encode, restamp
 from swarmware.model.names import data_id
+from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.ring import RingReader
@@ -33,7 +35,7 @@ def test_each_mirrored_frame_is_the_one_that_would_be_encoded_afresh(tmp_path: P
 
     async def run() -> None:
         async with tmp_node(tmp_path) as node:
-            mirrors = Mirrors(node)
+            mirrors = MirroredBoards(MirrorWriter(node), Counters())
             ring: RingReader | None = None
             for sequence, (want, value) in enumerate(written, start=1):
                 assert mirrors.write(want, value)
@@ -60,7 +62,7 @@ def test_a_mirror_of_a_broker_that_starts_again_goes_on_in_its_numbers(tmp_path:
     async def run() -> None:
         async with tmp_node(tmp_path) as node:
             for start in range(2):
-                mirrors = Mirrors(node)
+                mirrors = MirroredBoards(MirrorWriter(node), Counters())
                 for number in range(2):
                     mirrors.write(WANT, RemoteValue(7, POSE, number, 0, True, b"here", 0))
                 mirrors.close()
@@ -77,3 +79,22 @@ def test_a_stamp_that_fits_no_frame_is_refused() -> None:
     with pytest.raises(WireError, match="stamp_ns is"):
         restamp(frame, 1, 1 << 63)
     assert bytes(frame) == encode(Frame(FrameKind.BOARD, POSE, payload=b"here"))
+
+
+def test_a_value_that_fits_no_frame_is_refused_counted_and_reported_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def run() -> None:
+        async with tmp_node(tmp_path) as node:
+            counters = Counters()
+            mirrors = MirroredBoards(MirrorWriter(node), counters)
+            hostile = RemoteValue(7, POSE, 1 << 62, 10, True, b"here", 5_000_000)
+            for _ in range(3):
+                assert not mirrors.write(WANT, hostile)
+            assert not ring_file(node.shm_dir, "nav/pose", "uav7").exists()
+            assert mirrors.write(WANT, RemoteValue(7, POSE, 1_000, 10, True, b"here", 5_000_000))
+            assert counters.refused.malformed == 3
+            mirrors.close()
+
+    asyncio.run(run())
+    assert [record.getMessage()[:27] for record in caplog.records] == ["mirror of /uav7/nav/pose: f"]

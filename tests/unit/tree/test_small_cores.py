@@ -4,17 +4,15 @@ import pytest
 
 from swarmd.tree.config import Config
 from swarmd.tree.core.index import leaf
-from swarmd.tree.core.mirror import is_newer
 from swarmd.tree.core.quality import quality
 from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.timers import Timers
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
-from swarmware.model.frame import FrameKind
 from swarmware.model.names import hardware_id
 from swarmware.model.resource import Resource
 from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState
-from swarmware.types.tree import Rule, TreeItem
+from swarmware.types.tree import Rule
 
 
 def route(platform: str, via: str, version: int = 5, hardware: int | None = None) -> RouteState:
@@ -79,23 +77,6 @@ def test_a_mirror_of_a_board_at_rest_is_live_between_two_beacons() -> None:
     assert seen(POSE, 0.6) == "live"
     assert seen(POSE, 1.3) == "stale"
     assert seen(Resource(path="x", type="Float", rate_hz=10.0, link="request"), 0.6) == "stale"
-
-
-@pytest.mark.parametrize(
-    ("kind", "sequence", "stamp_ns", "expected"),
-    [
-        (FrameKind.EVENT, 6, 100, True),
-        (FrameKind.EVENT, 5, 100, False),
-        (FrameKind.EVENT, 4, 90, False),
-        (FrameKind.EVENT, 1, 200, True),
-        (FrameKind.STREAM, 5, 100, False),
-        (FrameKind.BOARD, 1, 50, True),
-    ],
-)
-def test_an_event_that_is_here_does_not_come_again(
-    kind: FrameKind, sequence: int, stamp_ns: int, expected: bool
-) -> None:
-    assert is_newer(TreeItem("a", 7, kind, sequence, stamp_ns, b""), 5, 100) is expected
 
 
 def test_timers_come_up_once_in_order_and_can_be_moved_and_dropped() -> None:

@@ -2,7 +2,9 @@
 
 import msgspec
 
-from swarmware.model.frame import FrameKind
+from swarmware.errors import WireError
+from swarmware.model.frame import Codec, Frame, FrameKind
+from swarmware.model.names import hardware_id
 from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
@@ -60,6 +62,26 @@ class WriteMirror(msgspec.Struct, frozen=True, gc=False):
 
     platform: str
     item: TreeItem
+    epoch: int
+    """Of the tree that sent it: after a restart of its platform, numbers and stamps begin again."""
+
+    @property
+    def frame(self) -> Frame:
+        """The frame as its owner made it. Raises: WireError for an unknown kind or codec."""
+        item = self.item
+        try:
+            kind, codec = FrameKind(item.kind), Codec(item.codec)
+        except ValueError as error:
+            raise WireError(f"notification of /{self.platform}/{item.path}: {error}") from error
+        return Frame(
+            kind,
+            item.data_id,
+            hardware_id(self.platform),
+            sequence=item.sequence,
+            stamp_ns=item.stamp_ns,
+            codec=codec,
+            payload=item.data,
+        )
 
 
 class PruneMirrors(msgspec.Struct, frozen=True, gc=False):

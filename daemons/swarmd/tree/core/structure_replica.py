@@ -109,7 +109,7 @@ class StructureReplica:
         return self.state is StructureState.ASKING_FULL
 
     def on_no_reply(self) -> None:
-        """The request failed."""
+        """The request had no reply in time."""
         self._on(StructureEvent.NO_REPLY)
 
     def on_mismatch(self) -> None:

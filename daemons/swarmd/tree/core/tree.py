@@ -142,7 +142,7 @@ class SwarmTree:
     def on_notify(self, notify: TreeNotify, now_ns: int) -> list[Action]:
         """A notification from an owner was received."""
         items = self.replicas.on_notify(notify, now_ns)
-        return [*(WriteMirror(notify.platform, item) for item in items), *self._take_actions()]
+        return [*(WriteMirror(notify.platform, item, notify.epoch) for item in items), *self._take_actions()]
 
     def on_notified(self, platform: str, notify: TreeNotify, delivered: bool, now_ns: int) -> list[Action]:
         """What became of `SendNotify`."""

@@ -1,4 +1,4 @@
-"""Boards in shared memory: reads the own ones for the beacon, writes mirrors of those that it brings."""
+"""Boards of this node in shared memory, of which the beacon takes the newest values."""
 
 import logging
 from typing import Final
@@ -6,16 +6,13 @@ from typing import Final
 from swarmd.broker.core.beacon import BODY_LIMIT, NEVER_NS
 from swarmd.broker.core.beacon_codec import value_bytes
 from swarmd.broker.core.published_boards import PublishedBoard, PublishedBoards
-from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
-from swarmware.errors import NotFound, SwarmError, WireError
-from swarmware.model.frame import HEADER_BYTES, Codec, Frame, FrameKind, encode, restamp
+from swarmware.errors import NotFound, WireError
+from swarmware.model.frame import Codec, Frame
 from swarmware.node.follower import RingFollower
 from swarmware.node.node import Node
-from swarmware.node.publication import Publication
 from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
-from swarmware.types.net import BoardSubscription
 
 VALUE_LIMIT: Final = BODY_LIMIT - 200
 """Largest value: it must fit beside a hello and some rows."""
@@ -102,85 +99,3 @@ def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:
         return payload, False
     packed, codec = registry.pack(registry.decode(cls, payload))
     return packed, codec is Codec.PACKED
-
-
-class _Mirror:
-    """One board of another platform: its ring, and its newest frame, which the next value overwrites in
-    place."""
-
-    __slots__ = ("_form", "_frame", "_publication", "_sequence")
-
-    def __init__(self, publication: Publication) -> None:
-        self._publication = publication
-        self._sequence = publication.sequence
-        self._frame = bytearray()
-        self._form = (0, 0, False, -1)
-        """Data id, origin, coding and length: a value with the same form reuses the buffer of the last
-        frame."""
-
-    def write(self, want: BoardSubscription, value: RemoteValue) -> None:
-        payload = value.payload
-        form = (want.data_id, value.origin_hw, value.packed, len(payload))
-        sequence, stamp_ns = self._sequence + 1, value.stamp_us * 1000
-        # our clock when the value was made, from the ages on the way: accurate enough to
-        # our clock when the value was made, from the ages on the way: accurate enough to
-        made_us = value.rx_ns // 1000 - value.age_us
-        if form == self._form:
-            restamp(self._frame, sequence, stamp_ns, echo_rx_us=made_us)
-            self._frame[HEADER_BYTES:] = payload
-        else:
-            self._frame = bytearray(
-                encode(
-                    Frame(
-                        FrameKind.BOARD,
-                        want.data_id,
-                        value.origin_hw,
-                        sequence=sequence,
-                        stamp_ns=stamp_ns,
-                        echo_rx_us=made_us,
-                        codec=Codec.PACKED if value.packed else Codec.NONE,
-                        payload=payload,
-                    )
-                )
-            )
-            self._form = form
-        self._sequence = self._publication.publish(self._frame)
-
-    def close(self, *, unlink: bool) -> None:
-        self._publication.close(unlink=unlink)
-
-
-class Mirrors:
-    """Writes values of other platforms to the rings that their readers on this node open."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._mirrors: dict[tuple[str, str], _Mirror] = {}
-        self._complained: set[tuple[str, str]] = set()
-
-    def write(self, want: BoardSubscription, value: RemoteValue) -> bool:
-        """Writes one value; False when that failed."""
-        key = (want.platform, want.path)
-        mirror = self._mirrors.get(key)
-        try:
-            if mirror is None:
-                mirror = self._mirrors[key] = _Mirror(self._node.mirror_writer(*key))
-            mirror.write(want, value)
-        except SwarmError as error:
-            if key not in self._complained:
-                self._complained.add(key)
-                log.warning("mirror of /%s/%s: %s", *key, error)
-            return False
-        return True
-
-    def keep_only(self, wants: tuple[BoardSubscription, ...]) -> None:
-        """Removes the mirrors of boards that are no longer subscribed."""
-        wanted = {(want.platform, want.path) for want in wants}
-        for key in [key for key in self._mirrors if key not in wanted]:
-            self._mirrors.pop(key).close(unlink=True)
-
-    def close(self) -> None:
-        """Stops writing; the newest values stay readable, and a restarted broker continues the rings."""
-        for mirror in self._mirrors.values():
-            mirror.close(unlink=False)
-        self._mirrors.clear()

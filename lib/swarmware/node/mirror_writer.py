@@ -1,0 +1,163 @@
+"""Mirrors: rings of other platforms' resources, in which this process writes the frames of their owners."""
+
+from collections.abc import Collection, Iterable
+from typing import Final
+
+from swarmware.errors import SwarmError, WireError
+from swarmware.model import names
+from swarmware.model.frame import Frame, FrameKind, encode, restamp
+from swarmware.node.follower import RingFollower
+from swarmware.node.node import MIRROR_SLOTS, Node
+from swarmware.node.publication import Publication
+from swarmware.transport.shm.layout import RING_SUFFIX, ring_file, ring_path
+from swarmware.transport.shm.reap import mirror_folders, reap_ring
+
+SLOTS: Final = {FrameKind.BOARD: MIRROR_SLOTS, FrameKind.EVENT: 512, FrameKind.STREAM: 1024}
+"""By kind: a whole window of notifications may become readable at once, and a reader that wakes finds all
+of it."""
+LARGE_BYTES: Final = 8 * 1024
+LARGE_SLOTS: Final = 128
+"""Of larger items, a window holds no more than that."""
+EPOCHS: Final = 4
+"""Starts of an owner whose items may come mixed: late ones of a former start, and those of the new one."""
+
+Position = tuple[int, int]
+"""Sequence and stamp of an item."""
+
+
+class ArrivalOrder:
+    """Recognises items of an event or stream that were written before: a lost acknowledgement repeats them.
+
+    Numbers and stamps grow within one epoch of the owner; a restarted owner may begin both again.
+    """
+
+    __slots__ = ("_newest", "_resumed")
+
+    def __init__(self, resumed: Position | None = None) -> None:
+        """`resumed`: newest item of a former writer of the mirror, to compare the first epoch with."""
+        self._newest: dict[int, Position] = {}
+        self._resumed = resumed
+
+    def is_late(self, epoch: int, sequence: int, stamp_ns: int) -> bool:
+        """Whether the item was written before, or a newer one of its epoch."""
+        newest = self._newest.get(epoch, None if self._newest else self._resumed)
+        return newest is not None and sequence <= newest[0] and stamp_ns <= newest[1]
+
+    def on_written(self, epoch: int, sequence: int, stamp_ns: int) -> None:
+        """The item was written: it is the newest of its epoch."""
+        while epoch not in self._newest and len(self._newest) >= EPOCHS:
+            del self._newest[next(iter(self._newest))]
+        self._newest[epoch] = (sequence, stamp_ns)
+
+
+class _Mirror:
+    """One resource of another platform: its ring, and its newest frame, which is reused for the next one."""
+
+    __slots__ = ("_buffer", "_form", "_order", "_publication", "kind")
+
+    def __init__(self, kind: FrameKind, publication: Publication, resumed: Position | None) -> None:
+        self.kind = kind
+        self._publication = publication
+        self._order = ArrivalOrder(resumed)
+        self._buffer = bytearray()
+        self._form: tuple[int, int, int, int, bytes, int] | None = None
+        """What the frame in the buffer shares with the next one: all but number, times and payload."""
+
+    def write(self, frame: Frame, epoch: int | None) -> bool:
+        sequence, stamp_ns = frame.sequence, frame.stamp_ns
+        if epoch is None:
+            sequence = self._publication.sequence + 1
+        elif self.kind is not FrameKind.BOARD and self._order.is_late(epoch, sequence, stamp_ns):
+            return False
+        payload = frame.payload
+        form = (frame.data_id, frame.sender_hw, frame.codec, frame.flags, frame.extension, len(payload))
+        if form != self._form:
+            self._buffer, self._form = bytearray(encode(frame)), form
+        restamp(self._buffer, sequence, stamp_ns, echo_rx_us=frame.echo_rx_us)
+        self._buffer[len(self._buffer) - len(payload) :] = payload
+        self._publication.publish(self._buffer)
+        if epoch is not None:
+            self._order.on_written(epoch, sequence, stamp_ns)
+        return True
+
+    def close(self, *, unlink: bool) -> None:
+        self._publication.close(unlink=unlink)
+
+
+class MirrorWriter:
+    """Writes mirrors: of a board each value that comes, of events and streams each item once."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._mirrors: dict[tuple[str, str], _Mirror] = {}
+        self.refused = 0
+        """Values that fit no frame or path, or for which there was no ring."""
+
+    def write(self, platform: str, path: str, frame: Frame, *, epoch: int | None = None) -> bool:
+        """Publish a value here as its owner stamped it; False: this item was written before.
+
+        `epoch`: start of the owner that numbered the frame; None: it has no number and gets the ring's.
+        Raises: SwarmError when it fits no frame or path, there is no room, or another process writes this
+        mirror.
+        """
+        try:
+            mirror = self._mirrors.get((platform, path))
+            if mirror is None or mirror.kind is not frame.kind:
+                mirror = self._open(platform, path, frame)
+            return mirror.write(frame, epoch)
+        except SwarmError:
+            self.refused += 1
+            raise
+
+    def _open(self, platform: str, path: str, frame: Frame) -> _Mirror:
+        key = (names.check_platform(platform), names.check_path(path))
+        kind = frame.kind
+        if kind not in SLOTS:
+            raise WireError(
+                f"/{platform}/{path}: kind {kind.name.lower()}; expected a board, event or stream"
+            )
+        encode(frame)  # before a ring is made for it
+        if key in self._mirrors:
+            self._mirrors.pop(key).close(unlink=True)  # the resource has another kind now
+        slots, resumed = SLOTS[kind], None
+        if kind is not FrameKind.BOARD:
+            if len(frame.payload) > LARGE_BYTES:
+                slots = LARGE_SLOTS
+            # before the ring is claimed: one of other slots would be replaced by an empty one
+            resumed = self._newest(platform, path)
+        publication = self._node.mirror_writer(platform, path, slots=slots)
+        mirror = self._mirrors[key] = _Mirror(kind, publication, resumed)
+        return mirror
+
+    def _newest(self, platform: str, path: str) -> Position | None:
+        """The newest item of a former writer."""
+        follower = RingFollower(ring_file(self._node.shm_dir, path, platform), name=f"/{platform}/{path}")
+        frame = follower.peek()
+        follower.close()
+        return None if frame is None else (frame.sequence, frame.stamp_ns)
+
+    def platforms(self) -> list[str]:
+        """Platforms of which there are mirrors, also from a former start."""
+        return [folder.name for folder in mirror_folders(self._node.shm_dir)]
+
+    def keep_only(self, kept: Iterable[tuple[str, str]]) -> None:
+        """Remove the mirrors of this writer except these, by platform and path."""
+        for key in self._mirrors.keys() - set(kept):
+            self._mirrors.pop(key).close(unlink=True)
+
+    def prune(self, platform: str, paths: Collection[str]) -> None:
+        """Remove the mirrors of a platform except those of these paths, also those of a former start.
+
+        A mirror that another process writes stays.
+        """
+        self.keep_only([key for key in self._mirrors if key[0] != platform or key[1] in paths])
+        folder = self._node.shm_dir / platform
+        for ring in folder.glob(f"*{RING_SUFFIX}"):
+            if ring_path(ring) not in paths:
+                reap_ring(ring)
+
+    def close(self) -> None:
+        """Stop writing; the newest values stay readable, and a restarted writer continues the rings."""
+        for mirror in self._mirrors.values():
+            mirror.close(unlink=False)
+        self._mirrors.clear()
