@@ -174,11 +174,11 @@ class Parent:
         if wake.fileno() in ready:
             wake.recv(RECEIVE_BYTES)
         while (word := self._words.take()) is not None:
-            self._hear(*word)
+            self._on_notification(*word)
         if self._above.watchdog_s is not None:
             self._above.alive()
         if self._forks is not None and forks in ready:
-            self._say("the fork server ended; started again")
+            self._log("the fork server ended; started again")
             self._forks.on_end()
             self._on_forks()
         if watched in ready and watched == self._pidfd:
@@ -215,7 +215,7 @@ class Parent:
             with suppress(ProcessLookupError):  # its end is in the next poll
                 signal.pidfd_send_signal(self._pidfd, number)
 
-    def _hear(self, pid: int, words: dict[str, str]) -> None:
+    def _on_notification(self, pid: int, words: dict[str, str]) -> None:
         if self._forks is not None:
             if pid == self._forks.pid:
                 self._forks.on_ready()
@@ -269,9 +269,9 @@ class Parent:
         now_ns = time.monotonic_ns()
         pause_s = self._lives.on_end(now_ns, killed=was_ready and how in {"signal 9", "gone"})
         if pause_s is None:
-            self._say(f"ended: {how}; given up after {self._lives.restarts} restarts")
+            self._log(f"ended: {how}; given up after {self._lives.restarts} restarts")
             return SwarmError.exit_code
-        self._say(f"ended: {how}; starts again (restart {self._lives.restarts})")
+        self._log(f"ended: {how}; starts again (restart {self._lives.restarts})")
         self._above.restarted(self._lives.restarts, how)
         self._due_ns = now_ns + round(pause_s * _NS)
         return None
@@ -294,7 +294,7 @@ class Parent:
         if self._due_ns is not None and now_ns >= self._due_ns:
             self._begin()
         elif self._ready and now_ns - self._beat_ns > HUNG_S * _NS:
-            self._say(f"no heartbeat for {HUNG_S:g} s: pid {self._pid} is killed")
+            self._log(f"no heartbeat for {HUNG_S:g} s: pid {self._pid} is killed")
             self._beat_ns = now_ns
             self._signal(signal.SIGKILL)
 
@@ -305,7 +305,7 @@ class Parent:
             self._child = self._start()
         except OSError as error:
             self._child = None
-            self._say(f"cannot be started: {error}")
+            self._log(f"cannot be started: {error}")
         if self._child is None or not self._follow(self._child.pid):
             self._due_ns = time.monotonic_ns() + round(ELSEWHERE_S * _NS)
 
@@ -313,7 +313,7 @@ class Parent:
         try:
             forks.begin()
         except OSError as error:
-            self._say(f"the fork server cannot be started: {error}")
+            self._log(f"the fork server cannot be started: {error}")
             self._on_forks()
 
     def _on_forks(self) -> None:
@@ -327,7 +327,7 @@ class Parent:
         self._pid, self._pidfd = 0, -1
         self._ready = self._leaving = False
 
-    def _say(self, text: str) -> None:
+    def _log(self, text: str) -> None:
         stamp = time.strftime("%Y-%m-%d %H:%M:%S")
         sys.stderr.write(f"{stamp},000 {self._platform} WARNING swarm.node: {text}\n")
         sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""Checks missions without holding up the event loop: small ones at once, others in a process of their own."""
+"""Checks missions without blocking the event loop: small ones at once, others in a separate process."""
 
 import asyncio
 import logging
@@ -23,29 +23,29 @@ from swarmware.mission.model import MissionDefinition
 log = logging.getLogger("swarm.mission")
 
 QUICK_TEXT: Final = 32_768
-"""Characters of a mission that is read inside the event loop, about 10 ms; the shipped ones have 6 000."""
+"""Maximum characters of a mission checked in the event loop, about 10 ms; the shipped ones have 6 000."""
 TIME_S: Final = 30.0
-"""For a check in a process of its own, the start of Python on a busy computer included."""
+"""Time-out of a check in a separate process, including the start of Python on a busy computer."""
 REMEMBERED: Final = 64
-"""Verdicts that are kept: more missions than a store has."""
+"""Maximum number of cached results: more missions than a store has."""
 
 Findings = tuple[Finding, ...]
 Kept = TypeVar("Kept")
 
 
 class Checker:
-    """Verdicts on missions, by content: the second time the answer is there at once."""
+    """Checks missions and caches the results by content."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self.catalogue = catalogue
         self._verdicts: OrderedDict[str, Findings] = OrderedDict()
         self._missions: OrderedDict[str, MissionDefinition] = OrderedDict()
-        # one at a time: those who ask for many checks wait, not the rest of the computer
+        # one process at a time: many requested checks wait and do not load the computer
         self._turn = asyncio.Lock()
 
     async def check(self, folder: Folder) -> Findings:
-        """Everything that is wrong with an ensemble's mission."""
-        # findings name the files: they hold for one place, a clean verdict for the content anywhere
+        """The findings of the check of an ensemble's mission."""
+        # findings name files, so they are cached by folder; a result without findings, by content
         for known in (folder.hash, content_hash(folder.where, folder.hash)):
             if known in self._verdicts:
                 return self._verdicts[known]
@@ -56,7 +56,7 @@ class Checker:
         return _keep(self._verdicts, key, verdict)
 
     async def load(self, text: str, file: str, binding: Binding) -> MissionDefinition:
-        """One member's mission, checked.
+        """Reads and checks the mission of one member.
 
         Raises: MissionError with all reasons, one a line.
         """
@@ -75,7 +75,8 @@ class Checker:
         return _keep(self._missions, key, reading.mission)
 
     async def _finished(self, quick: list[Finding] | None, job: Job, where: str) -> Findings:
-        """The quick check's verdict, unless there was none or its budget was too small."""
+        """The result of the quick check, or of a separate process when there is none or its budget was
+        exceeded."""
         if quick is not None and not any(finding.rule == TOO_LARGE for finding in quick):
             return tuple(quick)
         async with self._turn:
@@ -89,7 +90,7 @@ def refuse(findings: Findings) -> None:
 
 
 async def _apart(job: Job, where: str) -> list[Finding]:
-    """The findings of a process of its own, which may be killed."""
+    """The findings of a check in a separate process, which is killed at its time-out."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-P",

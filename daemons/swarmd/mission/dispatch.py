@@ -36,11 +36,11 @@ ORDER_PATH = "cmd/mission"
 ABORT_PATH = "cmd/abort"
 
 Accept = Callable[[MissionOrder, int], Awaitable[MissionReceipt]]
-"""Takes an order that arrived at this instant of the own clock."""
+"""Accepts an order that arrived at this instant of the own clock."""
 
 
 class Dispatcher:
-    """Hands a mission out to an ensemble."""
+    """Sends a mission as orders to the members of an ensemble."""
 
     def __init__(
         self,
@@ -57,10 +57,10 @@ class Dispatcher:
         self._checker = checker
         self._receipts = receipts
         self._accept = accept
-        """Takes this platform's own order, without a network."""
+        """Accepts the order of this platform itself, without a network."""
 
     async def plan(self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut]) -> MissionPlan:
-        """Who would play what.
+        """The assignment of roles for an instruction, without sending an order.
 
         Raises: as `task`.
         """
@@ -72,14 +72,14 @@ class Dispatcher:
     async def task(
         self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut], instructed_ns: int
     ) -> TaskAnswer:
-        """Checks the mission, orders it from all members at once, and takes it back unless all accept.
+        """Checks the mission, sends orders to all members concurrently, withdraws them unless all accept.
 
-        Raises: MissionError, NotFound, ConfigError; then no order has left.
+        Raises: MissionError, NotFound, ConfigError; then no order was sent.
         """
         folder, warnings = await self._checked(task)
         assignment = assign(folder, self._chosen(task, platforms), task.params)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
-        # the own order crosses no link: its check waits until the others' orders have left
+        # the own order needs no link: it is checked after the other orders were sent
         members = sorted(
             assignment.member_assignments, key=lambda one: one.member.platform == self._module.platform
         )
@@ -93,7 +93,7 @@ class Dispatcher:
             log.info("mission %s: ordered from %d members", name, len(receipts))
         else:
             refused = [receipt.platform for receipt in receipts if not receipt.accepted]
-            log.warning("mission %s: not accepted by %s; taken back", name, ", ".join(refused))
+            log.warning("mission %s: not accepted by %s; withdrawn", name, ", ".join(refused))
             reason = f"not accepted by {', '.join(refused)}"
             await self.abort(
                 tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
@@ -108,11 +108,11 @@ class Dispatcher:
         """Publishes them when all are there: members of one computer share its time with this platform."""
         for receipt in receipts:
             if receipt.platform != self._module.platform:
-                # the own one crossed no link: it would flatter the figure
+                # the own order crossed no link: it would improve the statistics of delays
                 self._receipts.write(receipt)
 
     async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
-        """Sends the abort to all these platforms to stop; those that did not acknowledge."""
+        """Sends the abort to all these platforms; returns those that did not acknowledge it."""
         outcomes = await asyncio.gather(
             *(
                 self._module.send(
@@ -126,7 +126,7 @@ class Dispatcher:
         )
 
     async def _checked(self, task: MissionTask) -> tuple[Folder, tuple[str, ...]]:
-        """The mission, and the warnings about it."""
+        """The checked mission, and the warnings about it."""
         folder = self._sent(task) if task.files else self._store.folder(task.name)
         findings = await self._checker.check(folder)
         refuse(findings)
@@ -168,7 +168,7 @@ class Dispatcher:
         )
 
     def _send(self, order: MissionOrder, platform: str) -> Coroutine[Any, Any, OrderReceipt]:
-        """The order has left when this returns; the coroutine waits for the answer."""
+        """Sends the order before it returns; the coroutine waits for the reply."""
         sent_ns = self._module.now_ns()
         if platform == self._module.platform:
             return self._receipt(order, platform, sent_ns, self._accept(order, sent_ns))
@@ -210,11 +210,11 @@ class Dispatcher:
 def _left_out(
     task: MissionTask, assignment: Assignment, platforms: list[Platform], absent: list[LeftOut]
 ) -> tuple[LeftOut, ...]:
-    """Whoever is known and takes no part; nobody is missed where the instruction names the members."""
+    """Known platforms that take no part, with the reason; none where the instruction names the members."""
     if task.members:
         return ()
     kinds = {platform.name: platform.kind for platform in platforms}
-    # a ground station has nothing to fly: nobody misses it
+    # a ground station is not expected to have a role
     spare = [name for name in assignment.left_out if kinds[name] in VEHICLES]
     found = [*(LeftOut(name, f"no role for a {kinds[name]}") for name in spare), *absent]
     return tuple(sorted(found, key=lambda left: natural(left.platform)))

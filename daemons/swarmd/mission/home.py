@@ -1,4 +1,4 @@
-"""Where the vehicle was armed: kept on a board, so that a restarted daemon still knows it."""
+"""The place where the vehicle was armed, on a board from which a restarted daemon restores it."""
 
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -19,11 +19,11 @@ class Home:
         self._board = board
         self._armed = False
         self.place: Pose | None = None
-        """None: nobody saw the vehicle being armed."""
+        """None: the arming of the vehicle was not observed."""
 
     @classmethod
     def open(cls, module: Module, pose: BoardReader[Pose]) -> "Home":
-        """The place of before, while the vehicle is still armed since then."""
+        """Opens the board; restores the place if the vehicle is still armed."""
         board = module.reader(PATH, Pose)
         before = board.value
         board.close()
@@ -38,11 +38,11 @@ class Home:
         return home
 
     async def follow(self) -> None:
-        """Takes the place at each arming; where the position is not known yet, as soon as it is."""
+        """Records the place at each arming, as soon as the position is known."""
         async for state in self._state:
             if state.armed and not self._armed:
                 if (pose := self._pose.value) is None:
-                    continue  # the state comes again, once a second at least
+                    continue  # the state is published again, at least once a second
                 self._set(pose)
             self._armed = state.armed
 

@@ -1,4 +1,4 @@
-"""Reads stored missions before they are ordered, so that an order is accepted at once."""
+"""Reads stored missions in advance, so that an order is accepted without delay."""
 
 import asyncio
 from typing import Final
@@ -14,15 +14,15 @@ from swarmware.types import registry
 from swarmware.types.mission import Member, MissionFile, MissionOrder, MissionReceipt, MissionTask
 
 SETTLED_S: Final = 2.0
-"""Platforms start one after the other: each part is read once no further platform joins."""
+"""Period of the check: parts are read when no platform has joined or left within it."""
 MISSIONS: Final = 16
-"""The checker remembers four times as many: a rehearsal drops nothing that was ordered."""
+"""Maximum number of missions read in advance: a quarter of the checker's cache."""
 
 
 class Rehearsal:
-    """Reads this platform's part in each stored mission, as it would be ordered now.
+    """Reads this platform's part in each stored mission, as an order would assign it now.
 
-    An order for another ensemble, or of another mission, is read when it comes.
+    An order for another ensemble or mission is read when it arrives.
     """
 
     def __init__(self, platform: str, store: MissionStore, checker: Checker, values: Values) -> None:
@@ -39,7 +39,7 @@ class Rehearsal:
         return settled and platforms != self._done
 
     async def play(self, platforms: frozenset[Platform]) -> None:
-        """Reads the parts, one a turn of the event loop."""
+        """Reads the parts, one in each iteration of the event loop."""
         self._done = platforms
         for folder in self._store.read[:MISSIONS]:
             if not sound(await self._checker.check(folder)):
@@ -47,7 +47,7 @@ class Rehearsal:
             try:
                 assignment = assign(folder, list(platforms), {})
             except MissionError:
-                continue  # a role stays empty: nobody can order it
+                continue  # a role stays empty: it cannot be ordered
             for one in assignment.member_assignments:
                 if one.member.platform == self._platform:
                     await self._read(folder, one, assignment.members)
@@ -58,14 +58,14 @@ class Rehearsal:
         try:
             mission = await self._checker.load(text, file, own.binding)
         except MissionError:
-            return  # refused with its reasons when it is ordered
-        # what another platform would have to send for it is asked for with the order only
+            return  # an order of it will be refused with the reasons
+        # resources of other platforms are subscribed only when the mission is ordered
         self._values.open(path for path in mission.resources() if not path.startswith("/"))
         task = MissionTask(files=(MissionFile(file, text),), params=own.binding.params)
         params = own.binding.params
         order = MissionOrder(
             folder.manifest.name, folder.hash, 0, own.member.role, file, text, "", members, params, "", 0, 0
         )
-        # the decoders are built at their first use
+        # builds the decoders, which msgspec does at their first use
         for value in (task, order, MissionReceipt(True, 0)):
             registry.decode(type(value), registry.encode(value))

@@ -1,4 +1,4 @@
-"""Running blocks: one task each, ended by itself or cancelled for real."""
+"""Runs functional blocks: one task each, which ends or is cancelled."""
 
 import asyncio
 import logging
@@ -15,12 +15,12 @@ from swarmware.module.module import Module
 log = logging.getLogger("swarm.mission")
 
 Ended = Callable[[int, BlockResult, str], None]
-"""Token, result, text."""
+"""Called at the end of a block with its token, result and text."""
 Report = Callable[[int, float, str], None]
 
 
 class BlockRunner:
-    """The blocks that run now, by token."""
+    """The running blocks, by token."""
 
     def __init__(
         self, module: Module, vehicle: VehicleClient | None, plugins: Plugins, ended: Ended, report: Report
@@ -44,13 +44,13 @@ class BlockRunner:
         task.add_done_callback(partial(self._done, action.token))
 
     def cancel(self, token: int) -> None:
-        """Asks a block to end; one that is ending already is left alone."""
+        """Cancels a block, unless it is ending already."""
         task = self._tasks.get(token)
         if task is not None:
             task.cancel()
 
     async def close(self) -> None:
-        """Cancels all blocks and waits for them."""
+        """Cancels all blocks and waits for their ends."""
         tasks = list(self._tasks.values())
         for task in tasks:
             task.cancel()
@@ -68,6 +68,6 @@ class BlockRunner:
         elif isinstance(error, BlockError):
             self._ended(token, BlockResult(BlockEnd.ERROR, error.kind), str(error))
         else:
-            # whatever a block does, the mission goes on by its error successor or to safety
+            # after any exception of a block the mission continues at its error successor or ends safely
             log.error("block %s failed", task.get_name(), exc_info=error)
             self._ended(token, BlockResult(BlockEnd.ERROR, CRASHED), f"{type(error).__name__}: {error}")

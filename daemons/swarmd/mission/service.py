@@ -1,4 +1,4 @@
-"""The mission daemon's shell: orders in, blocks and barriers out, state for all to see."""
+"""The mission daemon's shell: receives orders and states, runs blocks, publishes the state."""
 
 import asyncio
 import logging
@@ -63,22 +63,22 @@ from swarmware.types.vehicle import VehicleState
 log = logging.getLogger("swarm.mission")
 
 SAFE = "land"
-"""What a vehicle does that is under way when the daemon starts: its mission is forgotten."""
+"""Built-in mission for a vehicle that is armed when the daemon starts: its former mission is unknown."""
 
 
 STATE: Final = Resource(
     path="mission/state",
     type="MissionState",
-    rate_hz=1e9 / INTERVAL_NS,  # of changes; a barrier's news must not wait for a slower one
+    rate_hz=1e9 / INTERVAL_NS,  # rate of changes; a lower one would delay barriers
     max_age_s=3.5 * HEARTBEAT_NS / 1e9,
     log="all",
     link="tick",
-    description="Where the platform stands in its mission; barriers work through it",
+    description="State of the platform's mission, also used by barriers",
 )
 
 
 class Mission(Service):
-    """Takes orders, plays them with the ensemble; at the ground station also hands them out."""
+    """Accepts orders and plays them with the ensemble; at the ground station also sends them."""
 
     name: ClassVar[str] = "mission"
     Config: ClassVar[type[msgspec.Struct]] = Settings
@@ -131,7 +131,7 @@ class Mission(Service):
             OrderReceipt,
             kind="event",
             log="all",
-            description="What became of each platform's order",
+            description="Result of each order to a platform",
         )
         self._dispatcher = Dispatcher(module, self.config, self._store, self._checker, receipts, self._accept)
         self._others: BoardSet[MissionState] = module.readers("/*/mission/state", MissionState)
@@ -145,7 +145,7 @@ class Mission(Service):
     def _serve(self) -> None:
         module = self.module
         module.serve(
-            ORDER_PATH, MissionOrder, self._on_order, reply=MissionReceipt, description="A mission to play"
+            ORDER_PATH, MissionOrder, self._on_order, reply=MissionReceipt, description="Order of a mission"
         )
         module.serve(
             "sys/mission/task",
@@ -159,7 +159,7 @@ class Mission(Service):
             MissionTask,
             self._on_plan,
             reply=MissionPlan,
-            description="Who would play what, and which known platforms take no part",
+            description="Assignment of roles without an order, and platforms without a role",
         )
         module.serve(
             "sys/mission/abort",
@@ -169,19 +169,23 @@ class Mission(Service):
             description="Stop the mission at all its members",
         )
         module.serve(
-            "sys/mission/status", Empty, self._on_status, reply=MissionStatus, description="The mission now"
+            "sys/mission/status",
+            Empty,
+            self._on_status,
+            reply=MissionStatus,
+            description="State of the mission",
         )
         module.serve(
             "sys/mission/ls", Empty, self._on_list, reply=MissionList, description="Missions of the store"
         )
 
-    # -- what comes in
+    # -- input
 
     def _on_order(self, order: MissionOrder, meta: Meta) -> Awaitable[MissionReceipt]:
         return self._accept(order, meta.arrived_ns or self.module.now_ns(), self._sender(meta))
 
     def _sender(self, meta: Meta) -> str | None:
-        """The platform that a request came from; None where nothing proves it."""
+        """The platform that sent a request; None without authentication."""
         if meta.sender is not None:
             return meta.sender.platform
         return self.module.platform if meta.sender_hw == self.module.node.hardware else None
@@ -196,9 +200,10 @@ class Mission(Service):
             mission = await self._checker.load(order.text, order.file, binding)
             run = self._admission.run(order, mission)
             self._values.open(run.mission.resources())
-            if self._has_taken(order):  # meanwhile
+            if self._has_taken(order):  # accepted meanwhile by a repeated request
                 return MissionReceipt(True, received_ns)
-            # the answer leaves first: on the ground station it waits, others hear with the next beacon
+            # the reply is sent first: the ground station waits for it, others get the state with the next
+            # beacon
             self._driver.defer(self._core.on_order(run, self.module.now_ns()))
         except SwarmError as error:
             log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
@@ -207,12 +212,13 @@ class Mission(Service):
         return MissionReceipt(True, received_ns)
 
     def _taken(self, epoch: int) -> None:
-        """What the others stated in this run before this platform took its order counts, too."""
+        """Evaluates states of this run that other members published before this platform accepted its
+        order."""
         if platforms := self._census.in_run(epoch):
-            self._hear(platforms)
+            self._take_states(platforms)
 
     def _has_taken(self, order: MissionOrder) -> bool:
-        """It is asked again, because the answer was lost or late."""
+        """Whether the order was accepted before: its reply was lost or late, so it is sent again."""
         return order.epoch == self._core.epoch and self._core.phase in {
             MissionPhase.READY,
             MissionPhase.RUNNING,
@@ -220,7 +226,7 @@ class Mission(Service):
 
     def _expiry(self, order: MissionOrder, received_ns: int) -> int:
         local_ns = self.module.remote_clocks.to_local(hardware_id(order.issuer), order.expires_ns)
-        # the issuer's clock is not known yet: the order is as old as it can be said to be, new
+        # the issuer's clock is not known yet: the order is assumed to be new
         return received_ns + order.expires_ns - order.issued_ns if local_ns is None else local_ns
 
     async def _on_task(self, task: MissionTask, meta: Meta) -> TaskAnswer:
@@ -230,12 +236,12 @@ class Mission(Service):
         return await self._dispatcher.plan(task, self._platforms(), self._absent())
 
     def _platforms(self) -> list[Platform]:
-        """This one and all that were heard of lately."""
+        """This platform and all others that are present."""
         others = (Platform(name, state.kind) for name, state in self._present().items())
         return [Platform(self.module.platform, self._kind), *others]
 
     def _instructed_ns(self, meta: Meta) -> int:
-        """When the instruction was given at this platform, or arrived here from another one."""
+        """When the instruction was given at this platform, or arrived from another one."""
         now_ns = self.module.now_ns()
         return min(meta.stamp_ns, now_ns) if meta.sender_hw == self.module.node.hardware else now_ns
 
@@ -276,34 +282,34 @@ class Mission(Service):
 
     async def _listen(self) -> None:
         while True:
-            self._hear(await self._others.changed())
+            self._take_states(await self._others.changed())
 
-    def _hear(self, platforms: Iterable[str]) -> None:
-        """Takes in the newest states of these platforms."""
+    def _take_states(self, platforms: Iterable[str]) -> None:
+        """Passes the newest states of these platforms to the core."""
         states: list[tuple[str, MissionState, tuple[BarrierResult, ...]]] = []
         now_ns = self.module.now_ns()
         for platform in platforms:
             reader = self._others[platform]
             state, meta = reader.value, reader.meta
             if state is not None and meta is not None:
-                # a board may be what a platform that is long away said last
+                # the value may be old, of a platform that is lost
                 self._census.on_state(platform, state, now_ns - round(max(reader.age_s or 0.0, 0.0) * 1e9))
                 meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
                 states.append((platform, state, meetings))
         self._driver.feed(self._core.on_states(states, now_ns))
 
     def _local(self, meeting: BarrierResult, meta: Meta, now_ns: int) -> BarrierResult:
-        """The meeting on this platform's clock."""
+        """The barrier result with its instant on this platform's clock."""
         if meeting.leave_ns is None:
             return meeting
         local_ns = self.module.remote_clocks.to_local(meta.sender_hw, meeting.leave_ns)
         if local_ns is None:
-            # no conversion yet: what remained when it was written, less than a beacon ago
+            # no conversion yet: the time that remained when it was written, at most a beacon period ago
             local_ns = now_ns + meeting.leave_ns - meta.stamp_ns
         return msgspec.structs.replace(meeting, leave_ns=local_ns)
 
     def _lead_ns(self, platforms: frozenset[str]) -> int:
-        """How long the news of an opened barrier takes to these platforms, at the links' present rates."""
+        """Time that a barrier result takes to reach these platforms at the present beacon rates."""
         traffic = self._traffic.value
         return lead_to_ns(
             platforms,
@@ -323,7 +329,8 @@ class Mission(Service):
                     self._census.on_reachable(route.platform, now_ns)
 
     async def _prepare(self) -> None:
-        """Verdicts and parts are there before the first instruction, which is then obeyed at once."""
+        """Checks stored missions and reads their parts before the first instruction, which then needs no
+        wait."""
         for mission in await self._store.list():
             if not mission.sound:
                 log.warning(
@@ -335,7 +342,7 @@ class Mission(Service):
                 await self._rehearsal.play(platforms)
 
     def _restarted(self) -> None:
-        """A vehicle that is under way now has lost its mission: bring it to safety."""
+        """Brings a vehicle to safety that is armed when the daemon starts: its mission is unknown."""
         if self._kind not in VEHICLES:
             return
         state = self.module.reader("vehicle/state", VehicleState).value
@@ -344,7 +351,7 @@ class Mission(Service):
             log.warning("%s: %s", SAFE, reason)
             self._driver.feed(self._core.on_abort(reason, SAFE, self.module.now_ns()))
 
-    # -- what goes out
+    # -- output
 
     def _ended(self, token: int, result: BlockResult, text: str) -> None:
         self._driver.feed(self._core.on_ended(token, result, text, self.module.now_ns()))
@@ -374,7 +381,7 @@ class Mission(Service):
         return self._census.absent(self.module.now_ns())
 
     def _roster(self) -> frozenset[str]:
-        """Members of the swarm, also those that were never heard of; none without keys."""
+        """All members on the roster, also those never received; empty without keys."""
         node = self.module.node
         keys = node.config_dir / node.config.keys_dir  # an absolute one stays what it is
         if not (keys / "roster.json").is_file():

@@ -1,4 +1,4 @@
-"""Missions on disk: this node's own first, then those that were installed."""
+"""Missions on disk: folders of this node first, then the installed ones."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from swarmware.types.mission import StoredMission
 
 
 class MissionStore:
-    """Folders with a mission.toml, by the folder's name."""
+    """Mission folders, each with a mission.toml, by name."""
 
     def __init__(self, places: tuple[Path, ...], checker: Checker) -> None:
         self._places = places
@@ -18,9 +18,9 @@ class MissionStore:
         self._known: dict[str, Folder] = {}
 
     def folder(self, name: str) -> Folder:
-        """The mission of that name.
+        """The mission folder of that name.
 
-        Raises: NotFound with the names there are; ConfigError when its manifest does not fit.
+        Raises: NotFound with the known names; ConfigError when its manifest is invalid.
         """
         found = self._folders()
         if name not in found:
@@ -30,7 +30,7 @@ class MissionStore:
 
     @property
     def read(self) -> list[Folder]:
-        """Missions that were read from disk and are still remembered."""
+        """Missions that were read from disk and are cached."""
         return list(self._known.values())
 
     def known(self, digest: str) -> Folder | None:
@@ -43,7 +43,7 @@ class MissionStore:
         return folder
 
     async def list(self) -> tuple[StoredMission, ...]:
-        """All missions, also those with mistakes."""
+        """All missions, including those with errors."""
         self._known.clear()
         return tuple([await self._entry(name, path) for name, path in sorted(self._folders().items())])
 

@@ -23,7 +23,7 @@ WELL_KNOWN: Final = {
     "sensor/gnss": "GnssFix",
     "sensor/imu": "Imu",
 }
-"""Types of what every platform has, also while its owner is not there yet."""
+"""Types of resources that every platform has, known before their owners run."""
 
 
 class Values:
@@ -34,7 +34,7 @@ class Values:
         self._readers: dict[str, BoardReader[Any]] = {}
 
     def open(self, paths: Iterable[str]) -> None:
-        """Makes these resources readable; one whose type nobody knows stays without a value."""
+        """Opens readers for these resources; one of unknown type has no value."""
         for path in paths:
             if path not in self._readers and (cls := self._type(path)) is not None:
                 self._readers[path] = self._module.reader(path, cls)
@@ -59,7 +59,7 @@ class Values:
         try:
             return registry.find(name) if name else None
         except NotFound:
-            return None  # of a foreign package that is not installed here
+            return None  # a type of a package that is not installed here
 
     def _provided(self, local: str) -> str:
         table = self._module.node.table

@@ -1,4 +1,4 @@
-"""The vehicle as blocks see it: motors, one goal at a time, the navigator's answer."""
+"""The blocks' interface to the vehicle: motors, one goal at a time, status of the navigator."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,7 +20,7 @@ ARM_PATH = "sys/vehicle/arm"
 
 
 class VehicleClient:
-    """Writes `nav/goal`, follows `nav/status`, asks for arming."""
+    """Writes `nav/goal`, follows `nav/status`, requests arming."""
 
     def __init__(
         self,
@@ -50,9 +50,9 @@ class VehicleClient:
 
     @classmethod
     def open(cls, module: Module, config: Config) -> "VehicleClient":
-        """Makes the goal's board and opens the navigator's."""
+        """Opens the writer of the goal and the reader of the navigator's status."""
         goal = module.writer(
-            "nav/goal", Goal, log="all", description="What the navigator shall reach or keep"
+            "nav/goal", Goal, log="all", description="Goal that the navigator reaches or keeps"
         )
         status = module.reader("nav/status", NavStatus)
         state = module.reader("vehicle/state", VehicleState)
@@ -63,19 +63,19 @@ class VehicleClient:
 
     @property
     def flies(self) -> bool:
-        """Whether it can leave the ground."""
+        """Whether the vehicle can fly."""
         return self._module.node.config.kind == "uav"
 
     @property
     def home(self) -> Pose | None:
-        """Where it was armed, if that is known."""
+        """The place where the vehicle was armed; None: unknown."""
         return self._home.place
 
     @property
     def height_m(self) -> float:
-        """Above the map's origin, as last known.
+        """Height above the map's origin, as last received.
 
-        Raises: BlockError no_position when it never was.
+        Raises: BlockError no_position when none was received.
         """
         pose = self._pose.value
         if pose is None:
@@ -84,12 +84,12 @@ class VehicleClient:
 
     @property
     def landed(self) -> bool:
-        """Whether it stands on the ground, as far as is known."""
+        """Whether the vehicle is on the ground, as last received."""
         state = self._state.value
         return state is not None and state.landed
 
     async def arm(self, armed: bool) -> None:
-        """Arms or disarms the motors, and waits until they say so.
+        """Arms or disarms the motors, and waits until the vehicle reports it.
 
         Raises: BlockError refused or no_vehicle.
         """
@@ -105,7 +105,7 @@ class VehicleClient:
             raise BlockError("refused", f"{type(error).__name__}: {error}") from error
 
     def command(self, kind: str, **fields: Any) -> int:
-        """Gives the navigator a new goal; its number."""
+        """Sends the navigator a new goal; returns its number."""
         self._seq += 1
         self._goal.write(Goal(self._seq, kind, **fields))
         return self._seq
@@ -113,7 +113,7 @@ class VehicleClient:
     async def move(
         self, kind: str, settled: Settled, progress: Progress, *, settle_s: float = 0.0, **fields: Any
     ) -> None:
-        """Gives a goal and waits until it is reached and stays so; whatever else ends it commands hold.
+        """Sends a goal and waits until it is reached and kept; any other end commands hold.
 
         Raises: BlockError blocked, disarmed, leader_lost, no_position or no_navigator.
         """
@@ -123,7 +123,7 @@ class VehicleClient:
             await self._reach(seq, settled, progress, settle_s)
             reached = True
         finally:
-            # unless another motion has taken over meanwhile, the vehicle must not go on by itself
+            # the vehicle must not continue without a block, unless another motion has replaced the goal
             if not reached and self._seq == seq:
                 self.command("hold")
 
@@ -157,12 +157,12 @@ class VehicleClient:
 
 
 class Way:
-    """How much of a way is done, from the longest distance that was reported."""
+    """Progress on a way, relative to the longest distance that was reported."""
 
     def __init__(self) -> None:
         self._length_m = 0.0
 
     def ratio(self, status: NavStatus) -> float:
-        """Share that is done."""
+        """Share of the way that is done."""
         self._length_m = max(self._length_m, status.distance_m, 1e-3)
         return 1.0 - status.distance_m / self._length_m

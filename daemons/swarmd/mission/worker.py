@@ -1,4 +1,4 @@
-"""The check in a process of its own: a request on stdin, findings on stdout, both as MessagePack."""
+"""The check in a separate process: a request on stdin, findings on stdout, both as MessagePack."""
 
 import contextlib
 import os
@@ -16,13 +16,14 @@ from swarmware.mission.finding import Finding, too_large
 from swarmware.mission.folder import Folder
 
 MEMORY_BYTES: Final = 512 << 20
-"""Address space. The check's own budget is an eighth of it; this stops what the budget does not count."""
+"""Limit of the address space, eight times the check's own budget: it bounds memory that is not counted
+there."""
 CPU_S: Final = 20
 """Processor time; the largest mission that fits the budget takes about two seconds."""
 
 
 class FolderJob(msgspec.Struct, frozen=True, tag=True):
-    """A whole ensemble's mission."""
+    """The mission of a whole ensemble, to be checked."""
 
     folder: Folder
 
@@ -51,12 +52,12 @@ def judge(job: Job) -> list[Finding]:
 
 def main() -> None:
     """Read one job from stdin, check it, write its findings to stdout."""
-    # a second line behind the check's budget; a hardened unit forbids it (EPERM) and has limits of its own
+    # a second limit besides the check's budget; a hardened unit forbids it (EPERM) and has its own limits
     with contextlib.suppress(OSError):
-        os.nice(10)  # a mission that is asked about must not slow down one that flies
+        os.nice(10)  # a check must not slow down a mission that is flying
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
-    # whatever a foreign block's package prints goes to stderr
+    # output of the packages of plug-in blocks goes to stderr
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Job)

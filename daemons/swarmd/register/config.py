@@ -9,6 +9,6 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Which platforms' registers are kept, and for how long."""
 
     partners: str = "*"
-    """Platforms whose applications are known here, as a pattern; empty: none but our own."""
+    """Pattern of platforms whose applications are known here; empty: only this platform."""
     forget_s: Annotated[float, msgspec.Meta(ge=1, le=86_400)] = 600.0
     """A platform without a message or a route for so long is removed."""

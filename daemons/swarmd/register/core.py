@@ -36,7 +36,7 @@ class _RemoteTable(msgspec.Struct):
 
 
 class RegisterCore:
-    """Keeps one table for each unit: each has a single writer, so the newest one is valid without a vote."""
+    """Keeps one table for each unit: each has a single writer, so the newest table is valid."""
 
     def __init__(self, platform: str, unit: str, config: Config) -> None:
         self._own_unit = (platform, unit)
@@ -61,7 +61,7 @@ class RegisterCore:
         known = {platform for platform, _ in self._remote_tables}
         for platform, table in reached.items():
             if table is not None and platform not in known:
-                self.on_table(table, now_ns)  # it was removed, and is back unchanged
+                self.on_table(table, now_ns)  # it was removed, and is reachable again with an unchanged table
         gone = [
             unit for unit, held in self._remote_tables.items() if now_ns - held.updated_ns >= self._forget_ns
         ]

@@ -39,9 +39,19 @@ class Registrar(Service):
         module = self.module
         module.provide(RESOURCE)
         module.serve(
-            "sys/register/apps", Empty, self._apps, reply=RegisterReply, description="Who runs where"
+            "sys/register/apps",
+            Empty,
+            self._apps,
+            reply=RegisterReply,
+            description="Applications of all units",
         )
-        module.serve("sys/node/info", Empty, self._info, reply=NodeInfo, description="Who this node is")
+        module.serve(
+            "sys/node/info",
+            Empty,
+            self._info,
+            reply=NodeInfo,
+            description="Identity and versions of this node",
+        )
         self._routes = module.reader("net/routes", Routes)
         module.node.master.volunteer(module.id)
         try:

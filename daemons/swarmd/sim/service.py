@@ -29,7 +29,7 @@ from swarmware.types.vehicle import (
 _RESUME_S: Final = 10.0
 """Longest interruption of the simulation after which the vehicle continues at its last pose."""
 _LOOK_S: Final = 1.0
-"""How often new platforms are looked for."""
+"""Period of looking for new platforms, in seconds."""
 
 
 class Sim(Service):
@@ -136,7 +136,7 @@ class Outputs:
         )
 
     def write(self, sample: SimulationOutput) -> None:
-        """Publishes what a sample brought, stamped with its instant."""
+        """Publishes the outputs of a sample, stamped with its instant."""
         stamp_ns = sample.stamp_ns
         self._truth.write(sample.truth, stamp_ns)
         if sample.imu is not None:

@@ -28,7 +28,7 @@ class Boundary:
             yield
         except SwarmError as error:
             self._count(what, "%s: refused: %s", error)
-        except Exception as error:  # noqa: BLE001 - the tree's boundary: others depend on it, one item does not
+        except Exception as error:  # noqa: BLE001 - the tree's boundary: one item must not end the tree
             self._count(what, "%s: failed, left out: %r", error, trace=True)
 
     def _count(self, what: str, text: str, error: Exception, *, trace: bool = False) -> None:

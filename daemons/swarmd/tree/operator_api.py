@@ -58,7 +58,7 @@ class OperatorApi:
         answer_s: float,
         feed: Callable[[list[Action]], None],
     ) -> None:
-        """`feed` has what the core decides carried out."""
+        """`feed` executes actions of the core."""
         self._module = module
         self._tree = tree
         self._settings = settings
@@ -71,7 +71,7 @@ class OperatorApi:
         self._access = Access()
 
     def serve(self) -> None:
-        """Takes requests from now on."""
+        """Registers the handlers of the requests."""
         serve = self._module.serve
         serve("sys/tree/get", TreeGet, self._get, reply=TreeValue)
         serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
@@ -82,7 +82,7 @@ class OperatorApi:
         """The structure of another platform may have changed."""
         self._structures_changed.set()
 
-    # -- where things are
+    # -- lookup
 
     def _split(self, path: str) -> tuple[str, str]:
         platform, local = names.split(names.check_path(path))
@@ -104,7 +104,7 @@ class OperatorApi:
         return sorted({self._module.platform, *self._tree.replicas.platforms()}, key=names.natural)
 
     def _own_leaf(self, local: str) -> Leaf:
-        """A resource of this platform. Raises: NotFound with what may have been meant."""
+        """A resource of this platform. Raises: NotFound with similar paths."""
         index = self._tree.local.index
         found = index.get(local)
         if found is None:
@@ -155,7 +155,7 @@ class OperatorApi:
         if mirrored is not None and (mirrored.quality == Quality.LIVE or not self._reachable(platform)):
             return mirrored
         if not self._reachable(platform):
-            raise NoAnswer(f"{request.path}: {platform} cannot be reached, and no value of it was kept here")
+            raise NoAnswer(f"{request.path}: {platform} cannot be reached, and this node has no value of it")
         # the owner has the newest value, and finds similar paths
         found = await self._module.request(
             f"/{platform}/sys/tree/get", TreeGet(local), TreeValue, timeout_s=self._answer_s
@@ -172,9 +172,7 @@ class OperatorApi:
             )
         frame = self._peek.frame(local)
         if frame is None:
-            raise NotFound(
-                f"{path}: no value yet; expected one from {resource.owner or 'whoever provides it'}"
-            )
+            raise NotFound(f"{path}: no value yet; expected one from {resource.owner or 'its provider'}")
         age_s = (self._module.now_ns() - frame.stamp_ns) / 1e9
         return self._value(path, leaf, frame, age_s, "own", self._settings.version(local))
 
@@ -273,7 +271,7 @@ class OperatorApi:
         taker = self._applications.table.serving_path(resource.path)
         if taker is None or taker[1].type != resource.type:
             owner = resource.owner or "no application"
-            raise Denied(f"{shown}: {owner} takes no values for it now; expected one that does")
+            raise Denied(f"{shown}: {owner} does not accept values for it now")
         if taker[1].kind == "request":
             cls = registry.find(resource.reply)
             answer = await self._module.request(resource.path, value, cls, timeout_s=self._answer_s)

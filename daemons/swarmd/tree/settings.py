@@ -32,7 +32,7 @@ class Settings:
         self._writing = asyncio.Lock()
 
     def publish(self, resources: Iterable[Resource]) -> None:
-        """Open a board for each setting of the tree, and remove those of settings that left it."""
+        """Open a board for each setting of the tree, and close those of removed settings."""
         wanted = {resource.path: resource for resource in resources if resource.kind is Kind.SETTING}
         for path in [path for path, board in self._boards.items() if board.resource != wanted.get(path)]:
             self._boards.pop(path).close(unlink=path not in wanted)
@@ -93,7 +93,7 @@ class Settings:
             try:
                 kept = await asyncio.to_thread(self._store.put, resource.path, plain, former)
             except OSError as error:
-                raise SwarmError(f"{shown}: cannot be kept: {error}; the old value holds") from error
+                raise SwarmError(f"{shown}: cannot be stored: {error}; the old value stays") from error
             board.write(value)
             return kept.version
 

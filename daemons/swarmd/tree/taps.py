@@ -42,7 +42,7 @@ class Peek:
 
 
 class Tap:
-    """Gives each new value of one own resource to a callback: of events, those from now on."""
+    """Passes each new value of one own resource to a callback; of events, only those from now on."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class Tap:
         on_value: Callable[[TreeItem], None],
         on_overrun: Callable[[str, int], None],
     ) -> None:
-        """`on_overrun`: gets the number of items that were overwritten before they could be read."""
+        """`on_overrun`: called with the number of items that were overwritten before they were read."""
         self.resource = resource
         self._on_value = on_value
         self._on_overrun = on_overrun

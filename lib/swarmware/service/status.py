@@ -64,7 +64,7 @@ class Reporter:
             paths.status(module.name),
             AppStatus,
             rate_hz=1 / PERIOD_S,
-            description="Beat of the application",
+            description="Heartbeat of the application",
         )
         made = cls(module, writer, restarts)
         made.report()

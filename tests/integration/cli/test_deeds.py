@@ -132,7 +132,7 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
         assert ctl("health ls").code == 3
         while "without uav2" not in (start := ctl("mission start formation")).err:
             assert start.code == 2, "known to be away is one second, lost for a mission three"
-        assert "uav2: takes no part: lost: not heard of for" in start.err
+        assert "uav2: takes no part: lost: no beacon for" in start.err
         assert "without uav2: they will move: expected --yes" in start.err
         landed = ctl("land --all --json")
         assert landed.code == 3

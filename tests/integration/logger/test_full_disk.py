@@ -91,7 +91,7 @@ async def test_a_full_disk_is_shown_and_costs_nothing_when_there_is_room_again(
                 text.startswith("logger/disk: full: ") and f"{log}: No space left" in text for text in found
             ), found
 
-            with pytest.raises(SwarmError, match="cannot be kept"):
+            with pytest.raises(SwarmError, match="cannot be stored"):
                 await set_gain(module, 2.0)
             kept = await module.request("sys/tree/get", TreeGet(f"/uav1/{GAIN}"), TreeValue, timeout_s=10)
             assert (msgspec.msgpack.decode(kept.data), kept.version) == ([1.5], 1)

@@ -284,7 +284,7 @@ async def test_a_plan_says_who_is_left_out_and_why_and_orders_nothing(tmp_path: 
             while len(plan.left_out) < 1:
                 plan = await s.ask("sys/mission/plan", one, MissionPlan)
         assert plan.left_out[-1].platform == "ugv1"
-        assert "lost: not heard of for" in plan.left_out[-1].why
+        assert "lost: no beacon for" in plan.left_out[-1].why
         named = msgspec.structs.replace(one, members=("uav1",))
         assert (await s.ask("sys/mission/plan", named, MissionPlan)).left_out == ()
         assert s["uav1"].history == []

@@ -89,7 +89,7 @@ def test_an_order_that_does_not_fit_is_refused(changed: dict[str, Any], words: s
 
 
 def test_an_order_that_came_too_late_is_refused() -> None:
-    with pytest.raises(MissionError, match=r"came 2\.0 s after it had expired"):
+    with pytest.raises(MissionError, match=r"arrived 2\.0 s after its expiry"):
         admit(order(), 12 * S)
 
 

@@ -32,13 +32,13 @@ def test_who_fell_silent_is_lost_and_said_to_be_since_when() -> None:
     census.on_state("uav1", IDLE, 10 * S)
     census.on_reachable("uav1", 12 * S)
     assert census.present(15 * S + 1) == {}
-    assert why(census, 32 * S) == {"uav1": "lost: not heard of for 20 s"}
+    assert why(census, 32 * S) == {"uav1": "lost: no beacon for 20 s"}
 
 
 def test_who_is_reached_but_has_no_mission_daemon_is_said_so() -> None:
     census = Census("gcs", 3 * S)
     census.on_reachable("relay", 10 * S)
-    assert why(census, 11 * S) == {"relay": "no mission daemon is heard of there"}
+    assert why(census, 11 * S) == {"relay": "no state of its mission daemon was received"}
     assert why(census, 20 * S) == {"relay": "out of reach"}
 
 

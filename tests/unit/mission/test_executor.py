@@ -104,7 +104,7 @@ def test_nobody_begins_when_one_does_not_answer() -> None:
     m.order(members=(A, B))
     assert words(m.core.on_timer(10 * S)) == ["state:idle"]
     state = m.core.state()
-    assert state.text == "hop was not started: not all members stand ready: without b"
+    assert state.text == "hop was not started: not all members are ready: without b"
     assert (state.mission, state.epoch) == ("", 7), "nothing was played, and of this run everybody knows it"
     assert m.order(now=11 * S)[0] == "state:ready"
 

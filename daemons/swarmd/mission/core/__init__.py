@@ -1,1 +1,1 @@
-"""What the mission daemon decides: pure, time is an argument. No io of any kind may live here."""
+"""Decisions of the mission daemon: pure, time is an argument; no input or output of any kind."""

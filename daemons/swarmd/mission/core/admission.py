@@ -9,27 +9,28 @@ from swarmware.types.mission import MissionOrder
 
 
 class OrderAdmission:
-    """Checks orders: first what came with the mission, then, when it is read, what this platform can do."""
+    """Checks orders: first the order itself, then, once its mission is read, whether this platform can play
+    it."""
 
     def __init__(self, platform: str, kind: str) -> None:
         self._platform = platform
         self._kind = kind
 
     def verify(self, order: MissionOrder, now_ns: int, expires_ns: int, sender: str | None = None) -> Binding:
-        """How the order's mission is to be read here.
+        """Checks an order; returns the binding with which its mission is read here.
 
-        `expires_ns` is the order's expiry on this platform's clock; `sender` the platform that sent it, None
-        where nothing proves it.
+        `expires_ns` is the order's expiry on this platform's clock; `sender` is the platform that sent it,
+        None where it is not authenticated.
         Raises: MissionError with the reason.
         """
-        # its expiry is in the issuer's time, and members answer to it: nobody orders in another's name
+        # the expiry is on the issuer's clock, and members reply to the issuer: it must be the sender
         if sender is not None and sender != order.issuer:
             raise MissionError(
                 f"order of {order.issuer}: sent by {sender}; expected it from its issuer itself"
             )
         if now_ns > expires_ns:
             late_s = (now_ns - expires_ns) / 1e9
-            raise MissionError(f"order of {order.issuer}: came {late_s:.1f} s after it had expired")
+            raise MissionError(f"order of {order.issuer}: arrived {late_s:.1f} s after its expiry")
         if content_hash(order.text) != order.text_hash:
             raise MissionError(f"{order.file}: the content is not what {order.issuer} sent (hash differs)")
         if not any(member.platform == self._platform for member in order.members):
@@ -39,7 +40,7 @@ class OrderAdmission:
         return Binding(self._platform, self._kind, order.role, order.mission, order.params)
 
     def run(self, order: MissionOrder, mission: MissionDefinition) -> Run:
-        """The order as a run of its mission, which was checked.
+        """The run of an order whose mission was checked.
 
         Raises: MissionError when this kind of platform cannot play it.
         """

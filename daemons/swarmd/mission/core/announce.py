@@ -1,4 +1,4 @@
-"""When a mission state goes onto its board: at once on change, a few times, then as a heartbeat."""
+"""When a mission state is written to its board: at once on change, repeated, then as a heartbeat."""
 
 from typing import Final
 
@@ -7,17 +7,17 @@ import msgspec
 from swarmware.types.mission import MissionState
 
 INTERVAL_NS: Final = 100_000_000
-"""Least time between two writes: the period of the beacon."""
+"""Minimum time between two writes: the period of the beacon."""
 REPEATS: Final = 3
 """Writes of a change: a datagram in ten may be lost, all three in a thousand."""
 HEARTBEAT_NS: Final = 1_000_000_000
-"""A member silent for some of these is lost."""
+"""Period of writes without a change; a member that misses several is lost."""
 _QUIET: Final = {"progress_ratio": 0.0, "text": ""}
 """Fields whose change can wait for the heartbeat."""
 
 
 class Announcer:
-    """Decides about writes; the state itself is the caller's."""
+    """Decides when the state is written; the caller keeps the state."""
 
     def __init__(self) -> None:
         self._announced: MissionState | None = None
@@ -25,7 +25,7 @@ class Announcer:
         self._last_ns: int | None = None
 
     def due(self, state: MissionState, now_ns: int) -> bool:
-        """Whether to write this state now."""
+        """Whether this state is to be written now."""
         key = msgspec.structs.replace(state, **_QUIET)
         if key != self._announced:
             self._announced, self._left = key, REPEATS
@@ -37,7 +37,7 @@ class Announcer:
         return True
 
     def deadline_ns(self) -> int | None:
-        """When to ask again, if nothing changes; None: at once."""
+        """When `due` must be called next without a change; None: at once."""
         if self._last_ns is None:
             return None
         return self._last_ns + (INTERVAL_NS if self._left else HEARTBEAT_NS)

@@ -1,9 +1,9 @@
-"""Barriers of an ensemble: arrivals are states that all see, all leave at one common time (S4.10, S4.23).
+"""Barriers of an ensemble: members publish their arrival, and all leave at one common time (S4.10, S4.23).
 
-The first member that is there opens a barrier by saying when all leave, on its own clock; the others convert.
-A time-out, or a member that is lost or finished, breaks a barrier for everybody who waits (S4.17).
-A ground station is an exception: a flying swarm waits for one that is there, but one that vanished, ended or
-gave up is not needed, unless the barrier names its role.
+The first participant opens a barrier: it publishes the common time on its own clock; the others convert it.
+A time-out, or a member that is lost or has ended, breaks a barrier for all members that wait (S4.17).
+A ground station is an exception: a flying swarm waits for a present one, but does not need one that is lost,
+has ended or timed out, unless the barrier names its role.
 """
 
 from collections import OrderedDict
@@ -16,38 +16,38 @@ from swarmd.mission.core.run import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockRes
 from swarmware.types.mission import INACTIVE, Arrival, BarrierResult, Member, MissionPhase, MissionState
 
 OVER: Final = INACTIVE | {MissionPhase.ENDING, MissionPhase.RECOVERING}
-"""States of a member that will come to no barrier any more."""
+"""States of a member that will not arrive at any further barrier."""
 STATION: Final = "gcs"
-"""Kind of the members without which the others go on (S1.5)."""
+"""Kind of the members that the others do not need to continue (S1.5)."""
 ORDERED: Final = frozenset({MissionPhase.ABORTED})
-"""States into which only an instruction brings a ground station: they hold for everybody."""
+"""States that a ground station enters only on an instruction: then it counts like any other member."""
 PATIENCE: Final = 3
-"""A member whose mission is silent but whose computer still sends gets so many times longer."""
+"""Factor on the time-out of a member whose mission is silent while its computer still sends."""
 MEMORY: Final = 16
-"""Outcomes of barriers that a member remembers."""
+"""Number of barrier results that a member stores."""
 ANNOUNCED: Final = 3
-"""Of these it keeps announcing the newest, for members that come late."""
+"""Number of the newest results that it keeps publishing, for members that arrive late."""
 
 LATE_NS: Final = 500_000_000
-"""A member that waits, and learns so long after the common time that the others have left, stays behind."""
+"""A waiting member that receives the result so long after the common time does not follow the others."""
 
 Key = tuple[str, int]
 
 
 class BarrierSpec(msgspec.Struct, frozen=True):
-    """A barrier as one member's mission has it."""
+    """A barrier as defined in the mission of one member."""
 
     barrier: str
     visit: int
     quorum: int | None = None
-    """How many open it; None: all."""
+    """Number of arrivals that open it; None: all."""
     roles: tuple[str, ...] = ()
-    """Who meets there; empty: everybody."""
+    """Roles that participate; empty: all."""
     timeout_s: float | None = None
 
 
 class Passed(msgspec.Struct, frozen=True):
-    """A wait that is over."""
+    """The end of a wait at a barrier."""
 
     token: int
     result: BlockResult
@@ -55,7 +55,7 @@ class Passed(msgspec.Struct, frozen=True):
 
 
 class _OtherMember(msgspec.Struct):
-    """What is known about another member."""
+    """State of another member as received here."""
 
     state: MissionState | None = None
     """Its newest state in this run; None: none was received yet."""
@@ -63,7 +63,7 @@ class _OtherMember(msgspec.Struct):
     alive_ns: int = 0
     """When anything else was last received from its computer."""
     left: bool = False
-    """It took part and now plays something else, or was restarted."""
+    """It took part, and now plays another mission or was restarted."""
 
 
 class _Waiting(msgspec.Struct):
@@ -73,18 +73,18 @@ class _Waiting(msgspec.Struct):
 
 
 class _Known(msgspec.Struct):
-    """An outcome of a barrier."""
+    """The result of a barrier as known here."""
 
     leave_ns: int | None
-    """Own clock; None: broken."""
+    """Common time on the own clock; None: the barrier is broken."""
     by: int
-    """Member who said so first, by its place in the order."""
+    """Index of the member that decided the result."""
     relayed: bool
-    """Heard from another one, so converted more than once."""
+    """Received from a member that did not decide it, so converted more than once."""
     since_ns: int
-    """When this member learnt it."""
+    """When this member received it."""
     passed: bool = False
-    """This member has gone by it: its outcome is history."""
+    """This member has passed the barrier: its result is final."""
 
 
 class Barriers:
@@ -99,7 +99,7 @@ class Barriers:
         lead: Callable[[], int],
         strict: frozenset[str] = frozenset(),
     ) -> None:
-        """`lead`: nanoseconds from the opening of a barrier to the common time, asked when one opens."""
+        """`lead`: returns the nanoseconds from the opening of a barrier to the common time."""
         self._me = me
         self._members = members
         self._stations = frozenset(member.platform for member in members if member.kind == STATION)
@@ -117,23 +117,23 @@ class Barriers:
 
     @property
     def arrivals(self) -> tuple[Arrival, ...]:
-        """Where this member waits, for its board."""
+        """Barriers at which this member waits, for its board."""
         return tuple(Arrival(w.spec.barrier, w.spec.visit) for w in self._waiting.values())
 
     @property
     def results(self) -> tuple[BarrierResult, ...]:
-        """Outcomes of barriers, on this member's clock, for its board."""
+        """The newest results, on this member's clock, for its board."""
         newest = list(self._known.items())[-ANNOUNCED:]
         return tuple(BarrierResult(*key, known.leave_ns, known.by) for key, known in newest)
 
     def expect_all(self, now_ns: int) -> None:
-        """From now on a member's silence means that it is lost."""
+        """From now on a silent member counts as lost."""
         self._expected = True
         for peer in self._peers.values():
             peer.received_ns = peer.alive_ns = now_ns
 
     def on_alive(self, platform: str, now_ns: int) -> None:
-        """Another sign of life of a member: its datagrams arrive, even if its mission's was lost."""
+        """Datagrams of a member arrive, even if its mission state was lost."""
         peer = self._peers.get(platform)
         if peer is not None:
             peer.alive_ns = max(peer.alive_ns, now_ns)
@@ -156,16 +156,16 @@ class Barriers:
             self._learn((result.barrier, result.visit), result.leave_ns, result.by, relayed, now_ns)
 
     def arrive(self, token: int, spec: BarrierSpec, now_ns: int) -> None:
-        """This member has come to a barrier."""
+        """This member has arrived at a barrier."""
         deadline_ns = None if spec.timeout_s is None else now_ns + round(spec.timeout_s * 1e9)
         self._waiting[token] = _Waiting(spec, now_ns, deadline_ns)
 
     def withdraw(self, token: int) -> None:
-        """This member waits there no longer."""
+        """This member does not wait at that barrier any more."""
         self._waiting.pop(token, None)
 
     def on_timer(self, now_ns: int) -> list[Passed]:
-        """Waits that are over; to be asked after every event and at the deadline."""
+        """Returns the waits that have ended; call it after every event and at the deadline."""
         passed: list[Passed] = []
         self._judged_ns = now_ns
         for token, waiting in list(self._waiting.items()):
@@ -181,13 +181,13 @@ class Barriers:
         for waiting in self._waiting.values():
             known = self._known.get((waiting.spec.barrier, waiting.spec.visit))
             if known is not None:
-                # a broken one is over at once, that is: at the next call
+                # a wait at a broken barrier ends at the next call
                 instants.append(-(1 << 63) if known.leave_ns is None else known.leave_ns)
                 continue
             if waiting.deadline_ns is not None:
                 instants.append(waiting.deadline_ns)
             if self._expected:
-                # a loss that was judged already, and broke nothing, is not an event any more
+                # a loss that was evaluated and did not break the barrier needs no further call
                 instants += [
                     lost_ns + 1
                     for name in self._participants(waiting.spec)
@@ -221,14 +221,14 @@ class Barriers:
         if known.leave_ns > now_ns:
             return None
         known.passed = True
-        # who comes after a quorum has left passes; who waited for all and was cut off must not follow alone
+        # a member that arrives after a quorum has left passes; one that waited for all must not follow alone
         late = known.since_ns - known.leave_ns > LATE_NS
         if late and spec.quorum is None and waiting.since_ns <= known.leave_ns:
             return BARRIER_BROKEN, f"the others left {(now_ns - known.leave_ns) / 1e9:.1f} s ago"
         return SUCCESS, ""
 
     def _judge(self, waiting: _Waiting, now_ns: int) -> None:
-        """Opens or breaks the barrier, if that is this member's part now."""
+        """Opens or breaks the barrier if this member has to decide it now."""
         spec = waiting.spec
         participants = self._needed(spec, now_ns)
         there = [name for name in participants if self._is_there(name, spec, now_ns)]
@@ -248,7 +248,8 @@ class Barriers:
             self._learn(key, None, self._rank[self._me], relayed=False, now_ns=now_ns)
 
     def _is_history(self, spec: BarrierSpec) -> bool:
-        """Somebody is at a later visit of it: how this one went is remembered by nobody any more."""
+        """Whether a member is at a later visit of this barrier: results of earlier ones are not stored any
+        more."""
         here = Arrival(spec.barrier, spec.visit)
         return any(barrier == spec.barrier and visit > spec.visit for barrier, visit in self._known) or any(
             arrival.barrier == spec.barrier and arrival.visit > spec.visit
@@ -258,7 +259,8 @@ class Barriers:
         )
 
     def _learn(self, key: Key, leave_ns: int | None, by: int, relayed: bool, now_ns: int) -> None:
-        """Broken wins, so that all go the same way; then what the first member said, at first hand."""
+        """Stores a result. `broken` takes precedence, so that all decide alike; then the first member's own
+        result."""
         known = self._known.get(key)
         if known is None:
             self._known[key] = _Known(leave_ns, by, relayed, now_ns)
@@ -273,7 +275,7 @@ class Barriers:
         return [m.platform for m in self._members if not spec.roles or m.role in spec.roles]
 
     def _needed(self, spec: BarrierSpec, now_ns: int) -> list[str]:
-        """Participants without the ground stations that are gone, where these may be."""
+        """Participants, except lost or ended ground stations that the barrier does not need."""
         return [
             name
             for name in self._participants(spec)
@@ -281,14 +283,14 @@ class Barriers:
         ]
 
     def _dispensable(self, name: str, barrier: str) -> bool:
-        """Whether the others go on without this member, whatever has become of it."""
+        """Whether the others may continue without this member."""
         if name not in self._stations or name == self._me or barrier in self._strict:
             return False
         state = self._peers[name].state
         return state is None or state.state not in ORDERED
 
     def _is_from_dispensable(self, result: BarrierResult) -> bool:
-        """A ground station that saw a barrier break: it had lost the others, or its patience."""
+        """Whether a ground station reports a broken barrier: it lost the others, or its wait timed out."""
         if not 0 <= result.by < len(self._members):
             return False
         return self._dispensable(self._members[result.by].platform, result.barrier)
@@ -310,7 +312,7 @@ class Barriers:
         return self._expected and now_ns > self._lost_ns(peer)
 
     def _lost_ns(self, peer: _OtherMember) -> int:
-        """When it counts as lost, if nothing more is received."""
+        """When a member counts as lost unless something of it is received before."""
         received_ns = peer.received_ns
         last_ns = min(max(received_ns, peer.alive_ns), received_ns + (PATIENCE - 1) * self._lost_after_ns)
         return last_ns + self._lost_after_ns

@@ -21,15 +21,15 @@ class Census:
         self._reached: dict[str, int] = {}
 
     def on_state(self, platform: str, state: MissionState, at_ns: int) -> None:
-        """The state of its mission, which it wrote at this instant."""
+        """A platform published this mission state at that instant."""
         self._received[platform] = _ReceivedState(state, at_ns)
 
     def on_reachable(self, platform: str, now_ns: int) -> None:
-        """There is a way to it now."""
+        """A platform has a route now."""
         self._reached[platform] = now_ns
 
     def present(self, now_ns: int) -> dict[str, MissionState]:
-        """Platforms whose mission daemon was received lately."""
+        """Platforms whose mission state was received within the time-out."""
         oldest_ns = now_ns - self._lost_after_ns
         return {
             name: received.state
@@ -42,7 +42,7 @@ class Census:
         return [name for name, received in self._received.items() if received.state.epoch == epoch]
 
     def absent(self, now_ns: int) -> list[LeftOut]:
-        """Platforms that are known and could take no part now."""
+        """Known platforms that cannot take part now, with the reason."""
         known = {*self._received, *self._reached, *self._roster} - {*self.present(now_ns), self._me}
         return [LeftOut(name, self._why(name, now_ns)) for name in sorted(known)]
 
@@ -51,11 +51,11 @@ class Census:
         reached_ns = self._reached.get(name)
         if received is not None:
             silent_s = (now_ns - max(received.at_ns, reached_ns or received.at_ns)) / 1e9
-            return f"lost: not heard of for {silent_s:.0f} s"
+            return f"lost: no beacon for {silent_s:.0f} s"
         if reached_ns is not None and now_ns - reached_ns <= self._lost_after_ns:
-            return "no mission daemon is heard of there"
+            return "no state of its mission daemon was received"
         return (
             "out of reach"
             if reached_ns is not None
-            else "on the roster, not heard of since this node started"
+            else "on the roster, nothing received since this node started"
         )

@@ -1,4 +1,4 @@
-"""One member of an ensemble: order, common start, play, failure, built-in missions, state for all to see."""
+"""One member of an ensemble: order, common start, play, failure, built-in missions, published state."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -40,18 +40,18 @@ from swarmware.runtime.core import AT_ONCE
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
 START: Final = "@start"
-"""The barrier before Start: nobody begins unless all have accepted."""
+"""The barrier before Start: no member begins unless all have accepted the order."""
 CHECK_NS: Final = 1_000_000_000
-"""Requirements are looked at so often (S2.35)."""
+"""Period of evaluating the requirements (S2.35)."""
 REQUIREMENT_MISSES: Final = 3
 """Checks in a row in which a requirement cannot be evaluated before it counts as unmet."""
 
 
 class MissionExecutor:
-    """Decides everything about this platform's mission; the shell runs blocks, writes and listens.
+    """Decides about this platform's mission; the shell runs blocks, writes boards and receives states.
 
-    What the player asks for, and the barriers that are over, are items of one queue, which one loop empties.
-    What an item brings about is handled before the items that were queued before.
+    Actions of the player and ends of barrier waits are items of one queue, which one loop processes.
+    Items that result from an item are processed before those queued earlier.
     """
 
     def __init__(
@@ -63,10 +63,10 @@ class MissionExecutor:
         config: Config,
         lead: Callable[[frozenset[str]], int],
     ) -> None:
-        """`lead`: nanoseconds that the news of an opened barrier needs to reach these platforms."""
+        """`lead`: returns the nanoseconds that the result of a barrier needs to reach these platforms."""
         self._platform = platform
         self._built_in = built_in
-        """What a vehicle of this kind can do by itself: land, hold. A ground station has none."""
+        """Built-in missions of this kind of vehicle, such as land and hold; empty at a ground station."""
         self._lookup = lookup
         self._chance = chance
         self._config = config
@@ -79,7 +79,7 @@ class MissionExecutor:
         self._player: Player | None = None
         self._playing = ""
         self._title = ""
-        """Name that the end reports: the mission, or the built-in one that was ordered by itself."""
+        """Name reported at the end: the mission, or the built-in one that an operator ordered."""
         self._barriers: Barriers | None = None
         self._blocks: dict[int, Block] = {}
         """Barriers at which the mission waits, by token."""
@@ -89,7 +89,7 @@ class MissionExecutor:
         self._recovering = False
         self._queue: deque[PlayerAction | Passed] = deque()
         self._actions: list[Action] = []
-        """For the shell, of the event that is being handled."""
+        """Actions for the shell that result from the current event."""
         self._text = ""
         self._ratios: dict[int, float] = {}
         self._check_ns: int | None = None
@@ -98,7 +98,7 @@ class MissionExecutor:
 
     @property
     def phase(self) -> MissionPhase:
-        """Where the mission stands."""
+        """The present phase of the mission."""
         return self._phase
 
     @property
@@ -113,7 +113,7 @@ class MissionExecutor:
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """The ensemble of the present or last run."""
+        """Members of the ensemble of the present or last run."""
         return self._run.members if self._run else ()
 
     @property
@@ -123,7 +123,7 @@ class MissionExecutor:
 
     @property
     def unmet(self) -> tuple[str, ...]:
-        """Requirements that did not hold when last looked at."""
+        """Requirements that did not hold at the last evaluation."""
         return self._unmet
 
     def state(self) -> MissionState:
@@ -149,7 +149,7 @@ class MissionExecutor:
         return self._barriers.missing(now_ns) if self._barriers else ()
 
     def on_order(self, run: Run, now_ns: int) -> list[Action]:
-        """Takes a mission: it begins when all members have taken it.
+        """Accepts a mission, which begins when all members have accepted it.
 
         Raises: Conflict when another one runs, or a requirement is not met.
         """
@@ -178,20 +178,20 @@ class MissionExecutor:
     def on_state(
         self, platform: str, state: MissionState, results: tuple[BarrierResult, ...], now_ns: int
     ) -> list[Action]:
-        """Another platform's state; its barrier results on this platform's clock."""
+        """A state of another platform was received; its barrier results are on this platform's clock."""
         return self.on_states([(platform, state, results)], now_ns)
 
     def on_states(
         self, states: Iterable[tuple[str, MissionState, tuple[BarrierResult, ...]]], now_ns: int
     ) -> list[Action]:
-        """States of several platforms that are known at the same instant."""
+        """States of several platforms were received at the same instant."""
         if self._barriers is not None:
             for platform, state, results in states:
                 self._barriers.on_state(platform, state, results, now_ns)
         return self._settle(now_ns)
 
     def on_alive(self, platform: str, now_ns: int) -> list[Action]:
-        """Another sign of life of a platform."""
+        """A platform has a route, even if its mission state was lost."""
         if self._barriers is not None:
             self._barriers.on_alive(platform, now_ns)
         return []
@@ -204,14 +204,14 @@ class MissionExecutor:
         return self._settle(now_ns)
 
     def report(self, token: int, ratio: float, text: str) -> None:
-        """How far a functional block is."""
+        """A functional block reports its progress."""
         self._ratios[token] = min(max(ratio, 0.0), 1.0)
         self._text = text
 
     def on_abort(self, reason: str, then: str, now_ns: int) -> list[Action]:
-        """Stops the mission; then the built-in mission named, or the one the mission asks for.
+        """Stops the mission, then plays the built-in mission `then`, or the one that the mission defines.
 
-        Raises: Conflict when there is no such built-in mission here.
+        Raises: Conflict when this platform has no such built-in mission.
         """
         if then and self._built_in and then not in self._built_in:
             raise Conflict(f"built-in mission {then!r}: unknown; expected {', '.join(self._built_in)}")
@@ -219,7 +219,7 @@ class MissionExecutor:
         return self._settle(now_ns)
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Time-outs, common times, lost members, requirements."""
+        """Handles time-outs, common times, lost members and requirements."""
         if self._player is not None:
             self._feed(self._player.on_timer(now_ns), now_ns)
             self._empty_queue(now_ns)
@@ -239,7 +239,7 @@ class MissionExecutor:
         return min(instant for instant in instants if instant is not None)
 
     def _settle(self, now_ns: int) -> list[Action]:
-        """Handles the event to its end: until the queue is empty and no barrier is over."""
+        """Completes the event: processes the queue until it is empty and no wait at a barrier ends."""
         self._empty_queue(now_ns)
         while self._barriers is not None and (passed := self._barriers.on_timer(now_ns)):
             self._queue.extend(passed)
@@ -273,7 +273,7 @@ class MissionExecutor:
                     self._actions.append(action)
 
     def _feed(self, steps: list[PlayerAction], now_ns: int) -> None:
-        """Puts what the player asks for in front of the queue."""
+        """Puts actions of the player at the front of the queue."""
         if self._player is not None and self._player.stopping and self._phase in PLAYING:
             self._move(PhaseEvent.STOP, now_ns)
         self._queue.extendleft(reversed(steps))
@@ -288,7 +288,7 @@ class MissionExecutor:
         if run is None or barriers is None or self._phase is not MissionPhase.READY:
             return
         if result != SUCCESS:
-            reason = f"not all members stand ready: {text}" if text else "not all members stand ready"
+            reason = f"not all members are ready: {text}" if text else "not all members are ready"
             self._withdraw(reason, now_ns)
             return
         self._move(PhaseEvent.BEGIN, now_ns)
@@ -306,9 +306,9 @@ class MissionExecutor:
     def _leave_barrier(self, token: int, result: BlockResult, text: str, now_ns: int) -> None:
         block = self._blocks.pop(token, None)
         if block is None or self._player is None:
-            return  # another barrier that was over at the same time has ended the mission
+            return  # another barrier that ended at the same time has ended the mission
         if result == BARRIER_BROKEN and not any(edge.outcome == result.label for edge in block.edges):
-            # a broken barrier is a time-out that came early, unless the block has an edge for it
+            # a broken barrier counts as an early time-out, unless the block has an edge for it
             result = TIMED_OUT if block.successor(TIMEOUT) else result
         self._feed(self._player.on_ended(token, result, now_ns, text), now_ns)
 
@@ -323,9 +323,9 @@ class MissionExecutor:
         )
 
     def _stop(self, result: PlayResult, reason: str, then: str, now_ns: int) -> None:
-        """From whatever it does to the built-in mission, or to rest."""
+        """Ends what is played, then plays a built-in mission or becomes inactive."""
         if self._phase is MissionPhase.RECOVERING and then in {"", self._playing}:
-            return  # it is doing that already
+            return  # it already plays that one
         if self._phase in PLAYING and self._player is not None:
             self._recovery = then
             self._feed(self._player.stop(result, reason, now_ns), now_ns)
@@ -336,12 +336,12 @@ class MissionExecutor:
         if self._phase is MissionPhase.READY:
             self._withdraw(reason, now_ns)
         if then in self._built_in:
-            # no mission runs that this could abort: the built-in one is all there is
+            # no mission runs: only the built-in one is played
             self._verdict, self._reason, self._title = PhaseEvent.DONE, reason, then
             self._recover(then, reason, now_ns)
 
     def _withdraw(self, reason: str, now_ns: int) -> None:
-        """Drops an order that has not begun: nothing was played, so nothing was aborted."""
+        """Withdraws an order before its mission has begun: nothing was played, so nothing is aborted."""
         if self._barriers is not None:
             self._barriers.withdraw(0)
         self._text = f"{self._playing} was not started: {reason}"
@@ -349,7 +349,7 @@ class MissionExecutor:
         self._playing = ""
 
     def _end(self, result: PlayResult, reason: str, now_ns: int) -> None:
-        """Goes on after the player has ended: with a built-in mission, or to rest."""
+        """Handles the end of a play: plays a built-in mission or becomes inactive."""
         recovering, self._recovering = self._recovering, False
         recovery, self._recovery = self._recovery, ""
         self._ratios = {}

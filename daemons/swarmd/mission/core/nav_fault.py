@@ -1,4 +1,4 @@
-"""How long a navigator may report an error before its motion fails, and with which error it then fails."""
+"""Time-outs of errors that the navigator reports, and the errors with which its motion then fails."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -15,7 +15,8 @@ KINDS: Final[dict[NavError, str]] = {
 }
 """Kind of a block's error, by the navigator's error."""
 DEFAULT_S: Final[dict[NavError, float]] = {NavError.DISARMED: 1.0, NavError.BAD_GOAL: 0.0}
-"""Timeouts where the settings give none: the report of arming may come later; a bad goal does not improve."""
+"""Timeouts where the settings give none: the report of arming may be delayed; an invalid goal stays
+invalid."""
 
 
 class NavFaultTimeouts:

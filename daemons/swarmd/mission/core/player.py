@@ -41,7 +41,7 @@ class PlayerPhase(StrEnum):
     IDLE = "idle"
     RUNNING = "running"
     ENDING = "ending"
-    """Nothing new begins; cancelled blocks are still to end."""
+    """No further block begins; cancelled blocks have not ended yet."""
     OVER = "over"
 
 
@@ -50,7 +50,7 @@ NEXT: Final = {
     PlayerPhase.RUNNING: PlayerPhase.ENDING,
     PlayerPhase.ENDING: PlayerPhase.OVER,
 }
-"""A play goes through its phases once, in this order."""
+"""Transitions of the phases: each is entered at most once, in this order."""
 
 
 class _Running(msgspec.Struct):
@@ -66,7 +66,7 @@ class _Running(msgspec.Struct):
 class Player:
     """Plays one mission once.
 
-    Sound missions only: what the check excludes (two tokens in a block) fails the mission here.
+    For checked missions only: what the check excludes (two tokens in a block) fails the mission here.
     """
 
     def __init__(
@@ -82,15 +82,15 @@ class Player:
         self._tokens = tokens
         self._phase = PlayerPhase.IDLE
         self._actions: list[PlayerAction] = []
-        """For the caller of the event that is being handled."""
+        """Actions that result from the current event."""
         self._running: dict[int, _Running] = {}
         self._arrived: set[str] = set()
         self._visits: dict[str, int] = {}
-        """Of each barrier, by its id."""
+        """Number of visits of each barrier, by its id."""
         self._entered: set[str] = set()
         self._ended = PlayEnded(PlayResult.DONE)
         self._cause = ""
-        """The newest error, the reason of a failed End."""
+        """The newest error: the reason when the mission reaches a failed End."""
         self._places: dict[str, frozenset[str]] = {
             join.id: frozenset(
                 join_place(block.id, join.id)
@@ -108,7 +108,7 @@ class Player:
 
     @property
     def stopping(self) -> bool:
-        """Nothing new begins any more."""
+        """Whether the play is ending: no further block begins."""
         return self._phase in {PlayerPhase.ENDING, PlayerPhase.OVER}
 
     @property
@@ -117,13 +117,13 @@ class Player:
         return len(self._entered) / len(self._mission.blocks)
 
     def start(self, now_ns: int) -> list[PlayerAction]:
-        """Puts the token on Start."""
+        """Starts the play: puts the token on Start."""
         self._move(PlayerPhase.RUNNING)
         self._enter("", self._mission.start, now_ns)
         return self._taken()
 
     def on_ended(self, token: int, result: BlockResult, now_ns: int, text: str = "") -> list[PlayerAction]:
-        """A block has ended, or a barrier is over; the end of an abandoned block is ignored."""
+        """A block or a wait at a barrier has ended; the end of an abandoned block is ignored."""
         running = self._running.pop(token, None)
         if running is None:
             return []
@@ -131,18 +131,18 @@ class Player:
         return self._taken()
 
     def stop(self, result: PlayResult, reason: str, now_ns: int) -> list[PlayerAction]:
-        """Ends the mission early: everything that runs is cancelled."""
+        """Ends the mission early: cancels all running blocks."""
         if self._phase is PlayerPhase.RUNNING:
             self._end(result, reason, now_ns)
         return self._taken()
 
     def on_timer(self, now_ns: int) -> list[PlayerAction]:
-        """Pauses that are over, blocks that take too long, cancelled ones that do not end."""
+        """Handles the end of pauses, time-outs of blocks, and cancelled blocks that do not end."""
         for running in list(self._running.values()):
             if running.deadline_ns is None or running.deadline_ns > now_ns:
                 continue
             if running.token not in self._running:
-                continue  # an earlier one of this round has ended the mission
+                continue  # an earlier block in this loop has ended the mission
             if running.result is not None:
                 del self._running[running.token]
                 self._actions.append(ProgressStep(running.block.id, running.block.type, ABANDONED.label))
@@ -168,7 +168,7 @@ class Player:
         self._phase = phase
 
     def _enter(self, source: str, target: str, now_ns: int) -> None:
-        """Moves a token to a block, and on through all that take no time."""
+        """Moves a token to a block, and further through blocks that take no time."""
         work = [(source, target)]
         for _ in range(STEPS_LIMIT):
             if not work or self._phase is not PlayerPhase.RUNNING:
@@ -234,8 +234,8 @@ class Player:
         deadline_ns = None if seconds is None else now_ns + round(seconds * 1e9)
         self._actions.append(ProgressStep(block.id, block.type, STARTED))
         if block.type == "Barrier":
-            # its time-out is the ensemble's business: all members must hear of it
-            # one barrier per id, whatever the block: the second block of that id is the second meeting
+            # `Barriers` handles its time-out: it breaks the barrier for all members
+            # blocks with the same id are visits of one barrier
             barrier = block.params.id if isinstance(block.params, Barrier) else block.id
             visit = self._visits[barrier] = self._visits.get(barrier, 0) + 1
             self._running[token] = _Running(block, token, None)

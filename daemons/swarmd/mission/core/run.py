@@ -1,4 +1,4 @@
-"""One run of a mission on one platform: what was ordered, its phases and results, actions."""
+"""One run of a mission on one platform: its order, phases, results and actions."""
 
 from enum import StrEnum
 from typing import Final
@@ -12,7 +12,7 @@ from swarmware.types.mission import Member, MissionPhase, MissionState
 
 
 class Run(msgspec.Struct, frozen=True):
-    """What is to be played, with whom."""
+    """An accepted order: the mission and its members."""
 
     mission: MissionDefinition
     name: str
@@ -32,7 +32,7 @@ PLAYING: Final = frozenset({MissionPhase.RUNNING, MissionPhase.RECOVERING})
 
 
 class PhaseEvent(StrEnum):
-    """What changes the phase."""
+    """Event that changes the phase of a mission."""
 
     ORDER = "order"
     BEGIN = "begin"
@@ -42,7 +42,7 @@ class PhaseEvent(StrEnum):
     ABORTED = "aborted"
     RECOVER = "recover"
     WITHDRAWN = "withdrawn"
-    """The order is taken back before any member has begun."""
+    """The order is withdrawn before any member has begun."""
 
 
 TRANSITIONS: Final[dict[tuple[MissionPhase, PhaseEvent], MissionPhase]] = {
@@ -78,7 +78,7 @@ def follow(phase: MissionPhase, event: PhaseEvent) -> MissionPhase:
 
 
 class BlockEnd(StrEnum):
-    """How a block ends."""
+    """Kind of the end of a block."""
 
     OK = OK
     TIMEOUT = TIMEOUT
@@ -89,7 +89,7 @@ class BlockEnd(StrEnum):
 
 
 BROKEN: Final = "broken"
-"""Kind of the error of a barrier to which a member that it needs will not come."""
+"""Kind of the error of a barrier at which a needed member will not arrive."""
 CRASHED: Final = "crashed"
 """Kind of the error of a block that raised an exception which is not a BlockError."""
 UNKNOWN_VALUE: Final = "unknown_value"
@@ -97,7 +97,7 @@ UNKNOWN_VALUE: Final = "unknown_value"
 
 
 class BlockResult(msgspec.Struct, frozen=True):
-    """How a block has ended."""
+    """Result of a block that has ended."""
 
     end: BlockEnd
     error: str = ""
@@ -115,7 +115,7 @@ BARRIER_BROKEN: Final = BlockResult(BlockEnd.ERROR, BROKEN)
 
 
 class PlayResult(StrEnum):
-    """How a mission has been played."""
+    """Result of a play."""
 
     DONE = "done"
     FAILED = "failed"
@@ -136,12 +136,12 @@ class CancelBlock(msgspec.Struct, frozen=True):
 
 
 class EnterBarrier(msgspec.Struct, frozen=True):
-    """The mission has come to a barrier."""
+    """The mission has arrived at a barrier."""
 
     token: int
     block: Block
     visit: int
-    """Counts from 1."""
+    """Number of this visit, from 1."""
 
 
 class LeaveBarrier(msgspec.Struct, frozen=True):
@@ -158,12 +158,12 @@ class ProgressStep(msgspec.Struct, frozen=True):
     """A progress event for operators and the log."""
 
     block: str
-    """Empty: the mission as a whole."""
+    """Id of the block; empty: the mission as a whole."""
     type: str
     event: str
     text: str = ""
     mission: str = ""
-    """What is played: the mission, or a built-in one."""
+    """Name of the mission that is played, perhaps a built-in one."""
 
 
 class PlayEnded(msgspec.Struct, frozen=True):
@@ -181,4 +181,4 @@ class Announce(msgspec.Struct, frozen=True):
 
 PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | ProgressStep | PlayEnded
 Action = StartBlock | CancelBlock | ProgressStep | Announce
-"""What leaves the executor, which handles barriers and ends itself."""
+"""Actions for the shell; the executor handles barriers and ends itself."""

@@ -206,7 +206,7 @@ class Estimator:
             if self._may_rest and quiet:
                 return
             self.at_rest = False
-            if not quiet:  # moved from outside: the speed is unknown
+            if not quiet:  # moved by an external force: the speed is unknown
                 for axis in axes:
                     axis.vv = _FIRST_SPEED_SIGMA_M_S**2
         elif self._may_rest and quiet and self._now_ns >= self._rest_allowed_ns:

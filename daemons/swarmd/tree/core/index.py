@@ -50,19 +50,19 @@ class Index:
         self._paths: SortedList[str] | None = None
         # built by the first search: most replicas are never searched
         self.digest = 0
-        """Equal for equal content, however it came about."""
+        """Equal for equal content, independent of the order of changes."""
         for item in self._leaves.values():
             self.digest ^= item.mark
 
     def copy(self) -> "Index":
-        """An index of its own with the same leaves."""
+        """A separate index with the same leaves."""
         twin = Index()
         twin._leaves = self._leaves.copy()
         twin.digest = self.digest
         return twin
 
     def put(self, item: Leaf) -> bool:
-        """Add or replace; whether anything changed."""
+        """Add or replace a leaf; returns whether anything changed."""
         path = item.resource.path
         old = self._leaves.get(path)
         if old is not None:
@@ -76,7 +76,7 @@ class Index:
         return True
 
     def remove(self, path: str) -> bool:
-        """Take out; whether it was there."""
+        """Remove the leaf at a path; returns whether there was one."""
         old = self._leaves.pop(path, None)
         if old is None:
             return False
@@ -96,7 +96,7 @@ class Index:
         return path in self._leaves
 
     def __iter__(self) -> Iterator[Leaf]:
-        """Every leaf, in no order."""
+        """Iterate over all leaves, in no particular order."""
         return iter(self._leaves.values())
 
     @property

@@ -1,4 +1,4 @@
-"""Notifications of one lane on their way to one subscriber: a window of them, each sent until it is there."""
+"""Notifications of one lane to one subscriber: a window of them, each retransmitted until acknowledged."""
 
 from collections.abc import Iterator
 from enum import IntEnum

@@ -25,9 +25,9 @@ class OwnerTimeouts(msgspec.Struct, frozen=True, kw_only=True):
     """Time-outs for owners that have ended."""
 
     lost_ns: int
-    """From an owner's end to `lost`; longer than a restart."""
+    """Time from an owner's end to `lost`; longer than a restart."""
     expire_ns: int
-    """From `lost` to the removal of what only the owner named."""
+    """Time from `lost` to the removal of resources that are not in the template."""
 
 
 def merge(base: Resource | None, live: Resource) -> Resource:
@@ -51,7 +51,7 @@ def merge(base: Resource | None, live: Resource) -> Resource:
 class LocalTree:
     """The template's resources, merged with those of running applications.
 
-    A resource of an ended application is `lost` after a time, and later as before its start.
+    A resource of an ended application is `lost` after a time, and later in its state before the start.
     """
 
     def __init__(self, template: Iterable[Resource], epoch: int, timing: OwnerTimeouts) -> None:

@@ -1,4 +1,4 @@
-"""How far a value can be trusted: its owner, its age, the way to it."""
+"""Quality of a value, from its owner, its age and the reachability of its platform."""
 
 from enum import StrEnum
 from typing import Final
@@ -6,20 +6,20 @@ from typing import Final
 from swarmd.tree.core.index import Leaf
 
 BEACON_S: Final = 1.25
-"""A board of another platform that does not change comes with a beacon each half second; after 2.5 periods
-without any the link itself is down."""
+"""An unchanged board of another platform is repeated with a beacon each half second; after 2.5 periods
+without a beacon the link is down."""
 
 
 class Quality(StrEnum):
-    """Of a resource's value as it is seen here."""
+    """Quality of a resource's value at this node."""
 
     LIVE = "live"
     STALE = "stale"
-    """Older than it may be, or of unknown age."""
+    """Older than its maximum age, or of unknown age."""
     LOST = "lost"
-    """Its owner has gone, or its platform cannot be reached."""
+    """Its owner has ended, or its platform cannot be reached."""
     NONE = "none"
-    """No value has been seen here."""
+    """No value was received here."""
 
 
 def quality(
@@ -27,7 +27,7 @@ def quality(
 ) -> Quality:
     """Quality of a resource. `known`: there is a value; `age_s`: None when its clock is not known here.
 
-    `mirrored`: it came from another platform, whose beacons leave out what has not changed.
+    `mirrored`: it is of another platform, whose beacons omit unchanged values.
     """
     if leaf.lost or not reachable:
         return Quality.LOST

@@ -12,7 +12,7 @@ class Reachability(msgspec.Struct, frozen=True, gc=False):
     version: int | None
     """Version of its tree in the newest beacon or route; None: unknown."""
     near: bool
-    """Without a hop."""
+    """It is a neighbour: reachable without a hop."""
 
 
 def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reachability]:

@@ -57,7 +57,7 @@ class Changes(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     put: _Resources = ()
     lost: _Resources = ()
-    """Put too; their owners are lost."""
+    """Resources to put as well, whose owners are lost."""
     removed: _Paths = ()
     template: _Resources = ()
     """Base of the changes, instead of a structure of the other side."""
@@ -72,11 +72,11 @@ class Patch(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def paths(self) -> int:
-        """Its size; never 0, an empty one takes memory too."""
+        """Number of paths; at least 1, because an empty patch takes memory, too."""
         return 1 + len(self.put) + len(self.removed) + len(self.template)
 
     def apply(self, index: Index) -> None:
-        """Make the changes.
+        """Apply the changes to an index.
 
         Raises: WireError when the structure would grow beyond the limit.
         """
@@ -93,7 +93,7 @@ _decoder = msgspec.msgpack.Decoder(Changes)
 
 
 def version(epoch: int, digest: int) -> int:
-    """Number for the hello: another one after a restart of the tree, and after any change."""
+    """Version of the tree for the hello: it differs after a restart of the tree and after any change."""
     return ((digest ^ digest >> 32) ^ epoch * _ODD) & 0xFFFF_FFFF
 
 
@@ -153,7 +153,7 @@ def decode(data: bytes) -> Patch:
 
 
 class History:
-    """Which paths changed since the structure had a digest."""
+    """Changed paths since former states of the structure, by digest."""
 
     def __init__(self) -> None:
         self._steps: OrderedDict[int, frozenset[str]] = OrderedDict()

@@ -60,16 +60,17 @@ class Subscribers:
         self._lapsed: dict[str, None] = {}
         """Platforms whose lease ended while they were not reachable, and that are to be notified."""
         self._serial = 0
-        """Largest of any subscription that has ended: the subscriber drops what it takes for an older one."""
+        """Largest serial of all ended subscriptions: the subscriber drops notifications with older
+        serials."""
         self._lost: Counter[tuple[str, str]] = Counter()
         self.plan_version = 0
         """Incremented by each change of `offers`."""
         self.notifications = 0
-        """Acknowledged by their receivers."""
+        """Number of acknowledged notifications."""
         self.values = 0
         self.failures = 0
 
-    # -- what there is
+    # -- state
 
     @property
     def dropped(self) -> int:
@@ -87,7 +88,7 @@ class Subscribers:
 
     @property
     def feeds(self) -> int:
-        """Pairs of subscriber and resource."""
+        """Number of pairs of subscriber and resource."""
         return sum(len(one.feeds) for one in self._subscribers.values())
 
     def platforms(self) -> list[str]:
@@ -204,7 +205,7 @@ class Subscribers:
         elif lane.failed(notify.serial, now_ns, self._intervals.retry_ns):
             self.failures += 1
             if lane.failing_since_ns is not None and now_ns >= lane.failing_since_ns + one.lease_span_ns:
-                self._lapse(one)  # it counts as reachable, but nothing is delivered
+                self._lapse(one)  # it has a route, but nothing is delivered
                 return
         self._flush(one, now_ns)
 

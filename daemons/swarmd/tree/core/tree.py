@@ -89,7 +89,8 @@ class SwarmTree:
         return self._take_actions()
 
     def on_demand(self, platform: str, now_ns: int) -> list[Action]:
-        """Somebody wants to see the structure of another platform; it may become known: `remotes.asks`."""
+        """An operator requests the structure of another platform; `replicas.asks`: whether a reply may
+        follow."""
         self.replicas.on_demand(platform)
         return self._take_actions()
 
@@ -107,7 +108,7 @@ class SwarmTree:
         return self._take_actions()
 
     def on_gone(self, platform: str, now_ns: int) -> list[Action]:
-        """It is not reachable any more."""
+        """A platform is not reachable any more."""
         self.replicas.on_gone(platform, now_ns)
         self.subscribers.on_gone(platform, now_ns)
         return self._take_actions()
@@ -128,14 +129,14 @@ class SwarmTree:
         return self.subscribers.on_subscribe(request, now_ns), self._take_actions()
 
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> list[Action]:
-        """Answer to `AskStructure`; None: there was none."""
+        """Reply to `RequestStructure`; None: there was none."""
         self.replicas.on_structure(platform, reply, now_ns)
         return self._take_actions()
 
     def on_subscribed(
         self, platform: str, reply: SubscribeReply | None, asked: int, now_ns: int
     ) -> list[Action]:
-        """Answer to `AskSubscription` with the set digest `asked`; None: there was none."""
+        """Reply to `RequestSubscription` with the set digest `asked`; None: there was none."""
         self.replicas.on_subscribed(platform, reply, asked, now_ns)
         return self._take_actions()
 
@@ -145,14 +146,14 @@ class SwarmTree:
         return [*(WriteMirror(notify.platform, item, notify.epoch) for item in items), *self._take_actions()]
 
     def on_notified(self, platform: str, notify: TreeNotify, delivered: bool, now_ns: int) -> list[Action]:
-        """What became of `SendNotify`."""
+        """Result of `SendNotify`: the notification was delivered, or has failed."""
         self.subscribers.on_notified(platform, notify, delivered, now_ns)
         return self._take_actions()
 
     # -- time
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """What is due: leases, retries, owners that have been away."""
+        """Handles what is due: leases, retries, ended owners."""
         if self.local.on_timer(now_ns):
             self.subscribers.on_structure(now_ns)
         self.replicas.on_timer(now_ns)
@@ -160,7 +161,7 @@ class SwarmTree:
         return self._take_actions()
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called; None: not before something happens."""
+        """When `on_timer` must be called; None: no deadline."""
         soonest = self.local.deadline_ns()
         for when in (self.replicas.deadline_ns(), self.subscribers.deadline_ns()):
             if when is not None and (soonest is None or when < soonest):
@@ -170,7 +171,7 @@ class SwarmTree:
     # -- for the broker
 
     def plan_changed(self) -> bool:
-        """Whether the beacon carries something else than at the last call."""
+        """Whether publications or subscriptions of the beacon have changed since the last call."""
         now = (self.local.version, self.subscribers.plan_version, self.replicas.plan_version)
         before, self._planned = self._planned, now
         return before != now
