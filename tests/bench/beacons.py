@@ -10,7 +10,6 @@ sixteen nodes on two cores do it to each other.
 """
 
 import argparse
-import asyncio
 import gc
 import json
 import socket
@@ -32,7 +31,9 @@ from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.sessions import Sessions
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
+from swarmd.broker.former_session import FormerSession
 from swarmd.broker.service import Broker
+from swarmd.broker.shell import BrokerShell
 from swarmware.model.clock import Clock
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.module import Module
@@ -99,7 +100,7 @@ class LinkPeer:
     def compose(self, now_ns: int, turn: int) -> tuple[Header, Beacon, bytes]:
         """Its next datagram, clear and sealed."""
         protocol = self.protocol
-        protocol.on_timer(now_ns)
+        protocol.advance(now_ns)
         boards = protocol.published.boards
         boards[POSE].put(Pose.planar(turn / 10, self.hw % 100, 0.1 * turn).pack(), True, now_ns - 3_000_000)
         if turn % 10 == 0:
@@ -138,7 +139,7 @@ class Costs(NamedTuple):
 class Cell:
     """The broker and its neighbours."""
 
-    def __init__(self, broker: Broker, clock: Instant, config: Config) -> None:
+    def __init__(self, broker: BrokerShell, clock: Instant, config: Config) -> None:
         self.broker = broker
         self.clock = clock
         names = [f"uav{index + 1}" for index in range(NEIGHBOURS)]
@@ -146,8 +147,7 @@ class Cell:
         self.peers = [LinkPeer(name, [*(o for o in names if o != name), ME], keys) for name in names]
         self.opener = Opener(keys.group)
         self.me = hardware_id(ME)
-        broker._protocol.set_plan(TreePlan(1, OFFERS, wants(names)))
-        broker._mirrors.keep_only(wants(names))
+        broker._driver.feed(broker._core.on_plan(TreePlan(1, OFFERS, wants(names)), clock.at_ns))
         self.udp = broker._transport._udp
         self.group = (GROUP, config.udp_port)
         self.out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -206,18 +206,18 @@ class Cell:
             out.append(data)
             for other in self.peers:
                 if other is not peer:
-                    other.protocol.on_datagram(header, beacon, (LOOPBACK, 1), now_ns)
+                    other.protocol.on_beacon(header, beacon, (LOOPBACK, 1), now_ns)
         return out
 
     def _send(self, cold: bool) -> int:
-        for board in self.broker._protocol.published.boards.values():
+        for board in self.broker._core.published.boards.values():
             if board.data_id == POSE or self.turn % 10 == 0:
                 board.put(Pose.planar(self.turn / 10, 0.0).pack(), True, self.clock.at_ns)
         self.said.clear()
         if cold:
             self.flush()
         began = time.perf_counter_ns()
-        step(self.broker, self.clock.at_ns)
+        step(self.broker)
         took = time.perf_counter_ns() - began
         for data in self.said:
             header, start = codec.decode_header(data)
@@ -228,7 +228,7 @@ class Cell:
             beacon = codec.decode(opened.body)
             for peer in self.peers:
                 peer.sessions.on_datagram(header.sender_hw, opened.session, beacon.checks, self.clock.at_ns)
-                peer.protocol.on_datagram(header, beacon, (LOOPBACK, 1), self.clock.at_ns)
+                peer.protocol.on_beacon(header, beacon, (LOOPBACK, 1), self.clock.at_ns)
         return took
 
     def _receive(self, datagrams: list[bytes], cold: bool) -> int:
@@ -262,14 +262,14 @@ def wants(names: list[str]) -> tuple[BoardSubscription, ...]:
     )
 
 
-def step(broker: Broker, now_ns: int) -> None:
+def step(broker: BrokerShell) -> None:
     """What the broker does at its beacon."""
-    broker._carry_out(*broker._protocol.on_timer(now_ns))
-    broker._on_beacon_due()
-    broker._topology_changed = False
+    broker._core._schedule.due_ns = broker._clock.now_ns()
+    broker._core._tables_changed = False
+    broker._driver.feed(broker._core.on_timer(broker._clock.now_ns()))
 
 
-def drain(broker: Broker) -> None:
+def drain(broker: BrokerShell) -> None:
     """What the event loop does when a socket has something."""
     broker._transport.receive()
 
@@ -281,34 +281,25 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         port = free.getsockname()[1]
     config = Config(multicast_group=GROUP, multicast_interface=LOOPBACK, udp_port=port, bind_address=LOOPBACK)
     async with Module("broker", config_dir=make_node(folder, ME)) as module:
-        clock = Instant()
-        broker = Broker(module, config)
-        broker._clock = clock
-        broker._since_ns = broker._publish_ns = broker._schedule.due_ns = clock.at_ns
-        ready, never = asyncio.Event(), asyncio.Event()
-
-        async def stand_still() -> None:
-            ready.set()
-            await never.wait()
-
-        broker._step = stand_still  # type: ignore[method-assign]  # this program steps it
-        running = asyncio.create_task(broker.run(), name="broker")
-        await asyncio.wait((running, asyncio.create_task(ready.wait())), return_when=asyncio.FIRST_COMPLETED)
+        clock = module.clock = module.node.clock = Instant()
+        service = Broker(module, config)
+        keys = service._keys()
+        former_session = FormerSession(module.node.config.data_path)
+        core = service._core(keys, former_session)
+        core._publish_ns = 1 << 62  # tables are not what is measured
+        broker = BrokerShell(service, config, keys, core, former_session)
+        broker._driver._arm = lambda: None  # type: ignore[method-assign]  # this program steps it
         cell = Cell(broker, clock, config)
         cell.run(WARM_BEACONS, cold=False)
         gc.collect()
         gc.disable()
-        refused = broker._counters.refused_table()
+        refused = core.counters.refused_table()
         found = {"hot": cell.run(beacons, cold=False), "cold": cell.run(max(beacons // 10, 4), cold=True)}
-        assert broker._counters.refused_table() == refused, "a datagram was refused"
-        assert (
-            sum(neighbour.state.name == "UP" for neighbour in broker._protocol.topology.neighbours.all())
-            == 15
-        )
+        assert core.counters.refused_table() == refused, "a datagram was refused"
+        assert sum(neighbour.state.name == "UP" for neighbour in core._neighbours.all()) == 15
         cell.bare.close()
         cell.out.close()
-        running.cancel()
-        await asyncio.wait((running,))
+        broker.close()
         return found
 
 

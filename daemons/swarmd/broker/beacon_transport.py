@@ -3,20 +3,19 @@
 import asyncio
 import logging
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import msgspec
 
 from swarmd.broker.config import Config
 from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core import session_checks
-from swarmd.broker.core.beacon import Beacon, Header
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon, ReceivedBeacon
+from swarmd.broker.core.action import Action
+from swarmd.broker.core.beacon import Header
+from swarmd.broker.core.beacon_protocol import OutgoingBeacon
+from swarmd.broker.core.broker import UNKNOWN, BrokerCore
 from swarmd.broker.core.datagram_limiter import DatagramLimiter
-from swarmd.broker.core.sessions import ACCEPTED, SessionOutcome, Sessions
-from swarmd.broker.core.topology import LinkState
-from swarmd.broker.core.traffic import EVERYBODY, Counters
+from swarmd.broker.core.traffic import EVERYBODY
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
 from swarmware.errors import SwarmError, WireError
 from swarmware.model.clock import Clock
@@ -27,11 +26,8 @@ UNRETURNED_MAX: Final = 20
 """Own beacons without loopback, and without any other node's, after which multicast counts as missing."""
 PROBE_EVERY: Final = 20
 """Without multicast, every twentieth beacon still probes the group."""
-CLAIMANTS_MAX: Final = 16
-CLAIMANT_NS: Final = 3_000_000_000
 SEEDS_S: Final = 30.0
 """Period in which the names of seeds are resolved again."""
-_UNKNOWN: Final = "?"
 FAULTS: Final = (
     ArithmeticError,
     AttributeError,
@@ -49,38 +45,31 @@ log = logging.getLogger("swarm.broker")
 
 
 class BeaconTransport:
-    """Seals and sends the beacons that the protocol composes; opens received ones and passes them to it."""
+    """Seals and sends the beacons that the core composes; opens received ones and passes them to it."""
 
     def __init__(
         self,
         config: Config,
         keys: Keys,
-        session: int,
         clock: Clock,
-        protocol: BeaconProtocol,
-        counters: Counters,
-        sessions: Sessions,
-        on_received: Callable[[ReceivedBeacon], None],
-        on_outcome: Callable[[int, SessionOutcome], None],
+        core: BrokerCore,
+        feed: Callable[[Iterable[Action]], None],
         keep_period: Callable[[int], None],
     ) -> None:
-        """Raises: ConfigError when an address or port cannot be used."""
-        self._sessions = sessions
-        self._on_outcome = on_outcome
-        self._keep_period = keep_period
-        self._claimants: dict[Address, int] = {}
-        """Unicast senders without an accepted session, and until when beacons are sent to them."""
-        self.by_unicast: set[int] = set()
-        """Neighbours whose newest datagram came by unicast."""
+        """`feed`: has the actions of a received beacon carried out.
+
+        Raises: ConfigError when an address or port cannot be used.
+        """
         self._config = config
         self._clock = clock
-        self._protocol = protocol
-        self._counters = counters
-        self._on_received = on_received
-        self._hardware = protocol.identity.hw
+        self._core = core
+        self._counters = core.counters
+        self._feed = feed
+        self._keep_period = keep_period
+        self._hardware = core.identity.hw
         self._epoch = keys.group.epoch
-        self._session = session
-        self._sealer = Sealer(keys.group, self._hardware, session)
+        self._session = core.session
+        self._sealer = Sealer(keys.group, self._hardware, core.session)
         self._opener = Opener(keys.group)
         members = None if keys.roster is None else keys.roster.valid()
         self._limiter = DatagramLimiter(
@@ -98,11 +87,6 @@ class BeaconTransport:
         """Our own UDP port."""
         return self._udp.port
 
-    @property
-    def has_checks(self) -> bool:
-        """Whether a question or an answer about sessions waits for the next beacon."""
-        return bool(self._sessions.waiting)
-
     async def look_up_seeds(self) -> None:
         """Resolves the names of the seeds periodically until it is cancelled."""
         own = {(host, self._udp.port) for host in (LOOPBACK, self._config.bind_address)}
@@ -118,19 +102,16 @@ class BeaconTransport:
     def send_beacon(self, now_ns: int) -> None:
         """Composes and sends the next beacon; one that cannot be composed is counted and skipped."""
         try:
-            self._protocol.reserved_bytes = session_checks.body_bytes(self._sessions.waiting)
-            outgoing = self._protocol.compose(now_ns)
+            outgoing = self._core.compose(now_ns)
             if outgoing.declared_period_ns:
                 self._keep_period(outgoing.declared_period_ns)
-            if self._sessions.waiting:
-                beacon = msgspec.structs.replace(outgoing.beacon, checks=self._sessions.due(now_ns))
-                outgoing = msgspec.structs.replace(outgoing, beacon=beacon)
             self._send(outgoing, now_ns)
         except FAULTS:
             self._counters.failed_ticks += 1
-            self._failed("a beacon could not be composed")
+            self.log_fault("a beacon could not be composed")
 
-    def _failed(self, what: str) -> None:
+    def log_fault(self, what: str) -> None:
+        """Logs a defect of this program with its traceback, the first few times."""
         self._faults += 1
         if self._faults <= FAULTS_LOGGED:
             log.exception("%s; please report this", what)
@@ -157,10 +138,10 @@ class BeaconTransport:
         data = clear + self._sealer.seal(sequence, clear, bytes(body))
         if self._udp.has_group and (self._unreturned < UNRETURNED_MAX or sequence % PROBE_EVERY == 0):
             self._to_group(data)
-        for address in self._single_nodes():
+        for address in self._core.unicast_addresses(self._seeds.values(), tx_ns):
             if self._udp.send(data, address):
                 self._counters.datagram_sent(len(data), f"{address[0]}:{address[1]}")
-        self._protocol.sent(sequence, tx_ns, len(data))
+        self._core.on_sent(sequence, len(data), tx_ns)
 
     def _to_group(self, data: bytes) -> None:
         if self._udp.send_to_all(data):
@@ -171,31 +152,12 @@ class BeaconTransport:
                 "multicast does not work here: only seeds and senders of unicast datagrams are reached"
             )
 
-    def _single_nodes(self) -> set[Address]:
-        """Addresses of seeds and neighbours that multicast does not reach."""
-        if not self._seeds and not self.by_unicast and not self._claimants:
-            return set()
-        single: set[Address] = set()
-        by_group: set[Address] = set()
-        for neighbour in self._protocol.topology.neighbours.all():
-            if neighbour.state is LinkState.DOWN:
-                continue
-            if neighbour.hw in self.by_unicast:
-                single.add(neighbour.address)
-            else:
-                by_group.add(neighbour.address)
-        single.update(address for address in self._seeds.values() if address not in by_group)
-        now_ns = self._clock.now_ns()
-        self._claimants = {address: end_ns for address, end_ns in self._claimants.items() if end_ns > now_ns}
-        single.update(self._claimants)
-        return single
-
     # receiving
 
     def receive(self) -> None:
         """Reads the datagrams that wait in the sockets, without the delay of batching."""
         self._udp.receive()
-        self._udp.set_min_period(self._protocol.topology.neighbours.usual_period_ns())
+        self._udp.set_min_period(self._core.usual_period_ns())
 
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)
@@ -221,43 +183,27 @@ class BeaconTransport:
             beacon = codec.decode(opened.body)
         except WireError as error:
             self._limiter.bad(address)
-            self._counters.datagram_received(len(data), _UNKNOWN)
+            self._counters.datagram_received(len(data), UNKNOWN)
             self._counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
+        header.session = opened.session
         try:
-            rx_ns = self._clock.from_mono_ns(rx_mono_ns)
-            if not self._is_accepted(sender_hw, opened.session, beacon, address, by_multicast, rx_ns):
-                self._counters.datagram_received(len(data), _UNKNOWN)
-                return
-            self._limiter.good(address)
-            header.session = opened.session
-            self._take(header, beacon, address, rx_ns, by_multicast, len(data))
+            is_accepted, actions = self._core.on_datagram(
+                header, beacon, address, by_multicast, len(data), self._clock.from_mono_ns(rx_mono_ns)
+            )
+            if is_accepted:
+                self._limiter.good(address)
+                if by_multicast:
+                    self._unreturned = 0
+            self._feed(actions)
         except FAULTS:
             self._counters.refused.failed += 1
-            self._failed("a datagram could not be processed")
+            self.log_fault("a datagram could not be processed")
 
-    def _take(
-        self,
-        header: Header,
-        beacon: Beacon,
-        address: Address,
-        rx_ns: int,
-        by_multicast: bool,
-        size: int,
-    ) -> None:
-        received = self._protocol.on_datagram(header, beacon, address, rx_ns)
-        if received is None:
-            self._counters.datagram_received(size, _UNKNOWN)
-            return
-        sender_hw = header.sender_hw
-        self._counters.datagram_received(size, self._protocol.nodes.platform(sender_hw))
-        if by_multicast:
-            self._unreturned = 0
-            self.by_unicast.discard(sender_hw)
-        else:
-            self.by_unicast.add(sender_hw)
-        self._on_received(received)
+    def adopt(self, hw: int, session: int) -> None:
+        """Accepts the sequence numbers of a session from now on."""
+        self._opener.adopt(hw, session)
 
     def _is_own(self, data: bytes) -> bool:
         """Whether a datagram is an own one that was looped back; one without a session counts as own."""
@@ -267,32 +213,11 @@ class BeaconTransport:
             return True
         return session in (None, self._session)
 
-    def _is_accepted(
-        self, hw: int, session: int, beacon: Beacon, address: Address, by_multicast: bool, now_ns: int
-    ) -> bool:
-        outcome = self._sessions.on_datagram(hw, session, beacon.checks, now_ns)
-        if outcome is ACCEPTED:
-            return True
-        if outcome.adopted:
-            self._opener.adopt(hw, session)
-        if outcome.soon or outcome.duplicate:
-            self._on_outcome(hw, outcome)
-        if not outcome.accepted:
-            refused = self._counters.refused
-            present = self._sessions.present(hw)
-            if present is not None and session < present:
-                refused.old_session += 1
-            else:
-                refused.unproven += 1
-            if not by_multicast and len(self._claimants) < CLAIMANTS_MAX:
-                self._claimants[address] = now_ns + CLAIMANT_NS
-        return outcome.accepted
-
     def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:
         refused = self._counters.refused
-        known = self._protocol.topology.neighbours.get(sender_hw) is not None
+        known = self._core.has_link(sender_hw)
         link = self._counters.datagram_received(
-            size, self._protocol.nodes.platform(sender_hw) if known else _UNKNOWN
+            size, self._core.nodes.platform(sender_hw) if known else UNKNOWN
         )
         if refusal is Refusal.REPLAYED:
             refused.replayed += 1

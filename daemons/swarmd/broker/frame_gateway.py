@@ -7,11 +7,9 @@ from collections.abc import Callable
 from swarmd.broker.config import Config
 from swarmd.broker.core.access_filter import AccessFilter
 from swarmd.broker.core.accounting import shares, values_in
-from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.forward import ForwardDecision, ForwardStep, FrameForwarder
+from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.forward import ForwardDecision, ForwardStep
 from swarmd.broker.core.send_queue import QueuedFrame
-from swarmd.broker.core.sessions import Sessions
-from swarmd.broker.core.traffic import Counters
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import Denied, WireError
 from swarmware.model.access import Access
@@ -38,22 +36,19 @@ class FrameGateway:
         clock: Clock,
         post: Post,
         table: AppTable,
-        protocol: BeaconProtocol,
-        counters: Counters,
-        sessions: Sessions,
+        core: BrokerCore,
         on_denial: Callable[[Denial], None],
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
         self._keys = keys
         self._table = table
         self._access_filter = AccessFilter(None if keys.roster is None else keys.roster.roles(), Access())
-        self._sessions = sessions
         self._on_denial = on_denial
         self._clock = clock
         self._post = post
-        self._protocol = protocol
-        self._counters = counters
-        self._forwarder = FrameForwarder(protocol.identity.hw, protocol.topology.routing)
+        self._core = core
+        self._counters = core.counters
+        self._forwarder = core.forwarder
         self.links = ZmqLinks(
             config,
             keys,
@@ -76,7 +71,7 @@ class FrameGateway:
         """Sends a neighbour the own session over a connection that only the own key opens."""
         peer = self._peer(hw)
         if peer is not None:
-            own_hw = self._protocol.identity.hw
+            own_hw = self._core.identity.hw
             payload = session.to_bytes(8, "little")
             self._send(peer, Frame(FrameKind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
 
@@ -85,7 +80,7 @@ class FrameGateway:
             self._counters.refused.spoofed += 1
         elif len(frame.payload) == 8:
             session = int.from_bytes(frame.payload, "little")
-            self._sessions.on_proof(frame.sender_hw, session, self._clock.now_ns())
+            self._core.on_proof(frame.sender_hw, session, self._clock.now_ns())
 
     def neighbour_gone(self, hw: int) -> None:
         """Sends the frames queued for a lost neighbour over another one, or refuses them."""
@@ -105,7 +100,7 @@ class FrameGateway:
             log.debug("frame from %s: %s", user or "loopback", error)
             return
         if not user and frame.hops_left >= HOPS:
-            user_name = self._protocol.nodes.platform(
+            user_name = self._core.nodes.platform(
                 frame.sender_hw
             )  # without keys the sender is not authenticated
         else:
@@ -120,7 +115,7 @@ class FrameGateway:
             frame,
             self._other_end(frame, user),
             now_ns,
-            direct=self._protocol.is_direct(frame.sender_hw, now_ns),
+            direct=self._core.is_direct(frame.sender_hw, now_ns),
         )
         if decision.step is ForwardStep.DELIVER:
             if not self._may_pass(frame, now_ns):
@@ -140,7 +135,7 @@ class FrameGateway:
         self._onward(frame, decision)
 
     def _may_pass(self, frame: Frame, arrived_ns: int) -> bool:
-        platform = self._protocol.nodes.platform(frame.sender_hw)
+        platform = self._core.nodes.platform(frame.sender_hw)
         path = self._path_of(frame.data_id)
         try:
             self._access_filter.check(frame, platform, path, arrived_ns)
@@ -162,7 +157,7 @@ class FrameGateway:
         """Hardware id of the member at the other end of a connection; None without authentication."""
         if not user:
             return None
-        member = self._protocol.nodes.get(frame.sender_hw)
+        member = self._core.nodes.get(frame.sender_hw)
         return frame.sender_hw if member is not None and member.platform == user else hardware_id(user)
 
     def _onward(self, frame: Frame, decision: ForwardDecision) -> None:
@@ -172,7 +167,7 @@ class FrameGateway:
                 self._send(peer, frame)
                 return
         refused = self._counters.refused
-        receiver = self._protocol.nodes.platform(frame.receiver_hw)
+        receiver = self._core.nodes.platform(frame.receiver_hw)
         if decision.step is ForwardStep.LOOPED:
             refused.looped += 1
         elif decision.step is ForwardStep.SPOOFED:
@@ -200,16 +195,21 @@ class FrameGateway:
             self._counters.channel(name).sent(size)
 
     def _peer(self, hw: int) -> LinkPeer | None:
-        neighbour = self._protocol.topology.neighbours.get(hw)
-        if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
+        target = self._core.link_target(hw)
+        if target is None:
             return None
-        platform = self._protocol.nodes.platform(hw)
-        curve = neighbour.hello.curve_public if self._keys.is_open else self._keys.curve_of(platform)
+        curve = target.curve_public if self._keys.is_open else self._keys.curve_of(target.platform)
         if not curve:
             return None  # it has the group key, but is not on the roster
-        return LinkPeer(
-            hw, platform, neighbour.address[0], neighbour.hello.tcp_port, curve, neighbour.session
-        )
+        return LinkPeer(hw, target.platform, target.host, target.tcp_port, curve, target.session)
+
+    def update_counters(self) -> None:
+        """Brings the traffic counters of the connections up to date."""
+        count, counters = self.links.count, self._counters
+        count.sample_all()
+        counters.tcp_sent_bytes = count.sent_bytes
+        counters.tcp_received_bytes = count.received_bytes
+        counters.refused.denied_connections = self.links.denied
 
     def _gave_up(self, peer: LinkPeer, waiting: list[QueuedFrame]) -> None:
         for item in waiting:

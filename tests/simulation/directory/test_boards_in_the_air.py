@@ -101,7 +101,7 @@ class Air:
     def send(self, index: int, radio: Radio) -> None:
         now_ns = self.now_ns + radio.offset_ns
         protocol = radio.protocol
-        protocol.on_timer(now_ns)
+        protocol.advance(now_ns)
         pose = Pose.planar(self.now_ns / SECOND, 0.0).pack()
         protocol.published.boards[POSE].put(pose, True, now_ns)
         outgoing = protocol.compose(now_ns)
@@ -124,7 +124,7 @@ class Air:
         )
         if not isinstance(opened, Opened):
             return
-        received = radio.protocol.on_datagram(
+        received = radio.protocol.on_beacon(
             header, codec.decode(opened.body), ("10.0.0.1", 1), self.now_ns + radio.offset_ns
         )
         assert received is not None

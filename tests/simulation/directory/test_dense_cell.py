@@ -62,7 +62,7 @@ class Whole(Node):
         self.body_bytes = 0
 
     def step(self, now_ns: int) -> None:
-        links, routes = self.protocol.on_timer(now_ns)
+        links, routes = self.protocol.advance(now_ns)
         self.note(links, lost=any(not route.via for route in routes))
         if now_ns >= self.schedule.due_ns:
             self.protocol.published.boards[POSE].put(now_ns.to_bytes(25, "little"), True, now_ns)  # it moves
@@ -83,7 +83,7 @@ class Whole(Node):
         self.cell.spread(self, header, codec.decode(body), to_light=True)
 
     def receive(self, header: Header, beacon: Beacon, now_ns: int) -> None:
-        received = self.protocol.on_datagram(header, beacon, ("10.0.0.1", 1), now_ns)
+        received = self.protocol.on_beacon(header, beacon, ("10.0.0.1", 1), now_ns)
         assert received is not None
         if received.first_hello:
             self.protocol.schedule_hello()
@@ -106,7 +106,7 @@ class Light(Node):
         self.filler = index
 
     def step(self, now_ns: int) -> None:
-        if self.table.on_timer(now_ns):
+        if self.table.advance(now_ns):
             self.trigger()
         if now_ns >= self.schedule.due_ns:
             self.schedule.on_sent(now_ns)

@@ -150,7 +150,7 @@ class Swarm:
 
     def send(self, node: Node, topology: Topology) -> None:
         now_ns = self.now_ns
-        _, routes = topology.on_timer(now_ns)
+        _, routes = topology.advance(now_ns)
         self.follow(node, routes)
         shape = topology.compose(now_ns, ROOM)
         sequence = topology.next_sequence()

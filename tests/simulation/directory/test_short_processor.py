@@ -82,7 +82,7 @@ class Processor:
             if header is not None and beacon is not None:
                 node.inbox -= 1
                 self.now_ns += round(self.receive_ms * MS)
-                node.protocol.on_datagram(header, beacon, ("10.0.0.1", 1), self.now_ns)
+                node.protocol.on_beacon(header, beacon, ("10.0.0.1", 1), self.now_ns)
                 continue
             if due_ns == node.wake_ns:
                 self.step(node)
@@ -91,7 +91,7 @@ class Processor:
     def step(self, node: Node) -> None:
         """As `Broker._step`."""
         now_ns = self.now_ns
-        links, _ = node.protocol.on_timer(now_ns)
+        links, _ = node.protocol.advance(now_ns)
         self.fallen.update(link.event.name for link in links)
         if now_ns < node.schedule.due_ns:
             return

@@ -105,7 +105,7 @@ class Swarm:
                 if self.now_ns >= platform.next_ns:
                     platform.next_ns += 50 * MS
                     platform.live(self.now_ns)
-                platform.protocol.on_timer(self.now_ns)
+                platform.protocol.advance(self.now_ns)
                 if self.now_ns >= platform.schedule.due_ns:
                     self.beacon(index, platform)
             while self.air and self.air[0][0] <= self.now_ns:
@@ -130,7 +130,7 @@ class Swarm:
         sender.schedule.set_next(self.now_ns, round(1e9 / protocol.beacon_hz()))
 
     def deliver(self, receiver: Platform, header: Header, body: bytes, rx_ns: int) -> None:
-        received = receiver.protocol.on_datagram(header, codec.decode(body), ("h", 1), rx_ns)
+        received = receiver.protocol.on_beacon(header, codec.decode(body), ("h", 1), rx_ns)
         assert received is not None
         if received.first_hello or received.links:
             receiver.protocol.schedule_hello()

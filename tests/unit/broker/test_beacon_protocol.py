@@ -59,7 +59,7 @@ class Node:
         session = self.session if outgoing.with_session else None
         header = Header(0, self.hw, outgoing.sequence, clock_ns // 1000 & 0xFFFF_FFFF, session)
         arrivals = [
-            other.protocol.on_datagram(header, codec.decode(body), ("h", 1), now_ns + other.clock_ns)
+            other.protocol.on_beacon(header, codec.decode(body), ("h", 1), now_ns + other.clock_ns)
             for other in others
         ]
         return [received for received in arrivals if received is not None]
@@ -72,7 +72,7 @@ def meet(*nodes: Node, now_ns: int = 0) -> None:
     """Three rounds of beacons: everybody is up with everybody."""
     for round_ns in range(now_ns, now_ns + 3 * PERIOD, PERIOD):
         for node in nodes:
-            node.protocol.on_timer(round_ns + node.clock_ns)
+            node.protocol.advance(round_ns + node.clock_ns)
             node.transmit(round_ns, *(other for other in nodes if other is not node))
     for node in nodes:
         assert all(n.state is LinkState.UP for n in node.protocol.topology.neighbours.all())
@@ -104,7 +104,7 @@ def test_names_are_repeated_sooner_while_links_change_and_after_a_new_tree(one: 
         return [at_ns - start_ns for at_ns in times_ns if one.compose(at_ns).with_session]
 
     assert hellos(0) == [0, 2 * SECOND, 4 * SECOND]
-    one.protocol.on_timer(6 * SECOND)
+    one.protocol.advance(6 * SECOND)
     one.protocol.set_plan(TreePlan(9))
     assert hellos(6 * SECOND) == [0, SECOND, 3 * SECOND]
     meet(one, other, now_ns=20 * SECOND)
@@ -169,9 +169,9 @@ def test_an_idle_node_sends_beacons_faster_while_links_come_and_go(one: Node, ot
     assert one.protocol.beacon_hz() == 5.0
     for slot in range(3, 60):
         other.transmit(slot * PERIOD, one)
-        one.protocol.on_timer(slot * PERIOD)
+        one.protocol.advance(slot * PERIOD)
     assert one.protocol.beacon_hz() == 2.0
-    one.protocol.on_timer(10 * SECOND)
+    one.protocol.advance(10 * SECOND)
     assert not one.protocol.is_up(other.hw)
     assert one.protocol.beacon_hz() == 5.0
 
@@ -182,7 +182,7 @@ def test_a_hello_says_how_long_the_next_datagrams_may_take(one: Node, other: Nod
     assert neighbour.period_ns == 500 * MS
     for slot in range(3, 90):
         other.transmit(slot * PERIOD, one)
-        one.protocol.on_timer(slot * PERIOD)
+        one.protocol.advance(slot * PERIOD)
     outgoing = one.compose(9 * SECOND)
     assert outgoing.beacon.hello is not None
     assert outgoing.beacon.hello.period_ms == 500
@@ -195,10 +195,10 @@ def test_a_hello_says_how_long_the_next_datagrams_may_take(one: Node, other: Nod
 def test_a_restarted_node_names_its_session_in_each_of_ten_beacons_a_second() -> None:
     again = Node("uav1", session=2)
     again.protocol.topology = Topology(again.hw, 200, SECOND, quiet_until_ns=2 * SECOND)
-    again.protocol.on_timer(0)
+    again.protocol.advance(0)
     assert again.protocol.beacon_hz() == 10.0
     assert all(again.compose(slot * PERIOD).with_session for slot in range(15))
-    again.protocol.on_timer(2 * SECOND)
+    again.protocol.advance(2 * SECOND)
     assert again.protocol.beacon_hz() == 2.0
     again.compose(2 * SECOND)
     assert not again.compose(2 * SECOND + PERIOD).with_session
@@ -282,7 +282,7 @@ def test_who_passes_on_boards_at_rest_is_quiet_and_passes_on_a_change_at_once() 
         now_ns = slot * PERIOD
         left.put(b"parked" if slot < 240 else b"moved!", now_ns)
         for node, others in ((left, (middle,)), (middle, (left, right)), (right, (middle,))):
-            node.protocol.on_timer(now_ns)
+            node.protocol.advance(now_ns)
             if node.protocol.may_skip(now_ns):
                 continue
             arrivals = node.transmit(now_ns, *others)
@@ -302,10 +302,10 @@ def test_a_limit_of_a_channel_holds_from_the_next_beacon(one: Node, other: Node)
     one.protocol.set_plan(TreePlan(1, offers=(OFFER,)))
     one.put(b"x", 0)
     one.protocol.rate_limits.set(SetChannel("nav/*", 0.0), 0)
-    one.protocol.on_timer(0)
+    one.protocol.advance(0)
     assert one.compose(0).beacon.values == ()
     one.protocol.rate_limits.set(SetChannel("nav/*"), 0)
-    one.protocol.on_timer(PERIOD)
+    one.protocol.advance(PERIOD)
     assert len(one.compose(PERIOD).beacon.values) == 1
 
 
@@ -339,7 +339,7 @@ def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None
     meet(one, other)
     row = MemberRow(other.hw, 99, PlatformKind.UAV, "uav2")
     liar = hardware_id("uav9")
-    one.protocol.on_datagram(Header(0, liar, 1, 0, 1), Beacon(members=(row,)), ("h", 2), 400 * MS)
+    one.protocol.on_beacon(Header(0, liar, 1, 0, 1), Beacon(members=(row,)), ("h", 2), 400 * MS)
     member = one.protocol.nodes.get(other.hw)
     assert member is not None
     assert member.tree_version != 99
@@ -384,7 +384,7 @@ def test_a_body_stays_within_its_limit_however_much_there_is_to_say(one: Node, o
         board.put(bytes(40), False, 0)
     rows = tuple(RouteRow(1000 + index, 1, 256) for index in range(250))
     header = Header(0, other.hw, 1000, 0)
-    one.protocol.on_datagram(header, Beacon(rows=rows), ("h", 1), 400 * MS)
+    one.protocol.on_beacon(header, Beacon(rows=rows), ("h", 1), 400 * MS)
     sent: set[int] = set()
     for slot in range(4, 40):
         outgoing = one.compose(slot * PERIOD)

@@ -183,7 +183,7 @@ def test_a_stretched_period_is_declared_before_links_fall() -> None:
     protocol = BeaconProtocol(
         identity, Topology(1, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=0.0
     )
-    protocol.on_timer(0)
+    protocol.advance(0)
     assert protocol.compose(0).beacon.hello is not None
     assert protocol.compose(PERIOD).beacon.hello is None
     judge(protocol.slowdown, 60, 500)

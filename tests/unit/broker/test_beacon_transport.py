@@ -5,12 +5,14 @@ import pytest
 from swarmd.broker.beacon_transport import BeaconTransport
 from swarmd.broker.config import Config
 from swarmd.broker.core import beacon_codec as codec
+from swarmd.broker.core.action import Action
 from swarmd.broker.core.beacon import Beacon, Header, PlatformKind, RouteRow
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity, ReceivedBeacon
+from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.broker import BrokerCore, FormerState
+from swarmd.broker.core.link import LinkChanged
+from swarmd.broker.core.relay_cache import RelayCache
 from swarmd.broker.core.session_checks import CheckKind, SessionCheck
-from swarmd.broker.core.sessions import Sessions, digest
-from swarmd.broker.core.topology import Topology
-from swarmd.broker.core.traffic import Counters
+from swarmd.broker.core.sessions import digest
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.transport.security import Keys, Sealer
@@ -22,35 +24,26 @@ class Shell:
     """A node's datagrams on loopback sockets of its own, without a group."""
 
     def __init__(self) -> None:
-        self.counters = Counters()
-        hw = hardware_id("uav1")
-        self.protocol = BeaconProtocol(
-            NodeIdentity(hw, "uav1", "main", PlatformKind.UAV, 1, b""),
-            Topology(hw, 1, SECOND, 0),
-            self.counters,
-            busy_hz=10.0,
-            relay_bytes_s=3000.0,
-        )
-        self.arrivals: list[ReceivedBeacon] = []
-        self.kept: list[int] = []
         config = Config(multicast_group="", bind_address="127.0.0.1")
+        self.core = BrokerCore(
+            NodeIdentity(hardware_id("uav1"), "uav1", "main", PlatformKind.UAV, 1, b""),
+            config,
+            1,
+            connections=False,
+            former=FormerState(),
+            now_ns=0,
+            chance=lambda: 0.5,
+        )
+        self.counters = self.core.counters
+        self.actions: list[Action] = []
+        self.kept: list[int] = []
         keys = Keys.open("uav1")
         self.datagrams = BeaconTransport(
-            config,
-            keys,
-            1,
-            Clock(),
-            self.protocol,
-            self.counters,
-            Sessions(hw, 1, connections=False),
-            self.arrivals.append,
-            lambda hw, outcome: None,
-            self.kept.append,
+            config, keys, Clock(), self.core, self.actions.extend, self.kept.append
         )
         self.peer_hw = hardware_id("uav2")
-        self.beacon = Beacon(
-            rows=(RouteRow(9, 1, 256),), checks=(SessionCheck(CheckKind.ANSWER, hw, digest(1)),)
-        )
+        answer = SessionCheck(CheckKind.ANSWER, hardware_id("uav1"), digest(1))
+        self.beacon = Beacon(rows=(RouteRow(9, 1, 256),), checks=(answer,))
         self.sealer = Sealer(keys.group, self.peer_hw, 1)
 
     def receive(self, sequence: int) -> None:
@@ -64,14 +57,14 @@ async def test_a_datagram_on_which_our_code_fails_is_counted_and_the_next_one_is
 ) -> None:
     shell = Shell()
     with monkeypatch.context() as broken:
-        broken.setattr(shell.protocol, "on_datagram", lambda *_: 1 // 0)
+        broken.setattr(shell.core, "on_datagram", lambda *_: 1 // 0)
         for sequence in range(1, 21):
             shell.receive(sequence)
     assert shell.counters.refused.failed == 20
     assert len(caplog.records) == 5, "the log is not flooded"
     assert caplog.records[0].exc_info is not None
     shell.receive(21)
-    assert len(shell.arrivals) == 1
+    assert sum(isinstance(action, LinkChanged) for action in shell.actions) == 1
     shell.datagrams.close()
 
 
@@ -79,11 +72,15 @@ async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leav
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     shell = Shell()
+    shell.core.on_inputs_read(0)
     with monkeypatch.context() as broken:
-        broken.setattr(shell.protocol.relay_cache, "compose", lambda *_: 1 // 0)
+        broken.setattr(RelayCache, "compose", lambda *_: 1 // 0)
         shell.datagrams.send_beacon(0)
     assert shell.counters.failed_ticks == 1
+    due_ns = shell.core.deadline_ns()
+    assert due_ns is not None
+    assert 0 < due_ns <= SECOND, "the next one is scheduled"
     shell.datagrams.send_beacon(0)
     assert shell.counters.failed_ticks == 1
-    assert shell.protocol.topology.neighbours.echoes(0, 1, 0) == ()
+    assert shell.counters.sent_datagrams == 0, "nobody is there to send it to"
     shell.datagrams.close()

@@ -123,7 +123,7 @@ def test_a_channel_limits_the_rate_and_gives_it_back(
     assert rate_hz(10 * SECOND) == 0
     channels.set(SetChannel("nav/pose"), 0)
     assert rate_hz(20 * SECOND) == 2
-    channels.on_timer(5 * SECOND)
+    channels.advance(5 * SECOND)
     assert rate_hz(30 * SECOND) == 10
 
 

@@ -121,7 +121,7 @@ def test_no_datagram_ends_the_protocol_and_all_its_output_can_be_written(
             beacon = codec.decode(body)
         except WireError:
             continue
-        taken = mine.on_datagram(header, beacon, ("10.0.0.1", 1), now_ns)
+        taken = mine.on_beacon(header, beacon, ("10.0.0.1", 1), now_ns)
         if taken is not None:
             if (t := taken.clock_sample) is not None:
                 sample = (t.hw, t.boot_id, t.rx_ns, t.reverse_ns, t.forward_tx_ns, t.forward_ns)
@@ -131,7 +131,7 @@ def test_no_datagram_ends_the_protocol_and_all_its_output_can_be_written(
                     Frame(FrameKind.BOARD, want.data_id, value.origin_hw, stamp_ns=value.stamp_us * 1000)
                 )
         if in_hurry or later_ns:
-            mine.on_timer(now_ns)
+            mine.advance(now_ns)
             outgoing = mine.compose(now_ns)
             data = codec.encode(outgoing.beacon)
             codec.decode(data)

@@ -126,7 +126,7 @@ def test_a_listing_without_an_echo_does_not_bring_it_up_but_keeps_it_up(
     while now_ns < 3 * UNLISTED_NS:
         now_ns += 500 * MS
         peer.datagram(now_ns, Echo(ME, 0, NO_ECHO, 255))
-        assert not table.on_timer(now_ns)
+        assert not table.advance(now_ns)
     assert peer.is_(LinkState.UP)
 
 
@@ -146,8 +146,8 @@ def test_silence_for_the_timeout_takes_it_down(table: NeighbourTable, peer: Peer
         peer.datagram(slot * 100 * MS, listed(table, slot * 100 * MS), hello=True)
     last_ns = 1900 * MS
     assert table.deadline_ns() == last_ns + TIMEOUT
-    assert table.on_timer(last_ns + TIMEOUT - 1) == []
-    [change] = table.on_timer(last_ns + TIMEOUT)
+    assert table.advance(last_ns + TIMEOUT - 1) == []
+    [change] = table.advance(last_ns + TIMEOUT)
     assert (change.before, change.after, change.event) == (LinkState.UP, LinkState.DOWN, LinkEvent.SILENT)
     assert table.deadline_ns() is None
 
@@ -157,8 +157,8 @@ def test_a_slow_sender_without_loss_may_miss_one_datagram(table: NeighbourTable,
     for slot in range(20):
         peer.datagram(slot * 500 * MS, listed(table, slot * 500 * MS), hello=True)
     last_ns = 19 * 500 * MS
-    assert table.on_timer(last_ns + 1200 * MS) == []
-    assert table.on_timer(last_ns + 1251 * MS) != []
+    assert table.advance(last_ns + 1200 * MS) == []
+    assert table.advance(last_ns + 1251 * MS) != []
 
 
 def test_the_declared_period_counts_not_the_gaps_between_datagrams_sent_in_a_hurry(
@@ -182,7 +182,7 @@ def test_a_link_that_loses_three_of_ten_datagrams_stays_up(
     changes: list[LinkChanged] = []
     for slot in range(1, 600_000 // period_ms):
         now_ns = (100 + slot * period_ms) * MS
-        changes += table.on_timer(now_ns)
+        changes += table.advance(now_ns)
         if chance.random() < 0.3:
             peer.sequence += 1
         else:
@@ -195,7 +195,7 @@ def test_cost_rises_while_a_neighbour_is_silent(table: NeighbourTable, peer: Pee
     bring_up(table, peer, 0)
     costs = []
     for silent_ms in (100, 200, 300, 500, 900):
-        table.on_timer((100 + silent_ms) * MS)
+        table.advance((100 + silent_ms) * MS)
         costs.append(peer.neighbour.cost)
     assert costs == sorted(costs)
     assert costs[0] == 256, "the next one may be a little late"
@@ -206,7 +206,7 @@ def test_cost_rises_while_a_neighbour_is_silent(table: NeighbourTable, peer: Pee
 
 def test_two_echoes_say_that_a_lost_neighbour_is_not_received(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
-    table.on_timer(10 * SECOND)
+    table.advance(10 * SECOND)
     for _ in range(2):
         assert Echo(UAV2, 0, NO_ECHO, 0) in table.echoes(10 * SECOND, 10, LISTING_NS)
     assert table.echoes(10 * SECOND, 10, LISTING_NS) == ()
@@ -226,7 +226,7 @@ def test_who_lists_us_no_more_is_half_open(table: NeighbourTable, peer: Peer) ->
     while peer.is_(LinkState.UP):
         now_ns += 500 * MS
         peer.datagram(now_ns, Echo(UAV3, 1, 5, 255))
-        table.on_timer(now_ns)
+        table.advance(now_ns)
         assert now_ns < 2 * UNLISTED_NS
     assert peer.is_(LinkState.HALF_OPEN)
     assert now_ns > UNLISTED_NS
@@ -384,7 +384,7 @@ def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: Ne
 def test_many_neighbours_that_fall_silent_at_once_do_not_overfill_a_datagram(table: NeighbourTable) -> None:
     for index in range(400):
         Peer(table, 100 + index).datagram(0)
-    table.on_timer(20 * SECOND)
+    table.advance(20 * SECOND)
     told = [len(table.echoes(20 * SECOND, 30, LISTING_NS)) for _ in range(30)]
     assert max(told) == 30
     assert sum(told) == 400 * 2, "each is told twice"
@@ -425,8 +425,8 @@ def test_what_a_neighbour_heard_long_ago_counts_no_more(table: NeighbourTable, p
 
 def test_a_neighbour_that_stays_away_is_forgotten(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
-    table.on_timer(2 * SECOND)
-    table.on_timer(FORGET_NS + 2 * SECOND)
+    table.advance(2 * SECOND)
+    table.advance(FORGET_NS + 2 * SECOND)
     assert table.get(UAV2) is None
 
 
@@ -447,5 +447,5 @@ def test_the_usual_period_is_that_of_most_whatever_one_declares_and_the_lost_hav
     assert table.usual_period_ns() == 500 * MS
     for peer in peers[1::2]:
         peer.datagram(60 * SECOND, hello=True)
-    table.on_timer(60 * SECOND)
+    table.advance(60 * SECOND)
     assert table.usual_period_ns() in (100 * MS, 200 * MS)

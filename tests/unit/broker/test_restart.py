@@ -36,7 +36,7 @@ def test_no_link_outlives_the_notice_whatever_its_loss(period_ms: int, every: in
         table.sent(sequence, now_ns - 2 * MS)
         table.on_echoes(neighbour, header, (Echo(ME, sequence & 0xFF, 1000, 255),), now_ns, [])
     assert [each.state for each in table.all() if each.hw == PEER] == [LinkState.UP]
-    table.on_timer(now_ns + notice_ns(period_ms * MS, SECOND) - NOTICE_SLACK_NS)
+    table.advance(now_ns + notice_ns(period_ms * MS, SECOND) - NOTICE_SLACK_NS)
     assert table.up() == []
 
 

@@ -203,8 +203,8 @@ def test_a_route_whose_number_stands_still_is_lost(routing: RoutingTable) -> Non
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     for now_ns in range(0, HOLD_NS + 1, SECOND):
         assert routing.on_rows(A, [(FAR, 7, 256)], now_ns) == []
-        assert routing.on_timer(now_ns) == []
-    assert routing.on_timer(HOLD_NS + 2 * SECOND) == [RouteChanged(FAR, 0)]
+        assert routing.advance(now_ns) == []
+    assert routing.advance(HOLD_NS + 2 * SECOND) == [RouteChanged(FAR, 0)]
 
 
 def test_a_vanished_node_is_forgotten_with_its_bound(routing: RoutingTable) -> None:
@@ -212,8 +212,8 @@ def test_a_vanished_node_is_forgotten_with_its_bound(routing: RoutingTable) -> N
     rows(routing)
     routing.drop_link(A, 1)
     routing.set_link(A, 256)
-    routing.on_timer(2)
-    routing.on_timer(SOURCE_GC_NS + 3 * SECOND)
+    routing.advance(2)
+    routing.advance(SOURCE_GC_NS + 3 * SECOND)
     assert routing.on_rows(A, [(FAR, 3, 5000)], SOURCE_GC_NS + 4 * SECOND) == [RouteChanged(FAR, A)]
 
 
@@ -261,7 +261,7 @@ def test_routes_over_a_neighbour_end_with_its_silence() -> None:
     topology.on_beacon(header(A, 7), Beacon(rows=(RouteRow(FAR, 1, 256),)), False, ("h", 1), PERIOD)
     deadline_ns = topology.deadline_ns()
     assert deadline_ns is not None
-    links, routes = topology.on_timer(deadline_ns)
+    links, routes = topology.advance(deadline_ns)
     assert [link.hw for link in links] == [A]
     assert {route.hw for route in routes} == {A, FAR}
 

@@ -187,7 +187,7 @@ class BeaconProtocol:
 
     # input
 
-    def on_datagram(
+    def on_beacon(
         self, header: Header, beacon: Beacon, address: tuple[str, int], rx_ns: int
     ) -> ReceivedBeacon | None:
         """Takes an authenticated beacon. None: it is malformed, or the neighbour table is full."""
@@ -280,10 +280,10 @@ class BeaconProtocol:
             else:
                 channel.duplicates += 1
 
-    def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
+    def advance(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
         """Handles deadlines and expiry; call at each beacon and at `deadline_ns`."""
         self._now_ns = now_ns
-        self.rate_limits.on_timer(now_ns)
+        self.rate_limits.advance(now_ns)
         if self.rate_limits.version != self._limits_version:
             self._limits_version = self.rate_limits.version
             self.published.offer(self._plan.offers, self.rate_limits.max_hz)
@@ -291,10 +291,10 @@ class BeaconProtocol:
             self._forget_ns = now_ns + _FORGET_NS
             self.relay_cache.forget(now_ns)
             self.nodes.forget(now_ns)
-        return self.topology.on_timer(now_ns)
+        return self.topology.advance(now_ns)
 
     def deadline_ns(self) -> int | None:
-        """Instant by which `on_timer` must be called; None: no deadline."""
+        """Instant by which `advance` must be called; None: no deadline."""
         return self.topology.deadline_ns()
 
     # output

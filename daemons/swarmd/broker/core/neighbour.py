@@ -353,7 +353,7 @@ class NeighbourTable:
             for neighbour in self._all.values()
         )
 
-    def on_timer(self, now_ns: int) -> list[LinkChanged]:
+    def advance(self, now_ns: int) -> list[LinkChanged]:
         """Takes links down whose deadline has passed, and counts overdue datagrams."""
         changes: list[LinkChanged] = []
         forgotten: list[int] = []
@@ -381,7 +381,7 @@ class NeighbourTable:
             self._event(neighbour, LinkEvent.UNLISTED, now_ns, changes)
 
     def deadline_ns(self) -> int | None:
-        """Instant by which `on_timer` must be called; None: no deadline."""
+        """Instant by which `advance` must be called; None: no deadline."""
         return min((n.deadline_ns for n in self._all.values() if n.state is not LinkState.DOWN), default=None)
 
     # output

@@ -44,7 +44,7 @@ class RateLimits:
                 return limit.max_hz
         return None
 
-    def on_timer(self, now_ns: int) -> None:
+    def advance(self, now_ns: int) -> None:
         """Removes limits whose time is over."""
         over = [
             text

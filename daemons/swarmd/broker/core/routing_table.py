@@ -246,7 +246,7 @@ class RoutingTable:
         if destination is not None and destination.via == 0 and now_ns >= destination.request_until_ns:
             self._ask(destination, now_ns)
 
-    def on_timer(self, now_ns: int) -> list[RouteChanged]:
+    def advance(self, now_ns: int) -> list[RouteChanged]:
         """Removes expired routes; call at each beacon."""
         changes: list[RouteChanged] = []
         if now_ns < self._sweep_ns:

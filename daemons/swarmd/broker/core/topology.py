@@ -95,9 +95,9 @@ class Topology:
             routes += routing.on_requests(header.sender_hw, beacon.requests, rx_ns)
         return TopologyUpdate(neighbour, fresh, clock_sample, links, routes)
 
-    def on_timer(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
+    def advance(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
         """Handles deadlines of links and expiry of routes."""
-        links = self.neighbours.on_timer(now_ns)
+        links = self.neighbours.advance(now_ns)
         routes: list[RouteChanged] = []
         self._note_changes(links, now_ns)
         for change in links:
@@ -106,7 +106,7 @@ class Topology:
         for neighbour in self.neighbours.up():
             if neighbour.missed:
                 routes += self._update_cost(neighbour, now_ns)
-        routes += self.routing.on_timer(now_ns)
+        routes += self.routing.advance(now_ns)
         return links, routes
 
     def _update_cost(self, neighbour: Neighbour, now_ns: int) -> list[RouteChanged]:
@@ -175,7 +175,7 @@ class Topology:
         self.neighbours.sent(sequence, tx_ns)
 
     def deadline_ns(self) -> int | None:
-        """Instant by which `on_timer` must be called; None: no deadline."""
+        """Instant by which `advance` must be called; None: no deadline."""
         return self.neighbours.deadline_ns()
 
 

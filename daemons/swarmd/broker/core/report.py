@@ -1,14 +1,18 @@
 """Tables of neighbours, routes and traffic, for the boards and the replies of the broker."""
 
+from collections.abc import Callable
+from typing import Final
+
 from swarmd.broker.core.beacon import INFINITY, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
+from swarmd.broker.core.link import LinkState
 from swarmd.broker.core.neighbour import Neighbour
-from swarmd.broker.core.topology import LinkState
+from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.links.zmq_links import ZmqLinks
 from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState, Traffic
 
-_FULL = 255
+_FULL: Final = 255
+"""Quality of a link without loss."""
 
 
 class NetReport:
@@ -17,27 +21,36 @@ class NetReport:
     def __init__(
         self,
         protocol: BeaconProtocol,
+        topology: Topology,
         counters: Counters,
-        links: ZmqLinks,
         by_unicast: set[int],
         since_ns: int,
     ) -> None:
-        self._protocol = protocol
+        self._nodes = protocol.nodes
+        self._published = protocol.published
+        self._rate_limits = protocol.rate_limits
+        self._slowdown = protocol.slowdown
+        self._beacon_hz = protocol.beacon_hz
+        self._neighbours = topology.neighbours
+        self._routing = topology.routing
         self._counters = counters
-        self._links = links
-        self._since_ns = since_ns
         self._by_unicast = by_unicast
+        self._since_ns = since_ns
 
-    def neighbours(self, now_ns: int) -> Neighbours:
-        """Table of all nodes received within the last minutes."""
+    def neighbours(self, connection_of: Callable[[int], str], now_ns: int) -> Neighbours:
+        """Table of all nodes received within the last minutes.
+
+        `connection_of`: state of the connection to a neighbour.
+        """
         return Neighbours(
             tuple(
-                self._neighbour(neighbour, now_ns) for neighbour in self._protocol.topology.neighbours.all()
+                self._neighbour(neighbour, connection_of(neighbour.hw), now_ns)
+                for neighbour in self._neighbours.all()
             )
         )
 
-    def _neighbour(self, neighbour: Neighbour, now_ns: int) -> NeighbourState:
-        member = self._protocol.nodes.get(neighbour.hw)
+    def _neighbour(self, neighbour: Neighbour, connection: str, now_ns: int) -> NeighbourState:
+        member = self._nodes.get(neighbour.hw)
         hello = neighbour.hello
         up = neighbour.state is LinkState.UP
         return NeighbourState(
@@ -57,15 +70,15 @@ class NetReport:
             tree_version=hello.tree_version if hello is not None else 0,
             mission=hello.mission if hello is not None else 0,
             boot_id=hello.boot_id if hello is not None else 0,
-            transport=self._links.state(neighbour.hw),
+            transport=connection,
             multicast=neighbour.hw not in self._by_unicast,
         )
 
     def routes(self) -> Routes:
         """Table of all reachable nodes."""
-        members = self._protocol.nodes
+        members = self._nodes
         out: list[RouteState] = []
-        for route in self._protocol.topology.routing.routes():
+        for route in self._routing.routes():
             member = members.get(route.hw)
             out.append(
                 RouteState(
@@ -81,22 +94,18 @@ class NetReport:
         return Routes(tuple(out))
 
     def traffic(self, now_ns: int) -> Traffic:
-        """Table of all traffic counters."""
-        counters, protocol = self._counters, self._protocol
-        self._links.count.sample_all()
-        counters.tcp_sent_bytes = self._links.count.sent_bytes
-        counters.tcp_received_bytes = self._links.count.received_bytes
-        counters.refused.denied_connections = self._links.denied
+        """Table of all traffic counters; those of the connections must be up to date."""
+        counters = self._counters
         lost = 0
-        for neighbour in protocol.topology.neighbours.all():
-            link = counters.link(protocol.nodes.platform(neighbour.hw), "udp")
+        for neighbour in self._neighbours.all():
+            link = counters.link(self._nodes.platform(neighbour.hw), "udp")
             link.lost = neighbour.lost
             link.late = neighbour.late
             lost += neighbour.lost
-        for board in protocol.published.boards.values():
+        for board in self._published.boards.values():
             counters.channel(board.path).held_back = board.held_back
         for name, channel in counters.channels.items():
-            channel.max_hz = protocol.rate_limits.max_hz(name)
+            channel.max_hz = self._rate_limits.max_hz(name)
         return Traffic(
             since_ns=self._since_ns,
             at_ns=now_ns,
@@ -114,11 +123,11 @@ class NetReport:
             forwarded_frames=counters.forwarded_frames,
             requests=counters.requests,
             notifications=counters.notifications,
-            tick_hz=round(protocol.beacon_hz(), 2),
+            tick_hz=round(self._beacon_hz(), 2),
             refused=counters.refused_table(),
             links=counters.link_table(),
             channels=counters.channel_table(),
             failed_ticks=counters.failed_ticks,
-            slowed_ticks=protocol.slowdown.delayed_beacons,
-            slowdown=round(protocol.slowdown.factor, 2),
+            slowed_ticks=self._slowdown.delayed_beacons,
+            slowdown=round(self._slowdown.factor, 2),
         )

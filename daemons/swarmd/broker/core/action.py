@@ -1,0 +1,102 @@
+"""Actions of the broker's core: what the shell carries out."""
+
+import msgspec
+
+from swarmd.broker.core.link import LinkChanged
+from swarmd.broker.core.relay_cache import RemoteValue
+from swarmware.types.net import BoardSubscription, ChannelLimits, TimingBatch
+
+
+class ReadInputs(msgspec.Struct, frozen=True):
+    """Action: receive the waiting datagrams, then call `on_inputs_read`."""
+
+    boards: bool
+    """Also read the plan and the values of the own boards: a beacon is due."""
+
+
+class SendBeacon(msgspec.Struct, frozen=True):
+    """Action: compose the next beacon with `BrokerCore.compose` and send it."""
+
+
+class WriteMirrors(msgspec.Struct, frozen=True, gc=False):
+    """Action: write values of other platforms into their mirrors."""
+
+    values: list[tuple[BoardSubscription, RemoteValue]]
+
+
+class KeepMirrors(msgspec.Struct, frozen=True):
+    """Action: remove the mirrors of all boards that are not subscribed any more."""
+
+    wants: tuple[BoardSubscription, ...]
+
+
+class PublishTables(msgspec.Struct, frozen=True):
+    """Action: write the tables of neighbours and routes."""
+
+    traffic: bool
+    """Also the traffic counters."""
+
+
+class WriteLimits(msgspec.Struct, frozen=True):
+    """Action: write the rate limits in force."""
+
+    limits: ChannelLimits
+
+
+class WriteClockSamples(msgspec.Struct, frozen=True):
+    """Action: write the clock samples since the last own beacon."""
+
+    batch: TimingBatch
+
+
+class AdoptSession(msgspec.Struct, frozen=True):
+    """Action: accept the sequence numbers of a session from now on."""
+
+    hw: int
+    session: int
+
+
+class ProveSession(msgspec.Struct, frozen=True):
+    """Action: send a neighbour the own session over a connection that only the own key opens."""
+
+    hw: int
+    session: int
+
+
+class ReportDuplicate(msgspec.Struct, frozen=True):
+    """Action: report that two computers use one platform name."""
+
+    platform: str
+    own: bool
+    """It is the own name."""
+    first: bool
+    """It was not reported before."""
+
+
+class ReportDuplicateGone(msgspec.Struct, frozen=True):
+    """Action: report that each platform name is used by one computer again."""
+
+
+class ReportSlowdown(msgspec.Struct, frozen=True):
+    """Action: report a change of the factor by which beacons are slowed; 1: the processor keeps up."""
+
+    factor: float
+    late_ns: int
+    """Median lateness of the last beacons."""
+
+
+Action = (
+    ReadInputs
+    | SendBeacon
+    | WriteMirrors
+    | KeepMirrors
+    | PublishTables
+    | WriteLimits
+    | WriteClockSamples
+    | AdoptSession
+    | ProveSession
+    | ReportDuplicate
+    | ReportDuplicateGone
+    | ReportSlowdown
+    | LinkChanged
+)

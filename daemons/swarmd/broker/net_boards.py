@@ -1,0 +1,43 @@
+"""Boards and streams that the broker writes: neighbours, routes, traffic, limits, denials, clock samples."""
+
+from typing import Final
+
+from swarmware.module.module import Module
+from swarmware.types.net import ChannelLimits, Denial, Neighbours, Routes, TimingBatch, Traffic
+
+TIMING_SLOTS: Final = 64
+TIMING_SLOT_BYTES: Final = 4096
+
+
+class NetBoards:
+    """The writers of `net/*`; at first no limit is in force."""
+
+    def __init__(self, module: Module) -> None:
+        self.neighbours = module.writer(
+            "net/neighbours", Neighbours, rate_hz=1, link="request", description="Nodes received directly"
+        )
+        self.routes = module.writer(
+            "net/routes", Routes, rate_hz=1, link="request", description="Nodes that can be reached"
+        )
+        self.traffic = module.writer(
+            "net/traffic",
+            Traffic,
+            rate_hz=1,
+            link="request",
+            log="1hz",
+            description="Traffic counters in bytes",
+        )
+        self.limits = module.writer(
+            "net/limits", ChannelLimits, link="request", description="Limits of rates in force"
+        )
+        self.limits.write(ChannelLimits())
+        self.denials = module.stream_writer(
+            "net/denials", Denial, kind="event", log="all", description="Requests denied by access control"
+        )
+        self.timing = module.stream_writer(
+            "net/timing",
+            TimingBatch,
+            slots=TIMING_SLOTS,
+            slot_bytes=TIMING_SLOT_BYTES,
+            description="Clock differences measured from datagrams",
+        )

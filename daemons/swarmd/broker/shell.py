@@ -1,0 +1,231 @@
+"""The broker's shell: sockets, shared memory and the message router around its core."""
+
+import contextlib
+import logging
+from typing import Final
+
+from swarmd.broker.beacon_transport import FAULTS, BeaconTransport
+from swarmd.broker.config import Config
+from swarmd.broker.core.action import (
+    Action,
+    AdoptSession,
+    KeepMirrors,
+    ProveSession,
+    PublishTables,
+    ReadInputs,
+    ReportDuplicate,
+    ReportDuplicateGone,
+    ReportSlowdown,
+    SendBeacon,
+    WriteClockSamples,
+    WriteLimits,
+    WriteMirrors,
+)
+from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.link import LinkChanged, LinkState
+from swarmd.broker.former_session import FormerSession
+from swarmd.broker.frame_gateway import FrameGateway
+from swarmd.broker.mirrored_boards import MirroredBoards
+from swarmd.broker.net_boards import NetBoards
+from swarmd.broker.own_boards import OwnBoards
+from swarmware.model.resource import Resource
+from swarmware.node.mirror_writer import MirrorWriter
+from swarmware.service.service import Service
+from swarmware.transport.security import Keys
+from swarmware.types.net import ChannelLimits, Denial, Neighbours, Routes, SetChannel, Traffic, TreePlan
+from swarmware.types.rpc import Empty
+
+OF_DATAGRAMS: Final = (AdoptSession, LinkChanged, ProveSession, WriteMirrors)
+"""Actions that a received datagram causes: a fault in one of them costs this action, never the broker."""
+
+log = logging.getLogger("swarm.broker")
+
+
+class BrokerShell:
+    """Feeds the broker's core and carries out its actions."""
+
+    def __init__(
+        self,
+        service: Service,
+        config: Config,
+        keys: Keys,
+        core: BrokerCore,
+        former_session: FormerSession,
+    ) -> None:
+        """Raises: ConfigError when an address or port cannot be used."""
+        module, node = service.module, service.module.node
+        self._module = module
+        self._health = service.health
+        self._clock = module.clock
+        self._core = core
+        self._plan_at = -1
+        self._seeds = bool(config.seeds)
+        self._driver = service.drive(core, self._perform)
+        feed = self._driver.feed
+        with contextlib.ExitStack() as stack:
+            self._transport = BeaconTransport(config, keys, module.clock, core, feed, former_session.keep)
+            stack.callback(self._transport.close)
+            self._gateway = FrameGateway(
+                config, keys, module.clock, node.post, node.table, core, self._on_denial
+            )
+            stack.callback(self._gateway.close)
+            self._own = OwnBoards(node, core.published, core.counters)
+            stack.callback(self._own.close)
+            self._mirrors = MirroredBoards(MirrorWriter(node), core.counters)
+            stack.callback(self._mirrors.close)
+            self._closing = stack.pop_all()
+        self._boards = NetBoards(module)
+        self._plan = module.reader("tree/plan", TreePlan)
+        core.set_tcp_port(self._gateway.links.port)
+
+    async def run(self) -> None:
+        """Serves the requests and drives the core until it is cancelled."""
+        module, post = self._module, self._module.node.post
+        module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
+        module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
+        module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
+        module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
+        self._health.report("name", description="One computer for each name")
+        self._health.report("processor", description="Beacons begin when they are due")
+        if self._seeds:
+            module.start(self._transport.look_up_seeds(), "seeds")
+        log.info("listening: udp %d, tcp %d", self._transport.port, self._gateway.links.port)
+        post.set_gateway(self._gateway.from_here, self._gateway.links.batch)
+        try:
+            await self._driver.run()
+        finally:
+            post.set_gateway(None)
+
+    def close(self) -> None:
+        """Closes the sockets; mirrors stay readable."""
+        self._driver.stop()
+        self._closing.close()
+
+    # actions
+
+    def _perform(self, action: Action) -> None:
+        try:
+            self._carry_out(action)
+        except FAULTS:
+            if not isinstance(action, OF_DATAGRAMS):
+                raise
+            self._core.counters.refused.failed += 1
+            self._transport.log_fault("a datagram could not be processed")
+
+    def _carry_out(self, action: Action) -> None:
+        match action:
+            case WriteMirrors():
+                for want, value in action.values:
+                    if self._mirrors.write(want, value):
+                        self._core.counters.notifications += 1
+            case ReadInputs():
+                self._read_inputs(action.boards)
+            case SendBeacon():
+                self._transport.send_beacon(self._clock.now_ns())
+            case WriteClockSamples():
+                self._boards.timing.write(action.batch)
+            case PublishTables():
+                self._publish(action.traffic)
+            case LinkChanged():
+                self._on_link_changed(action)
+            case KeepMirrors():
+                self._mirrors.keep_only(action.wants)
+            case AdoptSession():
+                self._transport.adopt(action.hw, action.session)
+            case ProveSession():
+                self._gateway.prove(action.hw, action.session)
+            case WriteLimits():
+                self._boards.limits.write(action.limits)
+            case ReportDuplicate():
+                self._report_duplicate(action)
+            case ReportDuplicateGone():
+                self._health.report("name")
+            case ReportSlowdown():
+                self._report_slowdown(action)
+
+    def _read_inputs(self, boards: bool) -> None:
+        self._transport.receive()
+        now_ns = self._clock.now_ns()
+        if boards:
+            if self._plan.position != self._plan_at:
+                self._plan_at = self._plan.position
+                if (plan := self._plan.value) is not None:
+                    self._driver.feed(self._core.on_plan(plan, now_ns))
+            self._own.poll(now_ns)
+        self._driver.feed(self._core.on_inputs_read(now_ns))
+
+    def _publish(self, traffic: bool) -> None:
+        if traffic:
+            self._boards.traffic.write(self._traffic())
+        self._boards.neighbours.write(self._neighbours())
+        self._boards.routes.write(self._core.report.routes())
+
+    def _on_link_changed(self, change: LinkChanged) -> None:
+        name = self._core.nodes.platform(change.hw)
+        if change.after is LinkState.UP:
+            log.info("neighbour %s: up", name)
+        elif change.before is LinkState.UP:
+            log.info("neighbour %s: %s (%s)", name, change.after.name.lower(), change.event.name.lower())
+            self._gateway.neighbour_gone(change.hw)
+
+    def _on_denial(self, denial: Denial) -> None:
+        self._boards.denials.write(denial)
+
+    def _report_duplicate(self, found: ReportDuplicate) -> None:
+        if found.first:
+            log.error(
+                "two computers are named %s: %s; change the platform in node.toml of one of them",
+                found.platform,
+                "this one and another" if found.own else "both are received here",
+            )
+        self._health.report(
+            "name",
+            "duplicate",
+            level="error" if found.own else "warn",
+            detail=f"two computers are named {found.platform}",
+            description="One computer for each name",
+            clear_s=5.0,
+        )
+
+    def _report_slowdown(self, slowdown: ReportSlowdown) -> None:
+        if slowdown.factor == 1:
+            self._health.report("processor")
+            return
+        self._health.report(
+            "processor",
+            "short",
+            level="warn",
+            detail=f"beacons slowed {slowdown.factor:.1f} times: half of them began"
+            f" {slowdown.late_ns / 1e6:.0f} ms late; run fewer services or nodes on this computer",
+            description="Beacons begin when they are due",
+            clear_s=5.0,
+        )
+
+    # requests
+
+    def _neighbours(self) -> Neighbours:
+        return self._core.report.neighbours(self._gateway.links.state, self._clock.now_ns())
+
+    def _traffic(self) -> Traffic:
+        self._gateway.update_counters()
+        return self._core.report.traffic(self._clock.now_ns())
+
+    def _serve_links(self, _request: Empty, _meta: object) -> Neighbours:
+        return self._neighbours()
+
+    def _serve_routes(self, _request: Empty, _meta: object) -> Routes:
+        return self._core.report.routes()
+
+    def _serve_traffic(self, _request: Empty, _meta: object) -> Traffic:
+        return self._traffic()
+
+    def _serve_set(self, request: SetChannel, _meta: object) -> ChannelLimits:
+        answer, actions = self._core.on_set_channel(request, self._resources(), self._clock.now_ns())
+        self._driver.feed(actions)
+        return answer
+
+    def _resources(self) -> list[Resource]:
+        """Resources of local applications."""
+        table = self._module.node.table
+        table.refresh()
+        return [each for entry in table for each in entry.provides]
