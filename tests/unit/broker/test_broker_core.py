@@ -1,0 +1,166 @@
+"""The broker's core under its driver: when beacons leave, what waits for the inputs, what is reported."""
+
+from typing import Final
+
+import pytest
+from tests.simulation.directory.brokers import BrokerNode
+
+from swarmd.broker.core.action import (
+    KeepMirrors,
+    PublishTables,
+    ReadInputs,
+    ReportDuplicate,
+    ReportDuplicateGone,
+    ReportSlowdown,
+    SendBeacon,
+    WriteClockSamples,
+    WriteLimits,
+    WriteMirrors,
+)
+from swarmd.broker.core.broker import DUPLICATE_NS, PUBLISH_NS
+from swarmd.broker.core.link import LinkState
+from swarmware.errors import InvalidInput, OutOfRange
+from swarmware.model.names import data_id
+from swarmware.model.resource import Kind, Resource
+from swarmware.testing.virtual import VirtualClock, VirtualSwarm
+from swarmware.types.net import BoardPublication, BoardSubscription, SetChannel, TreePlan
+
+SECOND: Final = 1_000_000_000
+POSE: Final = data_id("nav/pose", "Pose")
+OFFER: Final = BoardPublication("nav/pose", POSE, "Pose")
+
+
+def pair(seed: int = 0) -> tuple[VirtualSwarm[str], BrokerNode, BrokerNode]:
+    air: VirtualSwarm[str] = VirtualSwarm(seed)
+    air.now_ns = SECOND
+    return air, BrokerNode(air, "uav1", VirtualClock(air)), BrokerNode(air, "uav2", VirtualClock(air))
+
+
+def up(node: BrokerNode) -> list[str]:
+    return [
+        neighbour.platform
+        for neighbour in node.core.report.neighbours(lambda hw: "none", node.clock.now_ns()).neighbours
+        if neighbour.state == "up"
+    ]
+
+
+def test_two_nodes_ask_for_each_others_session_and_are_up_within_a_second() -> None:
+    air, one, other = pair()
+    air.run_for(1.0)
+    assert up(one) == ["uav2"]
+    assert up(other) == ["uav1"]
+    assert one.core.counters.refused.unproven > 0, "a session counts after it has answered"
+    assert [route.platform for route in one.core.report.routes().routes] == ["uav2"]
+
+
+def test_what_is_due_is_judged_only_after_the_inputs_were_read() -> None:
+    air, one, other = pair()
+    air.run_for(2.0)
+    other.stop()
+    silent_ns = air.now_ns + 20 * SECOND
+    assert one.core.on_timer(silent_ns) == [ReadInputs(boards=True)]
+    assert up(one) == ["uav2"], "its datagrams may wait in the socket"
+    actions = one.core.on_inputs_read(silent_ns)
+    assert up(one) == []
+    assert [change.after for change in actions if hasattr(change, "after")] == [LinkState.DOWN]
+
+
+def test_a_beacon_leaves_only_with_boards_that_were_read_for_it() -> None:
+    air, one, _ = pair()
+    air.run_for(2.0)
+    due_ns = one.core.deadline_ns()
+    assert due_ns is not None
+    assert one.core.on_timer(due_ns - 1) == [ReadInputs(boards=False)]
+    late_ns = due_ns + 10 * SECOND
+    assert SendBeacon() not in one.core.on_inputs_read(late_ns), "it became due while the inputs were read"
+    assert one.core.on_timer(late_ns) == [ReadInputs(boards=True)]
+    assert SendBeacon() in one.core.on_inputs_read(late_ns)
+
+
+def test_tables_are_published_each_second_and_at_once_after_a_change() -> None:
+    air, one, other = pair()
+    air.run_for(10.0)
+    one.actions.clear()
+    air.run_for(5.0)
+    assert one.of(PublishTables) == [PublishTables(traffic=True)] * 5
+    one.actions.clear()
+    other.stop()
+    air.run_until((air.now_ns // PUBLISH_NS + 4) * PUBLISH_NS - 1)
+    assert up(one) == []
+    assert PublishTables(traffic=False) in one.actions
+
+
+def test_clock_samples_are_handed_on_with_the_own_beacon() -> None:
+    air, one, _ = pair()
+    air.run_for(3.0)
+    found = one.of(WriteClockSamples)
+    assert found
+    assert {sample.platform for action in found for sample in action.batch.samples} == {"uav2"}  # type: ignore[union-attr]
+    assert len(found) <= len(one.sent)
+
+
+def test_a_plan_keeps_its_mirrors_and_brings_values_that_are_known_already() -> None:
+    air, one, other = pair()
+    other.core.on_plan(TreePlan(1, (OFFER,)), air.now_ns)
+    other.core.published.boards[POSE].put(b"x" * 25, True, air.now_ns)
+    air.run_for(2.0)
+    want = BoardSubscription("uav2", "nav/pose", "Pose", POSE)
+    kept, written = one.core.on_plan(TreePlan(1, (), (want,)), air.now_ns)
+    assert kept == KeepMirrors((want,))
+    assert isinstance(written, WriteMirrors)
+    assert [(which, value.payload) for which, value in written.values] == [(want, b"x" * 25)]
+
+
+def test_a_name_that_two_computers_use_is_reported_until_one_is_silent() -> None:
+    air, one, other = pair()
+    air.run_for(2.0)
+    copy = BrokerNode(air, "copy", VirtualClock(air), session=2)
+    copy.core.identity = other.core.identity
+    copy.hw = other.hw
+    air.run_for(4.0)
+    assert ReportDuplicate("uav2", own=False, first=True) in one.actions
+    assert one.actions.count(ReportDuplicate("uav2", own=False, first=True)) == 1
+    copy.stop()
+    one.actions.clear()
+    air.run_for(DUPLICATE_NS / 1e9 + 2.0)
+    assert one.of(ReportDuplicateGone) == [ReportDuplicateGone()]
+
+
+def test_late_beacons_are_reported_as_a_slowdown() -> None:
+    air, one, _ = pair()
+    air.run_for(2.0)
+    found = []
+    for _ in range(12):
+        due_ns = one.core._schedule.due_ns + 2 * SECOND
+        one.core.on_timer(due_ns)
+        found += one.core.on_inputs_read(due_ns)
+        one.core.compose(due_ns)
+    slowed = [action for action in found if isinstance(action, ReportSlowdown)]
+    assert slowed[0].factor > 1
+    assert slowed[0].late_ns >= SECOND
+
+
+def test_limits_are_written_when_they_are_set_and_when_they_end() -> None:
+    air, one, _ = pair()
+    resources = [Resource(path="nav/pose", kind=Kind.BOARD, type="Pose")]
+    answer, actions = one.core.on_set_channel(SetChannel("nav/*", 2.0, for_s=3.0), resources, air.now_ns)
+    assert [limit.pattern for limit in answer.limits] == ["nav/*"]
+    assert actions == [WriteLimits(answer)]
+    air.run_for(4.0)
+    [over] = one.of(WriteLimits)
+    assert isinstance(over, WriteLimits)
+    assert over.limits.limits == ()
+
+
+@pytest.mark.parametrize(
+    ("request_", "error"),
+    [
+        (SetChannel("**", -1.0), OutOfRange),
+        (SetChannel("**", 1.0, for_s=1e9), OutOfRange),
+        (SetChannel("plan/path", 1.0), InvalidInput),
+    ],
+)
+def test_a_limit_that_cannot_apply_is_refused(request_: SetChannel, error: type[Exception]) -> None:
+    _, one, _ = pair()
+    with pytest.raises(error, match="expected"):
+        one.core.on_set_channel(request_, [Resource(path="plan/path", kind=Kind.STREAM, type="Step")], SECOND)
