@@ -10,9 +10,9 @@ from swarmd.broker.core.action import (
     Action,
     AdoptSession,
     KeepMirrors,
+    PollInputs,
     ProveSession,
     PublishTables,
-    ReadInputs,
     ReportDuplicate,
     ReportDuplicateGone,
     ReportSlowdown,
@@ -118,7 +118,7 @@ class BrokerShell:
                 for want, value in action.values:
                     if self._mirrors.write(want, value):
                         self._core.counters.notifications += 1
-            case ReadInputs():
+            case PollInputs():
                 self._read_inputs(action.boards)
             case SendBeacon():
                 self._transport.send_beacon(self._clock.now_ns())

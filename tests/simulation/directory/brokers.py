@@ -6,7 +6,7 @@ from typing import Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.action import Action, ReadInputs, SendBeacon, WriteMirrors
+from swarmd.broker.core.action import Action, PollInputs, SendBeacon, WriteMirrors
 from swarmd.broker.core.beacon import BODY_LIMIT, Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.broker import BrokerCore, FormerState
@@ -65,7 +65,7 @@ class BrokerNode:
 
     def _perform(self, action: Action) -> None:
         match action:
-            case ReadInputs(boards):
+            case PollInputs(boards):
                 now_ns = self.clock.now_ns()
                 if boards:
                     self._write_boards(self, now_ns)

@@ -7,8 +7,8 @@ from tests.simulation.directory.brokers import BrokerNode
 
 from swarmd.broker.core.action import (
     KeepMirrors,
+    PollInputs,
     PublishTables,
-    ReadInputs,
     ReportDuplicate,
     ReportDuplicateGone,
     ReportSlowdown,
@@ -58,7 +58,7 @@ def test_what_is_due_is_judged_only_after_the_inputs_were_read() -> None:
     air.run_for(2.0)
     other.stop()
     silent_ns = air.now_ns + 20 * SECOND
-    assert one.core.on_timer(silent_ns) == [ReadInputs(boards=True)]
+    assert one.core.on_timer(silent_ns) == [PollInputs(boards=True)]
     assert up(one) == ["uav2"], "its datagrams may wait in the socket"
     actions = one.core.on_inputs_read(silent_ns)
     assert up(one) == []
@@ -70,10 +70,10 @@ def test_a_beacon_leaves_only_with_boards_that_were_read_for_it() -> None:
     air.run_for(2.0)
     due_ns = one.core.deadline_ns()
     assert due_ns is not None
-    assert one.core.on_timer(due_ns - 1) == [ReadInputs(boards=False)]
+    assert one.core.on_timer(due_ns - 1) == [PollInputs(boards=False)]
     late_ns = due_ns + 10 * SECOND
     assert SendBeacon() not in one.core.on_inputs_read(late_ns), "it became due while the inputs were read"
-    assert one.core.on_timer(late_ns) == [ReadInputs(boards=True)]
+    assert one.core.on_timer(late_ns) == [PollInputs(boards=True)]
     assert SendBeacon() in one.core.on_inputs_read(late_ns)
 
 

@@ -7,7 +7,7 @@ from swarmd.broker.core.relay_cache import RemoteValue
 from swarmware.types.net import BoardSubscription, ChannelLimits, TimingBatch
 
 
-class ReadInputs(msgspec.Struct, frozen=True):
+class PollInputs(msgspec.Struct, frozen=True):
     """Action: receive the waiting datagrams, then call `on_inputs_read`."""
 
     boards: bool
@@ -86,7 +86,7 @@ class ReportSlowdown(msgspec.Struct, frozen=True):
 
 
 Action = (
-    ReadInputs
+    PollInputs
     | SendBeacon
     | WriteMirrors
     | KeepMirrors

@@ -11,9 +11,9 @@ from swarmd.broker.core.action import (
     Action,
     AdoptSession,
     KeepMirrors,
+    PollInputs,
     ProveSession,
     PublishTables,
-    ReadInputs,
     ReportDuplicate,
     ReportDuplicateGone,
     ReportSlowdown,
@@ -155,7 +155,7 @@ class BrokerCore:
     def on_timer(self, now_ns: int) -> list[Action]:
         """Requests the inputs: datagrams are received before the silence of their sender is judged."""
         self._boards_asked = now_ns >= self._schedule.due_ns
-        return [ReadInputs(self._boards_asked)]
+        return [PollInputs(self._boards_asked)]
 
     def on_inputs_read(self, now_ns: int) -> list[Action]:
         """Does what is due: silent links, expired routes and limits, the next beacon, the tables."""
