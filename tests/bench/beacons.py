@@ -281,7 +281,7 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         port = free.getsockname()[1]
     config = Config(multicast_group=GROUP, multicast_interface=LOOPBACK, udp_port=port, bind_address=LOOPBACK)
     async with Module("broker", config_dir=make_node(folder, ME)) as module:
-        clock = module.clock = module.node.clock = Instant()
+        clock = module.node.clock = Instant()
         service = Broker(module, config)
         keys = service._keys()
         former_session = FormerSession(module.node.config.data_path)
