@@ -17,6 +17,7 @@ import statistics
 import struct
 import tempfile
 import time
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -37,6 +38,7 @@ from swarmd.broker.shell import BrokerShell
 from swarmware.model.clock import Clock
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.module import Module
+from swarmware.node.node import Node
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.security import Keys, Opened, Opener, Sealer
 from swarmware.types.mission import MissionState
@@ -280,8 +282,11 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         free.bind((LOOPBACK, 0))
         port = free.getsockname()[1]
     config = Config(multicast_group=GROUP, multicast_interface=LOOPBACK, udp_port=port, bind_address=LOOPBACK)
-    async with Module("broker", config_dir=make_node(folder, ME)) as module:
-        clock = module.node.clock = Instant()
+    node = await Node.attach(make_node(folder, ME))
+    clock = node.clock = Instant()
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(node.close)
+        module = await stack.enter_async_context(Module("broker", node=node))
         service = Broker(module, config)
         keys = service._keys()
         former_session = FormerSession(module.node.config.data_path)
