@@ -282,10 +282,10 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         free.bind((LOOPBACK, 0))
         port = free.getsockname()[1]
     config = Config(multicast_group=GROUP, multicast_interface=LOOPBACK, udp_port=port, bind_address=LOOPBACK)
-    node = await Node.attach(make_node(folder, ME))
+    node = Node.attach(make_node(folder, ME))
     clock = node.clock = Instant()
     async with AsyncExitStack() as stack:
-        stack.push_async_callback(node.close)
+        stack.callback(node.close)
         module = await stack.enter_async_context(Module("broker", node=node))
         service = Broker(module, config)
         keys = service._keys()
