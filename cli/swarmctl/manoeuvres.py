@@ -25,7 +25,6 @@ async def manoeuvre(
 ) -> list[VehicleResult]:
     """Has these vehicles play a built-in mission; the result of each. Ground stations only stop."""
     observer = VehicleObserver(session, chosen)
-    observer.open()
     progress = {
         name: ManoeuvreProgress(observer.mission_sequence(name), BUILT_IN[order.then]) for name in chosen
     }

@@ -129,14 +129,11 @@ class _Boards(Generic[T]):
 
 
 class VehicleObserver:
-    """The boards with the states of vehicles."""
+    """The boards with the states of vehicles; what is not mirrored here yet will be."""
 
     def __init__(self, session: Session, kinds: Mapping[str, str]) -> None:
         self._session = session
         self._kinds = kinds
-
-    def open(self) -> None:
-        """Subscribes; what is not mirrored here yet will be."""
         self._missions = self._board("mission/state", MissionState)
         self._vehicles = self._board("vehicle/state", VehicleState)
         self._navs = self._board("nav/status", NavStatus)

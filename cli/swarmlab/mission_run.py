@@ -4,7 +4,6 @@ import time
 
 from swarmctl.labs import LabState
 from swarmlab import host, load
-from swarmlab.host import CpuTime
 from swarmlab.load import Usage
 from swarmlab.watch import MissionMembers, MissionOutcome
 from swarmware.types.mission import TaskAnswer
@@ -24,7 +23,8 @@ class MissionRun:
         """Error that ended it early; empty: it ran to its end or its timeout."""
         self.before: dict[str, Usage] = {}
         self.after: dict[str, Usage] = {}
-        self.busy: tuple[CpuTime, CpuTime]
+        now = host.busy()
+        self.busy = (now, now)
         """The whole computer, at the same two instants."""
 
     def command(self) -> None:

@@ -19,10 +19,8 @@ from swarmd.guard.core import (
 from swarmd.guard.supervisor import InProcessSupervisor, ProcessSupervisor, Supervisor, SystemdSupervisor
 from swarmware.errors import NotFound
 from swarmware.model import paths
-from swarmware.module.board import BoardReader
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
 from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
 from swarmware.types.rpc import Empty
@@ -48,11 +46,27 @@ class Guard(Service):
         self._core = GuardCore(names, self._supervisor.kind, config)
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._names = names
-        self._status_boards: dict[str, BoardReader[AppStatus]] = {}
-        self._board: BoardWriter[GuardStatus] | None = None
-        self._events: BoardWriter[WatchedService] | None = None
         self._stopped = asyncio.Event()
         self._published: GuardStatus | None = None
+        self._status_boards = {name: module.reader(paths.status(name), AppStatus) for name in names}
+        before = module.reader("guard/status", GuardStatus).value
+        # a second guard fails here, because the first one owns the board
+        self._board = module.writer(
+            "guard/status", GuardStatus, link="notify", description="Services under the guard"
+        )
+        self._events = module.stream_writer(
+            "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
+        )
+        if before is not None:
+            self._core.restore(before)
+        module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
+        module.serve(
+            "sys/guard/restart",
+            RestartOrder,
+            self._on_order,
+            reply=GuardStatus,
+            description="Restart a service",
+        )
 
     def _choose(self) -> Supervisor:
         node = self._node
@@ -63,28 +77,8 @@ class Guard(Service):
         return ProcessSupervisor(node.config_dir, node.run_dir, self._on_exit)
 
     async def run(self) -> None:
-        """Supervise until cancelled; a second guard fails because the first one owns the boards."""
-        module = self.module
+        """Supervise the services until cancelled."""
         self._table.refresh(probe=True)
-        before = module.reader("guard/status", GuardStatus)
-        if before.value is not None:
-            self._core.restore(before.value)
-        self._board = module.writer(
-            "guard/status", GuardStatus, link="notify", description="Services under the guard"
-        )
-        self._events = module.stream_writer(
-            "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
-        )
-        for name in self._names:
-            self._status_boards[name] = module.reader(paths.status(name), AppStatus)
-        module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
-        module.serve(
-            "sys/guard/restart",
-            RestartOrder,
-            self._on_order,
-            reply=GuardStatus,
-            description="Restart a service",
-        )
         changes = self._node.applications.subscribe(lambda _: self._read_heartbeats())
         # before a service is started: the next guard reads this board to restore its counters
         self._publish_status()
@@ -97,7 +91,7 @@ class Guard(Service):
 
     async def stop(self) -> None:
         """Stop the services that were started or adopted, the last started first."""
-        if not self._supervisor.stops_services or self._board is None:
+        if not self._supervisor.stops_services:
             return
         self._driver.feed(self._core.on_stop(self.module.now_ns()))
         await self._stopped.wait()
@@ -163,8 +157,7 @@ class Guard(Service):
             self._stopped.set()
 
     def _report_restart(self, service: WatchedService) -> None:
-        if self._events is not None:
-            self._events.write(service)
+        self._events.write(service)
         if service.state == ServiceState.FAILED:
             self.module.log.error("%s: %s", service.name, service.reason)
         else:
@@ -172,7 +165,7 @@ class Guard(Service):
 
     def _publish_status(self) -> None:
         status = self._core.status()
-        if self._board is not None and status != self._published:
+        if status != self._published:
             self._published = status
             self._board.write(status)
 

@@ -28,7 +28,6 @@ from swarmware.module.board import BoardReader
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.writer import BoardWriter
 from swarmware.node.applications import ApplicationEvent, Change
 from swarmware.runtime.processes import ProcessWatcher
 from swarmware.service.service import Service
@@ -79,23 +78,14 @@ class Health(Service):
         self._report_positions: dict[str, int] = {}
         self._process_watcher = ProcessWatcher(self._on_death)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
-        self._guard_board: BoardReader[GuardStatus] | None = None
+        self._guard_board = module.reader("guard/status", GuardStatus)
         patterns = config.platforms
         if patterns is None:
             patterns = ("*",) if node.config.kind == "gcs" else ()
         self._required_platforms = [Pattern(text) for text in patterns]
-        self._routes: BoardReader[Routes] | None = None
+        self._routes = module.reader("net/routes", Routes) if self._required_platforms else None
+        """None: no platform is required, so none is looked for."""
         self._published: HealthState | None = None
-        self._board: BoardWriter[HealthState] | None = None
-        self._events: BoardWriter[Fault] | None = None
-
-    async def run(self) -> None:
-        """Run the monitor until cancelled."""
-        module, node = self.module, self.module.node
-        self._load_template()
-        journal = self._journal.load()
-        now_ns = module.now_ns()
-        self._driver.feed(self._core.on_start(journal.registrations, journal.faults, now_ns))
         self._board = module.writer(
             "health/state", HealthState, link="notify", log="all", description="Logical system state"
         )
@@ -118,17 +108,23 @@ class Health(Service):
             reply=FaultList,
             description="Clear faults that match a pattern",
         )
-        if self._required_platforms:
-            self._routes = module.reader("net/routes", Routes)
-        inbox = module.inbox(ADDRESS, CheckRegistration, description="Registers a check of a module")
+        self._registrations: Inbox[CheckRegistration] = module.inbox(
+            ADDRESS, CheckRegistration, description="Registers a check of a module"
+        )
+
+    async def run(self) -> None:
+        """Run the monitor until cancelled."""
+        node = self.module.node
+        self._load_template()
+        journal = self._journal.load()
+        self._driver.feed(self._core.on_start(journal.registrations, journal.faults, self.module.now_ns()))
         changes = node.applications.subscribe(self._on_applications)
         try:
             self._on_applications([ApplicationEvent(Change.JOINED, entry) for entry in node.table])
-            self._guard_board = module.reader("guard/status", GuardStatus)
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="health: driver")
                 group.create_task(self._read_inputs(), name="health: look")
-                group.create_task(self._take_registrations(inbox), name="health: registrations")
+                group.create_task(self._take_registrations(), name="health: registrations")
         finally:
             changes.close()
             self._process_watcher.close()
@@ -144,7 +140,7 @@ class Health(Service):
 
     def _node_stops(self) -> bool:
         """Whether services are being stopped: what depends on a stopped one is not faulty."""
-        status = None if self._guard_board is None else self._guard_board.value
+        status = self._guard_board.value
         return status is not None and any(one.state in ENDING for one in status.services)
 
     # -- applications
@@ -270,8 +266,8 @@ class Health(Service):
 
     # -- publication
 
-    async def _take_registrations(self, inbox: Inbox[CheckRegistration]) -> None:
-        async for registration in inbox:
+    async def _take_registrations(self) -> None:
+        async for registration in self._registrations:
             self._driver.feed(self._core.on_registration(registration, self.module.now_ns()))
 
     def _perform(self, action: Action) -> None:
@@ -297,8 +293,6 @@ class Health(Service):
 
     def _publish(self) -> None:
         """Write changed faults as events, and the state if it changed."""
-        if self._board is None or self._events is None:
-            return
         now_ns = self.module.now_ns()
         if self._unsaved:
             self._unsaved = False

@@ -86,23 +86,9 @@ class Mission(Service):
     module: Module
     config: Settings
 
-    async def run(self) -> None:
-        """Run the daemon until cancelled."""
-        self._open()
-        try:
-            async with asyncio.TaskGroup() as group:
-                group.create_task(self._driver.run(), name="mission:driver")
-                group.create_task(self._listen(), name="mission:others")
-                group.create_task(self._take_aborts(), name="mission:aborts")
-                group.create_task(self._watch_links(), name="mission:links")
-                group.create_task(self._prepare(), name="mission:store")
-                self._restarted()
-        finally:
-            await self._runner.close()
-            self._record.close()
-
-    def _open(self) -> None:
-        module, node = self.module, self.module.node.config
+    def __init__(self, module: Module, config: Settings) -> None:
+        super().__init__(module, config)
+        node = module.node.config
         self._kind = node.kind
         self._plugins = installed()
         self._checker = Checker(self._plugins.catalogue)
@@ -141,6 +127,20 @@ class Mission(Service):
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
         self._aborts: Inbox[MissionAbort] = module.inbox(ABORT_PATH, MissionAbort)
         self._serve()
+
+    async def run(self) -> None:
+        """Run the daemon until cancelled."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._driver.run(), name="mission:driver")
+                group.create_task(self._listen(), name="mission:others")
+                group.create_task(self._take_aborts(), name="mission:aborts")
+                group.create_task(self._watch_links(), name="mission:links")
+                group.create_task(self._prepare(), name="mission:store")
+                self._restarted()
+        finally:
+            await self._runner.close()
+            self._record.close()
 
     def _serve(self) -> None:
         module = self.module

@@ -36,16 +36,11 @@ class Fresh(Generic[T]):
 
 
 class Inputs:
-    """All inputs of the navigator."""
+    """All inputs of the navigator; a board needs no writer yet."""
 
-    def __init__(self, module: Module) -> None:
-        self._module = module
+    def __init__(self, m: Module) -> None:
         self._others: dict[str, Fresh[Pose]] = {}
         self._calls = 0
-
-    def open(self) -> None:
-        """Opens the readers; a board needs no writer yet."""
-        m = self._module
         self._gnss = Fresh(m.reader("sensor/gnss", GnssFix))
         self._imu = Fresh(m.reader("sensor/imu", Imu))
         self._scan = Fresh(m.reader("sensor/range", Range))

@@ -11,7 +11,7 @@ from swarmd.navigator.inputs import Fresh, Inputs
 from swarmware.errors import missing_extra
 from swarmware.geometry.world import World
 from swarmware.model.config import load
-from swarmware.module.writer import BoardWriter
+from swarmware.module.module import Module
 from swarmware.service.service import Service
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import NavStatus, Pose, Setpoint
@@ -38,53 +38,48 @@ class Navigator(Service):
     Config: ClassVar = settings.Config
     config: settings.Config
 
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        node = module.node.config
+        world = load(node.share_path / "worlds" / f"{config.world}.toml", World)
+        self._core = NavigatorCore(config, module.platform, world.origin, controller(node.kind, config))
+        self._inputs = Inputs(module)
+        self._gains = {name: Fresh(module.reader(f"config/navigator/{name}", Float)) for name in GAINS}
+        self._poses = module.writer(
+            "nav/pose", Pose, rate_hz=config.rate_hz, description="Estimated pose and velocity"
+        )
+        self._setpoints = module.writer(
+            "act/setpoint", Setpoint, rate_hz=config.rate_hz, description="Set-point of velocity and yaw rate"
+        )
+        self._statuses = module.writer(
+            "nav/status", NavStatus, rate_hz=config.status_hz, description="Progress towards the goal"
+        )
+
     async def run(self) -> None:
         """Runs the control loop until the service ends."""
-        module, node = self.module, self.module.node
-        world = load(node.config.share_path / "worlds" / f"{self.config.world}.toml", World)
-        navigator = NavigatorCore(
-            self.config, module.platform, world.origin, controller(node.config.kind, self.config)
-        )
-        inputs = Inputs(module)
-        inputs.open()
-        gains = {name: Fresh(module.reader(f"config/navigator/{name}", Float)) for name in GAINS}
-        pose_board: BoardWriter[Pose] = module.writer(
-            "nav/pose", Pose, rate_hz=self.config.rate_hz, description="Estimated pose and velocity"
-        )
-        setpoints: BoardWriter[Setpoint] = module.writer(
-            "act/setpoint",
-            Setpoint,
-            rate_hz=self.config.rate_hz,
-            description="Set-point of velocity and yaw rate",
-        )
-        self._setpoints = setpoints
-        statuses: BoardWriter[NavStatus] = module.writer(
-            "nav/status", NavStatus, rate_hz=self.config.status_hz, description="Progress towards the goal"
-        )
-        current = self.config
+        module, navigator, current = self.module, self._core, self.config
         ticker = module.every(navigator.period_s(), stage=2)
         async for tick in ticker:
             now_ns = module.now_ns()
             if tick % _SETTINGS_EVERY == 0:
-                news = {name: new.value for name, board in gains.items() if (new := board.take())}
+                news = {name: new.value for name, board in self._gains.items() if (new := board.take())}
                 changed = with_gains(current, news)
                 if changed != current:
                     current = changed
                     navigator.set_config(current)
-            inputs.feed(navigator, now_ns)
+            self._inputs.feed(navigator, now_ns)
             step = navigator.on_timer(now_ns)
-            setpoints.write(step.setpoint, now_ns)
+            self._setpoints.write(step.setpoint, now_ns)
             if step.pose is not None:
-                pose_board.write(step.pose, now_ns)
+                self._poses.write(step.pose, now_ns)
             if step.status is not None:
-                statuses.write(step.status, now_ns)
+                self._statuses.write(step.status, now_ns)
                 module.log.debug("goal %d: %s", step.status.goal_seq, step.status.state)
             ticker.retime(navigator.period_s())
 
     async def stop(self) -> None:
         """Writes a last set-point that stops the vehicle."""
-        if (setpoints := getattr(self, "_setpoints", None)) is not None:
-            setpoints.write(Setpoint(0.0))
+        self._setpoints.write(Setpoint(0.0))
 
 
 def controller(kind: str, config: settings.Config) -> Controller:

@@ -6,7 +6,6 @@ from swarmd.register import config as settings
 from swarmd.register.core import Action, Forgotten, ReadRoutes, RegisterCore
 from swarmware import __version__
 from swarmware.model.clock import utc_ns
-from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
@@ -29,14 +28,13 @@ class Registrar(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         node = module.node.config
-        self._routes: BoardReader[Routes] | None = None
+        self._routes = module.reader("net/routes", Routes)
         self._tables: BoardSet[ApplicationTable] | None = None
+        """None: no partners are configured."""
+        if config.partners:
+            self._tables = module.readers(f"/{config.partners}/{RESOURCE.path}", ApplicationTable)
         self._core = RegisterCore(node.platform, node.unit, config)
         self._driver = self.drive(self._core, self._perform)
-
-    async def run(self) -> None:
-        """Hold the role and keep the tables of others until cancelled."""
-        module = self.module
         module.provide(RESOURCE)
         module.serve(
             "sys/register/apps",
@@ -52,12 +50,13 @@ class Registrar(Service):
             reply=NodeInfo,
             description="Identity and versions of this node",
         )
-        self._routes = module.reader("net/routes", Routes)
+
+    async def run(self) -> None:
+        """Hold the role and keep the tables of others until cancelled."""
+        module = self.module
         module.node.master.volunteer(module.id)
         try:
-            if self.config.partners:
-                path = f"/{self.config.partners}/{RESOURCE.path}"
-                self._tables = module.readers(path, ApplicationTable)
+            if self._tables is not None:
                 async with asyncio.TaskGroup() as group:
                     group.create_task(self._driver.run(), name="register: driver")
                     group.create_task(self._follow(self._tables), name="register: tables")
@@ -80,13 +79,13 @@ class Registrar(Service):
 
     def _reached(self) -> dict[str, ApplicationTable | None]:
         """Platforms with a route, and the tables that they publish."""
-        routes = self._routes.value if self._routes is not None else None
+        routes = self._routes.value
         found = routes.routes if routes is not None else ()
         return {route.platform: _of(self._tables, route.platform) for route in found}
 
     def _apps(self, _: Empty, __: Meta) -> RegisterReply:
         own = self.module.node.master.table(full=True)
-        routes = self._routes.value if self._routes is not None else None
+        routes = self._routes.value
         hops = {route.platform: route.hops for route in routes.routes} if routes is not None else {}
         return RegisterReply(self._core.units(own, hops, self.module.now_ns()))
 

@@ -239,7 +239,7 @@ async def test_a_second_instruction_is_refused_while_the_first_is_carried_out(tm
     async with swarm(tmp_path, "gcs", "uav1") as s:
         task = MissionTask("hover", files=(hover(0.5),))
         assert (await s.ask(TASK, task, TaskAnswer)).accepted
-        await s.until(lambda: s["uav1"].history[-1] == "running")
+        await s.until(lambda: s["uav1"].history[-1:] == ["running"])
         second = await s.ask(TASK, task, TaskAnswer)
         assert not second.accepted
         assert "busy: hover is running" in second.orders[0].reasons[0]

@@ -37,7 +37,6 @@ class MotorRequests:
 
         Raises: the refusal, when a single vehicle was asked.
         """
-        self._observer.open()
         return list(await asyncio.gather(*(self._one(name) for name in self._chosen)))
 
     async def _one(self, name: str) -> VehicleResult:

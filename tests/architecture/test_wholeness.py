@@ -1,0 +1,173 @@
+"""An object is whole when its constructor returns: no other method makes a new attribute."""
+
+import ast
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+LEFT = Path(__file__).with_name("wholeness.toml")
+"""What is still to be made whole; entries are only removed."""
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+@dataclass
+class ClassFacts:
+    """What is known of one class by its text."""
+
+    where: str
+    bases: list[str]
+    made: set[str] = field(default_factory=set)
+    """Attributes that its constructor or its body makes."""
+    later: dict[str, int] = field(default_factory=dict)
+    """Attribute → first line at which another method assigns it."""
+
+
+def last_word(node: ast.expr) -> str:
+    return ast.unparse(node).partition("[")[0].rpartition(".")[2]
+
+
+def targets(node: ast.AST) -> list[ast.expr]:
+    match node:
+        case ast.Assign():
+            return node.targets
+        case ast.AnnAssign() if node.value is not None:
+            return [node.target]
+        case ast.For() | ast.AsyncFor():
+            return [node.target]
+        case ast.withitem() if node.optional_vars is not None:
+            return [node.optional_vars]
+    return []
+
+
+def assigned(function: Function) -> Iterator[tuple[str, int]]:
+    """Attributes of the first argument that a method assigns."""
+    if not function.args.args:
+        return
+    me = function.args.args[0].arg
+    for node in ast.walk(function):
+        for target in targets(node):
+            for part in ast.walk(target):
+                if (
+                    isinstance(part, ast.Attribute)
+                    and isinstance(part.ctx, ast.Store)
+                    and isinstance(part.value, ast.Name)
+                    and part.value.id == me
+                ):
+                    yield part.attr, part.lineno
+
+
+def facts(node: ast.ClassDef, where: str) -> ClassFacts:
+    found = ClassFacts(where, [last_word(base) for base in node.bases])
+    fields = any("dataclass" in ast.unparse(one) for one in node.decorator_list)
+    for item in node.body:
+        if isinstance(item, ast.AnnAssign) and (item.value is not None or fields):
+            found.made.add(ast.unparse(item.target))
+        elif isinstance(item, ast.Assign):
+            found.made |= {ast.unparse(target) for target in item.targets}
+        elif isinstance(item, Function):
+            if item.name in {"__init__", "__post_init__"}:
+                found.made |= {name for name, _ in assigned(item)}
+            elif any(ast.unparse(one).endswith(".setter") for one in item.decorator_list):
+                found.made.add(item.name)
+    for item in node.body:
+        static = isinstance(item, Function) and any(
+            ast.unparse(one) in {"staticmethod", "classmethod"} for one in item.decorator_list
+        )
+        if isinstance(item, Function) and not static:
+            for name, line in assigned(item):
+                found.later.setdefault(name, line)
+    return found
+
+
+def classes(trees: dict[str, ast.Module]) -> dict[str, list[ClassFacts]]:
+    out: dict[str, list[ClassFacts]] = {}
+    for where, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                out.setdefault(node.name, []).append(facts(node, where))
+    return out
+
+
+def made(one: ClassFacts, known: dict[str, list[ClassFacts]], seen: frozenset[str] = frozenset()) -> set[str]:
+    inherited = [
+        made(kin, known, seen | {base})
+        for base in one.bases
+        if base not in seen
+        for kin in known.get(base, ())
+    ]
+    return one.made.union(*inherited)
+
+
+def late(trees: dict[str, ast.Module]) -> dict[str, list[str]]:
+    """`path:Class` → attributes that no constructor makes, with their lines."""
+    known = classes(trees)
+    found: dict[str, list[str]] = {}
+    for name, same in sorted(known.items()):
+        for one in same:
+            early = made(one, known)
+            rest = [f"{attr} (line {line})" for attr, line in one.later.items() if attr not in early]
+            if rest:
+                found[f"{one.where}:{name}"] = rest
+    return found
+
+
+@lru_cache(maxsize=1)
+def sources() -> dict[str, ast.Module]:
+    return {
+        str(path.relative_to(ROOT)): ast.parse(path.read_text("utf-8"))
+        for folder in ("lib", "daemons", "cli")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    }
+
+
+def test_no_method_but_the_constructor_makes_an_attribute() -> None:
+    listed = tomllib.loads(LEFT.read_text("utf-8"))["classes"]
+    found = [
+        f"{where}: {', '.join(names)}; expected in __init__"
+        for where, names in late(sources()).items()
+        if where not in listed
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_what_is_left_is_left() -> None:
+    done = set(tomllib.loads(LEFT.read_text("utf-8"))["classes"]) - late(sources()).keys()
+    assert not done, f"remove from {LEFT.name}: {', '.join(sorted(done))}"
+
+
+def test_nothing_looks_whether_it_has_an_attribute() -> None:
+    found = [
+        f"{where}:{node.lineno} {ast.unparse(node)}"
+        for where, tree in sources().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id in {"getattr", "hasattr"}
+        and ast.unparse(node.args[0]) == "self"
+        and isinstance(node.args[1], ast.Constant)
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_the_rule_sees_what_is_made_late() -> None:
+    text = """
+class Whole:
+    limit: int = 3
+    def __init__(self): self.a, self.b = 1, 2
+    def run(self): self.a = self.limit = 4
+class Late(Whole):
+    def __init__(self):
+        super().__init__()
+        self.c: int
+    def run(self):
+        self.b, self.c = 1, 2
+        with open("x") as self.d: pass
+    async def more(self):
+        for self.e in (): pass
+"""
+    found = late({"x.py": ast.parse(text)})
+    assert found == {"x.py:Late": ["c (line 11)", "d (line 12)", "e (line 14)"]}
