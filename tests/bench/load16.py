@@ -31,7 +31,7 @@ from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, Task
 
 NODES: Final = 16
 OWN: Final = "bench-load"
-SETTLE_S: Final = 25.0
+SETTLE_S: Final = 18.0
 """Clocks of new links need 15 s, then beacons that say nothing new are left out."""
 FORMED_S: Final = 12.0
 """From the order until every member moves: barriers, take-off, forming."""

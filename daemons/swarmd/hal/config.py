@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
-RestRate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
+RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
 """Three of its periods are the `max_age_s` that the templates promise at rest."""
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=3600)]
 
@@ -18,7 +18,7 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     range_hz: Rate = 10.0
     sonar_hz: Rate = 20.0
     """Rate of the sonar; only on air vehicles."""
-    rest_hz: RestRate = 10.0
+    rest_hz: RestRate = 5.0
     """No device of a vehicle that is disarmed and on the ground is read faster."""
     battery_hz: Rate = 1.0
     sonar_window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
@@ -40,7 +40,7 @@ class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     packets_hz: Annotated[float, msgspec.Meta(gt=0, le=100_000)] = 753.0
     """A VLP-16 in strongest-return mode sends 753 to 754 packets a second."""
     path: str = "sensor/lidar"
-    wake_hz: Rate = 100.0
+    wake_hz: Rate = 20.0
     """Rate at which due packets are written, each stamped with its own instant."""
     slots: Annotated[int, msgspec.Meta(ge=16, le=100_000)] = 512
     """Size of the ring in packets: how far a slow reader may lag."""

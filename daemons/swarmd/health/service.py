@@ -75,6 +75,8 @@ class Health(Service):
         self._entries: dict[str, AppEntry] = {}
         self._types: dict[str, str] = {}
         self._boards: dict[str, BoardReader[Any]] = {}
+        self._boards_of: tuple[int, int, int] | None = None
+        """Version of the applications, and number of rules, for which the readers were opened."""
         self._report_positions: dict[str, int] = {}
         self._process_watcher = ProcessWatcher(self._on_death)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
@@ -195,7 +197,11 @@ class Health(Service):
             self._driver.feed(actions + self._core.on_inputs_read(now_ns))
 
     def _open_boards(self) -> None:
-        """Open one reader for each resource that is monitored."""
+        """Open one reader for each resource that is monitored, when these may have changed."""
+        found = (self.module.node.table.version, len(self._core.ages()), len(self._core.limits()))
+        if found == self._boards_of:
+            return
+        self._boards_of = found
         wanted = {age.path for age in self._core.ages()} | {rule.path for rule in self._core.limits()}
         for entry in self._entries.values():
             wanted.add(paths.status(entry.name))

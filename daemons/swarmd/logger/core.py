@@ -67,6 +67,10 @@ class SamplingPlan:
             self._due_ns.pop(path, None)
         return opened, closed
 
+    def waits(self, path: str, now_ns: int) -> bool:
+        """Whether a decimated resource was sampled in its present period already."""
+        return self._due_ns.get(path, now_ns) > now_ns
+
     def due(self, path: str, now_ns: int) -> bool:
         """Whether a decimated resource is due for sampling; True starts its next period.
 

@@ -183,15 +183,16 @@ class Logger(Service):
     def _sample_all(self, *, new_rings: bool = False) -> None:
         """Reads all new values. `new_rings`: checks for rings that did not exist at the last sample, too."""
         now_ns, wall_ns = self.module.now_ns(), utc_ns()
-        for tap in self._taps.values():
+        plan = self._plan
+        for path, tap in self._taps.items():
             if new_rings:
                 tap.search_again()
-            if tap.is_idle(now_ns):
+            if plan.waits(path, now_ns) or tap.is_idle(now_ns):
                 continue
             resource = tap.resource
             if resource.every_value:
                 self._read_all(tap)
-            elif self._plan.due(resource.path, now_ns) and (frame := tap.newest()) is not None:
+            elif plan.due(path, now_ns) and (frame := tap.newest()) is not None:
                 self._batch.frames.append((resource, frame, wall_ns, ""))
 
     def _read_all(self, tap: LogTap) -> None:

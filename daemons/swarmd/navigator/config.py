@@ -97,7 +97,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """A file of share/swarm/worlds without its suffix: defines the origin of the map."""
     rate_hz: Rate = 20.0
     """Rate of pose and set-point."""
-    rest_hz: Annotated[float, msgspec.Meta(ge=10, le=200)] = 10.0
+    rest_hz: Annotated[float, msgspec.Meta(ge=5, le=200)] = 5.0
     """The same while the vehicle is disarmed and on the ground; three periods are the `max_age_s` of both."""
     plan_hz: Rate = 10.0
     """Rate of the dynamic window planner."""

@@ -8,7 +8,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 Sigma = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Power = Annotated[float, msgspec.Meta(ge=0, le=100_000)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
-RestRate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
+RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
 """Three of its periods are the `max_age_s` that the templates promise at rest."""
 Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
@@ -96,7 +96,7 @@ class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     range_sigma_m: Sigma = 0.02
     sonar_hz: Rate = 20.0
     """Sonar of air vehicles: height above the ground (S2.49)."""
-    rest_hz: RestRate = 10.0
+    rest_hz: RestRate = 5.0
     """No sensor of a vehicle that is disarmed and on the ground is sampled faster."""
     sonar_max_m: Positive = 6.45
     sonar_sigma_m: Sigma = 0.02

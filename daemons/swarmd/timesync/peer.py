@@ -23,10 +23,10 @@ STEP_COUNT: Final = 3
 FIRST_SOLVES_S: Final = 0.1
 """First pause between two estimations; each estimation doubles it."""
 
-TOGETHER_NS: Final = 100_000_000
+TOGETHER_NS: Final = 500_000_000
 """Estimations that are not urgent are done at multiples of this: those of several units in one wake-up,
 together with the other periodic work of the process."""
-TOGETHER_RATIO: Final = 10
+TOGETHER_RATIO: Final = 2
 """Applied only to pauses of at least this many periods of `TOGETHER_NS`."""
 SURPRISE_PAUSE_S: Final = 1.0
 """Pause between two estimations after an exchange that deviates from the prediction."""

@@ -15,6 +15,8 @@ from swarmware.model import paths
 from swarmware.module.immediate import Immediate
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
+from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.instant import until
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.health import (
     OK_STATE,
@@ -31,6 +33,10 @@ D = TypeVar("D")
 ADDRESS: Final = "sys/health/register"
 REPORT_S: Final = 1.0
 """Period of repeated reports: three missing ones are a fault."""
+LOOK_NS: Final = 1_000_000_000
+"""How often it looks whether the monitor was started again."""
+LOOK_PHASE_NS: Final = 600_000_000
+"""Between the full seconds, at which much else is done, at an instant of the grid all the same."""
 RETRY_S: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
 """Pauses while no monitor accepts the registration; services start in any order."""
 FREEZE_FRAME_CHARACTERS: Final = 200
@@ -254,7 +260,10 @@ class HealthMonitor:
                 if outcome.status is Status.DELIVERED:
                     registered_ns = monitor.started_ns
                     attempt = 0
-            pause_s = REPORT_S if registered_ns >= 0 else RETRY_S[min(attempt, len(RETRY_S) - 1)]
-            attempt += 1
-            await asyncio.sleep(pause_s)
+            if registered_ns >= 0:
+                clock = self._module.clock
+                await until(clock, next_multiple_ns(clock.now_ns(), LOOK_NS, LOOK_PHASE_NS))
+            else:
+                await asyncio.sleep(RETRY_S[min(attempt, len(RETRY_S) - 1)])
+                attempt += 1
             self._module.node.table.refresh()

@@ -121,6 +121,10 @@ class BoardReader(Immediate, Generic[T]):
         """Have this process woken by each value, also when nobody waits for it here."""
         self._follower.listen(self._node, self._wakeup.notify)
 
+    def ring_only(self) -> None:
+        """Have the doorbell of this process rung by each value, for a watcher of many boards."""
+        self._follower.listen(self._node, None)
+
     @property
     def position(self) -> int:
         """Number of values written, read or not: it grows with each one; -1: there was no writer yet."""

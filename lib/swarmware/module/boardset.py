@@ -79,7 +79,7 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
     def _has_news(self) -> bool:
         self._refresh()
         given = self._given
-        return any(reader.position != given.get(platform) for platform, reader in self._readers.items())
+        return any(reader.position != given.get(platform, -1) for platform, reader in self._readers.items())
 
     async def changed(self, timeout_s: float | None = None) -> tuple[str, ...]:
         """Platforms with a value that this method has not told of yet; waits for the first.
@@ -93,13 +93,15 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
             self._node.watch(self)
         while True:
             fresh = []
-            for platform in self:
-                reader = self._readers[platform]
-                reader.listen()
-                at = reader.position
-                if at != self._given.get(platform) and reader.value is not None:
-                    self._given[platform] = reader.position
-                    fresh.append(platform)
+            self._refresh()
+            for platform, reader in self._readers.items():
+                if platform not in self._given:
+                    self._given[platform] = -1
+                    reader.ring_only()
+                if (at := reader.position) != self._given[platform]:
+                    self._given[platform] = at  # what is written from here on is a change
+                    if reader.value is not None:
+                        fresh.append(platform)
             if fresh:
                 return tuple(fresh)
             if not await self._wakeup.until(deadline):

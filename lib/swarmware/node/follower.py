@@ -119,12 +119,16 @@ class RingFollower:
         if self.refused == 1:
             log.warning("%s: refused: %s", self._name, error)
 
-    def listen(self, node: Node, on_change: Callable[[], None]) -> None:
-        """Have `on_change` called at each change; read the ring after this call, not before."""
-        self._on_change = on_change
+    def listen(self, node: Node, on_change: Callable[[], None] | None) -> None:
+        """Have `on_change` called at each change; read the ring after this call, not before.
+
+        None: the doorbell rings, and who watches it looks here.
+        """
         if self._node is None:
             self._node = node
             node.listen(readers_folder(self._path))
+        if on_change is not None:
+            self._on_change = on_change
             node.watch(self)
 
     def poll(self) -> None:

@@ -19,14 +19,18 @@ from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
 from swarmware.node.master.master import Master
 from swarmware.node.publication import Publication
+from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.instant import wait_s
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.messaging.post import Post
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.notifier import ReaderNotifier
 
-TEND_S: Final = 1.0
+TEND_NS: Final = 1_000_000_000
 """How often a process looks whether its files in shared memory are as it made them."""
+TEND_PHASE_NS: Final = 300_000_000
+"""Not with the heartbeats and statistics of the full second, but at an instant of the grid all the same."""
 MIRROR_SLOTS: Final = 4
 MIRROR_SLOT_BYTES: Final = 256
 """A header and a packed pose or a few numbers; a mirror grows by itself."""
@@ -95,7 +99,7 @@ class Node:
         self._mirror_watchers = ReaderNotifier(paths.mirrors_watchers(self.shm_dir), self.doorbells)
         self._publications: WeakSet[Publication] = WeakSet()
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
-        self._tending = self._loop.call_later(TEND_S, self._tend)
+        self._tending = self._tend_later()
         self.master = Master(
             self,
             config.unit,
@@ -159,9 +163,13 @@ class Node:
 
     # -- self-healing
 
+    def _tend_later(self) -> asyncio.TimerHandle:
+        next_ns = next_multiple_ns(self.clock.now_ns(), TEND_NS, TEND_PHASE_NS)
+        return self._loop.call_later(wait_s(self.clock, next_ns), self._tend)
+
     def _tend(self) -> None:
         """Looks after what this process has in shared memory: others may have damaged or removed it."""
-        self._tending = self._loop.call_later(TEND_S, self._tend)
+        self._tending = self._tend_later()
         for publication in list(self._publications):
             try:
                 if publication.tend():

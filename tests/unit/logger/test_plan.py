@@ -56,6 +56,17 @@ def test_a_decimated_resource_keeps_its_rate_although_the_looks_are_late() -> No
     assert sum(plan.due("a", now_ns) for now_ns in looks) == 100
 
 
+def test_a_decimated_resource_waits_from_one_sample_to_the_next_and_others_never_do() -> None:
+    plan = SamplingPlan()
+    plan.update([Resource(path="a", type="Int", log="1hz"), Resource(path="b", type="Int", log="all")])
+    assert not plan.waits("a", 0)
+    assert plan.due("a", 0)
+    assert plan.due("b", 0)
+    assert plan.waits("a", SECOND - 1)
+    assert not plan.waits("a", SECOND)
+    assert not plan.waits("b", 1)
+
+
 @pytest.mark.parametrize("name", ["multirotor", "ugv", "usv"])
 def test_boards_system_state_and_mission_progress_of_a_vehicle_are_logged(name: str) -> None:
     plan = SamplingPlan()

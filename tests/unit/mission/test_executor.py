@@ -287,7 +287,7 @@ def test_a_change_is_told_at_once_three_times_then_once_a_second() -> None:
     announcer = Announcer()
     state = MissionState(1, "", "running")
     times = [t for t in range(0, 3 * S, S // 100) if announcer.due(state, t)]
-    assert times == [0, S // 10, S // 5, S + S // 5, 2 * S + S // 5]
+    assert times == [0, S // 10, S // 5, S * 7 // 10, S * 17 // 10, S * 27 // 10]
     assert not announcer.due(MissionState(1, "", "running", text="far"), 3 * S)
     assert announcer.due(MissionState(1, "", "done"), 3 * S)
     assert not announcer.due(MissionState(1, "", "failed"), 3 * S + 1)

@@ -48,6 +48,28 @@ async def test_who_waits_is_woken_by_a_mirror_that_appears_and_by_each_of_its_va
         mirror.close()
 
 
+async def test_each_change_is_given_once_and_one_board_of_the_set_can_be_waited_for_too(
+    tmp_path: Path,
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = m.readers(f"/*/{PATH}", Float)
+        mirrors = {name: node.mirror_writer(name, PATH) for name in ("uav7", "uav8")}
+        for name, mirror in mirrors.items():
+            publish(mirror, name, 4.0)
+        assert sorted(await heights.changed(5.0)) == ["uav7", "uav8"]
+        publish(mirrors["uav8"], "uav8", 5.0)
+        assert await heights.changed(5.0) == ("uav8",)
+        with pytest.raises(NoAnswer):
+            await heights.changed(0.01)
+        one = asyncio.create_task(heights["uav7"].changed(5.0))
+        await asyncio.sleep(0)
+        publish(mirrors["uav7"], "uav7", 6.0)
+        assert await one == Float(6.0)
+        assert await heights.changed(5.0) == ("uav7",)
+        for mirror in mirrors.values():
+            mirror.close()
+
+
 @pytest.mark.parametrize("pattern", [f"/*/{PATH}", f"/uav*/{PATH}"])
 async def test_platforms_are_those_of_the_pattern_that_have_this_board_never_our_own(
     tmp_path: Path, pattern: str

@@ -43,7 +43,7 @@ def follow(
         if ms % 20 == 0:
             estimator.on_imu(sensors.imu(pose, acceleration), ms * MS)
         if ms % 100 == 0:
-            fixes.append((ms, sensors.gnss(pose)))
+            fixes.append((ms, sensors.gnss(pose, 0.1)))
         while fixes and fixes[0][0] <= ms - delay_ms:
             stamp_ms, fix = fixes.pop(0)
             estimator.on_gnss(fix, stamp_ms * MS)
@@ -76,7 +76,7 @@ def test_velocity_and_heading_follow_too() -> None:
         pose, acceleration = circle(ms / 1000)
         estimator.on_imu(sensors.imu(pose, acceleration), ms * MS)
         if ms % 100 == 0:
-            estimator.on_gnss(sensors.gnss(pose), ms * MS)
+            estimator.on_gnss(sensors.gnss(pose, 0.1), ms * MS)
         estimator.predict(ms * MS)
     found = estimator.pose()
     assert found is not None

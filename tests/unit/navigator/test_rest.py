@@ -20,6 +20,8 @@ from swarmware.types.vehicle import Goal, Imu, Pose, VehicleState
 WORLD = World(description="", bounds=Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0)))
 MS = 1_000_000
 START = Pose.planar(3.0, -2.0, 0.0, 0.5)
+REST_MS = round(1000 / Config().rest_hz)
+MOVING_MS = round(1000 / Config().rate_hz)
 Way = Callable[[float], tuple[float, float, float]]
 """Distance, speed and acceleration along the heading, at a time in seconds."""
 
@@ -27,7 +29,9 @@ Way = Callable[[float], tuple[float, float, float]]
 class Parked:
     """An estimator with the sensors of a vehicle that nobody drives."""
 
-    def __init__(self, seed: int, config: SensorsConfig | None = None, way: Way | None = None) -> None:
+    def __init__(
+        self, seed: int, config: SensorsConfig | None = None, way: Way | None = None, period_ms: int = REST_MS
+    ) -> None:
         self.chance = random.Random(seed)
         self.sensors = SensorErrors(config or SensorsConfig(), WORLD, self.chance.gauss, self.chance.random)
         self.estimator = Estimator(EstimatorConfig(), WORLD.origin)
@@ -35,6 +39,7 @@ class Parked:
         self.way: Way = way or (lambda _: (0.0, 0.0, 0.0))
         self.tilt_m_s2 = 0.0
         self.ms = 0
+        self.period_ms = period_ms
 
     def truth(self) -> tuple[Pose, float]:
         distance, speed, accel = self.way(self.ms / 1000)
@@ -43,16 +48,13 @@ class Parked:
         return Pose.planar(*where, 0.0, 0.5, (speed * cos, speed * sin, 0.0)), accel
 
     def step(self) -> Pose | None:
-        """On by 50 ms."""
-        for _ in range(5):
-            pose, accel = self.truth()
-            if self.ms % 40 == 0:
-                self.estimator.on_imu(
-                    self.sensors.imu(pose, (accel + self.tilt_m_s2, 0.0, 0.0)), self.ms * MS
-                )
-            if self.ms % 100 == 0:
-                self.estimator.on_gnss(self.sensors.gnss(pose), self.ms * MS)
-            self.ms += 10
+        """On by one period: the sensors are sampled at its end."""
+        self.ms += self.period_ms
+        pose, accel = self.truth()
+        self.estimator.on_imu(self.sensors.imu(pose, (accel + self.tilt_m_s2, 0.0, 0.0)), self.ms * MS)
+        fix_ms = max(self.period_ms, 100)
+        if self.ms % fix_ms == 0:
+            self.estimator.on_gnss(self.sensors.gnss(pose, fix_ms / 1000), self.ms * MS)
         self.estimator.on_height(self.chance.gauss(0.0, 0.02))
         self.estimator.predict(self.ms * MS)
         return self.estimator.pose()
@@ -133,7 +135,7 @@ def test_a_vehicle_that_is_pushed_is_not_held_in_its_place(
 def test_one_fix_that_is_metres_off_moves_nobody() -> None:
     parked = Parked(2)
     before = parked.run(20.0)[-1]
-    fix = parked.sensors.gnss(Pose.planar(START.x_m + 30.0, START.y_m))
+    fix = parked.sensors.gnss(Pose.planar(START.x_m + 30.0, START.y_m), 0.1)
     parked.estimator.on_gnss(fix, parked.ms * MS)
     after = parked.run(21.0)[-1]
     assert parked.estimator.at_rest
@@ -168,7 +170,7 @@ def test_whoever_is_armed_and_climbs_is_not_held_for_one_step() -> None:
         parked.step()
         truth, _ = parked.truth()
         navigator.on_imu(parked.sensors.imu(truth, (0.0, 0.0, 0.0)), parked.ms * MS)
-        navigator.on_gnss(parked.sensors.gnss(truth), parked.ms * MS)
+        navigator.on_gnss(parked.sensors.gnss(truth, 0.1), parked.ms * MS)
         return navigator.on_timer(parked.ms * MS).pose
 
     stated = {step() for _ in range(100)}

@@ -28,7 +28,7 @@ def sensors(seed: int = 1, config: SensorsConfig | None = None) -> SensorErrors:
 
 def test_without_errors_a_fix_is_the_truth() -> None:
     exact = sensors(1, SensorsConfig(gnss_sigma_m=0.0, gnss_bias_sigma_m=0.0))
-    fix = exact.gnss(TRUTH)
+    fix = exact.gnss(TRUTH, 0.1)
     assert LocalMap(WORLD.origin).to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m) == pytest.approx(
         (0.0, 0.0, 1.0), abs=1e-6
     )
@@ -40,7 +40,7 @@ def test_fixes_scatter_as_much_as_configured() -> None:
     for seed in range(40):
         errors = sensors(seed)
         for _ in range(25):
-            fix = errors.gnss(TRUTH)
+            fix = errors.gnss(TRUTH, 0.1)
             east, _, up = local.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
             easts.append(east)
             heights.append(up - 1.0)
@@ -53,7 +53,7 @@ def test_fixes_scatter_as_much_as_configured() -> None:
 def test_the_slow_error_wanders_slowly() -> None:
     config = SensorsConfig(gnss_sigma_m=0.0, gnss_bias_sigma_m=1.0)
     errors, local = sensors(3, config), LocalMap(WORLD.origin)
-    fixes = [errors.gnss(TRUTH) for _ in range(600)]
+    fixes = [errors.gnss(TRUTH, 0.1) for _ in range(600)]
     easts = [local.to_local(f.lat_deg, f.lon_deg, f.alt_ellipsoid_m)[0] for f in fixes]
     steps = [abs(b - a) for a, b in pairwise(easts)]
     assert max(steps) < 0.3
@@ -88,5 +88,5 @@ def test_some_echoes_of_the_sonar_come_from_somewhere_else() -> None:
 
 
 def test_every_platform_draws_its_own_numbers_and_the_same_ones_again() -> None:
-    assert sensors(7).gnss(TRUTH) == sensors(7).gnss(TRUTH)
-    assert sensors(7).gnss(TRUTH) != sensors(8).gnss(TRUTH)
+    assert sensors(7).gnss(TRUTH, 0.1) == sensors(7).gnss(TRUTH, 0.1)
+    assert sensors(7).gnss(TRUTH, 0.1) != sensors(8).gnss(TRUTH, 0.1)

@@ -18,7 +18,7 @@ from swarmd.timesync.core import (
     TimeCore,
     UnitRebooted,
 )
-from swarmd.timesync.peer import Exchange
+from swarmd.timesync.peer import TOGETHER_NS, Exchange
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types import registry
 from swarmware.types.time import Conversion, TimeFunctions
@@ -88,9 +88,9 @@ def test_settled_functions_are_solved_at_the_instants_of_other_periodic_work_and
             timer.on_timer(max(due_ns, now_ns))
             if tick > 600 and due_ns > now_ns:
                 solved.append(due_ns)
-    instants = [due_ns for due_ns in solved if due_ns % 100_000_000 == 0]
+    instants = [due_ns for due_ns in solved if due_ns % TOGETHER_NS == 0]
     assert len(instants) >= 0.7 * len(solved), "the rest publishes what was solved"
-    assert len(instants) > 50
+    assert len(instants) > 20, "ten neighbours each three seconds, several at one instant"
 
 
 def test_three_impossible_packets_in_a_row_are_a_step() -> None:

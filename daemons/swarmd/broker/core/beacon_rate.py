@@ -119,6 +119,9 @@ class BeaconSchedule:
         self.urgent = False
         """The next beacon is triggered by an event and must not be skipped."""
         self._resting = False
+        """The next look coincides with the other periodic work; a beacon that it causes waits for chance."""
+        self._skipped = False
+        """A beacon was skipped since the last one that was sent."""
         self._chance = chance
         self._left_ns = NEVER_NS
 
@@ -138,7 +141,7 @@ class BeaconSchedule:
 
     def skip(self, now_ns: int, period_ns: int) -> None:
         """Skips this beacon; the next check coincides with the other periodic work of the process."""
-        self._resting = True
+        self._resting = self._skipped = True
         self.due_ns = (now_ns // period_ns + 1) * period_ns
 
     def defer_after_skip(self, now_ns: int, period_ns: int) -> bool:
@@ -159,6 +162,13 @@ class BeaconSchedule:
         return round(2 * JITTER * period_ns)
 
     def set_next(self, now_ns: int, period_ns: int) -> None:
-        """Schedules the next beacon; the lateness of this one does not make the next ones early."""
+        """Schedules the next beacon; the lateness of this one does not make the next ones early.
+
+        After a beacon that followed skipped ones the next is probably skipped, too: it is due on the grid.
+        """
+        if self._skipped:
+            self._skipped, self._resting = False, True
+            self.due_ns = -(-(now_ns + round(period_ns * (1 - JITTER))) // period_ns) * period_ns
+            return
         spread = 1 + JITTER * (2 * self._chance() - 1)
         self.due_ns = max(self.due_ns, now_ns - period_ns) + round(period_ns * spread)

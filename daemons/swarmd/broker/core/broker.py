@@ -23,7 +23,7 @@ from swarmd.broker.core.action import (
     WriteMirrors,
 )
 from swarmd.broker.core.beacon import Beacon, Header
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity, OutgoingBeacon
+from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
 from swarmd.broker.core.beacon_rate import BeaconSchedule
 from swarmd.broker.core.clock_sample import ClockSample
 from swarmd.broker.core.declared_period import DeclaredPeriod
@@ -44,6 +44,11 @@ DUPLICATE_NS: Final = 5_000_000_000
 """A duplicate of a platform name is cleared after this time without a datagram of the second computer."""
 PUBLISH_NS: Final = 1_000_000_000
 """Period of the tables of neighbours, routes and traffic."""
+SAMPLES_NS: Final = 490_000_000
+"""Time between two batches of clock samples while no link is new: clocks are estimated from them every three
+seconds. A little less than half a second, so that every fifth look at 10 Hz meets it."""
+SAMPLES_MAX: Final = 48
+"""Samples after which a batch is written without waiting: they fit a slot of their stream."""
 CLAIMANTS_MAX: Final = 16
 CLAIMANT_NS: Final = 3_000_000_000
 UNKNOWN: Final = "?"
@@ -130,7 +135,9 @@ class BrokerCore:
         """Deadline of the links when the inputs were read last; datagrams since then only move it later."""
         self._duplicate_ns = 0
         self._clock_samples: list[ClockSample] = []
-        """Samples since the last own beacon."""
+        """Samples since the last batch."""
+        self._samples_ns = now_ns
+        """Instant from which the next batch may be written."""
         self._claimants: dict[Address, int] = {}
         """Unicast senders without an accepted session, and until when beacons are sent to them."""
 
@@ -180,8 +187,9 @@ class BrokerCore:
         schedule, slowdown = self._schedule, self._protocol.slowdown
         if slowdown.on_beacon(now_ns - schedule.due_ns, self._period_ns()):
             actions.append(ReportSlowdown(slowdown.factor, slowdown.late_ns))
-        if self._clock_samples:
+        if self._are_samples_due(now_ns):
             self._write_clock_samples(actions)
+            self._samples_ns = now_ns + SAMPLES_NS
         period_ns = self._period_ns()
         urgent = schedule.urgent or self._sessions.waiting > 0
         if not urgent and self._protocol.may_skip(now_ns + schedule.jitter_ns(period_ns)):
@@ -189,6 +197,13 @@ class BrokerCore:
         elif urgent or not schedule.defer_after_skip(now_ns, period_ns):
             schedule.on_sent(now_ns)
             actions.append(SendBeacon())
+
+    def _are_samples_due(self, now_ns: int) -> bool:
+        if not self._clock_samples:
+            return False
+        if now_ns >= self._samples_ns or len(self._clock_samples) >= SAMPLES_MAX:
+            return True
+        return self._protocol.topology.is_changing(now_ns, SETTLE_NS)
 
     def _write_clock_samples(self, actions: list[Action]) -> None:
         find = self.nodes.get

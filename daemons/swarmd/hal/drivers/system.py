@@ -1,6 +1,7 @@
 """Driver of the computer: load, memory, disk, temperature."""
 
 import os
+from typing import Final
 
 import psutil
 
@@ -9,6 +10,9 @@ from swarmd.hal.driver import Driver, Site
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.system import SystemLoad
+
+TEMPERATURE_EVERY: Final = 10
+"""Reads between two looks at the temperature: a look searches the folders of all sensors."""
 
 
 class System(Driver):
@@ -22,6 +26,8 @@ class System(Driver):
         self._module: Module | None = None
         self._writer: BoardWriter[SystemLoad] | None = None
         self._disk = "/"
+        self._temperature_degc: float | None = None
+        self._reads = 0
 
     async def open(self, module: Module) -> None:
         """Open the writer of `system/load`."""
@@ -33,13 +39,16 @@ class System(Driver):
         """Publishes the counters of the kernel."""
         if self._writer is None:
             return False
+        if self._reads % TEMPERATURE_EVERY == 0:
+            self._temperature_degc = _temperature_degc()
+        self._reads += 1
         self._writer.write(
             SystemLoad(
                 psutil.cpu_percent(),
                 round(psutil.virtual_memory().percent / 100, 4),
                 psutil.disk_usage(self._disk).free,
                 round(os.getloadavg()[0], 2),
-                _temperature_degc(),
+                self._temperature_degc,
             )
         )
         return True

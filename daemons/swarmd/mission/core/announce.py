@@ -4,6 +4,7 @@ from typing import Final
 
 import msgspec
 
+from swarmware.runtime.grid import next_multiple_ns
 from swarmware.types.mission import MissionState
 
 INTERVAL_NS: Final = 100_000_000
@@ -40,4 +41,7 @@ class Announcer:
         """When `due` must be called next without a change; None: at once."""
         if self._last_ns is None:
             return None
-        return self._last_ns + (INTERVAL_NS if self._left else HEARTBEAT_NS)
+        if self._left:
+            return self._last_ns + INTERVAL_NS
+        # with other periodic work of the node, but not with that of the full second
+        return next_multiple_ns(self._last_ns, HEARTBEAT_NS, HEARTBEAT_NS // 10 * 7)

@@ -26,8 +26,6 @@ class SensorErrors:
     __slots__ = (
         "_bias_m",
         "_config",
-        "_correlation",
-        "_drive_sigma_m",
         "_gauss",
         "_map",
         "_uniform",
@@ -42,18 +40,16 @@ class SensorErrors:
         self._gauss = gauss
         self._uniform = uniform
         self._yaw_bias_rad = gauss(0.0, config.yaw_bias_sigma_rad)
-        # first-order Gauss-Markov process, sampled at the receiver's rate
-        self._correlation = math.exp(-1 / (config.gnss_hz * config.gnss_bias_tau_s))
-        self._drive_sigma_m = config.gnss_bias_sigma_m * math.sqrt(1 - self._correlation**2)
         self._bias_m = [gauss(0.0, config.gnss_bias_sigma_m) for _ in range(3)]
 
-    def gnss(self, pose: Pose) -> GnssFix:
-        """Measures a position fix."""
+    def gnss(self, pose: Pose, since_s: float) -> GnssFix:
+        """Measures a position fix, so long after the one before."""
         sigma = self._config.gnss_sigma_m
+        # first-order Gauss-Markov process
+        correlation = math.exp(-since_s / self._config.gnss_bias_tau_s)
+        drive_m = self._config.gnss_bias_sigma_m * math.sqrt(1 - correlation**2)
         for axis in range(3):
-            self._bias_m[axis] = self._bias_m[axis] * self._correlation + self._gauss(
-                0.0, self._drive_sigma_m
-            )
+            self._bias_m[axis] = self._bias_m[axis] * correlation + self._gauss(0.0, drive_m)
         lat, lon, alt = self._map.to_wgs84(
             pose.x_m + self._bias_m[0] + self._gauss(0.0, sigma),
             pose.y_m + self._bias_m[1] + self._gauss(0.0, sigma),

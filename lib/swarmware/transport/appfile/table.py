@@ -21,6 +21,8 @@ class AppTable:
         self._folder_name = str(self._folder)
         self._folder_ns = 0
         self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
+        self._names: list[str] = []
+        """Names of the files, in their order."""
         self._served: dict[int, tuple[AppEntry, Served]] = {}
         self._by_id: dict[int, AppEntry] = {}
         self.version = 0
@@ -54,10 +56,13 @@ class AppTable:
 
     def _read(self) -> Iterator[tuple[str, tuple[_Stamp, AppEntry]]]:
         try:
-            found = sorted((path.name for path in self._folder.glob("*.toml")), key=natural)
+            listed = os.listdir(self._folder_name)  # noqa: PTH208  # every second: no Path objects
         except FileNotFoundError:
             return
-        for name in found:
+        found = {name for name in listed if name.endswith(".toml")}
+        if found != set(self._names):
+            self._names = sorted(found, key=natural)
+        for name in self._names:
             known = self._files.get(name)
             try:
                 fd = os.open(self._folder / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
