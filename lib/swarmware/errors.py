@@ -1,4 +1,4 @@
-"""Every error a caller can meet: one root, one exit code each."""
+"""All errors that callers may receive: one root, one exit code for each class."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 
 class SwarmError(Exception):
-    """Root of all errors raised on purpose; says what was wrong, where, and what was expected."""
+    """Root of all expected errors; the message states the error, its place, and what was expected."""
 
     exit_code: ClassVar[int] = 1
 
@@ -23,7 +23,7 @@ class InvalidInput(SwarmError, ValueError):
 
 
 class WireError(InvalidInput):
-    """Bytes from outside that are no frame, no payload of the stated type, or too large."""
+    """Bytes from outside that are too large, or not a valid frame or payload of the stated type."""
 
 
 class ConfigError(InvalidInput):
@@ -49,7 +49,7 @@ class NotFound(SwarmError):
 
 
 class Denied(SwarmError):
-    """A right is missing: access, role, certificate or file permission."""
+    """A permission is missing: access, role, certificate or file mode."""
 
     exit_code = 5
 
@@ -61,11 +61,11 @@ class NoAnswer(SwarmError):
 
 
 class Conflict(SwarmError):
-    """Somebody else holds it, or it has changed since it was read."""
+    """Another process holds the object, or it has changed since it was read."""
 
 
 class Partial(SwarmError):
-    """Some members did, some did not; or data was lost on the way."""
+    """Only some members succeeded, or some data was lost."""
 
     exit_code = 3
 
@@ -87,7 +87,7 @@ KINDS: dict[str, type[SwarmError]] = {
         Partial,
     )
 }
-"""Class by name: how an error crosses a process border and is raised again on the other side."""
+"""Classes by name: an error of another process is raised again as the same class."""
 
 
 def from_kind(kind: str, message: str) -> SwarmError:
@@ -96,7 +96,7 @@ def from_kind(kind: str, message: str) -> SwarmError:
 
 
 def missing_extra(what: str, error: ImportError, extra: str) -> ConfigError:
-    """The error of a part whose modules are not installed; `extra`: of the distribution, brings them."""
+    """The error when optional modules are not installed; `extra`: the extra of the distribution with them."""
     return ConfigError(
         f"{what}: the module {error.name} is not installed; expected `pip install 'swarmware[{extra}]'`"
     )

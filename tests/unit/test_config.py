@@ -19,10 +19,10 @@ from swarmware.model import config
         ('[clock]\noffset_s = "x"', r"key clock.offset_s: expected `float`, got `str` \(it is 'x'\)"),
         ("[clock]\noffset_s = 1e9", r"key clock.offset_s: .*<= 3600.* \(it is 1000000000.0\)"),
         ('services = ["a", 3]', r"key services\[1\]: expected `str`"),
-        ('services = ["a", "a"]', "services: a name stands there twice"),
+        ('services = ["a", "a"]', "services: a name is listed twice"),
         ('kind = "boat"', r"key kind: invalid enum value 'boat'"),
         ('platform = "UAV"', r"node.toml: .*platform name 'UAV'"),
-        ("x =", "no valid TOML"),
+        ("x =", "invalid TOML"),
     ],
 )
 def test_a_mistake_is_named_by_file_key_and_expectation(text: str, message: str) -> None:
@@ -79,5 +79,7 @@ def test_names_of_services_are_checked(services: str, message: str) -> None:
 def test_settings_under_the_other_spelling_of_a_service_are_not_passed_over(tmp_path: Path) -> None:
     (tmp_path / "services").mkdir()
     (tmp_path / "services" / "temp_sensor.toml").write_text("")
-    with pytest.raises(ConfigError, match=r"temp_sensor\.toml: of no service.*expected in temp-sensor\.toml"):
+    with pytest.raises(
+        ConfigError, match=r"temp_sensor\.toml: not the name of a service.*in temp-sensor\.toml"
+    ):
         config.load_service(tmp_path, "temp-sensor", config.NodeConfig)

@@ -75,7 +75,7 @@ def test_a_projection_stays_within_its_window() -> None:
 
 @pytest.mark.parametrize("points", [(), ((1.0, 1.0),), ((1.0, 1.0), (1.0, 1.0))])
 def test_a_course_needs_two_waypoints(points: tuple[tuple[float, float], ...]) -> None:
-    with pytest.raises(InvalidInput, match="expected two different waypoints"):
+    with pytest.raises(InvalidInput, match="expected at least two different waypoints"):
         Course(points)
 
 

@@ -64,7 +64,7 @@ def test_a_mistake_is_named_by_file_and_key(text: str, complaint: str) -> None:
 
 def test_two_obstacles_of_one_name_are_refused() -> None:
     twice = Circle(name="oak", x_m=0.0, y_m=0.0, radius_m=1.0, height_m=1.0)
-    with pytest.raises(InvalidInput, match="'oak': the name stands there twice"):
+    with pytest.raises(InvalidInput, match="'oak': the name is used twice"):
         World(description="", bounds=BOUNDS, circles=(twice, twice))
 
 

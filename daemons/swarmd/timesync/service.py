@@ -171,5 +171,5 @@ def _peer_exchange(sample: TimingSample) -> PeerExchange:
         sample.unit,
         sample.hardware,
         sample.boot_id,
-        Exchange(sample.received_ns, sample.least_ns, sample.sent_ns, sample.most_ns),
+        Exchange(sample.received_ns, sample.lower_ns, sample.sent_ns, sample.upper_ns),
     )

@@ -1,4 +1,4 @@
-"""Where vehicles are and how they move: geodesy, courses, formations, the obstacles of a world.
+"""Geometry of positions and motion: geodesy, courses, formations, obstacles of a world.
 
-Pure functions of positions; how a vehicle is controlled lives in its navigator.
+Pure functions of positions; the navigator has the control of a vehicle.
 """

@@ -13,7 +13,7 @@ TURN_RADIUS_M: Final = 30.0
 """Radius of the arc at a waypoint, where the legs are long enough: twice the half width of a wedge of ten."""
 
 WINDOW_M: Final = 10.0
-"""How far a projection may be from where it was last: a course may come near itself without confusion."""
+"""Maximum distance along the course between two projections: a course may approach itself."""
 
 _SHARP_M: Final = 0.1
 """An arc with a smaller radius than this is a corner."""
@@ -72,9 +72,9 @@ class _Segment(msgspec.Struct, frozen=True, gc=False):
 
 
 class Course:
-    """Smooth way along waypoints, with distance along it as coordinate.
+    """Smooth path along waypoints, with the distance along it as coordinate.
 
-    Before its beginning and behind its end it goes on straight, so that slots behind the leader
+    It is extended straight beyond both ends, so that slots behind the leader
     exist from the first moment.
     Raises: InvalidInput for less than two different waypoints.
     """
@@ -84,7 +84,7 @@ class Course:
     def __init__(self, points: tuple[tuple[float, float], ...], turn_radius_m: float = TURN_RADIUS_M) -> None:
         kept = _different(points)
         if len(kept) < 2:
-            raise InvalidInput(f"course {list(points)}: expected two different waypoints at least")
+            raise InvalidInput(f"course {list(points)}: expected at least two different waypoints")
         self.points = tuple(kept)
         self._segments = _build(kept, turn_radius_m)
         self._starts = [segment.start_m for segment in self._segments]

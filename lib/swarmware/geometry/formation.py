@@ -1,4 +1,4 @@
-"""The formation: which slot belongs to which place in a shape, and where it is now."""
+"""The formation: places of the slots in a shape, and their present positions."""
 
 import math
 from typing import Final, Literal, get_args
@@ -14,7 +14,7 @@ SHAPES: Final[tuple[str, ...]] = get_args(Shape)
 
 
 class Slot(msgspec.Struct, frozen=True, gc=False):
-    """Where a member of the formation should be, and how that place moves."""
+    """Position and velocity that a member of the formation should have."""
 
     x_m: float
     y_m: float
@@ -24,11 +24,11 @@ class Slot(msgspec.Struct, frozen=True, gc=False):
     vy_m_s: float
     vz_m_s: float
     s_m: float
-    """Its distance along the course; of a formation without a course 0."""
+    """Distance of the slot along the course; 0 without a course."""
     leader_s_m: float
-    """Distance along the course at which the leader stands for it."""
+    """Distance of the leader along the course for this slot."""
     stretch: float
-    """How much faster than the leader it moves: above 1 outside of a turn, below inside."""
+    """Ratio of its speed to the leader's: above 1 outside of a turn, below 1 inside."""
 
     def error_m(self, pose: Pose, *, flat: bool = False) -> float:
         """Distance of a vehicle from its slot; `flat`: without the height."""
@@ -39,7 +39,7 @@ class Slot(msgspec.Struct, frozen=True, gc=False):
 def place(shape: str, slot: int, spacing_m: float) -> tuple[float, float]:
     """Forward and left distance of a slot from the head of the shape, which is slot 0.
 
-    The others stand left and right in turn: of a wedge one row further back each pair.
+    The others are left and right in turn; in a wedge each pair is one row further back.
     Raises: InvalidInput for an unknown shape or a negative slot.
     """
     if slot < 0:
@@ -59,7 +59,7 @@ class FormationSlots:
     """Slots of a formation that follows a leader.
 
     With a course, places are measured along it and across it: a slot follows a curve parallel to the
-    leader's, however the leader swerves. Its place behind the leader is where the leader was.
+    leader's, also when the leader swerves. Its place behind the leader is a former place of the leader.
     Without a course the shape is rigid and turns with the leader.
     Before the beginning of the course the slots stand still and wait for the leader.
     Source: Barfoot, Clark: Motion planning for formations of mobile robots, 2004 (curvilinear coordinates).
@@ -72,7 +72,7 @@ class FormationSlots:
         self._near_m: float | None = None
 
     def slot(self, leader: Pose, offset_m: tuple[float, float, float]) -> Slot:
-        """Where the slot is now, from the leader's pose."""
+        """The present slot, from the leader's pose."""
         if self.course is None:
             return _rigid(leader, offset_m)
         forward, left, up = offset_m
@@ -85,12 +85,13 @@ class FormationSlots:
             cos, sin = math.cos(here.heading_rad), math.sin(here.heading_rad)
             across = (leader.y_m - here.y_m) * cos - (leader.x_m - here.x_m) * sin
             along = leader.vx_m_s * cos + leader.vy_m_s * sin
-            # progress of the foot point: a leader outside of the curve makes less of it than metres
+            # progress of the foot point: on the outside of a curve it is less than the distance that the
+            # leader moves
             speed = along / max(0.2, 1 - here.curvature_1_m * across)
         return self.slot_at(clipped, (forward, left, leader.z_m + up), speed)
 
     def slot_at(self, s_m: float, offset_m: tuple[float, float, float], speed_m_s: float = 0.0) -> Slot:
-        """Where the slot is when the leader stands at s; here the third offset is the height itself."""
+        """The slot when the leader is at `s_m`; the third offset is the absolute height here."""
         if self.course is None:
             raise InvalidInput("slot along a course: this formation has none")
         forward, left, up = offset_m

@@ -1,4 +1,4 @@
-"""Between WGS84 and the swarm's local map: east, north, up of an origin."""
+"""Conversion between WGS84 and the swarm's local map: east, north and up of an origin."""
 
 import math
 from typing import Final
@@ -15,12 +15,12 @@ _E2: Final = FLATTENING * (2 - FLATTENING)
 
 
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where the local map's zero lies on the Earth."""
+    """Geodetic position of the local map's origin."""
 
     lat_deg: float = 0.0
     lon_deg: float = 0.0
     alt_ellipsoid_m: float = 0.0
-    """Above the ellipsoid, not above sea level."""
+    """Height above the ellipsoid, not above sea level."""
 
     def __post_init__(self) -> None:
         if not (abs(self.lat_deg) < 89.9 and abs(self.lon_deg) <= 180.0):

@@ -1,4 +1,4 @@
-"""The world: where the map lies on the Earth, what stands on it, where vehicles begin."""
+"""The world: origin of the map, its obstacles, and the start positions of vehicles."""
 
 import math
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ class Bounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def __post_init__(self) -> None:
         for name, (low, high) in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
             if not low < high:
-                raise InvalidInput(f"{name}: [{low}, {high}], expected [least, greatest]")
+                raise InvalidInput(f"{name}: [{low}, {high}], expected [minimum, maximum]")
 
     def contains(self, x_m: float, y_m: float, z_m: float) -> bool:
         """Whether a point is inside."""
@@ -72,9 +72,9 @@ class Box(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     name: str
     x_m: Metres
     y_m: Metres
-    """Its centre."""
+    """y of the centre of the box."""
     size_m: tuple[Size, Size]
-    """Along its own x and y."""
+    """Lengths along its own x and y axes."""
     height_m: Size
     yaw_rad: Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)] = 0.0
 
@@ -115,16 +115,16 @@ Obstacle = Circle | Box
 
 
 class StartRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where vehicles of one kind stand at first: in a shape, the first of them at its head."""
+    """Start positions of the vehicles of one kind: places in a shape, the first at its head."""
 
     x_m: Metres
     y_m: Metres
-    """The head of the shape."""
+    """y of the head of the shape."""
     yaw_rad: Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)] = 0.0
     shape: Shape = "line"
     spacing_m: Size = 4.0
     jitter_m: Annotated[float, msgspec.Meta(ge=0, le=10)] = 0.0
-    """Each vehicle stands up to this far beside its place."""
+    """Maximum distance of a vehicle from its place, in x and y."""
 
     def pose(self, number: int, jitter: tuple[float, float] = (0.0, 0.0)) -> Pose:
         """Start of the vehicle with this number, counted from 1; jitter from -1 to 1 in x and y."""
@@ -153,16 +153,16 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         seen: set[str] = set()
         for obstacle in self.obstacles():
             if obstacle.name in seen:
-                raise InvalidInput(f"obstacle {obstacle.name!r}: the name stands there twice")
+                raise InvalidInput(f"obstacle {obstacle.name!r}: the name is used twice, expected once")
             seen.add(obstacle.name)
 
     def obstacles(self) -> Iterator[Obstacle]:
-        """Everything that can be hit."""
+        """Iterate over all obstacles."""
         yield from self.circles
         yield from self.boxes
 
     def start_pose(self, kind: str, number: int, jitter: tuple[float, float] = (0.0, 0.0)) -> Pose:
-        """Where a vehicle begins.
+        """Start pose of a vehicle.
 
         Raises: InvalidInput when the world has no rule for the kind.
         """

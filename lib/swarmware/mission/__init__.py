@@ -1,5 +1,5 @@
 """The mission language BDL: loading with positions, block catalogue, checks before anything moves.
 
-May live here: what says what a mission *is* and whether it is sound. Not here: playing it (the mission
-daemon), what blocks do (its blocks), anything that waits or sends.
+Belongs here: the model of a mission and its checks. Not here: playing it (the mission
+daemon), the actions of blocks (its blocks), anything that waits or sends.
 """

@@ -1,4 +1,4 @@
-"""Who plays which role: platforms to roles by kind and order, parameters to platforms."""
+"""Assignment of roles to platforms, by kind and order, and of parameters to platforms."""
 
 import msgspec
 
@@ -10,14 +10,14 @@ from swarmware.types.mission import Member, ParamValue
 
 
 class Platform(msgspec.Struct, frozen=True):
-    """A platform that could take part."""
+    """A platform that may get a role."""
 
     name: str
     kind: str
 
 
 class MemberAssignment(msgspec.Struct, frozen=True):
-    """What one platform plays in a mission."""
+    """The role of one platform in a mission."""
 
     member: Member
     file: str
@@ -25,10 +25,10 @@ class MemberAssignment(msgspec.Struct, frozen=True):
 
 
 class Assignment(msgspec.Struct, frozen=True):
-    """Which platform plays which role of a mission."""
+    """The roles of all platforms in a mission."""
 
     member_assignments: tuple[MemberAssignment, ...]
-    """In the order of the roles, then of the platforms: who comes first opens the barriers."""
+    """In the order of the roles, then of the platforms: the first present member opens a barrier."""
     left_out: tuple[str, ...]
     """Platforms without a role."""
 
@@ -54,7 +54,7 @@ def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, Param
         taken = fitting[: role.take or None]
         if not taken and role.required:
             kinds = " or ".join(role.kinds)
-            raise MissionError(f"role {role.name!r}: no {kinds} is there for it; expected at least one")
+            raise MissionError(f"role {role.name!r}: no {kinds} is available; expected at least one")
         filled.append((role, taken))
         free = [platform for platform in free if platform not in taken]
     first = {role.name: taken[0].name for role, taken in filled if taken}

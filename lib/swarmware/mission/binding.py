@@ -1,4 +1,4 @@
-"""What `$…` in a mission stands for: the platform, and the mission's parameters."""
+"""Values of the `$…` variables in a mission: the platform, and the mission's parameters."""
 
 import re
 from typing import Any, Final
@@ -24,14 +24,14 @@ class Binding(msgspec.Struct, frozen=True):
     params: dict[str, ParamValue] = {}
 
     def variable(self, name: str) -> str | None:
-        """Value of a variable, None when there is no such one."""
+        """Value of a variable; None for an unknown one."""
         if name == "mavid":
             return self.id
         return str(getattr(self, name)) if name in VARIABLES else None
 
 
 class Unbound(Exception):
-    """A `$name` that stands for nothing; carries place and message. Stays inside this package."""
+    """A `$name` without a value; has place and message. Not raised outside of this package."""
 
     def __init__(self, pointer: str, message: str) -> None:
         super().__init__(message)
@@ -39,9 +39,9 @@ class Unbound(Exception):
 
 
 def substitute(value: Any, pointer: str, binding: Binding, declared: dict[str, ParamValue]) -> Any:
-    """The JSON value with every `$…` replaced; a text that is nothing but `$param.x` takes its type.
+    """The JSON value with every `$…` replaced; a text that is only `$param.x` gets the parameter's type.
 
-    Raises: Unbound when a name stands for nothing.
+    Raises: Unbound for a name without a value.
     """
     if isinstance(value, str):
         return _text(value, pointer, binding, declared)

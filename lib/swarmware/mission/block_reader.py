@@ -1,4 +1,4 @@
-"""One block of the file: its parameters against its type, its successors by outcome."""
+"""Reads one block of the file: checks its parameters against its type, collects its successors."""
 
 import math
 import re
@@ -33,18 +33,18 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
 TIMEOUT_LIMIT_S: Final = 86_400.0
 """Longest time-out of a block: a day."""
 TIMEOUT_MIN_MS: Final = 1_000.0
-"""Shortest time-out in the BDL form: less is a number that somebody meant in seconds."""
+"""Minimum time-out in the BDL form: a smaller number was probably meant in seconds."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """A hint: the known word that looks most like this one, whatever its distance."""
+    """A hint: the known word that is most similar to this one."""
     lower = {name.lower(): name for name in known}
     near = get_close_matches(word.lower(), list(lower), n=1, cutoff=0.0)
     return f"nearest known: {lower[near[0]]}" if near else "nothing is known here"
 
 
 class BlockReader:
-    """Reads one block; what is wrong is collected in `remarks` as (pointer, rule, message)."""
+    """Reads one block; errors are collected in `remarks` as (pointer, rule, message)."""
 
     def __init__(self, block_id: str, body: dict[str, Any], pointer: str, catalogue: Catalogue) -> None:
         self.remarks: list[tuple[str, str, str]] = []
@@ -83,7 +83,7 @@ class BlockReader:
             return self._spec.timeout_s
         key = given[0]
         if len(given) > 1:
-            self._report(given[1], "twice", f"a time-out stands at {key!r} already: expected one of them")
+            self._report(given[1], "twice", f"{key!r} gives a time-out as well: expected one of them")
         if not self._spec.can_time_out:
             self._report(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
             return None
@@ -218,7 +218,11 @@ class BlockReader:
         pointer = f"{self._pointer}/{key}"
         if outcome in self._edges:
             first = self._edges[outcome].pointer.removeprefix(f"{self._pointer}/")
-            self._report(key, "twice", f"the successor for {outcome!r} stands at `{first}` already")
+            self._report(
+                key,
+                "twice",
+                f"the successor for {outcome!r} is given at `{first}` as well; expected one of them",
+            )
             return
         self._edges[outcome] = Edge(outcome, target, pointer)
 

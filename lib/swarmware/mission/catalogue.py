@@ -1,4 +1,4 @@
-"""The blocks of the language: what each is for, its parameters, its ways to end.
+"""The block types of the language: purpose, parameters and outcomes of each.
 
 One table; the loader, the checks, the JSON Schema, the documentation and the player derive from it.
 """
@@ -16,7 +16,7 @@ GROUP: Final = "swarmware.blocks"
 VEHICLES: Final = ("uav", "ugv", "usv")
 """Platform kinds that move."""
 FLYING: Final = "uav"
-"""The kind that leaves the ground."""
+"""Kind of the platforms that fly."""
 
 Points = tuple[tuple[float, ...], ...]
 """Positions in the map frame, metres."""
@@ -35,7 +35,7 @@ class Params(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def lasts_s(self) -> float:
-        """Time that the parameters ask for, so that the type's default time-out begins after it."""
+        """Time that the parameters require; the default time-out of the type is added to it."""
         return 0.0
 
 
@@ -44,38 +44,38 @@ class Nothing(Params, frozen=True):
 
 
 class End(Params, frozen=True):
-    """How the mission went."""
+    """End the mission with a result."""
 
     result: Literal["done", "failed"] = "done"
-    """`failed` on a way that was safe but not what the mission was for; then `on_failure` follows."""
+    """`failed`: the mission ended safely, but did not reach its goal; `on_failure` follows."""
 
 
 class DecisionRandom(Params, frozen=True):
-    """A throw of dice."""
+    """Take one of two successors at random."""
 
     chance_for_true: Ratio
-    """Chance of the first successor."""
+    """Probability of the first successor."""
 
 
 class Barrier(Params, frozen=True):
-    """A meeting of the ensemble."""
+    """Wait until all participants have arrived."""
 
     id: Annotated[str, msgspec.Meta(min_length=1, max_length=64, pattern="^[^@]")]
-    """Same id, same barrier, in every member's mission; @ begins those of the system."""
+    """Identity of the barrier in the missions of all members; ids of the system begin with @."""
     quorum: Literal["all"] | Annotated[int, msgspec.Meta(ge=1, le=1_000)] = "all"
-    """How many members open it: all that are still there, or a number."""
+    """Number of members that open it: all that are present, or a number."""
     roles: tuple[Name, ...] = ()
-    """Roles that meet here; empty: all."""
+    """Roles that participate; empty: all."""
 
 
 class Wait(Params, frozen=True):
-    """A pause; exactly one of the two."""
+    """Pause for a time; exactly one of the two units is given."""
 
     ms: Annotated[float, msgspec.Meta(ge=0, le=86_400_000)] | msgspec.UnsetType = msgspec.UNSET
     s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] | msgspec.UnsetType = msgspec.UNSET
 
     def __post_init__(self) -> None:
-        """Exactly one unit."""
+        """Check that exactly one unit is given."""
         if (self.ms is msgspec.UNSET) == (self.s is msgspec.UNSET):
             raise InvalidInput("expected exactly one of `ms` and `s`")
 
@@ -91,7 +91,7 @@ class Takeoff(Params, frozen=True):
     """Climb straight up to an altitude."""
 
     altitude_m: Altitude
-    """Above the map's origin."""
+    """Height above the map's origin."""
     speed_m_s: Speed = 1.5
 
 
@@ -101,42 +101,42 @@ class Goto(Params, frozen=True):
     x_m: Metres
     y_m: Metres
     z_m: Metres | None = None
-    """Without it a vehicle that flies keeps its height."""
+    """Height above the map's origin; without it a flying vehicle keeps its height."""
     yaw_rad: Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)] | None = None
-    """Heading at the end; without it the vehicle arrives as it comes."""
+    """Heading at the end; without it any heading."""
     speed_m_s: Speed = 1.5
 
 
 class Return(Params, frozen=True):
-    """Back to the start."""
+    """Move back to the place of arming."""
 
     speed_m_s: Speed = 2.0
 
 
 class Formation(Params, frozen=True):
-    """A slot in a moving shape."""
+    """Keep a slot in a moving formation."""
 
     leader: Name
-    """Platform that leads; the leader's own mission names itself."""
+    """Platform of the leader; in the leader's own mission its own name."""
     shape: Literal["wedge", "line", "column"] = "wedge"
     slot: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
     """Place in the shape: 0 is its head, then left and right in turn."""
     spacing_m: Distance = 4.0
-    """Between neighbouring slots, along and across."""
+    """Distance of neighbouring slots, along and across."""
     offset_m: Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)] = (0.0, 0.0, 0.0)
-    """Where the shape's head is, seen from the leader: forward, left, up."""
+    """Position of the shape's head relative to the leader: forward, left, up."""
     course: Points = ()
     """Waypoints of the leader, x and y."""
     advance: bool = False
-    """Move along the course; without it the slots are taken and kept."""
+    """Move along the course; without it the members move into their slots and keep them."""
     speed_m_s: Speed = 1.5
     tolerance_m: Distance = 1.0
-    """Formation error below which the slot counts as taken."""
+    """Formation error below which the member is in its slot."""
     settle_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 1.0
-    """How long the error must stay below."""
+    """Time for which the error must stay below."""
 
     def __post_init__(self) -> None:
-        """Waypoints are pairs, and who advances has some."""
+        """Check that waypoints are pairs, and that a formation that advances has some."""
         if any(len(point) != 2 for point in self.course):
             raise InvalidInput("course: expected pairs [x, y] in metres")
         if self.advance and not self.course:
@@ -144,7 +144,7 @@ class Formation(Params, frozen=True):
 
 
 class Land(Params, frozen=True):
-    """Straight down, or at a spot."""
+    """Land straight down, or at a position."""
 
     speed_m_s: Speed = 1.0
 
@@ -153,7 +153,7 @@ class Hold(Params, frozen=True):
     """Stay at the present position."""
 
     s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
-    """For how long; 0: until the vehicle stands still, which it then keeps doing."""
+    """Time to hold; 0: only until the vehicle is at rest, where it then stays."""
 
     @property
     def lasts_s(self) -> float:
@@ -162,35 +162,35 @@ class Hold(Params, frozen=True):
 
 
 class BlockType(msgspec.Struct, frozen=True):
-    """What the language knows of one block."""
+    """Definition of one block type."""
 
     name: str
     purpose: str
-    """One sentence."""
+    """Purpose of the block, one sentence."""
     params: type[Params] = Nothing
     control: bool = False
-    """Played by the player itself; otherwise a plugin does the work."""
+    """The player executes it; otherwise a plug-in does."""
     timeout_s: float | None = None
-    """Time-out when the mission gives none; None: it needs none."""
+    """Default time-out; None: none."""
     kinds: tuple[str, ...] = ()
-    """Platform kinds that can do it; empty: every one."""
+    """Kinds of platform that can execute it; empty: all."""
     errors: tuple[str, ...] = ()
-    """Kinds of error it can end with."""
+    """Kinds of error with which it may end."""
     motion: bool = False
-    """Moves the vehicle; cancelled, it commands hold."""
+    """It moves the vehicle; when cancelled it commands hold."""
     instant: bool = False
-    """Takes no time, so a loop of nothing else would never rest."""
+    """It takes no time: a loop of only such blocks is a livelock."""
     aliases: tuple[tuple[str, str], ...] = ()
-    """Other spellings of parameters, and what they mean."""
+    """Alternative spellings of parameters."""
 
     @property
     def can_time_out(self) -> bool:
-        """Whether a time-out successor makes sense."""
+        """Whether it may have a successor for its time-out."""
         return not self.instant and self.name != "Wait"
 
     @property
     def can_fail(self) -> bool:
-        """Whether an error successor makes sense; a plugin can fail in ways that it does not name."""
+        """Whether it may have a successor for errors; a plug-in may fail with undeclared errors."""
         return bool(self.errors) or not self.control
 
 
@@ -290,7 +290,7 @@ BLOCKS: Final = (
         motion=True,
     ),
 )
-"""The built-in blocks."""
+"""Definitions of the built-in blocks."""
 
 
 class Catalogue:
@@ -304,12 +304,12 @@ class Catalogue:
             self.types[block.name] = block
 
     def find(self, name: str) -> BlockType | None:
-        """The type of that name."""
+        """The block type of that name; None: unknown."""
         return self.types.get(name)
 
 
 def built_in() -> Catalogue:
-    """The blocks that are always there."""
+    """The catalogue of built-in blocks."""
     return Catalogue(BLOCKS)
 
 

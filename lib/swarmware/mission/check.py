@@ -20,7 +20,7 @@ from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 
 _GRAPH_RULES = frozenset({"edge", "no-such-block", "into-start", "start", "shape"})
-"""Findings that leave no graph worth exploring."""
+"""Rules whose findings prevent the exploration of the graph."""
 
 
 def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> list[Finding]:
@@ -51,7 +51,7 @@ def check_text(
     *,
     kinds: Iterable[str] = (),
 ) -> tuple[Reading, list[Finding]]:
-    """One member's mission: what was read, and everything that is wrong with it.
+    """Reads and checks one member's mission: the mission as read, and all findings.
 
     `kinds`: of the platforms that may play it; empty: the binding's.
     """
@@ -74,7 +74,7 @@ def check_text(
 def _conditions(
     mission: MissionDefinition, text: str, file: str, kinds: tuple[str, ...], own: str
 ) -> list[Finding]:
-    """What its conditions say of resources, held against the templates of who may play it."""
+    """Findings of the conditions: checks their resources against the templates of the possible platforms."""
     problems = vocabulary.shipped().check(mission, kinds, own) if mission.resources() else []
     if not problems:
         return []
@@ -96,7 +96,7 @@ def _conditions(
 def check_folder(
     folder: Folder, catalogue: Catalogue | None = None, budget: Budget | None = None
 ) -> list[Finding]:
-    """A whole ensemble's mission: every role by itself, then all together."""
+    """Checks the mission of a whole ensemble: each role by itself, then all together."""
     budget = budget or Budget()
     findings: list[Finding] = []
     roles: list[EnsembleRole] = []
@@ -123,7 +123,7 @@ def check_folder(
 
 
 def _for_some(finding: Finding) -> Finding:
-    """Where ground vehicles may play the role, too, it is wrong only for one that flies, which refuses it."""
+    """The finding as a warning: it applies only to a flying platform, and others may play the role, too."""
     return msgspec.structs.replace(finding, severity="warning") if finding.rule in flight.RULES else finding
 
 

@@ -14,19 +14,19 @@ import msgspec
 from swarmware.errors import MissionError
 
 Scalar = bool | float | str
-"""What a condition compares."""
+"""Type of the values that a condition compares."""
 
 SHORT_NAMES: Final = {
     "battery": "power/battery.remaining_ratio",
     "batterylevel": "power/battery.remaining_ratio",
     "altitude": "nav/pose.z_m",
 }
-"""Words of mission authors for resources that every vehicle has."""
+"""Short names for resources that every vehicle has."""
 
 LENGTH_LIMIT: Final = 500
-"""Characters of one condition."""
+"""Maximum characters of one condition."""
 DEPTH_LIMIT: Final = 20
-"""Parentheses and `not` inside each other."""
+"""Maximum nesting of parentheses and `not`."""
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)(?P<percent>\s*%)?"
@@ -46,7 +46,7 @@ _COMPARE: Final[dict[str, Callable[[float | str, float | str], bool]]] = {
 
 
 class Lookup(Protocol):
-    """Where a condition finds the present values."""
+    """Source of present values for a condition."""
 
     def value(self, path: str, field: str) -> Scalar | None:
         """Newest value of the resource's field (empty: its only one); None when there is none."""
@@ -58,20 +58,20 @@ class Lookup(Protocol):
 
 
 class Literal(msgspec.Struct, frozen=True, tag=True):
-    """A value that stands in the text."""
+    """A constant in the text of the condition."""
 
     value: Scalar
     percent: bool = False
-    """Written with %."""
+    """The number was written with %."""
 
 
 class Field(msgspec.Struct, frozen=True, tag=True):
-    """A field of a resource."""
+    """A field of a resource, as an operand."""
 
     path: str
     field: str
     at: int = 0
-    """Where it stands in the text, from 0."""
+    """Offset in the text, from 0."""
 
 
 class Age(msgspec.Struct, frozen=True, tag=True):
@@ -79,7 +79,7 @@ class Age(msgspec.Struct, frozen=True, tag=True):
 
     path: str
     at: int = 0
-    """Where its path stands in the text, from 0."""
+    """Offset of its path in the text, from 0."""
 
 
 class Compare(msgspec.Struct, frozen=True, tag=True):
@@ -104,7 +104,7 @@ class Both(msgspec.Struct, frozen=True, tag=True):
 
 
 class Either(msgspec.Struct, frozen=True, tag=True):
-    """One of them holds, or both."""
+    """Holds when at least one condition holds."""
 
     left: "Node"
     right: "Node"
@@ -115,22 +115,22 @@ Node = Compare | Not | Both | Either | Literal | Field | Age
 
 
 class ConditionExpression(msgspec.Struct, frozen=True):
-    """A condition and the text it was written as."""
+    """A parsed condition with its text."""
 
     text: str
     node: Node
 
     def holds(self, lookup: Lookup) -> bool | None:
-        """Whether it is true now; None when a value is missing that decides it (Kleene's logic)."""
+        """Whether the condition holds now; None when a needed value is missing (Kleene's logic)."""
         return _truth(self.node, lookup)
 
     def resources(self) -> frozenset[str]:
-        """Paths of the resources it looks at."""
+        """Paths of the resources in the condition."""
         return frozenset(_paths(self.node))
 
 
 def parse(text: str) -> ConditionExpression:
-    """The condition in this text.
+    """Parse the text of a condition.
 
     Raises: MissionError with the place in the text and what was expected.
     """

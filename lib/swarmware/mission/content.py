@@ -1,4 +1,4 @@
-"""The hash by which the content of a mission is known."""
+"""The hash that identifies the content of a mission."""
 
 from hashlib import blake2b
 

@@ -1,4 +1,4 @@
-"""Do the members' missions fit together? Barriers that all meet, blocks that the platforms can do."""
+"""Checks the missions of an ensemble together: matching barriers, blocks that the platforms can execute."""
 
 from collections.abc import Callable
 
@@ -11,21 +11,21 @@ from swarmware.mission.meetings import BROKEN, Participant, TooLarge, search
 from swarmware.mission.model import TIMEOUT, Block, MissionDefinition
 
 PARALLEL = 4
-"""From so many barriers at the same time on these are what makes an ensemble too large."""
+"""Number of simultaneous barriers from which they are reported as the reason of a too large check."""
 BLOCKS_SHOWN = 4
 
 COPIES_LIMIT = 3
-"""Members of one role that are looked at together; two show all that no quorum above two can do."""
+"""Maximum members of one role that are explored; two suffice unless a quorum exceeds two."""
 
 
 class EnsembleRole(msgspec.Struct, frozen=True):
-    """A role's mission, bound for one of its platforms."""
+    """The mission of a role, bound to one of its platforms."""
 
     name: str
     kinds: tuple[str, ...]
     mission: MissionDefinition
     take: int
-    """How many platforms play it; 0: any number."""
+    """Number of platforms with this role; 0: any."""
     line: Callable[[str], int]
     """Line of a JSON pointer."""
 
@@ -37,18 +37,18 @@ class EnsembleRole(msgspec.Struct, frozen=True):
         severity: Severity = "error",
         trace: tuple[str, ...] = (),
     ) -> Finding:
-        """A remark about a block of this role's file."""
+        """A finding at a block in this role's file."""
         line = self.line(block.pointer)
         return Finding(self.mission.file, line, block.pointer, severity, rule, message, trace)
 
 
 def check_roles(roles: list[EnsembleRole]) -> list[Finding]:
-    """Everything that fits each role but not all together."""
+    """Findings that concern several roles together."""
     return [*_capabilities(roles), *_barriers(roles), *_quorums(roles), *_without_successor(roles)]
 
 
 def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
-    """Whether members of these roles, each sound by itself, can wait for each other for ever."""
+    """Findings about members of these roles that may wait for each other without end."""
     if not any(role.mission.barriers() for role in roles):
         return []
     hang = search([_part(role) for role in roles], budget)
@@ -98,7 +98,7 @@ def _quorums(roles: list[EnsembleRole]) -> list[Finding]:
 
 
 def _without_successor(roles: list[EnsembleRole]) -> list[Finding]:
-    """A barrier breaks when a member is lost: what then?"""
+    """Findings of barriers that have no successor for the loss of a member."""
     found: list[Finding] = []
     for role in roles:
         for block in role.mission.barriers():

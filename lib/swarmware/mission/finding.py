@@ -1,4 +1,4 @@
-"""What a check has to say about a mission file."""
+"""Findings of the checks of mission files."""
 
 from collections.abc import Iterable
 from typing import Final, Literal
@@ -6,26 +6,26 @@ from typing import Final, Literal
 import msgspec
 
 Severity = Literal["error", "warning", "unknown"]
-"""`unknown`: the check ran out of room, so the mission is neither proven sound nor wrong."""
+"""`unknown`: the budget was exceeded, so the check has no result."""
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One remark about a mission, with the place in the file."""
+    """One finding about a mission, with its place in the file."""
 
     file: str
     line: int
-    """From 1; 0 when the remark is about the whole file."""
+    """Line, from 1; 0: the whole file."""
     pointer: str
     """JSON pointer of the value (RFC 6901), such as /mission/b3/next."""
     severity: Severity
     rule: str
     """Short name of the rule, for filters: syntax, unknown-block, deadlock, …"""
     message: str
-    """What is wrong and what was expected."""
+    """The error, and what was expected."""
     trace: tuple[str, ...] = ()
-    """Counter-example: block outcomes that lead there, in order."""
+    """Counter-example: the outcomes of blocks that lead to this state, in order."""
     column: int = 0
-    """From 1; 0 when the remark is about the whole value."""
+    """Column, from 1; 0: the whole value."""
 
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}" if self.line else self.file
@@ -37,7 +37,7 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 class Remark(msgspec.Struct, frozen=True):
-    """A finding without its line: the caller knows the file."""
+    """A finding without file and line, which the caller adds."""
 
     block: str
     severity: Severity
@@ -51,15 +51,15 @@ class Remark(msgspec.Struct, frozen=True):
 
 
 TOO_LARGE: Final = "too-large"
-"""Rule of a mission of which the check's budget of memory and time was not enough."""
+"""Rule of the finding that the check's budget of memory and time was exceeded."""
 
 
 def too_large(file: str) -> Finding:
-    """A check that had to be given up."""
+    """The finding of an abandoned check."""
     message = "too large to check: memory or time ran out; expected fewer blocks that run at the same time"
     return Finding(file, 0, "", "unknown", TOO_LARGE, message)
 
 
 def sound(findings: Iterable[Finding]) -> bool:
-    """Whether nothing but warnings was found."""
+    """Whether there are only warnings."""
     return all(finding.severity == "warning" for finding in findings)

@@ -1,4 +1,4 @@
-"""Where the vehicle is in each state of a mission, on the ground or in the air, and which blocks move it."""
+"""Flight phases of a mission: in which states the vehicle is in the air, and which blocks move it."""
 
 from collections.abc import Callable
 
@@ -8,15 +8,15 @@ from swarmware.mission.model import OK, MissionDefinition
 from swarmware.mission.net import Bits, Firing, Marking
 
 Trace = Callable[[], tuple[str, ...]]
-"""The way to the state that is looked at; asked for only when there is something to say."""
+"""Returns the counter-example of the current state; called only for a remark."""
 
 RULES = frozenset({"below-ground", "not-in-the-air"})
-"""What is wrong only for a vehicle that flies."""
+"""Rules that apply only to flying vehicles."""
 _NEED_AIR = frozenset({"Goto", "Formation"})
 
 
 def below_ground(mission: MissionDefinition) -> list[Remark]:
-    """Heights that lead a flying vehicle into the ground."""
+    """Remarks about heights below the ground."""
     return [
         Remark(
             block.id,
@@ -31,7 +31,7 @@ def below_ground(mission: MissionDefinition) -> list[Remark]:
 
 
 class FlightPhases:
-    """Follows one more bit in each marking: set while the vehicle is in the air."""
+    """Adds a bit to each marking that is set while the vehicle is in the air."""
 
     def __init__(self, mission: MissionDefinition, bits: Bits, *, flies: bool) -> None:
         self._mission = mission
@@ -48,16 +48,16 @@ class FlightPhases:
         return list(self._found.values())
 
     def after(self, step: Firing, marking: Marking) -> tuple[Marking, ...]:
-        """The marking after a step, where the vehicle may be then."""
+        """The possible markings after a step, in the air or on the ground."""
         kind = self._mission.blocks[step.block].type
         if not self._air or kind not in {"Takeoff", "Land"}:
             return (marking,)
         there = marking | self._air if kind == "Takeoff" else marking & ~self._air
-        # one that failed may have left the ground, or touched it, or not
+        # after an error the vehicle may be in the air or on the ground
         return (there,) if step.outcome == OK or there == marking else (there, marking)
 
     def look(self, marking: Marking, trace: Trace) -> None:
-        """A state of the mission."""
+        """Check the blocks that are active in a state of the mission."""
         moving = marking & self._motions
         if moving.bit_count() > 1:
             first, second, *_ = self._bits.blocks(moving)
@@ -69,7 +69,7 @@ class FlightPhases:
                 self._say(block, "error", "not-in-the-air", message, trace)
 
     def end(self, block: str, marking: Marking, trace: Trace) -> None:
-        """The mission ends here; one that fails is followed by what brings the vehicle down."""
+        """Check an End of the mission; a failed one is followed by a built-in mission that lands."""
         params = self._mission.blocks[block].params
         if marking & self._air and isinstance(params, End) and params.result == "done":
             message = f"the mission can end at {block!r} in the air: expected a Land before it"

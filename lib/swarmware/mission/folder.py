@@ -1,4 +1,4 @@
-"""A mission of an ensemble: a manifest (mission.toml) that says who plays which file, and the files."""
+"""A mission of an ensemble: a manifest (mission.toml) that assigns files to roles, and the files."""
 
 import contextlib
 from collections.abc import Iterable
@@ -19,14 +19,14 @@ from swarmware.types.mission import MissionFile, ParamValue
 
 MANIFEST: Final = "mission.toml"
 FILE_LIMIT: Final = 64
-"""Files of one mission."""
+"""Maximum number of files of one mission."""
 KINDS: Final = ("uav", "ugv", "usv", "gcs")
 
 FileName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$")]
 
 
 class Series(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Another value for each platform of a role: first, first + step, …"""
+    """A parameter that differs for each platform of a role: first, first + step, …"""
 
     first: int | float
     step: int | float
@@ -37,22 +37,22 @@ class Series(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A part in the mission."""
+    """One role in the manifest."""
 
     name: Name
     file: FileName
-    """Its BDL file."""
+    """Name of the role's BDL file."""
     kinds: tuple[str, ...]
-    """Kinds of platform that can play it."""
+    """Kinds of platform that can have the role."""
     take: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
-    """How many platforms play it; 0: all that are left of these kinds."""
+    """Number of platforms with the role; 0: all remaining ones of these kinds."""
     required: bool = True
-    """Without a platform for it nobody starts."""
+    """The mission does not start without a platform for this role."""
     params: dict[str, ParamValue | Series] = {}
-    """Instead of the defaults in the file."""
+    """Values that replace the defaults in the file."""
 
     def __post_init__(self) -> None:
-        """Kinds are known ones."""
+        """Check that the kinds are known."""
         if not self.kinds or any(kind not in KINDS for kind in self.kinds):
             raise InvalidInput(f"kinds of role {self.name!r}: expected some of {', '.join(KINDS)}")
 
@@ -63,38 +63,38 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     name: Name
     title: str = ""
     roles: tuple[RoleSpec, ...]
-    """Filled in this order, with platforms in natural order of their names (uav2 before uav10)."""
+    """Roles are assigned in this order, to platforms in natural order of their names (uav2 before uav10)."""
     params: dict[str, ParamValue] = {}
-    """For all roles; a text `$role.<name>` stands for the first platform that plays it."""
+    """Parameters of all roles; a text `$role.<name>` means the first platform with that role."""
 
     def __post_init__(self) -> None:
-        """Roles exist and have names of their own."""
+        """Check that there are roles, and that their names are unique."""
         names = [role.name for role in self.roles]
         if not names or len(set(names)) != len(names):
-            raise InvalidInput("roles: expected at least one, each with a name of its own")
+            raise InvalidInput("roles: expected at least one, with unique names")
 
 
 class Folder(msgspec.Struct, frozen=True):
-    """A mission with all its files, wherever they came from."""
+    """A mission with the contents of all its files."""
 
     where: str
-    """For errors: a path, or the name of the one who sent it."""
+    """Origin for error messages: a path, or the name of the sender."""
     manifest: Manifest
     texts: dict[str, str]
-    """The roles' files."""
+    """Contents of the roles' files, by name."""
     hash: str
     """BLAKE2b-128 of names and contents, hex."""
 
     def place(self, file: str) -> str:
-        """A file as it is called in findings."""
+        """Name of a file in findings."""
         return f"{self.where}/{file}" if self.where else file
 
     def param_names(self) -> set[str]:
-        """All parameters that the manifest gives."""
+        """Names of all parameters in the manifest."""
         return set(self.manifest.params).union(*(role.params for role in self.manifest.roles))
 
     def example(self, role: RoleSpec) -> Binding:
-        """A binding as the role's first platform would get it, for checks."""
+        """The binding of the role's first platform, for checks."""
         first = {other.name: f"{other.kinds[0]}1" for other in self.manifest.roles}
         params = {**self.manifest.params, **self.role_params(role, 0)}
         return Binding(
@@ -103,7 +103,7 @@ class Folder(msgspec.Struct, frozen=True):
 
     @staticmethod
     def role_params(role: RoleSpec, index: int) -> dict[str, ParamValue]:
-        """The role's own parameters for its index-th platform."""
+        """The parameters of the role for its index-th platform."""
         return {
             name: value.at(index) if isinstance(value, Series) else value
             for name, value in role.params.items()
@@ -111,7 +111,7 @@ class Folder(msgspec.Struct, frozen=True):
 
 
 def name_roles(params: dict[str, ParamValue], first: dict[str, str]) -> dict[str, ParamValue]:
-    """The parameters with `$role.<name>` replaced by the platform that plays the role first."""
+    """The parameters with `$role.<name>` replaced by the first platform with that role."""
     return {
         name: first.get(value.removeprefix("$role."), value)
         if isinstance(value, str) and value.startswith("$role.")
@@ -121,16 +121,16 @@ def name_roles(params: dict[str, ParamValue], first: dict[str, str]) -> dict[str
 
 
 def files_hash(files: Iterable[MissionFile]) -> str:
-    """The hash of a mission made of these files, in whatever order."""
+    """The hash of a mission with these files, independent of their order."""
     named = sorted((file.name, file.text) for file in files)
     return content_hash(*(part for pair in named for part in pair))
 
 
 def read_files(path: Path) -> list[MissionFile]:
-    """What belongs to the mission at this path: a folder's (or manifest's) files, or one BDL file alone.
+    """The files of the mission at this path: of a folder or manifest, or a single BDL file.
 
-    Other files in the same folder play no role.
-    Raises: NotFound when nothing is there; ConfigError when a file cannot be read.
+    Other files in the folder are ignored.
+    Raises: NotFound when the path does not exist; ConfigError when a file cannot be read.
     """
     if path.is_file() and path.name != MANIFEST:
         return [MissionFile(path.name, document.read(path))]
@@ -140,7 +140,7 @@ def read_files(path: Path) -> list[MissionFile]:
     text = document.read(folder / MANIFEST)
     manifest = parse_toml(text, Manifest, str(folder / MANIFEST))
     names = sorted({role.file for role in manifest.roles})
-    # a missing one is named by whoever puts the mission together
+    # `from_files` reports a missing one
     there = [folder / name for name in names if (folder / name).is_file()]
     return [MissionFile(MANIFEST, text), *(MissionFile(file.name, document.read(file)) for file in there)]
 
@@ -148,7 +148,7 @@ def read_files(path: Path) -> list[MissionFile]:
 def read_folder(path: Path, catalogue: Catalogue | None = None) -> Folder:
     """The mission at this path: a folder with a mission.toml, or one BDL file.
 
-    Raises: NotFound when nothing is there; ConfigError when it does not fit or a file is missing.
+    Raises: NotFound when the path does not exist; ConfigError when it is invalid or a file is missing.
     """
     files = read_files(path)
     where = path.parent if path.is_file() else path
@@ -158,9 +158,9 @@ def read_folder(path: Path, catalogue: Catalogue | None = None) -> Folder:
 def from_files(
     files: list[MissionFile] | tuple[MissionFile, ...], where: str, catalogue: Catalogue | None = None
 ) -> Folder:
-    """The mission made of these files; one BDL file alone is for all vehicles that can do every block of it.
+    """The mission of these files; a single BDL file is for all vehicles that can execute all its blocks.
 
-    Raises: ConfigError when the manifest does not fit or names a file that is not there.
+    Raises: ConfigError when the manifest is invalid or names a missing file.
     """
     if not 1 <= len(files) <= FILE_LIMIT:
         raise ConfigError(f"{where}: {len(files)} files; expected 1 to {FILE_LIMIT}")
@@ -190,7 +190,7 @@ def from_files(
 
 
 def _able(text: str, name: str, catalogue: Catalogue) -> tuple[tuple[str, ...], dict[str, ParamValue]]:
-    """Kinds of vehicle that can do every block, and the parameters; what is wrong is the check's business."""
+    """Kinds of vehicle that can execute every block, and the parameters; the check reports errors."""
     try:
         top = parse_source(text, name).value
     except SourceError:

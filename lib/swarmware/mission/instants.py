@@ -1,4 +1,4 @@
-"""Blocks that take no time: the player passes them in one step, which must end, after a bounded number."""
+"""Checks chains of blocks that take no time: the player executes them in one step, which must be bounded."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -10,11 +10,11 @@ from swarmware.mission.model import STEPS_LIMIT, Block, MissionDefinition
 REST_S: Final = 0.01
 """A shorter pause does not count: a loop of such pauses would keep the processor busy and fill the log."""
 SHOWN_LIMIT: Final = 12
-"""Blocks of a loop that are named."""
+"""Maximum number of blocks of a loop in a message."""
 
 
 def check(mission: MissionDefinition) -> list[Remark]:
-    """Livelocks, and more blocks at one instant than the player passes in one step."""
+    """Finds livelocks, and chains of more blocks than the player executes in one step."""
     instant_or_short = {block.id: block for block in mission.blocks.values() if not _takes_time(block)}
     loop = _loop(instant_or_short)
     if loop:
@@ -46,7 +46,7 @@ def _takes_time(block: Block) -> bool:
 
 
 def _loop(blocks: Mapping[str, Block]) -> tuple[str, ...]:
-    """A cycle of these blocks; its first one is also the last."""
+    """A cycle of these blocks, which begins and ends with the same one."""
     done: set[str] = set()
     for root in blocks:
         way: dict[str, int] = {}
@@ -72,7 +72,7 @@ def _loop(blocks: Mapping[str, Block]) -> tuple[str, ...]:
 
 
 def _steps(blocks: Mapping[str, Block]) -> dict[str, int]:
-    """How many blocks the player enters at most, at the moment when it comes to each of these."""
+    """Maximum number of blocks that the player enters in one step from each of these."""
     found: dict[str, int] = {}
     for root in blocks:
         stack = [root]

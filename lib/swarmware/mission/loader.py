@@ -1,4 +1,4 @@
-"""From a file's text to a mission: every mistake with line, JSON pointer and what was expected."""
+"""Loads a mission from a file's text: each error with line, JSON pointer and what was expected."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -22,30 +22,30 @@ from swarmware.types.mission import ParamValue
 _TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "requires")
 
 _RESERVED = {"priority": "missions have no queue yet, in which one could go before another"}
-"""Keys of later versions: a mission that relied on them would not do what it says."""
+"""Keys reserved for later versions, which are refused because they would have no effect."""
 
 MISTAKES_LIMIT = 100
-"""After which the rest of a file is not looked at: nobody reads more, and each costs time."""
+"""Maximum number of reported errors; the rest of the file is not read."""
 
 
 HINTS_LIMIT = 1_000
-"""Names among which the nearest one is looked for."""
+"""Maximum number of names that are searched for a similar one."""
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """What came of reading a file."""
+    """Result of reading a file."""
 
     mission: MissionDefinition | None
-    """None when the file has errors that leave no graph to look at."""
+    """None when errors prevent building the graph."""
     findings: tuple[Finding, ...]
     params: tuple[str, ...] = ()
     """Names of the declared parameters."""
 
 
 def load(text: str, file: str, binding: Binding, catalogue: Catalogue | None = None) -> MissionDefinition:
-    """The mission, with the platform's parameters filled in.
+    """Load a mission with the parameters of a platform.
 
-    Raises: MissionError with every mistake, one a line.
+    Raises: MissionError with all errors, one per line.
     """
     reading = read(text, file, binding, catalogue)
     if reading.mission is None or reading.findings:
@@ -54,7 +54,7 @@ def load(text: str, file: str, binding: Binding, catalogue: Catalogue | None = N
 
 
 def read(text: str, file: str, binding: Binding, catalogue: Catalogue | None = None) -> Reading:
-    """The mission as far as it can be understood, and all that is wrong with it."""
+    """Read a mission as far as possible, and collect all findings."""
     try:
         source = parse_source(text, file)
     except SourceError as error:
@@ -63,11 +63,11 @@ def read(text: str, file: str, binding: Binding, catalogue: Catalogue | None = N
 
 
 class _EnoughMistakes(Exception):
-    """No use to go on; stays in this file."""
+    """The limit of errors is reached; not raised outside of this file."""
 
 
 class _Loader:
-    """One pass over one file; remarks are collected, not raised, so that an author sees all at once."""
+    """One pass over one file; findings are collected, not raised, so that all are reported together."""
 
     def __init__(self, source: JsonSource, binding: Binding, catalogue: Catalogue) -> None:
         self._source = source
@@ -80,7 +80,7 @@ class _Loader:
         try:
             return self._reading()
         except _EnoughMistakes:
-            message = f"{MISTAKES_LIMIT} mistakes: the rest was not looked at"
+            message = f"{MISTAKES_LIMIT} errors: the rest was not read"
             return Reading(None, (*self._findings, self._source.finding("", "shape", message)))
 
     def _reading(self) -> Reading:

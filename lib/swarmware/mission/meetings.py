@@ -1,9 +1,9 @@
-"""Can an ensemble wait for ever? All that its members may do, reduced to where they meet.
+"""Searches for deadlocks of an ensemble at its barriers, over all behaviours of its members.
 
-Explored is the product of the members' nets. What a member does between two barriers ends by itself, so only
-its results count; at a barrier it goes on when the barrier opens, breaks or times out. A role that several
-platforms may play is looked at with several members. A state in which nobody can go on, and not all are
-through, hangs.
+It explores the product of the members' nets. Between two barriers a member does not depend on others, so only
+the results count; at a barrier it continues when the barrier opens, breaks or times out. A role that several
+platforms may have is explored with several members. A state in which no member can continue, and not all have
+ended, is a deadlock.
 """
 
 from collections import deque
@@ -19,44 +19,44 @@ from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, build
 from swarmware.mission.reduction import reduce
 
 AHEAD_LIMIT: Final = 3
-"""Visits of a barrier by which a member is ahead of another, at most: farther ahead is the same."""
+"""Maximum difference of the visits of a barrier between two members: a larger one is treated as equal."""
 BROKEN: Final = f"{ERROR}:broken"
 
 _STATE: Final = 600
-"""Bytes of a visited state of the ensemble, without its members."""
+"""Memory of a visited state of the ensemble without its members, in bytes."""
 _MEMBER: Final = 200
-"""Bytes of a member in it."""
+"""Memory of a member in such a state, in bytes."""
 
 _MOVE: Final = 100
-"""Not memory, but time: a move takes a tenth of what a state does."""
+"""Cost of a move, which counts for time: it takes a tenth of the time of a state."""
 
 BarrierVisit = tuple[int, int]
-"""A barrier by number, and the visit."""
+"""Number of a barrier, and of the visit."""
 State = tuple[Marking, tuple[int, ...]]
-"""A member: where its mission stands (0: it is through, whatever the result), visits of each barrier."""
+"""State of a member: marking of its net (0: its mission has ended), visits of each barrier."""
 Over = tuple[tuple[BarrierVisit, bool], ...]
-"""Meetings that are over while somebody may still come to them, and whether they opened."""
+"""Decided barrier visits at which a member may still arrive, and whether they opened."""
 Everybody = tuple[tuple[tuple[State, ...], ...], Over]
-"""Members by role, in order, because those of one role are interchangeable."""
+"""States of the members by role, sorted, because members of one role are interchangeable."""
 Where = tuple[int, int]
-"""Role, and place among its members."""
+"""Index of a role, and of a member in it."""
 Move = tuple[dict[Where, tuple[Marking, Marking]], Over, str]
-"""Who goes where (marking, barriers that were entered), what is over, how it is called."""
+"""Members with their new marking and entered barriers, the decided visits, and a label."""
 
 
 class Participant(msgspec.Struct, frozen=True):
-    """A role that takes part."""
+    """A role in the search."""
 
     role: str
     mission: MissionDefinition
     copies: int
-    """How many members of it are looked at."""
+    """Number of its members in the search."""
     station: bool = False
-    """A ground station: once it is gone, a barrier that does not name its role goes on without it."""
+    """A ground station: a barrier that does not name its role does not need a lost one."""
 
 
 class Hang(msgspec.Struct, frozen=True):
-    """What can go wrong where members meet."""
+    """A deadlock at barriers."""
 
     role: str
     block: str
@@ -65,25 +65,25 @@ class Hang(msgspec.Struct, frozen=True):
 
 
 class TooLarge(msgspec.Struct, frozen=True):
-    """The budget is spent: where a member waits at the largest number of barriers at the same time."""
+    """The budget is exceeded: the state in which a member waits at the most barriers."""
 
     role: str = ""
     blocks: tuple[str, ...] = ()
 
 
 def search(parts: list[Participant], budget: Budget) -> Hang | TooLarge | None:
-    """The shortest way into a state that hangs; None when there is none."""
+    """The shortest path to a deadlock; None: there is none."""
     ensemble = _Ensemble(parts, budget)
     found = ensemble.search()
     return ensemble.widest if budget.spent else found
 
 
 class _Role:
-    """A role's net, and what follows in it until the next barrier."""
+    """The net of a role, and the steps in it up to the next barrier."""
 
     def __init__(self, part: Participant, numbers: Mapping[str, int], budget: Budget) -> None:
         self.part = part
-        # what is played between the barriers counts for its end only, and every End is the same
+        # between barriers only the results count, and all Ends are equal
         gates = [block.id for block in part.mission.barriers()]
         self.bits = Bits(reduce(build(part.mission, failing=True), gates, budget))
         self.gates: dict[Marking, tuple[Block, Barrier, int]] = {
@@ -98,7 +98,7 @@ class _Role:
 
     @property
     def copies(self) -> int:
-        """Members that are looked at: one, if all of them take the same way until they are through."""
+        """Number of members in the search: one, if all behave in the same way."""
         if any(barrier.quorum != "all" for _, barrier, _ in self.gates.values()):
             return self.part.copies
         seen: set[Marking] = set()
@@ -121,21 +121,21 @@ class _Role:
         return 1
 
     def gates_of(self, marking: Marking) -> list[Marking]:
-        """Places of the barriers at which it waits."""
+        """Places of the barriers at which the member waits."""
         return [place for place in self.gates if marking & place]
 
     def local(self, marking: Marking) -> Iterator[tuple[Marking, Marking, str]]:
-        """What it may do while it waits at a barrier, too: marking, barriers entered, label."""
+        """Steps of the member that do not depend on others: marking, entered barriers, label."""
         for step in self.bits.steps(marking):
             if not step.inputs & self._barriers:
                 result = _fire(marking, step)
                 yield result, step.outputs & self._barriers if result else 0, " → ".join(step.labels)
 
     def leave(self, marking: Marking, place: Marking, outcome: str) -> tuple[Marking, Marking]:
-        """It goes on from a barrier: marking and barriers entered."""
+        """The member leaves a barrier: its marking and the entered barriers."""
         block = self.gates[place][0]
         if outcome == BROKEN and not any(edge.outcome == BROKEN for edge in block.edges):
-            # as the player has it: a time-out that came early
+            # as in the player: a broken barrier counts as an early time-out
             outcome = TIMEOUT if block.successor(TIMEOUT) else BROKEN
         target = block.successor(outcome)
         edges = {edge.outcome for edge in block.edges if edge.target == target}
@@ -145,11 +145,11 @@ class _Role:
         return 0, 0
 
     def is_under_way(self, marking: Marking) -> bool:
-        """It does not wait at a barrier: whatever the others do, it goes on."""
+        """Whether the member does not wait at a barrier, so it continues independently of others."""
         return marking != 0 and not marking & self._barriers
 
     def results(self, marking: Marking) -> list[tuple[Marking, Marking]]:
-        """Where it may come to wait at barriers, or be through: marking and barriers entered."""
+        """Reachable states at barriers or at the end: marking and entered barriers."""
         if not self.is_under_way(marking):
             return [(marking, marking & self._barriers)]
         if marking not in self._results:
@@ -180,7 +180,7 @@ def _fire(marking: Marking, step: Firing) -> Marking:
 
 
 class _Ensemble:
-    """Breadth first over the states of all members together."""
+    """Breadth-first search over the states of all members together."""
 
     def __init__(self, parts: list[Participant], budget: Budget) -> None:
         self._names = sorted(
@@ -201,7 +201,7 @@ class _Ensemble:
             for _, barrier, number in role.gates.values()
             if stations.intersection(barrier.roles)
         }
-        """Barriers that do not go on without a ground station."""
+        """Barriers that need the ground station."""
         self._came: dict[Everybody, tuple[Everybody | None, str]] = {}
         self._queue: deque[Everybody] = deque()
         self._found: Hang | None = None
@@ -229,7 +229,7 @@ class _Ensemble:
         for number, role in enumerate(self._roles):
             for index, (marking, _) in enumerate(members[number]):
                 if role.is_under_way(marking):
-                    # it depends on nobody, so the order among those under way makes no difference
+                    # it depends on no other member, so the order of such steps has no effect
                     for result in role.results(marking):
                         yield {(number, index): result}, over, ""
                     return
@@ -252,7 +252,7 @@ class _Ensemble:
     def _decisions(
         self, now: Everybody, meeting: BarrierVisit, group: list[tuple[int, int, Marking]]
     ) -> Iterator[tuple[list[str], bool, str]]:
-        """How the meeting may end for those who wait there."""
+        """Possible results of a barrier visit for the members that wait there."""
         members, over = now
         barrier, visit = meeting
         known = dict(over).get(meeting)
@@ -274,7 +274,7 @@ class _Ensemble:
         if len(group) >= needed:
             yield [OK] * len(group), True, "opened"
             if params.quorum == "all" and len(participants) > 1:
-                # of those who are alike, one that is late says all
+                # of equal members, one that is late represents all
                 alike = {(n, members[n][i]): number for number, (n, i, _) in enumerate(group)}
                 for late in alike.values():
                     yield (
@@ -289,7 +289,7 @@ class _Ensemble:
                 yield [TIMEOUT if n == first else BROKEN for n in range(len(group))], False, "timed out"
 
     def _go(self, now: Everybody, move: Move) -> None:
-        """Into the state after the move."""
+        """Enter the state after a move."""
         changed, over, label = move
         members = [list(states) for states in now[0]]
         for (number, index), (marking, entered) in changed.items():
@@ -307,7 +307,7 @@ class _Ensemble:
     def _enter(
         self, number: int, marking: Marking, entered: Marking, visits: tuple[int, ...]
     ) -> tuple[int, ...] | None:
-        """Counts visits; one mission at one barrier twice at the same time is wrong by itself."""
+        """Count visits; two simultaneous waits of one mission at one barrier are an error."""
         if not entered:
             return visits
         role = self._roles[number]
@@ -325,7 +325,7 @@ class _Ensemble:
         return tuple(counted)
 
     def _normal(self, members: list[list[State]], over: Over) -> Everybody:
-        """Visits counted from the member that is farthest behind; what nobody can come to is forgotten."""
+        """Normal form: visits relative to the slowest member, without visits that no member can reach."""
         behind: list[int] = []
         for barrier in range(len(self._names)):
             live = [

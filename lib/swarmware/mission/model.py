@@ -1,4 +1,4 @@
-"""A mission that was understood: blocks with typed parameters, and where each leads."""
+"""A loaded mission: blocks with typed parameters, and their successors."""
 
 from typing import Final
 
@@ -11,26 +11,26 @@ OK: Final = "ok"
 TIMEOUT: Final = "timeout"
 ERROR: Final = "error"
 CANCELLED: Final = "cancelled"
-"""The four ways a block ends; an error says its kind: `error:blocked`."""
+"""The four outcomes of a block; an error has a kind: `error:blocked`."""
 
 STEPS_LIMIT: Final = 1_000
-"""Blocks that the player enters in one event; the check refuses a mission that needs more."""
+"""Maximum blocks that the player enters in one event; the check refuses a mission that needs more."""
 
 ON_FAILURE: Final = ("land", "hold", "return")
-"""Built-in missions that take over when a mission fails."""
+"""Built-in missions that may follow a failed mission."""
 
 
 class Edge(msgspec.Struct, frozen=True):
-    """One way out of a block."""
+    """The successor of a block for one outcome."""
 
     outcome: str
     """ok · timeout · error · error:<kind> · case:<n> · true · false."""
     target: str
-    """Block that follows."""
+    """Id of the block that follows."""
     pointer: str
-    """Where it stands in the file."""
+    """JSON pointer of its place in the file."""
     condition: ConditionExpression | None = None
-    """Of a Decision's case."""
+    """Condition of a Decision's case."""
 
 
 class Block(msgspec.Struct, frozen=True):
@@ -41,16 +41,16 @@ class Block(msgspec.Struct, frozen=True):
     params: Params
     edges: tuple[Edge, ...]
     timeout_s: float | None
-    """None: never."""
+    """Time-out of the block; None: none."""
     pointer: str
 
     @property
     def type(self) -> str:
-        """Name of its type."""
+        """Name of the block's type."""
         return self.spec.name
 
     def successor(self, outcome: str) -> str | None:
-        """Block that follows this outcome: the exact one, else the general error successor, else none.
+        """Successor for this outcome: the exact one, else the general error successor, else none.
 
         It never falls through to `next`.
         """
@@ -68,10 +68,10 @@ class MissionDefinition(msgspec.Struct, frozen=True):
     start: str
     on_failure: str = "land"
     requires: tuple[ConditionExpression, ...] = ()
-    """Checked before the start and every second."""
+    """Conditions that are checked before the start and every second."""
 
     def resources(self) -> frozenset[str]:
-        """Resources that its conditions look at."""
+        """Paths of the resources in its conditions."""
         conditions = [*self.requires]
         for block in self.blocks.values():
             conditions += [edge.condition for edge in block.edges if edge.condition]

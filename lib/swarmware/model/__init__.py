@@ -1,4 +1,4 @@
-"""What nodes exchange and read: names and paths, resources and templates, frames, clocks, documents.
+"""The data model: names and paths, resources and templates, frames, clocks, documents.
 
-Values and rules only: nothing here waits, sends, or maps memory.
+Only values and rules: nothing here waits, sends, or maps memory.
 """

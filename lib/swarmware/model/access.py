@@ -1,4 +1,4 @@
-"""Who may do what with the resources of a platform: the lowest role for each verb and path."""
+"""Access control of resources: the lowest role for each verb and path."""
 
 from enum import IntEnum, StrEnum
 from typing import Final
@@ -10,16 +10,16 @@ from swarmware.model.names import Pattern
 
 
 class Role(IntEnum):
-    """Role of a member on the roster; each may do what those before it may."""
+    """Role of a member on the roster; each has the permissions of those before it."""
 
     OBSERVER = 1
-    """Reads."""
+    """It may read."""
     NODE = 2
-    """A platform: besides reading it takes part in what platforms do together."""
+    """A platform: it may read, and take part in the functions of the swarm."""
     OPERATOR = 3
-    """Gives missions and commands, changes settings."""
+    """It may give missions and commands, and change settings."""
     MAINTAINER = 4
-    """Everything."""
+    """It may do everything."""
 
     @classmethod
     def named(cls, name: str) -> "Role":
@@ -35,29 +35,29 @@ class Role(IntEnum):
 
 
 class Verb(StrEnum):
-    """What a sender wants of a resource."""
+    """Operation on a resource."""
 
     GET = "get"
-    """Its value."""
+    """Read its value."""
     SET = "set"
-    """Another value of a setting."""
+    """Change the value of a setting."""
     CALL = "call"
-    """That its owner takes a message or request."""
+    """Send its owner a message or request."""
 
 
 class AccessRule(msgspec.Struct, frozen=True):
-    """The lowest role that may do this to paths that match."""
+    """The lowest role that may perform an operation on matching paths."""
 
     verb: Verb
     pattern: str
-    """Of local paths."""
+    """Pattern of local paths."""
     role: Role
 
 
 DEFAULT: Final = (
     AccessRule(Verb.GET, "**", Role.OBSERVER),
     AccessRule(Verb.SET, "**", Role.OPERATOR),
-    # the tree looks itself at the path that it is asked about
+    # the tree itself checks the access to the requested path
     AccessRule(Verb.CALL, "sys/tree/{get,list,structure,subscribe}", Role.OBSERVER),
     AccessRule(Verb.CALL, "sys/tree/{notify,set,undo}", Role.NODE),
     AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,apps,functions}", Role.OBSERVER),
@@ -68,11 +68,11 @@ DEFAULT: Final = (
     AccessRule(Verb.CALL, "config/**", Role.OPERATOR),
     AccessRule(Verb.CALL, "**", Role.NODE),
 )
-"""The first rule that matches decides; nothing but maintainers where none does."""
+"""Default rules: the first that matches decides; without one only maintainers have access."""
 
 
 class Sender(msgspec.Struct, frozen=True, gc=False):
-    """A member of the swarm whose connection proved who it is."""
+    """An authenticated member of the swarm, and its role."""
 
     platform: str
     role: Role
@@ -82,14 +82,14 @@ class Sender(msgspec.Struct, frozen=True, gc=False):
 
 
 class Access:
-    """Decides by a table of rules."""
+    """Access decisions by a table of rules."""
 
     def __init__(self, rules: tuple[AccessRule, ...] = DEFAULT) -> None:
         self._rules = tuple((rule.verb, Pattern(rule.pattern), rule.role) for rule in rules)
         self._known: dict[tuple[Verb, str], Role] = {}
 
     def needed(self, verb: Verb, path: str) -> Role:
-        """The lowest role that may do this to a local path."""
+        """The lowest role that may perform this operation on a local path."""
         role = self._known.get((verb, path))
         if role is None:
             role = next(
@@ -101,7 +101,7 @@ class Access:
         return role
 
     def check(self, sender: Sender | None, verb: Verb, path: str) -> None:
-        """Whether the sender may. None: this platform itself, or a swarm without keys; it may.
+        """Check a sender; None: this platform itself, or a swarm without keys, always passes.
 
         Raises: Denied.
         """

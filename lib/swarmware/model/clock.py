@@ -1,4 +1,4 @@
-"""The node's hardware clock: monotonic, never set, in the lab with an offset and a drift of its own."""
+"""The node's hardware clock: monotonic and never set; in the lab with a configured offset and drift."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Configuration files: TOML into typed Structs, every mistake named by file, key and expectation."""
+"""Configuration files: TOML as typed Structs; each error names file, key and what was expected."""
 
 import os
 import re
@@ -26,13 +26,13 @@ class ClockConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """The simulated error of this node's clock; zero outside the lab."""
 
     offset_s: Annotated[float, msgspec.Meta(ge=-3600, le=3600)] = 0.0
-    """Added to the machine's monotonic clock."""
+    """Offset to the machine's monotonic clock."""
     drift_ppm: Annotated[float, msgspec.Meta(ge=-500, le=500)] = 0.0
-    """How much faster it runs."""
+    """Relative rate error of the clock."""
 
 
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A node: which platform it is, what runs on it and where its files are (node.toml)."""
+    """Configuration of a node: platform, services and folders (node.toml)."""
 
     platform: str = "uav1"
     """Name of the platform: [a-z][a-z0-9_]{0,30}."""
@@ -62,7 +62,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     shm_dir: str = ""
     """Shared memory; empty: /dev/shm/swarm-<platform>."""
     data_dir: str = "/var/lib/swarm"
-    """Logs, settings, missions."""
+    """Folder of logs, settings and missions."""
     keys_dir: str = "/etc/swarm/keys"
     """Identity and roster; without them only loopback is served."""
     share_dir: str = ""
@@ -71,7 +71,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     clock: ClockConfig = ClockConfig()
 
     def __post_init__(self) -> None:
-        """Checks what the types cannot say; msgspec turns ValueError into its ValidationError."""
+        """Check constraints between fields; msgspec converts ValueError to its ValidationError."""
         check_platform(self.platform)
         check_platform(self.unit)
         seen: dict[str, str] = {}
@@ -81,7 +81,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             if other != name:
                 raise InvalidInput(f"services: {other!r} and {name!r} have the same resource paths")
         if len(set(self.services)) != len(self.services):
-            raise InvalidInput("services: a name stands there twice")
+            raise InvalidInput("services: a name is listed twice, expected once")
 
     @property
     def shm_path(self) -> Path:
@@ -95,7 +95,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     @property
     def data_path(self) -> Path:
-        """Directory of what this node keeps."""
+        """Directory of this node's persistent files."""
         return Path(self.data_dir)
 
     @property
@@ -105,9 +105,9 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 def share_dir() -> Path:
-    """Where templates, worlds, missions and schemas of this installation are.
+    """Directory of the templates, worlds, missions and schemas of this installation.
 
-    Raises: ConfigError when neither a checkout nor an installation holds them.
+    Raises: ConfigError when it is found neither in a checkout nor in an installation.
     """
     here = Path(__file__).resolve()
     candidates = [
@@ -120,7 +120,7 @@ def share_dir() -> Path:
     for candidate in candidates:
         if candidate is not None and (candidate / "templates").is_dir():
             return candidate
-    raise ConfigError("share directory: not found; expected templates/ in it; set SWARM_SHARE to where it is")
+    raise ConfigError("share directory: not found; expected templates/ in it; set SWARM_SHARE to its path")
 
 
 def find_config_dir(config_dir: Path | str | None = None) -> Path:
@@ -129,9 +129,9 @@ def find_config_dir(config_dir: Path | str | None = None) -> Path:
 
 
 def load_node(config_dir: Path) -> NodeConfig:
-    """The node's own configuration.
+    """Load the configuration of a node.
 
-    Raises: ConfigError when the file is missing or does not fit.
+    Raises: ConfigError when the file is missing or invalid.
     """
     path = config_dir / "node.toml"
     if not path.exists():
@@ -144,12 +144,14 @@ def load_node(config_dir: Path) -> NodeConfig:
 def load_service(config_dir: Path, name: str, cls: type[T]) -> T:
     """Configuration of one service: its file under services/, or the defaults when there is none.
 
-    Raises: ConfigError when the file does not fit.
+    Raises: ConfigError when the file is invalid.
     """
     path = config_dir / "services" / f"{name}.toml"
     other = path.with_name(f"{segment(name)}.toml")
     if other != path and other.exists():
-        raise ConfigError(f"{other}: of no service; the settings of {name!r} are expected in {path.name}")
+        raise ConfigError(
+            f"{other}: not the name of a service; expected the settings of {name!r} in {path.name}"
+        )
     return load(path, cls) if path.exists() else cls()
 
 

@@ -1,4 +1,4 @@
-"""Files of TOML and JSON as they come: bounded, every mistake a ConfigError that names file and line."""
+"""Reads TOML and JSON files with limits; each error is a ConfigError that names file and line."""
 
 import math
 import re
@@ -13,10 +13,10 @@ from swarmware.errors import ConfigError
 T = TypeVar("T")
 
 SIZE_LIMIT: Final = 4 << 20
-"""Bytes of one file; the largest shipped one has 20 kB."""
+"""Maximum bytes of one file; the largest shipped one has 20 kB."""
 DEPTH_LIMIT: Final = 32
-"""Nesting of a file; the deepest known one has 6."""
-_LEAST_INTEGER: Final = -(1 << 63)
+"""Maximum nesting of a file; the deepest known one has 6."""
+_INTEGER_MIN: Final = -(1 << 63)
 _GREATEST_INTEGER: Final = (1 << 64) - 1
 
 _BYTE = re.compile(r"\(byte (\d+)\)")
@@ -29,9 +29,9 @@ _LONG_KEY = re.compile(
 
 
 def read(path: Path) -> str:
-    """The text of a file.
+    """Read the text of a file.
 
-    Raises: FileNotFoundError; ConfigError when it cannot be read, is too large or no UTF-8.
+    Raises: FileNotFoundError; ConfigError when it cannot be read, is too large or not UTF-8.
     """
     try:
         with path.open("rb") as file:
@@ -44,9 +44,9 @@ def read(path: Path) -> str:
 
 
 def text(data: bytes, source: str) -> str:
-    """Bytes of a file as text.
+    """Decode the bytes of a file.
 
-    Raises: ConfigError when there are too many, or they are no UTF-8.
+    Raises: ConfigError when they are too many or not UTF-8.
     """
     if len(data) > SIZE_LIMIT:
         raise ConfigError(f"{source}: more than {SIZE_LIMIT} bytes; expected a smaller file")
@@ -54,11 +54,11 @@ def text(data: bytes, source: str) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{source}: line {line}: cannot be read: no UTF-8: {error.reason}") from error
+        raise ConfigError(f"{source}: line {line}: cannot be read: not UTF-8: {error.reason}") from error
 
 
 def toml(content: str, source: str, *, finite: bool = True) -> dict[str, Any]:
-    """The tables of a TOML text; `finite`: no nan and no inf in it.
+    """Parse a TOML text; `finite`: refuse nan and inf.
 
     Raises: ConfigError naming source, and line or key.
     """
@@ -70,19 +70,19 @@ def toml(content: str, source: str, *, finite: bool = True) -> dict[str, Any]:
     try:
         raw = tomllib.loads(content)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source}: no valid TOML: {error}") from error
+        raise ConfigError(f"{source}: invalid TOML: {error}") from error
     except RecursionError as error:
         raise ConfigError(_too_deep(content, source)) from error
     except ValueError as error:  # a number of thousands of digits
         found = _DIGITS.search(content)
         where = f"{source}: line {_line(content, found.start())}" if found else source
-        raise ConfigError(f"{where}: no valid TOML: a number of more than 64 bits") from error
+        raise ConfigError(f"{where}: invalid TOML: a number of more than 64 bits") from error
     _check(raw, content, source, finite=finite)
     return raw
 
 
 def json(content: str, cls: type[T], source: str) -> T:
-    """JSON as a typed value.
+    """Parse JSON as a typed value.
 
     Raises: ConfigError naming source, line or key, and what was expected.
     """
@@ -97,11 +97,11 @@ def json(content: str, cls: type[T], source: str) -> T:
     except RecursionError as error:
         raise ConfigError(_too_deep(content, source)) from error
     except ValueError as error:
-        raise ConfigError(f"{source}: no valid JSON: {error}") from error
+        raise ConfigError(f"{source}: invalid JSON: {error}") from error
 
 
 def _check(raw: dict[str, Any], content: str, source: str, *, finite: bool) -> None:
-    """Refuses what the grammar allows and no reader here can take; level by level, as no depth is trusted."""
+    """Refuses valid TOML that exceeds the limits; level by level, because the depth is not bounded yet."""
     level: list[tuple[str, Any]] = list(raw.items())
     for _ in range(DEPTH_LIMIT):
         below: list[tuple[str, Any]] = []
@@ -112,7 +112,7 @@ def _check(raw: dict[str, Any], content: str, source: str, *, finite: bool) -> N
                 below += ((f"{key}[{index}]", item) for index, item in enumerate(value))
             elif isinstance(value, float) and finite and not math.isfinite(value):
                 raise ConfigError(f"{source}: key {key}: {value}; expected a finite number")
-            elif isinstance(value, int) and not _LEAST_INTEGER <= value <= _GREATEST_INTEGER:
+            elif isinstance(value, int) and not _INTEGER_MIN <= value <= _GREATEST_INTEGER:
                 raise ConfigError(f"{source}: key {key}: a number of more than 64 bits")
         if not below:
             return

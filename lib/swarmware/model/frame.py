@@ -27,7 +27,7 @@ among 100 and 22 among 300; among 500 a few pairs are up to 26 apart."""
 
 
 class FrameKind(IntEnum):
-    """What a frame is for."""
+    """Purpose of a frame."""
 
     BOARD = 1
     MESSAGE = 2
@@ -44,14 +44,14 @@ class FrameKind(IntEnum):
 
 
 class Flag(IntFlag):
-    """Header flags; the codec of the payload stands in bits 8–10, the others are reserved."""
+    """Header flags; bits 8–10 have the codec of the payload, the others are reserved."""
 
     URGENT = 2
     WANTS_ACK = 4
 
 
 class Codec(IntEnum):
-    """How the payload is coded on top of its type's MessagePack."""
+    """Coding of the payload, applied to the MessagePack of its type."""
 
     NONE = 0
     ZLIB = 1
@@ -63,7 +63,7 @@ class Codec(IntEnum):
 ADDRESSED: Final = frozenset(
     {FrameKind.MESSAGE, FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.STREAM, FrameKind.FILE}
 )
-"""Kinds that go to an inbox; the kind decides how urgent they are on a link."""
+"""Kinds that are addressed to an inbox; the kind sets the priority on a link."""
 
 
 _CODEC_SHIFT: Final = 8
@@ -73,23 +73,23 @@ _KINDS: Final = {int(kind): kind for kind in FrameKind}
 
 
 class Frame(msgspec.Struct, gc=False):
-    """One unit of data that moves."""
+    """One unit of transported data."""
 
     kind: FrameKind
     data_id: int
-    """Of resource path and type, see `names.data_id`."""
+    """Id of resource path and type, see `names.data_id`."""
     sender_hw: int = 0
     sender_app: int = 0
     receiver_hw: int = ANY
     receiver_app: int = ANY
     sequence: int = 0
-    """Per (sender, data id), modulo 2³²."""
+    """Sequence number per (sender, data id), modulo 2³²."""
     stamp_ns: int = 0
     """Sender's hardware clock at send."""
     echo_tx_us: int = 0
     """The receiver's last send time, 32-bit µs of the receiver's clock."""
     echo_rx_us: int = 0
-    """When that arrived here, 32-bit µs of the sender's clock."""
+    """Arrival time of that frame, 32-bit µs of the sender's clock."""
     flags: int = 0
     codec: Codec = Codec.NONE
     hops_left: int = HOPS
@@ -98,7 +98,7 @@ class Frame(msgspec.Struct, gc=False):
 
 
 def encode(frame: Frame) -> bytes:
-    """The frame as bytes.
+    """Encode a frame.
 
     Raises: WireError when a number does not fit its field of the header.
     """
@@ -128,7 +128,7 @@ def encode(frame: Frame) -> bytes:
 def restamp(
     frame: bytearray, sequence: int, stamp_ns: int, *, echo_tx_us: int = 0, echo_rx_us: int = 0
 ) -> None:
-    """Another sequence number and other times for an encoded frame, in place.
+    """Replace sequence number and times of an encoded frame, in place.
 
     Raises: WireError when the stamp does not fit its field.
     """
@@ -156,17 +156,17 @@ _RANGES: Final = {
 
 
 def _misfit(frame: Frame) -> str:
-    for name, (least, greatest) in _RANGES.items():
+    for name, (low, high) in _RANGES.items():
         number = getattr(frame, name)
-        if not least <= number <= greatest:
-            return f"frame: {name} is {number}: expected {least} to {greatest}"
+        if not low <= number <= high:
+            return f"frame: {name} is {number}: expected {low} to {high}"
     return f"frame: an extension of {len(frame.extension)} bytes: expected at most 255"
 
 
 def decode(data: bytes | memoryview) -> Frame:
-    """The frame in these bytes; the payload is a slice of them (bytes stay bytes, a view stays a view).
+    """Decode a frame; the payload is a slice of the input (bytes of bytes, a view of a view).
 
-    Raises: WireError for anything that is no frame of a version we speak.
+    Raises: WireError for anything but a frame of a supported version.
     """
     if len(data) < HEADER_BYTES:
         raise WireError(f"frame of {len(data)} bytes: expected at least {HEADER_BYTES}")

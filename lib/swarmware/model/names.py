@@ -7,7 +7,7 @@ from typing import Final
 from swarmware.errors import InvalidInput
 
 ANY: Final = 0xFFFF_FFFF
-"""Receiver id of whoever is interested (S1.49)."""
+"""Receiver id of frames for all receivers (S1.49)."""
 
 PATH_LIMIT: Final = 200
 """Longest resource path in characters: keeps ring file names under the 255 bytes of every file system."""
@@ -20,15 +20,15 @@ _NUMBER = re.compile(r"(\d+)")
 PATTERN_LIMIT: Final = 400
 """Longest pattern in characters: a path with room for alternatives."""
 WILDCARDS_LIMIT: Final = 8
-"""Of one pattern, a run of stars counted once: more than any depth of the templates needs."""
+"""Maximum wildcards of a pattern, consecutive stars counted once: more than the templates are deep."""
 ALTERNATIVES_LIMIT: Final = 64
-"""Texts that the braces of one segment may stand for; nested ones multiply."""
+"""Maximum alternatives of the braces in one segment; nested ones multiply."""
 
 
 def check_platform(name: str) -> str:
-    """The platform name itself.
+    """Check a platform name, and return it.
 
-    Raises: InvalidInput when it is no platform name.
+    Raises: InvalidInput when it is not a platform name.
     """
     if not _PLATFORM.match(name):
         raise InvalidInput(f"platform name {name!r}: expected [a-z][a-z0-9_]{{0,30}}, such as uav3")
@@ -36,9 +36,9 @@ def check_platform(name: str) -> str:
 
 
 def check_application(name: str) -> str:
-    """The application name itself.
+    """Check an application name, and return it.
 
-    Raises: InvalidInput when it is no application name.
+    Raises: InvalidInput when it is not an application name.
     """
     if not _APPLICATION.match(name):
         raise InvalidInput(f"application name {name!r}: expected [a-z][a-z0-9_-]{{0,30}}, such as planner")
@@ -48,15 +48,15 @@ def check_application(name: str) -> str:
 def segment(application: str) -> str:
     """The application's name in resource paths: `temp-sensor` → `app/temp_sensor/status`.
 
-    Two names that differ in this alone cannot run on one node.
+    Two applications whose names differ only in this cannot run on one node.
     """
     return application.replace("-", "_")
 
 
 def check_path(path: str) -> str:
-    """The resource path itself, local (`nav/pose`) or global (`/uav3/nav/pose`).
+    """Check a resource path, local (`nav/pose`) or global (`/uav3/nav/pose`), and return it.
 
-    Raises: InvalidInput naming the segment that is wrong.
+    Raises: InvalidInput naming the invalid segment.
     """
     segments = path.removeprefix("/").split("/")
     if len(path) > PATH_LIMIT:
@@ -89,7 +89,7 @@ def natural(name: str) -> tuple[str | int, ...]:
 
 def _id(text: str) -> int:
     value = int.from_bytes(blake2b(text.encode(), digest_size=4).digest(), "little")
-    return value if value not in (0, ANY) else 1  # 0 is nobody, all ones is everybody
+    return value if value not in (0, ANY) else 1  # 0 means no receiver, all ones means all receivers
 
 
 def hardware_id(platform: str, unit: str = "main") -> int:
@@ -108,10 +108,11 @@ def data_id(local_path: str, type_name: str) -> int:
 
 
 class Pattern:
-    """Matches paths: `*` is (a part of) one segment, `**` any depth (also none), `{uav,ugv}*` alternatives.
+    """Matches paths: `*` is (a part of) one segment, `**` any depth (also zero), `{uav,ugv}*` alternatives.
 
-    A look at a path takes a time proportional to its length, whatever the pattern: it comes from outside.
-    Raises: InvalidInput when it is no pattern, or has more wildcards or alternatives than the limits.
+    The time of a match is proportional to the length of the path for every pattern: patterns come from
+    outside.
+    Raises: InvalidInput when it is not a pattern, or has more wildcards or alternatives than the limits.
     """
 
     __slots__ = ("_regex", "text")
@@ -138,7 +139,7 @@ class Pattern:
 
     @property
     def prefix(self) -> str:
-        """The part before the first wildcard, cut at a slash: where an index scan may start."""
+        """The part before the first wildcard, cut at a slash: prefix of a range search in an index."""
         head = re.split(r"[*{]", self.text, maxsplit=1)[0]
         return head if self.literal else head[: head.rfind("/") + 1]
 
@@ -150,8 +151,8 @@ _STARS = re.compile(r"\*+")
 _DEEP: Final = "**"
 _CHAR: Final = "[a-z0-9_]"
 _END: Final = r"(?=/|\Z)"
-"""Behind each segment. Every part below consumes the least it can and keeps it (atomic groups): if the rest
-does not fit behind the first place where a part fits, it fits behind no other."""
+"""End of each segment. Every part below consumes the minimum and keeps it (atomic groups): if the rest
+does not match after the first match of a part, it does not match after any other."""
 
 
 def _regex(text: str) -> str:
@@ -192,7 +193,7 @@ def _glob(glob: str) -> str:
 
 
 def _alternatives(text: str, segment: str) -> list[str]:
-    """Everything that the braces of a segment stand for."""
+    """All texts that the braces of a segment may mean."""
     # of each open brace: the alternatives that are complete, and the one being read
     done: list[list[str]] = [[]]
     open_: list[list[str]] = [[""]]
@@ -207,7 +208,7 @@ def _alternatives(text: str, segment: str) -> list[str]:
             inner = done.pop() + open_.pop()
             if len(inner) * len(open_[-1]) > ALTERNATIVES_LIMIT:
                 raise InvalidInput(
-                    f"pattern {text!r}: {segment!r} stands for too many texts; expected at most"
+                    f"pattern {text!r}: {segment!r} has too many alternatives; expected at most"
                     f" {ALTERNATIVES_LIMIT}"
                 )
             open_[-1] = [head + tail for head in open_[-1] for tail in inner]

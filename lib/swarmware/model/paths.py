@@ -1,6 +1,6 @@
-"""Where things of a node are: files below its folders, and resource paths that follow from a name.
+"""Paths of a node's files and sockets, and resource paths that are derived from a name.
 
-`share/doc/protocol.md` states them for other implementations.
+`share/doc/protocol.md` defines them for other implementations.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def mirrors_watchers(shm_dir: Path) -> Path:
 
 
 def master_watchers(shm_dir: Path) -> Path:
-    """Doorbells of all processes: rung when the role of the master changes hands."""
+    """Doorbells of all processes, which are rung when the master changes."""
     return shm_dir / "master.readers"
 
 
@@ -60,7 +60,7 @@ def log(data_dir: Path) -> Path:
 
 
 def status(application: str) -> str:
-    """Resource path at which a service reports its state and its beat."""
+    """Resource path at which a service reports its state and its heartbeat."""
     return f"app/{segment(application)}/status"
 
 

@@ -1,4 +1,4 @@
-"""The resource: one named thing of a platform, as its descriptor says it."""
+"""The resource: a named value or service of a platform, and its descriptor."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from swarmware.model import names
 
 
 class Kind(StrEnum):
-    """What a resource is; the kind decides how its value may move."""
+    """Kind of a resource, which determines how its values are transported."""
 
     BRANCH = "branch"
     """An inner node of the tree: has a description, no value."""
     BOARD = "board"
-    """The newest value wins; a reader knows its age."""
+    """Only the newest value counts; a reader knows its age."""
     EVENT = "event"
-    """Something happened: each one counts, none is overwritten unseen."""
+    """An occurrence: each one is delivered."""
     COMMAND = "command"
-    """A message or a request that the owner carries out."""
+    """A message or request that the owner executes."""
     STREAM = "stream"
-    """Every increment, in order."""
+    """A sequence of items, delivered completely and in order."""
     FILE = "file"
-    """Complete and correct, or not at all."""
+    """Data that is delivered completely and correctly, or not at all."""
     SETTING = "setting"
     """A persistent value that an operator may change; readable as a board."""
 
@@ -50,7 +50,7 @@ _PLAIN_TYPES: dict[str, type[Plain]] = {"Float": float, "Int": int, "Bool": bool
 
 
 class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """Descriptor of one resource: everything about it but its value.
+    """Descriptor of one resource: all its properties without its value.
 
     Empty `category` and `link` are filled in when the descriptor is made, from kind and rate.
     Raises: InvalidInput when two fields contradict each other.
@@ -60,35 +60,35 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     """Local path, without the platform: `nav/pose`."""
     kind: Kind = Kind.BOARD
     type: str = ""
-    """Name of the registered Struct; a command: of its request. Empty for a branch."""
+    """Name of the registered Struct, of a command that of its request; empty for a branch."""
     reply: str = ""
-    """A command that answers: name of the Struct of the answer."""
+    """Name of the Struct of a command's reply; empty: it has none."""
     unit: str = ""
-    """SI unit of a plain value; empty where the field names of the Struct say it."""
+    """SI unit of a plain value; empty where the field names of the Struct contain it."""
     range: tuple[float, float] | None = None
-    """Least and greatest permitted number, both included."""
+    """Minimum and maximum permitted number, both included."""
     choices: tuple[str, ...] = ()
     """The permitted texts; empty: any."""
     access: Access = "r"
-    """What others may do: only read, or set it too."""
+    """Access of others: read only, or read and set."""
     rate_hz: float = 0.0
     """Nominal rate of a periodic resource; 0: no period."""
     critical: bool = False
-    """Without a fresh value the platform must not move: its loss is an error, else a warning."""
+    """The platform must not move without a fresh value: its loss is an error, else a warning."""
     max_age_s: float = 0.0
-    """Older than this is stale; 0: three periods, or never where there is no period."""
+    """Age above which the value is stale; 0: three periods, or never without a period."""
     category: Category = ""
     link: Link = ""
-    """Default way to other platforms: in the beacon, by notification, or only on request."""
+    """Default transport to other platforms: in the beacon, by notification, or only on request."""
     log: str = "none"
-    """What the logger keeps: `all`, `<n>hz` (decimated), `none`."""
+    """Values that the logger records: `all`, `<n>hz` (decimated), `none`."""
     owner: str = ""
     """Name of the application that provides it."""
     default: Plain | None = None
-    """First value of a setting."""
+    """Initial value of a setting."""
     description: str = ""
     confirm: str = ""
-    """What will happen when somebody sets it; an operator is asked before. Empty: nothing to ask."""
+    """Effect of setting it, which an operator must confirm; empty: no confirmation."""
 
     def __post_init__(self) -> None:
         names.check_path(self.path)
@@ -116,11 +116,11 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
         if not 0 <= self.max_age_s <= OLDEST_S:
             raise InvalidInput(f"max_age_s of {self.path}: {self.max_age_s}, expected 0 to {OLDEST_S:g}")
         if self.range is not None and not self.range[0] <= self.range[1]:
-            raise InvalidInput(f"range of {self.path}: {list(self.range)}, expected [least, greatest]")
+            raise InvalidInput(f"range of {self.path}: {list(self.range)}, expected [minimum, maximum]")
         if self.kind is not Kind.BRANCH and not self.type:
             raise InvalidInput(f"type of {self.path}: missing, expected the name of a type")
         if self.confirm and not self.writable:
-            raise InvalidInput(f"confirm of {self.path}: nobody may set it; expected access 'rw'")
+            raise InvalidInput(f"confirm of {self.path}: it cannot be set; expected access 'rw'")
         if self.link == "tick" and self.kind is not Kind.BOARD:
             raise InvalidInput(f"link of {self.path}: 'tick' carries boards only, not a {self.kind}")
         if self.kind is Kind.SETTING and self.default is None:
@@ -146,12 +146,12 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
             )
 
     def in_range(self, value: float) -> bool:
-        """Whether a number may be set; NaN never may where there is a range."""
+        """Whether a number is within the range; NaN is not within any range."""
         return self.range is None or self.range[0] <= value <= self.range[1]
 
     @property
     def data_id(self) -> int:
-        """Identity of path and type in frame headers."""
+        """Id of path and type in frame headers."""
         return names.data_id(self.path, self.type)
 
     @property
@@ -173,7 +173,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
 
     @property
     def log_hz(self) -> float:
-        """Rate at which the logger keeps it: 0 for never, infinite for all."""
+        """Rate at which the logger records it: 0 for never, infinite for all values."""
         if self.log == "all":
             return math.inf
         return 0.0 if self.log == "none" else float(self.log[:-2])

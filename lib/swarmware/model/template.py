@@ -1,4 +1,4 @@
-"""Resource templates: TOML files that say what a platform of a kind has, with inheritance."""
+"""Resource templates: TOML files with the resources of a kind of platform, with inheritance."""
 
 from collections.abc import Mapping
 from hashlib import blake2b
@@ -14,14 +14,14 @@ from swarmware.model.names import Pattern
 from swarmware.model.resource import Access, Category, Kind, Link, Plain, Resource
 
 HASH_BYTES: Final = 8
-"""Templates of one swarm are few: 64 bits never collide by accident."""
+"""Size of a hash: a swarm has few templates, for which 64 bits suffice."""
 
 _ENDING = ".toml"
 _encoder = msgspec.msgpack.Encoder()
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What one file says about one resource; what it leaves out is inherited."""
+    """Entry of one resource in one file; omitted fields are inherited."""
 
     kind: Kind | UnsetType = UNSET
     type: str | UnsetType = UNSET
@@ -57,18 +57,18 @@ class TemplateFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class Template(msgspec.Struct, frozen=True):
-    """What a platform of this kind has, inheritance carried out."""
+    """Resources of a kind of platform, with inheritance applied."""
 
     name: str
     description: str
     resources: tuple[Resource, ...]
-    """Sorted by path."""
+    """Resources, sorted by path."""
     kinds: tuple[str, ...] = ()
-    """Kinds of platforms that it describes; empty: the file names none, nor does what it extends."""
+    """Kinds of platforms that it describes; empty: neither the file nor its bases name one."""
 
     @property
     def digest(self) -> bytes:
-        """Hash of the resources: two nodes that agree on it need not send them."""
+        """Hash of the resources: nodes with the same hash need not exchange them."""
         return digest(self.resources)
 
 
@@ -100,7 +100,7 @@ def load(name: str, folder: Path) -> Template:
 
 
 def _kinds(file: TemplateFile, folder: Path) -> tuple[str, ...]:
-    """Its own, or those of what it extends, later ones first."""
+    """Kinds of the file itself, or else of its bases, the last base first."""
     for parent in () if file.kinds else reversed(_parents(file)):
         if kinds := _kinds(_read(folder / (parent + _ENDING)), folder):
             return kinds
@@ -117,9 +117,9 @@ def names_in(folder: Path) -> list[str]:
 
 
 def whole(folder: Path) -> list[Template]:
-    """The templates that platforms have; not those without a kind that are only there to be extended.
+    """The templates of platforms, without those that are only bases of others.
 
-    Raises: ConfigError when a template is wrong.
+    Raises: ConfigError when a template is invalid.
     """
     names = names_in(folder)
     parts = {parent for name in names for parent in _parents(_read(folder / (name + _ENDING)))}
@@ -133,7 +133,7 @@ def _merge(
     merged: dict[str, dict[str, Any]],
     origin: dict[str, str],
 ) -> TemplateFile:
-    """Lays the file and what it extends over `merged`; `trail` are the files that led here."""
+    """Merges the file and its bases into `merged`; `trail`: the files that extend it."""
     source = folder / (name + _ENDING)
     if name in trail:
         raise ConfigError(
@@ -161,7 +161,7 @@ def _read(source: Path) -> TemplateFile:
     try:
         raw = document.toml(document.read(source), str(source))
     except FileNotFoundError as error:
-        raise ConfigError(f"{source}: has just gone; expected a template") from error
+        raise ConfigError(f"{source}: was removed meanwhile; expected a template") from error
     resources = raw.get("resources")
     if not isinstance(resources, Mapping):
         return config.convert(raw, TemplateFile, str(source))

@@ -1,4 +1,4 @@
-"""What a functional module holds in its hands: boards, streams, inboxes, requests.
+"""The API of functional modules: boards, streams, inboxes, requests.
 
-One file a noun; nothing here knows sockets or maps, that is the node's.
+Sockets and mapped memory belong to the node.
 """

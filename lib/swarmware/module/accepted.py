@@ -1,4 +1,4 @@
-"""Commands as an application accepted them: a ring beside its inbox, from which the logger takes them."""
+"""Records the commands that an application accepts in a ring, which the logger reads."""
 
 import copy
 import logging
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from swarmware.node.publication import Publication
 
 SLOTS: Final = 16
-"""The logger looks ten times a second; a vehicle is not commanded faster than this."""
+"""Slots of the ring: the logger reads ten times a second, and commands are rarer."""
 SLOT_BYTES: Final = 4096
-"""An order of a mission; a longer one makes it grow."""
+"""Size of a slot: the order of a mission fits; the ring is replaced for a longer one."""
 
 log = logging.getLogger("swarm.module")
 
@@ -30,14 +30,14 @@ class Accepted:
         self._path = path
         self._publication: Publication | None = None
         try:
-            self._publication = self._open()  # now, not when the first command waits for it
+            self._publication = self._open()  # opened now, so that the first command is not delayed
         except SwarmError as error:
             self._complain(error)
 
     def take(self, frame: Frame) -> None:
-        """An accepted one: what the sender wrote, who it was, and when it came."""
+        """Record an accepted command with its sender and time."""
         kept = copy.copy(frame)
-        kept.stamp_ns = self._node.clock.now_ns()  # of our clock, as all other stamps of this platform
+        kept.stamp_ns = self._node.clock.now_ns()  # on the own clock, as all other stamps of this platform
         try:
             if self._publication is None:
                 self._publication = self._open()
@@ -52,21 +52,21 @@ class Accepted:
         log.warning("%s: a command is not recorded: %s", self._path, error)
 
     def close(self) -> None:
-        """Stop; what is not yet logged stays readable."""
+        """Stop recording; commands that are not logged yet stay readable."""
         if self._publication is not None:
             self._publication.close(unlink=False)
             self._publication = None
 
 
 def acceptance(node: "Node", path: str, track: Callable[[Accepted], object]) -> Accepted | None:
-    """Where accepted commands of this path are kept for the logger; None when it is not logged.
+    """The recorder for commands of this path; None when they are not logged.
 
-    `track` takes it, to close it with the module.
+    `track` gets it, so that the module closes it.
     """
     try:
         wanted = path in recorded(node.config.template, node.config.share_path / "templates")
     except ConfigError as error:
-        log.warning("%s: whether it is logged is unknown: %s", path, error)
+        log.warning("%s: cannot determine whether it is logged: %s", path, error)
         return None
     if not wanted:
         return None
@@ -77,7 +77,7 @@ def acceptance(node: "Node", path: str, track: Callable[[Accepted], object]) -> 
 
 @lru_cache(maxsize=8)
 def recorded(template_name: str, folder: Path) -> frozenset[str]:
-    """Commands that the template says are logged.
+    """Paths of the commands that are logged according to the template.
 
     Raises: ConfigError when the template cannot be used.
     """

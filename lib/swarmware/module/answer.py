@@ -1,4 +1,4 @@
-"""The asking end of requests: waits for the reply, gives what it holds, raises the error that it names."""
+"""The caller's side of requests: waits for the reply, returns its value or raises its error."""
 
 import asyncio
 from collections.abc import Callable
@@ -14,16 +14,16 @@ R = TypeVar("R", bound=msgspec.Struct)
 
 
 async def answer(path: str, comes: asyncio.Future[Reply], cls: type[R], mismatch: Callable[[], str]) -> R:
-    """The answer to a request that has left.
+    """Wait for the reply to a request that was sent.
 
-    `mismatch` says why the address cannot take its type; empty when that is not the reason.
+    `mismatch` returns why the address does not accept its type; empty: that is not the reason.
     Raises: the error of the handler as its own class; NoAnswer, NotFound, TypeMismatch.
     """
     try:
         reply = await comes
     except NotFound as error:
-        if wrong := mismatch():
-            raise TypeMismatch(wrong) from error
+        if error_text := mismatch():
+            raise TypeMismatch(error_text) from error
         raise NotFound(f"{path}: {error}") from error
     if not reply.ok:
         raise from_kind(reply.kind, reply.error)

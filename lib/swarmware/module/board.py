@@ -1,4 +1,4 @@
-"""The reader's end of a board: the newest value, and its age."""
+"""Reader of a board: the newest value, and its age."""
 
 from typing import Generic, TypeVar
 
@@ -21,8 +21,8 @@ T = TypeVar("T", bound=msgspec.Struct)
 class BoardReader(Immediate, Generic[T]):
     """The newest value of a resource, here or mirrored from another platform.
 
-    It may be opened before there is a writer. `async for value in reader` gives each value that was the
-    newest when it was asked for.
+    It may be opened before there is a writer. `async for value in reader` returns at each step the value that
+    is the newest then.
     """
 
     def __init__(
@@ -47,14 +47,14 @@ class BoardReader(Immediate, Generic[T]):
 
     @property
     def value(self) -> T | None:
-        """The newest value; None as long as there was none."""
+        """The newest value; None before the first."""
         ring = self._follower.ring
         if ring is None or not ring.unchanged:
             self._take()
         return self._value
 
     def _take(self) -> bool:
-        """Take the newest value; False when there is none that was not taken before."""
+        """Take the newest value; False when it was taken before."""
         frame = self._follower.newest()
         if frame is None:
             return False
@@ -68,8 +68,8 @@ class BoardReader(Immediate, Generic[T]):
 
     @property
     def meta(self) -> Meta | None:
-        """Who wrote the newest value, and when."""
-        self.value  # noqa: B018 - a look at the ring first
+        """Sender and stamp of the newest value."""
+        self.value  # noqa: B018 - reads the ring first
         return self._meta
 
     @property
@@ -97,7 +97,7 @@ class BoardReader(Immediate, Generic[T]):
 
     @property
     def alive(self) -> bool:
-        """Whether somebody writes this board now."""
+        """Whether a process writes this board now."""
         follower = self._follower
         if follower.position < 0:
             return False
@@ -105,9 +105,9 @@ class BoardReader(Immediate, Generic[T]):
         return ring is not None and not ring.moved and ring.owner_alive()
 
     async def changed(self, timeout_s: float | None = None) -> T:
-        """The next value that `value` or `changed` has not given yet.
+        """Wait for a value that `value` or `changed` has not returned yet.
 
-        Raises: NoAnswer when there is none in time.
+        Raises: NoAnswer when there is none within the time-out.
         """
         deadline = Deadline(timeout_s)
         self.listen()
@@ -118,7 +118,7 @@ class BoardReader(Immediate, Generic[T]):
                 raise NoAnswer(f"board {self.path}: no new value within {timeout_s} s")
 
     def listen(self) -> None:
-        """Have this process woken by each value, also when nobody waits for it here."""
+        """Wake this process at each value, even if no task waits for it."""
         self._follower.listen(self._node, self._wakeup.notify)
 
     def ring_only(self) -> None:
@@ -127,7 +127,7 @@ class BoardReader(Immediate, Generic[T]):
 
     @property
     def position(self) -> int:
-        """Number of values written, read or not: it grows with each one; -1: there was no writer yet."""
+        """Number of values written, whether read or not; -1: there was no writer yet."""
         return self._follower.position
 
     def __aiter__(self) -> "BoardReader[T]":

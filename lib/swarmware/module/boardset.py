@@ -1,4 +1,4 @@
-"""The same board of many platforms: a mapping that grows as mirrors appear."""
+"""The same board of many platforms, as a mapping that grows with their mirrors."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +19,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
-    """Platform → reader, of every other platform whose board is mirrored here."""
+    """Mapping of platform to reader, for every other platform whose board is mirrored here."""
 
     def __init__(self, node: Node, pattern: str, open_reader: Callable[[str], BoardReader[T]]) -> None:
         platforms, _, local = pattern.removeprefix("/").partition("/")
@@ -72,7 +72,7 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
         return len(self._readers)
 
     def poll(self) -> None:
-        """The doorbell has rung: wake those who wait if it was for us."""
+        """The doorbell has rung: wake the waiting tasks if a board has changed."""
         if self._wakeup.awaited and self._has_news():
             self._wakeup.notify()
 
@@ -82,9 +82,9 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
         return any(reader.position != given.get(platform, -1) for platform, reader in self._readers.items())
 
     async def changed(self, timeout_s: float | None = None) -> tuple[str, ...]:
-        """Platforms with a value that this method has not told of yet; waits for the first.
+        """Platforms with a value that this method has not reported yet; waits for the first.
 
-        Raises: NoAnswer when there is none in time.
+        Raises: NoAnswer when there is none within the time-out.
         """
         deadline = Deadline(timeout_s)
         if not self._listening:

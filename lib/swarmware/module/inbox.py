@@ -1,4 +1,4 @@
-"""The inbox: messages to one address, each exactly once, acknowledged when it is put in here."""
+"""The inbox: messages to one address, each exactly once, acknowledged when they enter it."""
 
 import asyncio
 from collections import deque
@@ -19,22 +19,22 @@ from swarmware.types import registry
 T = TypeVar("T", bound=msgspec.Struct)
 
 LIMIT: Final = 64
-"""Messages that wait for their reader; while it is full, senders try again until their time is over."""
+"""Maximum waiting messages; while it is full, senders retransmit until their time-out."""
 FAIR: Final = 64
-"""Messages taken without waiting before the event loop gets its turn."""
+"""Messages taken without waiting before control returns to the event loop."""
 
 
 class Inbox(Immediate, Generic[T]):
-    """`async for message in inbox`."""
+    """Messages to one address, read with `async for message in inbox`."""
 
     def __init__(
         self, node: Node, app: str, path: str, cls: type[T], limit: int, accepted: Accepted | None = None
     ) -> None:
         self.path = path
         self.meta: Meta | None = None
-        """Who sent the message given last, and when."""
+        """Sender and stamp of the message returned last."""
         self.refused = 0
-        """Messages whose payload did not fit the type; their senders were told."""
+        """Messages whose payload did not match the type; they were refused to their senders."""
         self._node = node
         self._where = f"{node.platform}:{app}"
         self._cls = cls
@@ -48,7 +48,7 @@ class Inbox(Immediate, Generic[T]):
         return len(self._queue)
 
     def put(self, frame: Frame) -> Outcome | None:
-        """A message came; called by the post. None: no room now."""
+        """Take a received message, from the router. None: the inbox is full."""
         if len(self._queue) >= self._limit:
             return None
         try:
@@ -63,16 +63,16 @@ class Inbox(Immediate, Generic[T]):
         return Outcome(Status.DELIVERED, self._where, received_ns=self._node.clock.now_ns())
 
     def take(self) -> T | None:
-        """The next message if there is one; does not wait."""
+        """Return the next message without waiting; None: there is none."""
         if not self._queue:
             return None
         value, self.meta = self._queue.popleft()
         return value
 
     async def next(self, timeout_s: float | None = None) -> T:
-        """The next message.
+        """Wait for the next message.
 
-        Raises: NoAnswer when there is none in time.
+        Raises: NoAnswer when there is none within the time-out.
         """
         deadline = Deadline(timeout_s)
         while True:

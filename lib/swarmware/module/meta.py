@@ -1,4 +1,4 @@
-"""Who sent a value and when."""
+"""Metadata of a received value: sender and stamp."""
 
 import msgspec
 
@@ -8,22 +8,22 @@ from swarmware.transport.delivery.sender import arrival_ns, sender_of
 
 
 class Meta(msgspec.Struct, frozen=True, gc=False):
-    """What the header of a frame says about its sender."""
+    """Sender and times in the header of a frame."""
 
     sender_hw: int
     """Hardware id, see `names.hardware_id`."""
     sender_app: int
     sequence: int
     stamp_ns: int
-    """On the sender's hardware clock."""
+    """Stamp on the sender's hardware clock."""
     sender: Sender | None = None
-    """The member it came from; None: an application of this platform, or a swarm without keys."""
+    """The authenticated member; None: an application of this platform, or a swarm without keys."""
     arrived_ns: int | None = None
-    """Own hardware clock when this platform's broker took it off a link; None: it crossed none."""
+    """Own hardware clock when this platform's broker received it from a link; None: it crossed no link."""
 
     @classmethod
     def of(cls, frame: Frame) -> "Meta":
-        """The sender of a frame."""
+        """The metadata of a frame."""
         return cls(
             frame.sender_hw,
             frame.sender_app,

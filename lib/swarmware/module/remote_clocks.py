@@ -20,7 +20,7 @@ class RemoteClocks:
         self._by_hardware: dict[int, Conversion] = {}
 
     def conversion(self, hardware: int) -> Conversion | None:
-        """The function of one unit's clock; None when it is not known."""
+        """The conversion function of one unit's clock; None when it is not known."""
         if self._follower is None:
             self._follower = RingFollower(
                 ring_file(self._node.shm_dir, PATH),

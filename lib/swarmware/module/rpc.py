@@ -1,4 +1,4 @@
-"""The answering end of requests: runs handlers, turns their errors into replies."""
+"""The server side of requests: runs handlers, converts their errors to replies."""
 
 import inspect
 import logging
@@ -16,10 +16,10 @@ from swarmware.types import registry
 from swarmware.types.rpc import Reply
 
 IN_WORK_LIMIT: Final = 64
-"""Requests of one path worked on at the same time; more are turned away."""
+"""Maximum concurrent requests of one path; more are refused."""
 
 Handler = Callable[[Any, Meta], Awaitable[msgspec.Struct] | msgspec.Struct]
-"""Takes the request and who sent it; gives the answer, or raises a SwarmError that the caller will see."""
+"""Gets the request and its metadata; returns the reply, or raises a SwarmError for the caller."""
 Start = Callable[[Any, str], object]
 """Runs a coroutine as a named task."""
 
@@ -45,7 +45,7 @@ class Server(Immediate):
         self._in_work = 0
 
     def on_request(self, frame: Frame, respond: Callable[[Reply], None]) -> None:
-        """A request came; called by the post."""
+        """Take a received request, from the router."""
         if self._in_work >= IN_WORK_LIMIT:
             respond(Reply(False, kind="NoAnswer", error=f"{self.path}: {IN_WORK_LIMIT} requests in work"))
             return
@@ -54,7 +54,7 @@ class Server(Immediate):
             if self._accepted is not None:
                 self._accepted.take(frame)
             result = self._handler(request, Meta.of(frame))
-        except Exception as error:  # noqa: BLE001 - the RPC server: whatever a handler does, the caller is told
+        except Exception as error:  # noqa: BLE001 - the RPC server: every error of a handler is a reply to its caller
             respond(self._failed(error))
             return
         if inspect.isawaitable(result):
@@ -67,7 +67,7 @@ class Server(Immediate):
         answer = Reply(False, kind="NoAnswer", error=f"{self.path}: the application ends")
         try:
             answer = Reply(True, registry.encode(await result))
-        except Exception as error:  # noqa: BLE001 - the RPC server: whatever a handler does, the caller is told
+        except Exception as error:  # noqa: BLE001 - the RPC server: every error of a handler is a reply to its caller
             answer = self._failed(error)
         finally:
             self._in_work -= 1

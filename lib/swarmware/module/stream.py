@@ -1,4 +1,4 @@
-"""The reader's end of a stream or of events: every one, in order; what was overrun is counted."""
+"""Reader of a stream or of events: every item, in order; overwritten ones are counted."""
 
 import asyncio
 from typing import Final, Generic, TypeVar
@@ -18,20 +18,20 @@ from swarmware.types import registry
 T = TypeVar("T", bound=msgspec.Struct)
 
 FAIR: Final = 64
-"""Items taken without waiting before the event loop gets its turn."""
+"""Items taken without waiting before control returns to the event loop."""
 
 
 class StreamReader(Immediate, Generic[T]):
-    """`async for item in reader`: every item from now on; those already there when the writer came before us
-    are given only with `from_oldest`."""
+    """`async for item in reader` returns every item from now on; items that were written before are
+    returned only with `from_oldest`."""
 
     def __init__(self, node: Node, path: str, cls: type[T], data_id: int, *, from_oldest: bool) -> None:
         self.path = path
         self.meta: Meta | None = None
-        """Who wrote the item given last, and when."""
+        """Sender and stamp of the item returned last."""
         self._cls = cls
         self._last: tuple[int, int] | None = None
-        """Of a mirror: its owner's sequence and stamp of the item given last."""
+        """Owner's sequence and stamp of the item returned last, of a mirror."""
         self._gaps = 0
         platform, local = split(path)
         self._mirrored = platform is not None
@@ -52,12 +52,12 @@ class StreamReader(Immediate, Generic[T]):
 
     @property
     def lost(self) -> int:
-        """Items that will not be given: overwritten here before they were read, or left out on the way from
-        another platform, as its sequence shows with the item after them."""
+        """Items that were lost: overwritten here before they were read, or dropped on the way from
+        another platform, which a gap of its sequence shows."""
         return self._gaps if self._mirrored else self._follower.lost
 
     def _count_gap(self, sequence: int, stamp_ns: int) -> None:
-        """A sequence that goes on later than the last leaves a gap; one that does not is a new start."""
+        """Count the gap in the sequence before an item; a smaller sequence means a restart of the owner."""
         if self._last is not None:
             last, last_ns = self._last
             if sequence > last + 1 and stamp_ns >= last_ns:
@@ -65,7 +65,7 @@ class StreamReader(Immediate, Generic[T]):
         self._last = sequence, stamp_ns
 
     def take(self) -> T | None:
-        """The next item if there is one; does not wait."""
+        """Return the next item without waiting; None: there is none."""
         while (frame := self._follower.next()) is not None:
             try:
                 if self._mirrored:
@@ -79,9 +79,9 @@ class StreamReader(Immediate, Generic[T]):
         return None
 
     async def next(self, timeout_s: float | None = None) -> T:
-        """The next item.
+        """Wait for the next item.
 
-        Raises: NoAnswer when there is none in time.
+        Raises: NoAnswer when there is none within the time-out.
         """
         deadline: Deadline | None = None
         while True:

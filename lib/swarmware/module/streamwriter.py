@@ -1,4 +1,4 @@
-"""The owner's end of a stream or of events: every item, and what did not reach whom."""
+"""Writer of a stream or of events, with the losses of its subscribers."""
 
 from collections.abc import Mapping
 from typing import Final, TypeVar
@@ -47,8 +47,8 @@ class StreamWriter(BoardWriter[T]):
         if self._losses is None:
             identity = data_id(LOSSES, StreamLosses.__name__)
             self._losses = BoardReader(self._node, LOSSES, StreamLosses, identity, self._remote_clocks)
-        told = self._losses.value or StreamLosses()
-        return {one.platform: one.items for one in told.losses if one.path == self.path}
+        reported = self._losses.value or StreamLosses()
+        return {one.platform: one.items for one in reported.losses if one.path == self.path}
 
     @property
     def lost(self) -> int:

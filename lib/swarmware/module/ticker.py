@@ -1,4 +1,4 @@
-"""A period: ticks at multiples of it on the node's clock, misses counted and never made up for."""
+"""Periodic ticks at multiples of a period on the node's clock; missed ones are counted and skipped."""
 
 from swarmware.errors import InvalidInput
 from swarmware.model.clock import Clock
@@ -6,7 +6,7 @@ from swarmware.runtime.instant import until
 
 
 class Lateness:
-    """How late the event loop woke its tickers, at worst."""
+    """Maximum lateness of the tickers of an event loop."""
 
     __slots__ = ("_worst_ns",)
 
@@ -14,20 +14,20 @@ class Lateness:
         self._worst_ns = 0
 
     def note(self, late_ns: int) -> None:
-        """One tick came so much after its instant."""
+        """Record the lateness of one tick."""
         self._worst_ns = max(self._worst_ns, late_ns)
 
     def take_s(self) -> float:
-        """The worst since the last call."""
+        """The maximum since the last call, in seconds."""
         worst_ns, self._worst_ns = self._worst_ns, 0
         return worst_ns / 1e9
 
 
 class Ticker:
-    """`async for tick in m.every(0.1)`: the count of ticks; late by more than a period skips.
+    """`async for tick in m.every(0.1)`: number of each tick; a tick late by more than a period is skipped.
 
-    All tickers of a node begin at the same zero, so periodic work of one process is done together: it wakes
-    less often, with warm caches. `stage`, `phase_ns`: which of those comes after which, see `Module.every`.
+    All tickers of a node have the same origin, so the periodic work of a process is done together: it wakes
+    less often, with warm caches. `stage`, `phase_ns`: order of work at the same instant, see `Module.every`.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Ticker:
         self._start_ns = now_ns - (now_ns - phase_ns) % self._period_ns
         self._count = 0
         self.missed = 0
-        """Ticks that fell out because the one before took too long."""
+        """Ticks that were skipped because the work of the previous one took too long."""
 
     def __aiter__(self) -> "Ticker":
         return self

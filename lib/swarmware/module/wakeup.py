@@ -1,4 +1,4 @@
-"""Waiting for a callback: futures with a deadline, no tasks."""
+"""Waits for a callback, by futures with a deadline, without tasks."""
 
 import asyncio
 

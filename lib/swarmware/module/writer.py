@@ -1,4 +1,4 @@
-"""The owner's end of a board, event or stream."""
+"""Writer of a board, event or stream."""
 
 from typing import Final, Generic, TypeVar
 
@@ -18,7 +18,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 BOARD_SLOTS: Final = 4
 BOARD_SLOT_BYTES: Final = 512
-"""A header and most values; a board of larger values grows by itself."""
+"""Default slot: a header and most values; the ring is replaced when a value is larger."""
 FRAME_KINDS: Final = {
     ResourceKind.BOARD: FrameKind.BOARD,
     ResourceKind.SETTING: FrameKind.BOARD,
@@ -40,12 +40,12 @@ class BoardWriter(Immediate, Generic[T]):
         self._publication = publication
         self._frame = Frame(
             FRAME_KINDS[resource.kind], resource.data_id, node.hardware, app_id, ANY, ANY
-        )  # filled in anew for each value: a writer belongs to one thread
+        )  # refilled for each value: a writer belongs to one thread
         self._encode = registry.encode
 
     @property
     def sequence(self) -> int:
-        """Sequence of the newest value; it goes on over restarts of the writer."""
+        """Sequence of the newest value; it continues over restarts of the writer."""
         return self._publication.sequence
 
     def write(self, value: T, stamp_ns: int | None = None) -> int:
@@ -77,13 +77,13 @@ class BoardWriter(Immediate, Generic[T]):
 
 
 class Loan:
-    """A slot of shared memory, ours until it is published."""
+    """A slot of shared memory on loan until it is published."""
 
     def __init__(self, publication: Publication, slot: memoryview) -> None:
         self._publication = publication
         self._slot = slot
         self.payload = slot[HEADER_BYTES:]
-        """To be filled; dead after the `with` block."""
+        """The payload to be filled; invalid after the `with` block."""
 
     def __enter__(self) -> memoryview:
         return self.payload

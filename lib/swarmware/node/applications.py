@@ -1,4 +1,4 @@
-"""The applications of a node, with events for all in this process who follow them: one table, read once."""
+"""The applications of a node: one table for the process, with events for its subscribers."""
 
 import asyncio
 from collections.abc import Callable
@@ -13,17 +13,18 @@ from swarmware.transport.appfile.trace import died
 
 
 class Change(Enum):
-    """What happened to an application."""
+    """Kind of a change of an application."""
 
     JOINED = "joined"
     LEFT = "left"
-    """It took its file away, or another process had its name before anybody looked."""
+    """It removed its file, or another process had taken its name at the next refresh."""
     DIED = "died"
     CHANGED = "changed"
 
 
 class ApplicationEvent(NamedTuple):
-    """One change of one application; `entry`: the new content of its file, the last one if it is gone."""
+    """One change of one application; `entry`: the new content of its file, or the last one if it has
+    ended."""
 
     change: Change
     entry: AppEntry
@@ -75,7 +76,7 @@ class ApplicationSubscription:
 
 
 class Applications:
-    """Compares the node's table of applications with what subscribers know, whoever had it refreshed."""
+    """Compares the node's table of applications with the last reported state, and reports the differences."""
 
     def __init__(self, table: AppTable, waker: Waker, shm_dir: Path, run_dir: Path) -> None:
         self.table = table
@@ -88,7 +89,7 @@ class Applications:
         self._comes = False
 
     def subscribe(self, on_events: OnEvents) -> ApplicationSubscription:
-        """Have `on_events` called with each change from now on; `table` holds what is there now."""
+        """Call `on_events` with each change from now on; `table` has the present applications."""
         if not self._subscriptions:
             self._waker.listen(self._readers)
             self._waker.watch(self)
@@ -113,12 +114,12 @@ class Applications:
         self.refresh()
 
     def refresh(self, *, probe: bool = False) -> None:
-        """Look for changes, and deliver them; `probe`: also look for applications that died."""
+        """Check for changes and deliver them; `probe`: also check for applications that died."""
         self.table.refresh(probe=probe)
         self._deliver()
 
     def _on_change(self) -> None:
-        """The table has changed, perhaps in the middle of something: deliver in a turn of the loop's own."""
+        """The table has changed, perhaps within another call: deliver in the next iteration of the loop."""
         present = {entry.id: entry for entry in self.table}
         known, self._known = self._known, present
         events = [

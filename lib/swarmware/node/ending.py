@@ -1,4 +1,4 @@
-"""SIGTERM and SIGINT in a program that does not handle them itself: its modules leave, then it ends."""
+"""SIGTERM and SIGINT in a program without own handlers: its modules leave the node, then it ends."""
 
 import asyncio
 import signal
@@ -11,11 +11,11 @@ _DEFAULTS: Final[dict[signal.Signals, Any]] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGINT: signal.default_int_handler,
 }
-"""What stands for a program that has said nothing about a signal."""
+"""Default handlers, of a program that has not set its own."""
 
 
 class Ending:
-    """The tasks of one event loop that are cancelled by a signal."""
+    """Cancels the tasks of one event loop at a signal."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -24,9 +24,10 @@ class Ending:
         self._number = 0
 
     def enter(self) -> Callable[[type[BaseException] | None], None]:
-        """Have a signal cancel the present task until the result is called with what ended it.
+        """Let a signal cancel the present task, until the returned function is called with the task's
+        exception.
 
-        That raises SystemExit (128 + number) when it was the signal.
+        That function raises SystemExit (128 + number) when the signal was the cause.
         """
         task = asyncio.current_task()
         assert task is not None
@@ -39,7 +40,7 @@ class Ending:
         return partial(self._leave, task)
 
     def _leave(self, task: asyncio.Task[Any], kind: type[BaseException] | None) -> None:
-        """The signals mean again what they meant before, when the last task has left."""
+        """Restores the former handlers when the last task has left."""
         self._tasks[task] -= 1
         if self._tasks[task] == 0:
             del self._tasks[task]

@@ -1,4 +1,4 @@
-"""Follows the ring of one resource, from before its writer comes until after it has gone."""
+"""Follows the ring of one resource, whether or not it has a writer."""
 
 import logging
 from collections.abc import Callable
@@ -15,11 +15,11 @@ log = logging.getLogger("swarm.follower")
 
 
 class RingFollower:
-    """Opens the ring when it appears, opens it again when it was replaced, and decodes its frames.
+    """Opens the ring when it appears, reopens it when it was replaced, and decodes its frames.
 
-    `name`: of the resource, for the log. `data_id`: of the frames; others are refused; None: any.
-    `next()` begins with the first frame written from now on; `from_oldest`: with the oldest in the ring; in a
-    ring that appears later with its first.
+    `name`: name of the resource in the log. `data_id`: frames with another one are refused; None: any.
+    `next()` begins with the first frame written from now on, with `from_oldest` with the oldest in the ring;
+    in a ring that appears later, with its first.
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class RingFollower:
     ) -> None:
         self.ring: RingReader | None = None
         self.before = 0
-        """Frames of former rings at the path: of another epoch, so that its sequences started again."""
+        """Number of frames in former rings of other epochs, whose sequences are not continued."""
         self.refused = 0
         """Frames that were damaged, of another type or of another path."""
         self._path = path
@@ -43,7 +43,7 @@ class RingFollower:
 
     @property
     def position(self) -> int:
-        """Number of frames written, given or not: it grows with each one; -1: there was no writer yet."""
+        """Number of frames written, whether returned or not; -1: there was no writer yet."""
         ring = self.ring
         if ring is None or ring.moved:
             ring = self._open(0)
@@ -51,17 +51,17 @@ class RingFollower:
 
     @property
     def given(self) -> int:
-        """Position of the frame that `newest()` gave last; 0: none yet."""
+        """Position of the frame that `newest()` returned last; 0: none yet."""
         return 0 if self.ring is None else self.before + self.ring.seen
 
     @property
     def present(self) -> bool:
-        """Whether the ring that was read last is the one at the path."""
+        """Whether the ring that was read last is still at the path."""
         return self.ring is not None and not self.ring.moved
 
     @property
     def lost(self) -> int:
-        """Frames that `next()` could not give because the writer had overwritten them."""
+        """Frames that were overwritten before `next()` could return them."""
         return 0 if self.ring is None else self.ring.lost
 
     def take_lost(self) -> int:
@@ -70,7 +70,7 @@ class RingFollower:
         return self._lost - before
 
     def newest(self) -> Frame | None:
-        """The newest frame; None when there is none that `newest()` has not given or refused before."""
+        """The newest frame; None when `newest()` has returned or refused it before."""
         ring = self.ring
         data = self._newest_elsewhere(ring) if ring is None or ring.moved else self._newest_of(ring)
         if data is None:
@@ -85,7 +85,7 @@ class RingFollower:
             return None
 
     def peek(self) -> Frame | None:
-        """The newest frame, also one that `newest()` has given; None without a ring at the path."""
+        """The newest frame, also one that `newest()` has returned; None without a ring."""
         ring = self.ring
         if ring is None or ring.moved:
             ring = self._open(0)
@@ -95,7 +95,7 @@ class RingFollower:
         return self.newest()
 
     def next(self) -> Frame | None:
-        """The next frame in order; None when there is none yet. What was overwritten is counted in `lost`."""
+        """The next frame in order; None when there is none yet. Overwritten frames are counted in `lost`."""
         while True:
             ring = self.ring or self._open(0)
             if ring is None:
@@ -157,7 +157,7 @@ class RingFollower:
             self.ring = None
 
     def _open(self, after: int | None) -> RingReader | None:
-        """The ring that is at the path now; the former one as long as there is no other."""
+        """The ring at the path; the former one while there is no other."""
         former = self.ring
         if absent(self._file):
             return former
@@ -172,14 +172,14 @@ class RingFollower:
         except NotFound:
             return former
         except SwarmError as error:
-            if str(error) != self._warned:  # once, not at every look
+            if str(error) != self._warned:  # once, not at every attempt
                 self._warned = str(error)
                 log.warning("%s", error)
             return former
         return self.ring
 
     def _newest_of(self, ring: RingReader) -> bytes | None:
-        """Bytes of the newest frame of one ring, if it was not given or refused before."""
+        """Bytes of the newest frame of one ring, if it was not returned or refused before."""
         sequence = ring.sequence
         if sequence == ring.seen:
             return None
@@ -189,13 +189,11 @@ class RingFollower:
             self.refuse(error)
             data = None
         if data is None:
-            ring.seen = (
-                sequence  # there is none, or none that can be read: nothing to look at before the next
-            )
+            ring.seen = sequence  # there is none, or it cannot be read: wait for the next one
         return data
 
     def _newest_elsewhere(self, former: RingReader | None) -> bytes | None:
-        """Bytes of the newest frame when the ring is not there yet, was withdrawn or replaced."""
+        """Bytes of the newest frame when the ring does not exist yet, was withdrawn or replaced."""
         data = None if former is None else self._newest_of(former)  # it may hold the newest frame
         ring = self._open(0)
         return data if ring is None or ring is former else self._newest_of(ring) or data

@@ -1,4 +1,4 @@
-"""One incarnation of a node: its number, and the removal of what dead processes left.
+"""One incarnation of a node: its number, and the removal of files of dead processes.
 
 Each process of the node holds a shared lock of one file. The process that gets it exclusively is the first
 or the last of the incarnation.
@@ -36,17 +36,17 @@ class NodeIncarnation:
         if try_lock(self._fd):
             if not writable:
                 os.close(self._fd)
-                raise Denied(f"{run_dir}: nobody runs this node; expected its own user to start it")
+                raise Denied(f"{run_dir}: this node does not run; expected its own user to start it")
             self.guest = False
             self._begin()
-        fcntl.flock(self._fd, fcntl.LOCK_SH)  # whoever has it exclusively keeps it for some milliseconds
+        fcntl.flock(self._fd, fcntl.LOCK_SH)  # an exclusive lock is held for some milliseconds only
         if not self.guest:
             make_folder(shm_dir, run_dir)  # the last process of the former incarnation removes the folder
         self.boot_id = int(os.pread(self._fd, 32, 0) or b"0")
-        """Larger at each start of the node."""
+        """Number that increases at each start of the node."""
 
     def _begin(self) -> None:
-        """No process is here: a new incarnation; what dead processes left is removed."""
+        """Begin a new incarnation: no other process is attached; files of dead processes are removed."""
         boot_id = max(utc_ns(), int(os.pread(self._fd, 32, 0) or b"0") + 1)
         os.pwrite(self._fd, b"%d" % boot_id, 0)
         self._sweep()
@@ -62,7 +62,7 @@ class NodeIncarnation:
             path.unlink(missing_ok=True)
 
     def leave(self) -> None:
-        """This process has closed everything; the last one removes what is left."""
+        """Leave the node; the last process removes the remaining files."""
         if self._fd < 0:
             return
         if not self.guest and try_lock(self._fd):

@@ -1,4 +1,4 @@
-"""The node as one of its processes sees it."""
+"""The node, as attached by one of its processes."""
 
 import asyncio
 import contextlib
@@ -28,12 +28,12 @@ from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.notifier import ReaderNotifier
 
 TEND_NS: Final = 1_000_000_000
-"""How often a process looks whether its files in shared memory are as it made them."""
+"""Period in which a process checks that its files in shared memory are intact."""
 TEND_PHASE_NS: Final = 300_000_000
 """Not with the heartbeats and statistics of the full second, but at an instant of the grid all the same."""
 MIRROR_SLOTS: Final = 4
 MIRROR_SLOT_BYTES: Final = 256
-"""A header and a packed pose or a few numbers; a mirror grows by itself."""
+"""Default slot of a mirror: a header and a packed pose; the ring is replaced when a value is larger."""
 
 
 log = logging.getLogger("swarm.node")
@@ -48,7 +48,7 @@ class Services(Protocol):
         ...
 
     def restart(self, name: str) -> None:
-        """Start one of them again.
+        """Restart one of the services.
 
         Raises: NotFound when it does not run in this process.
         """
@@ -56,13 +56,13 @@ class Services(Protocol):
 
 
 class Node:
-    """What an event loop has once: configuration, clock, doorbell, post and the table of applications.
+    """State shared by an event loop: configuration, clock, doorbell, message router, applications.
 
     Modules of one event loop share it: `attach` gives the same one again, `close` closes the last. Another
     loop, in a thread of the same process, has its own.
     """
 
-    # one doorbell and one socket per event loop, whoever asks for them: all that is kept per process
+    # one doorbell and one socket per event loop: the only state per process
     _attached: ClassVar[dict[tuple[int, Path], "Node"]] = {}
 
     def __init__(self, config_dir: Path, config: NodeConfig) -> None:
@@ -73,7 +73,7 @@ class Node:
         self.run_dir = config.run_path
         self.shm_dir = config.shm_path
         self.host: Services | None = None
-        """What runs the services of this process; None in a program that only has modules."""
+        """The host of the services of this process; None in a program that has only modules."""
         self._users = 0
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
@@ -85,7 +85,7 @@ class Node:
         self.ending = Ending()
         self.table = AppTable(self.run_dir)
         self.applications = Applications(self.table, self, self.shm_dir, self.run_dir)
-        """The applications of this node, with events for all who follow them."""
+        """The applications of this node, with events for subscribers."""
         self.doorbells = DoorbellSenders(paths.doorbells(self.run_dir))
         self.doorbell = Doorbell(paths.doorbells(self.run_dir))
         self.post = Post(
@@ -124,14 +124,14 @@ class Node:
         return node
 
     def share(self) -> Self:
-        """This node for one more user; each calls `close`."""
+        """Register one more user of this node; each user calls `close`."""
         self._users += 1
         return self
 
     # -- waking
 
     def watch(self, watcher: Watcher) -> None:
-        """Have it look at shared memory whenever the doorbell rings."""
+        """Call the watcher whenever the doorbell rings."""
         self._watchers[watcher] = None
 
     def unwatch(self, watcher: Watcher) -> None:
@@ -139,7 +139,7 @@ class Node:
         self._watchers.pop(watcher, None)
 
     def listen(self, readers: Path) -> None:
-        """Enter this process's doorbell in a table of readers; once for all who ask."""
+        """Enter this process's doorbell in a table of readers, once for all callers."""
         self._listens[readers] += 1
         if self._listens[readers] == 1:
             self._enter(readers)
@@ -168,7 +168,8 @@ class Node:
         return self._loop.call_later(wait_s(self.clock, next_ns), self._tend)
 
     def _tend(self) -> None:
-        """Looks after what this process has in shared memory: others may have damaged or removed it."""
+        """Check and repair the files of this process in shared memory, which others may have damaged or
+        removed."""
         self._tending = self._tend_later()
         for publication in list(self._publications):
             try:
@@ -185,14 +186,14 @@ class Node:
             except (OSError, SwarmError) as error:
                 self._complain(f"{readers}: our entry was removed, and cannot be made again: {error}")
         if missing:
-            self._on_bell()  # what was written meanwhile has rung for nobody
+            self._on_bell()  # frames written meanwhile have not rung this doorbell
 
     def _complain(self, text: str) -> None:
         if text != self._complained:  # once, not every second
             self._complained = text
             log.error("%s", text)
 
-    # -- news for others
+    # -- publication
 
     def announce_apps(self) -> None:
         """Wake the processes that watch the application files."""
@@ -216,12 +217,12 @@ class Node:
         """The mirror of another platform's resource; frames are published as they were received."""
         publication = self.publication(path, slots=slots, slot_bytes=slot_bytes, platform=platform)
         now_ns = utc_ns()
-        os.utime(self.shm_dir, ns=(now_ns, now_ns))  # what `BoardSet` looks at
+        os.utime(self.shm_dir, ns=(now_ns, now_ns))  # `BoardSet` checks this time
         self._mirror_watchers.notify()
         return publication
 
     def close(self) -> None:
-        """Leave the node, when the last module of this process does."""
+        """Leave the node when its last user in this process leaves."""
         self._users -= 1
         if self._users > 0:
             return

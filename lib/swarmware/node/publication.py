@@ -25,15 +25,15 @@ class Publication:
         self._slots = slots
         self._ring = RingWriter(path, slots=slots, slot_bytes=slot_bytes, mode=mode)
         self._resume: EpochPosition | None = None
-        """Where a damaged ring that could not be replaced yet goes on."""
+        """Position from which the replacement of a damaged ring continues."""
         self._newest: bytes | bytearray | None = None
-        """The newest frame of this process; None: it was a loan, or there was none yet."""
+        """The newest frame written here; None: it was a loan, or there was none yet."""
         self._readers = ReaderNotifier(readers_folder(path), doorbells)
-        self._readers.notify()  # readers may have been waiting for a writer to come
+        self._readers.notify()  # readers may be waiting for a writer
 
     @property
     def sequence(self) -> int:
-        """Ring sequence of the newest frame; it goes on over restarts of the writer."""
+        """Ring sequence of the newest frame; it continues over restarts of the writer."""
         return self._ring.sequence
 
     def publish(self, data: bytes | bytearray) -> int:
@@ -66,24 +66,24 @@ class Publication:
         return sequence
 
     def abandon(self) -> None:
-        """Give the loan back unpublished."""
+        """Return the loan without publishing it."""
         self._ring.abandon()
 
     def _grow(self, length: int) -> None:
         slot_bytes = max(2 * self._ring.slot_bytes, -(-length // ALIGN) * ALIGN)
         if length > MAX_SLOT_BYTES:
             raise OutOfRange(f"{self.path}: a frame of {length} bytes; expected at most {MAX_SLOT_BYTES}")
-        self._ring.close()  # stays readable until the new file takes its place
+        self._ring.close()  # it stays readable until the new file replaces it
         self._ring = RingWriter(
             self.path, slots=self._slots, slot_bytes=min(slot_bytes, MAX_SLOT_BYTES), mode=self._mode
         )
 
     def tend(self) -> bool:
-        """Replaces the ring if somebody has damaged or removed its file; True: it was.
+        """Replace the ring if its file was damaged or removed; returns whether it was.
 
-        The newest frame is in the new file under its old sequence: who writes only changes would not
-        write it again, and who has read it does not get it twice.
-        Raises: as the constructor; it is then tried again with the next frame.
+        The newest frame is copied to the new file with its sequence: a writer of changes only would not
+        write it again, and readers that have read it do not get it twice.
+        Raises: as the constructor; it is then retried with the next frame.
         """
         if self._resume is None:
             if self._ring.intact():

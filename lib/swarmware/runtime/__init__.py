@@ -1,4 +1,4 @@
-"""How sans-io cores are run: their contract, the driver of all of them, the report of slow steps.
+"""Execution of sans-io cores: their contract, their driver, the report of slow steps.
 
-What decides does not live here, nor what reads, writes or waits for anything but a deadline.
+Not here: decisions, and any input or output but waiting for a deadline.
 """

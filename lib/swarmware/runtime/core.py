@@ -1,31 +1,31 @@
-"""The contract of a sans-io core, and what its driver needs of the world."""
+"""The contract of a sans-io core, and the interfaces that its driver uses."""
 
 from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
 
 AT_ONCE: Final = -(1 << 63)
-"""A deadline that has always passed."""
+"""A deadline that has passed at every instant."""
 
 Action = TypeVar("Action")
 
 
 class Core(Protocol[Action]):
-    """Decides, and does nothing: time is an argument, actions are the result.
+    """A pure core: time is an argument, and actions are the result.
 
-    What happens is a method `on_<event>(…, now_ns) -> list[Action]`; a core has as many as it needs.
+    Each event is a method `on_<event>(…, now_ns) -> list[Action]`.
     """
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """What is due at this instant. Called at the deadline or after it, never before."""
+        """Return the actions that are due. Called at the deadline or after it, never before."""
         ...
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called; in the past: in the next turn; None: not before another event."""
+        """When `on_timer` must be called; in the past: at once; None: no deadline."""
         ...
 
 
 class HardwareClock(Protocol):
-    """The clock in whose time a core thinks."""
+    """The clock whose time a core uses."""
 
     def now_ns(self) -> int:
         """The present instant on the hardware clock."""
@@ -37,16 +37,16 @@ class HardwareClock(Protocol):
 
 
 class Alarm(Protocol):
-    """A call that has been asked for."""
+    """A scheduled call."""
 
     def cancel(self) -> None:
-        """It is not made."""
+        """Cancel the scheduled call."""
         ...
 
 
 class EventLoop(Protocol):
-    """What a driver needs of an event loop: asyncio's, uvloop's, or the one of virtual time."""
+    """Interface of an event loop for a driver: asyncio's, uvloop's, or that of virtual time."""
 
     def call_later(self, delay: float, callback: Callable[[], None], /) -> Alarm:
-        """Calls back after so many seconds; uvloop rounds them to milliseconds."""
+        """Schedule a call after so many seconds; uvloop rounds them to milliseconds."""
         ...

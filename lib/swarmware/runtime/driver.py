@@ -11,17 +11,17 @@ from swarmware.runtime.instant import wait_s
 from swarmware.runtime.slow import SlowSteps
 
 RETRY_NS: Final = 1_000_000_000
-"""Pause after an `on_timer` that failed: what was due still is, and would fail again at once, for ever."""
+"""Pause after a failed `on_timer`, whose deadline has still passed: it would fail again at once."""
 
 Boundary = Callable[[Any], AbstractContextManager[None]]
-"""Keeps the failure of one action, or of a step at a deadline (None), from the others."""
+"""Contains the failure of one action, or of a step at a deadline (None)."""
 
 
 class CoreDriver(Generic[Action]):
-    """Has the actions of a core carried out and wakes it at its deadlines.
+    """Executes the actions of a core and calls it at its deadlines.
 
-    An event goes in as `driver.feed(core.on_event(…, now_ns))`. Actions are carried out one after the other:
-    those of an event that an action causes come after those that were there before.
+    An event is passed as `driver.feed(core.on_event(…, now_ns))`. Actions are executed one after the other:
+    those of an event that an action causes follow those queued before.
     """
 
     def __init__(  # the two that a driver needs, and where it differs between shells
@@ -35,7 +35,7 @@ class CoreDriver(Generic[Action]):
         settled: Callable[[], None] | None = None,
         boundary: Boundary | None = None,
     ) -> None:
-        """`settled`: called when all actions of an event are done, to publish the state they led to."""
+        """`settled`: called when all actions of an event are done, to publish the resulting state."""
         self.core = core
         self._perform = perform if boundary is None else self._perform_within
         self._perform_action = perform
@@ -53,9 +53,9 @@ class CoreDriver(Generic[Action]):
         self._slow = SlowSteps(f"{name}: timer")
 
     async def run(self) -> None:
-        """Drives until cancelled.
+        """Run until cancelled.
 
-        Raises: what a step at a deadline raised; without `run` the event loop's handler has it.
+        Raises: the exception of a step at a deadline; without `run` the event loop's handler gets it.
         """
         self._failure = asyncio.get_running_loop().create_future()
         try:
@@ -65,9 +65,9 @@ class CoreDriver(Generic[Action]):
             self.stop()
 
     def feed(self, actions: Iterable[Action] = ()) -> None:
-        """Carries out what the core decided upon an event; without actions only its deadline is asked for.
+        """Execute the actions of an event, then arm the timer for the core's deadline.
 
-        Raises: what an action raised; those after it follow in a turn of their own.
+        Raises: the exception of an action; later actions follow in the next iteration of the loop.
         """
         if self._is_stopped:
             return
@@ -76,7 +76,7 @@ class CoreDriver(Generic[Action]):
             self._carry_out()
 
     def defer(self, actions: Iterable[Action] = ()) -> None:
-        """As `feed`, in a turn of its own: after the answer that the caller returns."""
+        """As `feed`, in the next iteration of the loop: after the reply that the caller returns."""
         if self._is_stopped:
             return
         self._queue.extend(actions)
@@ -84,7 +84,7 @@ class CoreDriver(Generic[Action]):
             self._arm()
 
     def stop(self) -> None:
-        """Nothing is carried out any more, also of what is in the queue."""
+        """Stop: no further action is executed, queued ones included."""
         self._is_stopped = True
         self._queue.clear()
         if self._alarm is not None:
@@ -111,9 +111,9 @@ class CoreDriver(Generic[Action]):
             self._perform_action(action)
 
     def _arm(self) -> None:
-        """An alarm that is earlier than the deadline stays: it finds that nothing is due, and arms again.
+        """Arm the timer; an alarm before the deadline stays: it finds nothing due, and arms again.
 
-        So a deadline that moves on with each event costs a comparison, and no timer.
+        So a deadline that each event postpones costs a comparison, and no new timer.
         """
         if self._is_stopped:
             return
@@ -124,13 +124,13 @@ class CoreDriver(Generic[Action]):
     def _set_alarm(self) -> None:
         due_ns = self._due_ns()
         if due_ns is None or (self._alarm is not None and self._alarm_ns <= due_ns):
-            return  # after a failure it is not tried at once
+            return  # after a failure it is not retried at once
         if self._alarm is not None:
             self._alarm.cancel()
         self._alarm_ns = due_ns
         delay_s = 0.0
         if due_ns > self._clock.now_ns():
-            # a millisecond at least: the conversion of clocks rounds, and an alarm that is early asks again
+            # at least a millisecond: the conversion of clocks rounds, and an early alarm arms again
             delay_s = max(wait_s(self._clock, due_ns), 0.001)
         self._alarm = self._loop.call_later(delay_s, self._on_alarm)
 

@@ -1,4 +1,4 @@
-"""Replaces a file as a whole: readers see the former content or the new, also after a kill."""
+"""Replaces a file atomically: readers see the former or the new content, also after a kill."""
 
 import contextlib
 import os
@@ -9,9 +9,9 @@ _FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFO
 
 
 def replace_file(path: Path, data: bytes, *, mode: int = 0o640, durable: bool = True) -> None:
-    """Write a file under another name, then rename it. `durable`: it is on the disk before the rename.
+    """Write a file under another name, then rename it. `durable`: sync it to the disk before the rename.
 
-    Without that a power cut may leave the new name without its bytes.
+    Without that a power failure may leave the file empty.
     Raises: OSError; the former file is then unchanged, and nothing else is left behind.
     """
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
@@ -22,11 +22,11 @@ def replace_file(path: Path, data: bytes, *, mode: int = 0o640, durable: bool = 
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()
-            os.fchmod(descriptor, mode)  # whatever the umask is
+            os.fchmod(descriptor, mode)  # independent of the umask
             if durable:
                 os.fsync(descriptor)
         fresh.replace(path)
     except OSError:
         with contextlib.suppress(OSError):
-            fresh.unlink()  # on a full disk it would take the last room
+            fresh.unlink()  # on a full disk it would occupy the last free space
         raise

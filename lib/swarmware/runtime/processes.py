@@ -1,6 +1,6 @@
 """Processes by their pidfd, on the event loop: the end of each is reported once, within milliseconds.
 
-The parent of a node's processes and its fork server live without an event loop; they poll pidfds themselves.
+The parent of a node's processes and its fork server have no event loop; they poll pidfds themselves.
 """
 
 import asyncio
@@ -27,13 +27,13 @@ class WatchedProcess:
         self._on_end()
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal to this very process, never to a later one with its number."""
+        """Send a signal to this process, never to a later one with the same pid."""
         if self._fd >= 0:
             with contextlib.suppress(ProcessLookupError):
                 signal.pidfd_send_signal(self._fd, number)
 
     def close(self) -> None:
-        """Stop watching; the process goes on."""
+        """Stop watching; the process continues."""
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)
@@ -59,7 +59,7 @@ class ProcessWatcher:
             except ProcessLookupError:
                 self._loop.call_soon(self._on_end, pid)
             except OSError:
-                continue  # of another PID namespace: its lock shows the end when somebody looks
+                continue  # of another PID namespace: its end is only detected by its lock
 
     def _ended(self, pid: int) -> None:
         del self._processes[pid]

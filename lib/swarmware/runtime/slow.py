@@ -1,4 +1,4 @@
-"""Steps that hold the event loop too long: every one makes all services of the process late."""
+"""Reports steps that block the event loop too long: they delay all services of the process."""
 
 import asyncio
 import logging
@@ -10,7 +10,7 @@ from typing import Any, Final
 SLOW_NS: Final = 50_000_000
 """Two and a half periods of the fastest loop, the simulation's 50 Hz."""
 QUIET_NS: Final = 10_000_000_000
-"""A task that is always slow says so this often."""
+"""Minimum period between two reports of one task."""
 
 log = logging.getLogger("swarm.slow")
 
@@ -54,7 +54,7 @@ class SlowSteps:
         self._reported_ns: int | None = None
 
     def took(self, began_ns: int, ended_ns: int) -> None:
-        """A step has ended."""
+        """Evaluate the duration of a step that has ended."""
         if ended_ns - began_ns <= SLOW_NS:
             return
         if self._reported_ns is None or ended_ns - self._reported_ns >= QUIET_NS:
@@ -63,7 +63,7 @@ class SlowSteps:
 
 
 def warn_if_slow(loop: asyncio.AbstractEventLoop) -> None:
-    """From now on, name each task of the loop that holds it for more than 50 ms."""
+    """Log each task of the loop that blocks it for more than 50 ms, from now on."""
     tasks: dict[str, SlowSteps] = {}
 
     def report(began_ns: int, ended_ns: int) -> None:

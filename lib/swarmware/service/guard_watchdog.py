@@ -1,4 +1,4 @@
-"""Watchdog of the guard: every process of a node of several processes restarts it when it died (S1.26)."""
+"""Watchdog of the guard: every process of a node restarts a guard that has died (S1.26)."""
 
 import asyncio
 import logging
@@ -23,7 +23,7 @@ log = logging.getLogger("swarm.guardwatch")
 
 
 class GuardWatchdog:
-    """Waits for the end of the guard; one of all processes that wait restarts it."""
+    """Waits for the end of the guard; one of the waiting processes restarts it."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

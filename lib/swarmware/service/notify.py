@@ -56,6 +56,6 @@ class Notifier:
 
     def _send(self, text: str) -> None:
         if self._socket is not None:
-            # a service manager that is gone or busy must not stop the service
+            # a service manager that has ended or is busy must not stop the service
             with suppress(OSError):
                 self._socket.sendto(text.encode(), self._address)

@@ -1,4 +1,4 @@
-"""What tests of modules and daemons stand on: temporary nodes, processes, virtual time, leak checks.
+"""Support for tests of modules and daemons: temporary nodes, processes, virtual time, leak checks.
 
-For tests of third-party modules too; nothing here needs pytest.
+It may be used for third-party modules, too, and does not need pytest.
 """

@@ -1,4 +1,4 @@
-"""What a test leaves behind: processes, descriptors, shared memory, threads."""
+"""Detects leaks of a test: processes, descriptors, shared memory, threads."""
 
 import os
 import threading
@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LOCKS = {"boot", "master.lock"}
-"""They hold the numbers of the node's last start and of its last master; later ones are larger."""
+"""Files that persist: they have the numbers of the node's last start and of its last master."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Real processes of a test: started, heard, and always ended."""
+"""Real processes of a test: starts them, reads their output, and always ends them."""
 
 import asyncio
 import contextlib
@@ -37,13 +37,13 @@ class Process:
         return self._child.returncode
 
     def stderr(self) -> str:
-        """What it has said on standard error so far."""
+        """Its standard error output so far."""
         return self._errors.read_text("utf-8", "replace")
 
     async def line(self, timeout_s: float = READY_S) -> str:
-        """The next line of its standard output.
+        """Wait for the next line of its standard output.
 
-        Raises: NoAnswer when none comes in time, or it has ended.
+        Raises: NoAnswer when there is none within the time-out, or the process has ended.
         """
         assert self._child.stdout is not None
         try:
@@ -59,7 +59,7 @@ class Process:
         self._child.send_signal(number)
 
     async def wait(self, timeout_s: float = END_S) -> int:
-        """Exit code, when it has ended.
+        """Wait for the end of the process; returns its exit code.
 
         Raises: NoAnswer when it does not end in time.
         """
@@ -69,17 +69,17 @@ class Process:
             raise NoAnswer(f"{self._what}: still runs after {timeout_s} s\n{self.stderr()}") from None
 
     async def terminate(self) -> int:
-        """SIGTERM, and its exit code."""
+        """Send SIGTERM; returns the exit code."""
         self.signal(signal.SIGTERM)
         return await self.wait()
 
     async def kill(self) -> None:
-        """SIGKILL: no code of the process runs any more."""
+        """Send SIGKILL and wait for the end of the process."""
         self.signal(signal.SIGKILL)
         await self.wait()
 
     async def end(self) -> None:
-        """Ended by SIGTERM, or if it does not listen by SIGKILL: it is gone afterwards."""
+        """End the process by SIGTERM, or by SIGKILL when it does not react."""
         for end in (self.terminate, self.kill):
             if self._child.returncode is None:
                 with contextlib.suppress(ProcessLookupError, NoAnswer):
@@ -88,7 +88,7 @@ class Process:
 
 @asynccontextmanager
 async def run_python(*args: str, env: Mapping[str, str] | None = None) -> AsyncIterator[Process]:
-    """A Python process with these arguments; ended with the block."""
+    """A Python process with these arguments, which ends with the block."""
     with tempfile.NamedTemporaryFile(prefix="swarm-test-", suffix=".err") as errors:
         child = await asyncio.create_subprocess_exec(
             sys.executable,
@@ -114,27 +114,27 @@ async def run_python(*args: str, env: Mapping[str, str] | None = None) -> AsyncI
 async def spawn(
     config_dir: Path, *names: str, ready_s: float = READY_S, env: Mapping[str, str] | None = None
 ) -> AsyncIterator[Process]:
-    """`swarmd run NAMES`, or `swarmd node` without names, up to its READY; ended by SIGTERM at the end.
+    """Run `swarmd run NAMES`, or `swarmd node` without names; enter the block at READY, end it by SIGTERM.
 
     Raises: SwarmError when it ends before it is ready, or takes too long.
     """
     args = ["run", *names] if names else ["node"]
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
-        heard.bind("")  # an abstract address of the kernel's choice
-        heard.setblocking(False)
-        address = "@" + heard.getsockname()[1:].decode()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notifications:
+        notifications.bind("")  # an abstract address of the kernel's choice
+        notifications.setblocking(False)
+        address = "@" + notifications.getsockname()[1:].decode()
         command = ["-m", "swarmd", *args, "--config", str(config_dir)]
         async with run_python(*command, env={**(env or {}), "NOTIFY_SOCKET": address}) as process:
-            await _ready(process, heard, ready_s)
+            await _ready(process, notifications, ready_s)
             yield process
 
 
-async def _ready(process: Process, heard: socket.socket, timeout_s: float) -> None:
+async def _ready(process: Process, notifications: socket.socket, timeout_s: float) -> None:
     loop = asyncio.get_running_loop()
     ended = asyncio.ensure_future(process.wait(timeout_s))
     try:
         while True:
-            word = asyncio.ensure_future(loop.sock_recv(heard, 4096))
+            word = asyncio.ensure_future(loop.sock_recv(notifications, 4096))
             done: Sequence[asyncio.Future[object]] = list(
                 (await asyncio.wait([word, ended], return_when=asyncio.FIRST_COMPLETED))[0]
             )

@@ -26,15 +26,15 @@ class VirtualTime:
         self._order = count()
 
     def at(self, when_ns: int, event: Callable[[], None]) -> None:
-        """Have it happen at an instant; one that is past happens next."""
+        """Schedule an event at an instant; a past one happens next."""
         heapq.heappush(self._events, (max(when_ns, self.now_ns), next(self._order), event))
 
     def after(self, delay_s: float, event: Callable[[], None]) -> None:
-        """Have it happen some time from now."""
+        """Schedule an event after a delay."""
         self.at(self.now_ns + round(delay_s * 1e9), event)
 
     def every(self, period_s: float, event: Callable[[], None], *, first_s: float | None = None) -> None:
-        """Have it happen again and again, first after `first_s`."""
+        """Schedule a periodic event, first after `first_s`."""
 
         def tick() -> None:
             self.after(period_s, tick)
@@ -43,7 +43,7 @@ class VirtualTime:
         self.after(period_s if first_s is None else first_s, tick)
 
     def call_later(self, delay: float, callback: Callable[[], None], /) -> "VirtualAlarm":
-        """Have it happen after so many seconds unless it is cancelled, as an event loop does."""
+        """Schedule an event that can be cancelled, as an event loop does."""
         alarm = VirtualAlarm(callback)
         self.after(delay, alarm)
         return alarm
@@ -67,7 +67,7 @@ class VirtualTime:
         )
 
     def step(self) -> bool:
-        """Let the next event happen; False when there is none."""
+        """Execute the next event; False when there is none."""
         if not self._events:
             return False
         self.now_ns, _, event = heapq.heappop(self._events)
@@ -75,13 +75,13 @@ class VirtualTime:
         return True
 
     def run_until(self, end_ns: int) -> None:
-        """Let everything happen up to an instant."""
+        """Execute all events up to an instant."""
         while self._events and self._events[0][0] <= end_ns:
             self.step()
         self.now_ns = max(self.now_ns, end_ns)
 
     def run_for(self, seconds: float) -> None:
-        """Let everything happen for some time."""
+        """Execute all events of the next seconds."""
         self.run_until(self.now_ns + round(seconds * 1e9))
 
 
@@ -97,7 +97,7 @@ class VirtualAlarm:
             callback()
 
     def cancel(self) -> None:
-        """It does not happen."""
+        """Cancel the scheduled event."""
         self._callback = None
 
 
@@ -116,7 +116,7 @@ class VirtualClock(Clock):
 
 
 class VirtualSwarm(VirtualTime, Generic[Name]):
-    """A network of named nodes with loss, delay, duplication and reordering; who hears whom may change.
+    """A network of named nodes with loss, delay, duplication and reordering; connectivity may change.
 
     `delay_s`: shortest and longest; unequal delays reorder. All chance comes from the seed.
     """
@@ -137,7 +137,7 @@ class VirtualSwarm(VirtualTime, Generic[Name]):
         self.duplicate = duplicate
         self.delay_s = delay_s
         self.link: Link[Name] = link or (lambda sender, receiver: True)
-        """Whether the receiver hears the sender now."""
+        """Whether the receiver is in range of the sender now."""
         self.counts: Counter[str] = Counter()
         """Datagrams sent, lost, duplicated, delivered; bytes sent."""
         self.sent_bytes: Counter[Name] = Counter()
@@ -149,21 +149,21 @@ class VirtualSwarm(VirtualTime, Generic[Name]):
         return tuple(self._handlers)
 
     def join(self, name: Name, handler: Handler[Name]) -> None:
-        """A node that takes datagrams: `handler(sender, data)`."""
+        """Add a node that receives datagrams with `handler(sender, data)`."""
         self._handlers[name] = handler
 
     def leave(self, name: Name) -> None:
-        """The node is gone; what is on its way to it is lost."""
+        """Remove a node; datagrams in flight to it are lost."""
         self._handlers.pop(name, None)
 
     def send(self, sender: Name, receiver: Name, data: bytes) -> None:
-        """One datagram to one node."""
+        """Send a datagram to one node."""
         self.counts["sent"] += 1
         self.sent_bytes[sender] += len(data)
         self._carry(sender, receiver, data)
 
     def multicast(self, sender: Name, data: bytes) -> None:
-        """One datagram to all who hear the sender; lost for each on its own."""
+        """Send a datagram to all nodes in range; each may lose it independently."""
         self.counts["sent"] += 1
         self.sent_bytes[sender] += len(data)
         for receiver in self.nodes:

@@ -223,11 +223,11 @@ class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Start of their clock: another one is another clock."""
     received_ns: Instant
     """Our clock at its arrival."""
-    least_ns: Instant
+    lower_ns: Instant
     """Their send time minus our receive time: their clock is at least so far ahead."""
     sent_ns: Instant = 0
     """Our clock when the datagram that they echo left."""
-    most_ns: Instant | None = None
+    upper_ns: Instant | None = None
     """Their receive time minus our send time of that one; None: no echo in this datagram."""
 
 

@@ -41,7 +41,7 @@ class Order(StrEnum):
 
     BEFORE = "before"
     AFTER = "after"
-    CANNOT_TELL = "cannot tell"
+    UNDECIDED = "cannot tell"
 
 
 @register
@@ -205,7 +205,7 @@ def compare(a_ns: int, a: Conversion | None, b_ns: int, b: Conversion | None) ->
         return Order.BEFORE
     if latest_b < earliest_a:
         return Order.AFTER
-    return Order.CANNOT_TELL
+    return Order.UNDECIDED
 
 
 @register

@@ -257,13 +257,13 @@ async def test_clock_differences_are_told_for_each_datagram(tmp_path: Path) -> N
         async with asyncio.timeout(10):
             async for batch in timing:
                 sample = batch.samples[0]
-                if sample.most_ns is not None:
+                if sample.upper_ns is not None:
                     break
         # both clocks are this machine's: the true difference is 0 and must lie between the bounds
         assert (sample.platform, sample.unit) == ("uav2", "main")
-        assert sample.least_ns <= 1000
-        assert sample.most_ns is not None
-        assert sample.most_ns >= -1000
+        assert sample.lower_ns <= 1000
+        assert sample.upper_ns is not None
+        assert sample.upper_ns >= -1000
         assert sample.boot_id == pair["uav2"].node.clock.boot_id
         assert sample.sent_ns < sample.received_ns
 

@@ -204,7 +204,7 @@ def test_a_service_that_does_not_finish_is_not_waited_for(setting: Setting) -> N
         (["stedy"], {}, 6, "did you mean steady?"),
         (["steady"], {"services/steady.toml": "start = -1"}, 7, "services/steady.toml: key start: expected"),
         (["steady"], {"services/steady.toml": "strat = 1"}, 7, "did you mean start?"),
-        (["steady"], {"node.toml": "platform = "}, 7, "node.toml: no valid TOML"),
+        (["steady"], {"node.toml": "platform = "}, 7, "node.toml: invalid TOML"),
         ([], {"node.toml": 'processes = "per-daemon"\nservices = ["steady"]'}, 7, "needs the guard"),
     ],
 )

@@ -141,7 +141,7 @@ class Partner:
             return
         self.asked += 1
         now_ns = self._remote.clock.now_ns()
-        offset_ns = -self._remote.sample().least_ns - DELAY_NS
+        offset_ns = -self._remote.sample().lower_ns - DELAY_NS
         node = self._module.node
         ours = Conversion(
             "uav1", "main", node.hardware, node.clock.boot_id, offset_ns, 0.0, now_ns, 90_000, 5_000, 1e-6, 0,

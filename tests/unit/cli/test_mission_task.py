@@ -64,13 +64,13 @@ def test_check_and_start_give_the_same_verdict(crowd: Path) -> None:
 
 
 def test_a_file_that_is_no_text_is_named_with_the_line(crowd: Path) -> None:
-    with pytest.raises(ConfigError, match=r"latin\.json: line 1: cannot be read: no UTF-8"):
+    with pytest.raises(ConfigError, match=r"latin\.json: line 1: cannot be read: not UTF-8"):
         task(str(crowd / "latin.json"), (), ())
     (verdict,) = check_all([str(crowd / "latin.json")])
     assert not verdict.sound
-    assert "no UTF-8" in verdict.findings[0].message
+    assert "not UTF-8" in verdict.findings[0].message
     (crowd / "a.json").write_bytes(b"\xff")
-    with pytest.raises(ConfigError, match=r"a\.json: line 1: cannot be read: no UTF-8"):
+    with pytest.raises(ConfigError, match=r"a\.json: line 1: cannot be read: not UTF-8"):
         task(str(crowd), (), ())
 
 

@@ -151,7 +151,7 @@ def test_roles_that_do_not_fit_are_named(name: str, text: str, words: str) -> No
         (MANIFEST.replace("air.json", "../air.json"), "file"),
         (MANIFEST.replace("air.json", "sea.json"), "'sea.json' of a role is missing"),
         (MANIFEST.replace('["uav"]', '["plane"]'), "kinds of role 'air'"),
-        (MANIFEST.replace('"air"', '"leader"'), "a name of its own"),
+        (MANIFEST.replace('"air"', '"leader"'), "unique names"),
         (MANIFEST + "[more]\n", "key more: unknown"),
     ],
 )

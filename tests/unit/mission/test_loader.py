@@ -138,7 +138,7 @@ CHANCE = {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": "b2", "n
         (
             {"type": "Takeoff", "alt": 3, "timeout": 3000, "timeout_s": 3},
             "/mission/b1/timeout_s",
-            "a time-out stands at 'timeout' already",
+            "'timeout' gives a time-out as well",
         ),
         ({"type": "Fork", "next": ["b2"], "nextTimeout": "b2"}, "/mission/b1/nextTimeout", "cannot time out"),
         ({"type": "Fork", "next": ["b2"], "nextError": "b2"}, "/mission/b1/nextError", "cannot fail"),
@@ -163,7 +163,7 @@ CHANCE = {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": "b2", "n
         ({"type": "Arm", "on": {"refused": 2}}, "/mission/b1/on/refused", "expected a block"),
         ({"type": "Arm", "on": []}, "/mission/b1/on", "expected {"),
         ({"type": "Arm", "nextError": []}, "/mission/b1/nextError", "expected a block"),
-        ({"type": "Arm", "nextError": "b2", "on": {"error": "b2"}}, "/mission/b1/on/error", "already"),
+        ({"type": "Arm", "nextError": "b2", "on": {"error": "b2"}}, "/mission/b1/on/error", "as well"),
         ({"type": "Fork", "next": "b2"}, "/mission/b1/next", "list of successors"),
         ({"type": "Fork", "next": ["b2", "b2"]}, "/mission/b1/next/1", "twice"),
         ({"type": "Decision", "cases": []}, "/mission/b1/cases", "expected a list"),

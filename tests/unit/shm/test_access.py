@@ -214,7 +214,7 @@ def test_a_member_cannot_start_a_node_that_nobody_runs(place: Callable[[int], Pl
     node = place(0o750)
     with owner():
         node.boot.leave()
-    with member(), pytest.raises(Denied, match="nobody runs this node"):
+    with member(), pytest.raises(Denied, match="this node does not run"):
         NodeIncarnation(node.run_dir, node.shm_dir)
 
 

@@ -46,7 +46,7 @@ def test_kind_and_rate_decide_how_a_value_travels(
         ({"path": "nav/pose", "type": "Pose", "rate_hz": -1.0}, "rate_hz"),
         ({"path": "nav/pose", "type": "Pose", "rate_hz": math.inf}, "rate_hz"),
         ({"path": "nav/pose", "type": "Pose", "max_age_s": math.nan}, "max_age_s"),
-        ({"path": "a", "type": "Float", "range": (2.0, 1.0)}, r"expected \[least, greatest\]"),
+        ({"path": "a", "type": "Float", "range": (2.0, 1.0)}, r"expected \[minimum, maximum\]"),
         ({"path": "a", "type": "Fault", "kind": Kind.EVENT, "link": "tick"}, "carries boards only"),
         ({"path": "a", "type": "Float", "kind": Kind.SETTING}, "expected the first value"),
         ({"path": "a", "type": "Float", "default": "fast"}, "expected Float"),

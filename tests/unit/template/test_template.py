@@ -101,7 +101,7 @@ def test_the_digest_follows_the_content_and_not_the_way_there(tmp_path: Path) ->
             '[resources.a]\ntype="Float"\n[resources."a/b"]\ntype="Float"\n',
             ["bad.toml", "a/b", "a has a value"],
         ),
-        ("[resources\n", ["bad.toml", "no valid TOML"]),
+        ("[resources\n", ["bad.toml", "invalid TOML"]),
         ("colour = 3\n", ["bad.toml", "colour", "unknown"]),
     ],
 )

@@ -1,4 +1,4 @@
-"""The master's duty: publishes the register of this computer, and removes what dead applications leave."""
+"""The master's task: publishes the register of this computer, and removes files of dead applications."""
 
 import asyncio
 import logging
@@ -28,11 +28,11 @@ from swarmware.types.register import Application, ApplicationTable
 
 PATH: Final = "register/apps"
 APPLICATIONS_LIMIT: Final = 64
-"""More than three times what a platform runs: the board stays under 3 kB."""
+"""Maximum applications in the table, three times the usual number: the board stays below 3 kB."""
 PAUSE_S: Final = 1.0
 """Minimum time between two tables: the start of twelve services is one or two changes, not twelve."""
 BUSY_S: Final = 0.01
-"""The last master may still be closing the board."""
+"""Pause before a retry while the former master is still closing the board."""
 
 log = logging.getLogger("swarm.master")
 
@@ -46,7 +46,7 @@ RESOURCE: Final = Resource(
 
 
 class Board(Protocol):
-    """Where the table is published: a `Publication`."""
+    """The board on which the table is published: a `Publication`."""
 
     @property
     def sequence(self) -> int: ...
@@ -55,7 +55,7 @@ class Board(Protocol):
 
 
 class NodeServices(Protocol):
-    """What the master needs of its node."""
+    """Interface of the node that the master uses."""
 
     run_dir: Path
     shm_dir: Path
@@ -75,7 +75,7 @@ class Master:
     """The candidature of this process; a watcher of the node: `poll` when the doorbell has rung.
 
     `apps_table`: the doorbells that are rung when applications join, leave or change. A process that is not a
-    `candidate`, because the node belongs to another user, never gets the role and does not know who has it.
+    `candidate`, because the node belongs to another user, never gets the role and does not know its holder.
     """
 
     def __init__(self, node: NodeServices, unit: str, apps_table: Path, *, candidate: bool = True) -> None:
@@ -113,7 +113,7 @@ class Master:
 
     @property
     def holder(self) -> Holder:
-        """Who is the master."""
+        """The process that is the master."""
         return NOBODY if self._role is None else self._role.holder
 
     def volunteer(self, label: str) -> None:
@@ -141,7 +141,7 @@ class Master:
                 self._changed()
 
     def table(self, *, full: bool) -> ApplicationTable:
-        """The register of this computer; `full`: with endpoints and served paths, as it is not published."""
+        """The register of this computer; `full`: with endpoints and served paths, which are not published."""
         self._apps.refresh()
         entries = list(self._apps)
         holder = self.holder
@@ -158,7 +158,7 @@ class Master:
         )
 
     def close(self) -> None:
-        """Give the role back."""
+        """Release the role of the master."""
         if self._role is not None:
             self._role.close()
             self._node.unlisten(self._master_table)
@@ -230,7 +230,7 @@ class Master:
     def _remove_traces(self, pid: int) -> None:
         """Remove its socket and doorbells, so that restarts over months do not fill the folders."""
         if start_ticks(pid):
-            return  # the number has a new owner already
+            return  # the pid belongs to a new process already
         for path in paths.sockets(self._node.run_dir).glob(f"{pid}-*.sock"):
             path.unlink(missing_ok=True)
         bells = paths.doorbells(self._node.run_dir)
@@ -245,7 +245,7 @@ class Master:
             try:
                 fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
             except OSError:
-                continue  # gone, or none of ours
+                continue  # removed meanwhile, or not an application file
             try:
                 if try_lock(fd) and stands_at(fd, path):
                     set_aside(path)

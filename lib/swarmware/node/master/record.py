@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 _RECORD: Final = struct.Struct("<QIQ48sI")
-"""epoch, pid, start of the process in ticks, label, CRC-32 of what stands before it."""
+"""epoch, pid, start of the process in ticks, label, CRC-32 of the preceding bytes."""
 
 _WANT: Final = struct.Struct("<IQ")
 """pid and start in ticks of the preferred process that waits; 0: none."""
@@ -21,7 +21,7 @@ class Holder(NamedTuple):
     epoch: int
     """Fencing number: one more with each take-over, also over restarts of the node."""
     pid: int
-    """0: it gave the role back."""
+    """pid of the holder; 0: it has released the role."""
     pid_start: int
     label: str
 
@@ -30,7 +30,7 @@ NOBODY: Final = Holder(0, 0, 0, "")
 
 
 class RecordFile:
-    """The file; `fd` is what is locked. It is read and written, not mapped: cutting it ends nobody."""
+    """The file whose descriptor is locked. It is not mapped: a truncation does not end a process."""
 
     def __init__(self, path: Path) -> None:
         self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
@@ -53,7 +53,7 @@ class RecordFile:
         return Holder(epoch, pid, pid_start, label.rstrip(b"\0").decode("utf-8", "replace"))
 
     def write_holder(self, holder: Holder) -> None:
-        """Only for the process that has the lock."""
+        """Write the holder; only the process that has the lock may call it."""
         data = _RECORD.pack(holder.epoch, holder.pid, holder.pid_start, holder.label.encode()[:48], 0)
         os.pwrite(self.fd, data[:-4] + zlib.crc32(data[:-4]).to_bytes(4, "little"), 0)
 

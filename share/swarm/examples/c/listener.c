@@ -144,7 +144,7 @@ static bool stands_at(int fd, const char *path) {
 }
 static void join_node(void) { /* the lock ends with this process */
     int fd = open(text("%s/boot", run_dir), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0 || !flock(fd, LOCK_EX | LOCK_NB)) die("%s: nobody runs this node; expected its services", run_dir);
+    if (fd < 0 || !flock(fd, LOCK_EX | LOCK_NB)) die("%s: this node does not run; expected its services", run_dir);
     flock(fd, LOCK_SH);
 }
 
