@@ -37,7 +37,7 @@ class HardwareClock(Protocol):
 
 
 class Alarm(Protocol):
-    """A scheduled call."""
+    """A scheduled call that can be cancelled."""
 
     def cancel(self) -> None:
         """Cancel the scheduled call."""
