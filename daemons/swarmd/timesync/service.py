@@ -5,7 +5,6 @@ platforms out of direct range it requests the functions of the neighbours on the
 """
 
 import asyncio
-import contextlib
 
 from swarmd.timesync import config as settings
 from swarmd.timesync.core import (
@@ -17,9 +16,10 @@ from swarmd.timesync.core import (
     TimeCore,
     UnitRebooted,
 )
+from swarmd.timesync.exchange import Action as ExchangeAction
+from swarmd.timesync.exchange import ExchangeCore, ReadRoutes, RequestFunctions
 from swarmd.timesync.peer import Exchange
 from swarmware.errors import SwarmError
-from swarmware.module.board import BoardReader
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.stream import StreamReader
@@ -28,16 +28,6 @@ from swarmware.service.service import Service
 from swarmware.types.net import Routes, TimingBatch, TimingSample
 from swarmware.types.rpc import Empty
 from swarmware.types.time import TimeFunctions
-
-ASK_S = 10.0
-"""Period of the requests to a neighbour: within 10 s the random walk of a quartz is below 0.1 µs."""
-ASK_FIRST_S = 2.0
-"""The same while a function is missing or new; also the time to wait for a direct exchange."""
-
-YOUNG_SAMPLES = 30
-"""Number of exchanges below which a function still improves much."""
-MEASURED_DIRECTLY_NS = 10_000_000_000
-"""Silence after which a platform is converted over others: its own function ages."""
 
 
 class TimeSync(Service):
@@ -60,9 +50,12 @@ class TimeSync(Service):
             first_epoch=(node.clock.now_ns() // 1_000_000_000) & 0xFFFF_FFFF,
         )
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
+        self._exchange = ExchangeCore(self._core, config, node.clock.now_ns())
+        self._exchange_driver = self.drive(self._exchange, self._perform_exchange)
+        self._requests: asyncio.Queue[str] = asyncio.Queue()
+        """Platforms whose functions are requested, one after the other."""
+        self._routes = module.reader("net/routes", Routes)
         self._board: BoardWriter[TimeFunctions] | None = None
-        self._met = asyncio.Event()
-        """Set when a neighbour has a clock that cannot be measured yet."""
 
     async def run(self) -> None:
         """Estimates, publishes and exchanges functions until cancelled."""
@@ -86,8 +79,8 @@ class TimeSync(Service):
         async with asyncio.TaskGroup() as group:
             group.create_task(self._driver.run(), name="time: driver")
             group.create_task(self._measure(timing), name="time: measure")
-            routes = module.reader("net/routes", Routes)
-            group.create_task(self._exchange(routes), name="time: exchange")
+            group.create_task(self._exchange_driver.run(), name="time: exchange")
+            group.create_task(self._request_functions(), name="time: requests")
 
     async def _measure(self, timing: StreamReader[TimingBatch]) -> None:
         async for batch in timing:
@@ -102,7 +95,7 @@ class TimeSync(Service):
 
     def _settled(self) -> None:
         if self._core.unmeasured():
-            self._met.set()
+            self._exchange_driver.feed()  # the deadline of the next round may be earlier now
 
     def _perform(self, action: Action) -> None:
         log = self.module.log
@@ -126,40 +119,26 @@ class TimeSync(Service):
         if self._board is not None:
             self._board.write(functions)
 
-    async def _exchange(self, routes: BoardReader[Routes]) -> None:
-        """Requests functions of neighbours that cannot be measured yet, and of those on routes to others."""
-        pause_s = ASK_FIRST_S
+    def _perform_exchange(self, action: ExchangeAction) -> None:
+        match action:
+            case ReadRoutes():
+                now_ns = self.module.now_ns()
+                self._exchange_driver.feed(self._exchange.on_routes_read(self._routes.value, now_ns))
+            case RequestFunctions(platform):
+                self._requests.put_nowait(platform)
+
+    async def _request_functions(self) -> None:
         while True:
-            self._met.clear()
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._met.wait(), pause_s)
-            unmeasured = self._core.unmeasured()
-            far = self._far(routes.value) if self.config.compose else {}
-            for platform in sorted(unmeasured | self._core.stated() | set(far.values())):
-                await self._ask(platform)
-            functions = self._core.functions(self.module.now_ns())
-            found = [functions.of(platform) for platform in far]
-            young = any(one is None or one.samples < YOUNG_SAMPLES for one in found)
-            pause_s = ASK_FIRST_S if young or not far or unmeasured else ASK_S
-            if unmeasured & self._core.unmeasured():
-                await asyncio.sleep(ASK_FIRST_S)  # they have no function either: `_met` is set again at once
-
-    def _far(self, known: Routes | None) -> dict[str, str]:
-        """Platforms out of direct range, each with the measured neighbour on the route to it."""
-        measured = self._core.measured_since(self.module.now_ns() - MEASURED_DIRECTLY_NS)
-        return {
-            route.platform: route.via
-            for route in (known.routes if known is not None else ())
-            if route.hops > 1 and route.platform not in measured and route.via in measured
-        }
-
-    async def _ask(self, platform: str) -> None:
-        try:
-            received = await self.module.request(f"/{platform}/sys/time/functions", Empty(), TimeFunctions)
-        except SwarmError as error:
-            self.module.log.debug("functions of %s: %s", platform, error)
-            return
-        self._driver.feed(self._core.on_functions(received, self.module.now_ns()))
+            platform = await self._requests.get()
+            try:
+                received = await self.module.request(
+                    f"/{platform}/sys/time/functions", Empty(), TimeFunctions
+                )
+            except SwarmError as error:
+                self.module.log.debug("functions of %s: %s", platform, error)
+            else:
+                self._driver.feed(self._core.on_functions(received, self.module.now_ns()))
+            self._exchange_driver.feed(self._exchange.on_request_ended(platform, self.module.now_ns()))
 
     def _on_request(self, _: Empty, __: Meta) -> TimeFunctions:
         return self._core.functions(self.module.now_ns())
