@@ -1,4 +1,4 @@
-"""The one contract of a core (share/doc/adr/0021): who has `on_timer` has all of it, and a shell only performs."""
+"""The contract of a core (ADR 21): a class with `on_timer` has all of it, and takes the daemon's settings."""
 
 import importlib
 import inspect
@@ -13,11 +13,6 @@ import pytest
 import swarmd
 import swarmware
 from swarmware.runtime.core import Core
-
-OTHERS: Final = {
-    ("swarmd.broker.links.udp", "Udp"): "a socket, whose timer is the event loop's",
-}
-"""Classes that look like a core and are none, each with the reason."""
 
 
 def modules() -> Iterator[ModuleType]:
@@ -36,11 +31,7 @@ def classes() -> Iterator[type]:
                 yield cls
 
 
-CORES: Final = [
-    cls
-    for cls in classes()
-    if "on_timer" in vars(cls) and cls is not Core and (cls.__module__, cls.__name__) not in OTHERS
-]
+CORES: Final = [cls for cls in classes() if "on_timer" in vars(cls) and cls is not Core]
 
 
 def methods(cls: type) -> dict[str, inspect.Signature]:

@@ -68,7 +68,7 @@ class Navigator(Service):
                     current = changed
                     navigator.set_config(current)
             self._inputs.feed(navigator, now_ns)
-            step = navigator.on_timer(now_ns)
+            step = navigator.step(now_ns)
             self._setpoints.write(step.setpoint, now_ns)
             if step.pose is not None:
                 self._poses.write(step.pose, now_ns)

@@ -19,7 +19,7 @@ MEASURED_DIRECTLY_NS: Final = 10_000_000_000
 """Silence after which a platform is converted over others: its own function ages."""
 
 
-class ReadRoutes(msgspec.Struct, frozen=True):
+class ReadRouteTable(msgspec.Struct, frozen=True):
     """Action: read the table of routes, then call `on_routes_read`."""
 
 
@@ -29,7 +29,7 @@ class RequestFunctions(msgspec.Struct, frozen=True):
     platform: str
 
 
-Action = ReadRoutes | RequestFunctions
+Action = ReadRouteTable | RequestFunctions
 
 
 class ExchangeCore:
@@ -57,9 +57,9 @@ class ExchangeCore:
         return min(self._next_ns, self._missing_ns) if self._time.unmeasured() else self._next_ns
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Begins a round."""
+        """Begins a round of requests."""
         self._is_round = True
-        return [ReadRoutes()]
+        return [ReadRouteTable()]
 
     def on_routes_read(self, table: Routes | None, now_ns: int) -> list[Action]:
         """Requests the functions that are missing or have to be renewed. None: there are no routes yet."""

@@ -17,7 +17,7 @@ from swarmd.timesync.core import (
     UnitRebooted,
 )
 from swarmd.timesync.exchange import Action as ExchangeAction
-from swarmd.timesync.exchange import ExchangeCore, ReadRoutes, RequestFunctions
+from swarmd.timesync.exchange import ExchangeCore, ReadRouteTable, RequestFunctions
 from swarmd.timesync.peer import Exchange
 from swarmware.errors import SwarmError
 from swarmware.module.meta import Meta
@@ -121,7 +121,7 @@ class TimeSync(Service):
 
     def _perform_exchange(self, action: ExchangeAction) -> None:
         match action:
-            case ReadRoutes():
+            case ReadRouteTable():
                 now_ns = self.module.now_ns()
                 self._exchange_driver.feed(self._exchange.on_routes_read(self._routes.value, now_ns))
             case RequestFunctions(platform):

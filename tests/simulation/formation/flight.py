@@ -74,7 +74,7 @@ class Vehicle:
             self._simulate(now_ns)
         if now_ns >= self._next_nav_ns:
             self._next_nav_ns += 50_000_000
-            step = self.navigator.on_timer(now_ns)
+            step = self.navigator.step(now_ns)
             self.told = step.pose
             self.simulation.on_setpoint(step.setpoint, now_ns)
             self.status = step.status or self.status

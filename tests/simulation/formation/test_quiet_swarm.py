@@ -75,7 +75,7 @@ class Platform:
                 self.navigator.on_gnss(sample.gnss, now_ns)
             if sample.vehicle is not None:
                 self.navigator.on_vehicle(sample.vehicle)
-        step = self.navigator.on_timer(now_ns)
+        step = self.navigator.step(now_ns)
         self.simulation.on_setpoint(step.setpoint, now_ns)
         if step.pose is not None:
             self.stated = step.pose.pack()

@@ -31,8 +31,8 @@ def test_a_whole_life_with_its_times_and_its_freeze_frame() -> None:
     healed = book.on_passed("battery", 4 * SECOND)
     assert healed is not None
     assert (healed.phase, healed.last_ns) == (Phase.HEALED, 3 * SECOND)
-    assert book.on_timer(9 * SECOND - 1) == []
-    assert [fault.phase for fault in book.on_timer(9 * SECOND)] == [Phase.CLEARED]
+    assert book.advance(9 * SECOND - 1) == []
+    assert [fault.phase for fault in book.advance(9 * SECOND)] == [Phase.CLEARED]
     assert book.open() == ()
     assert [fault.check for fault in book.cleared()] == ["battery"]
 
@@ -44,7 +44,7 @@ def test_one_that_comes_back_before_it_is_cleared_is_counted() -> None:
     again = book.on_failed(LOW, 2 * SECOND, confirmed=True)
     assert again is not None
     assert (again.phase, again.count, again.first_ns) == (Phase.CONFIRMED, 2, 0)
-    assert book.on_timer(60 * SECOND) == []
+    assert book.advance(60 * SECOND) == []
 
 
 def test_one_that_gets_worse_is_told_again() -> None:
@@ -79,7 +79,7 @@ def test_faults_survive_the_monitor() -> None:
     heir = FaultTable(5)
     heir.restore(book.open(), 3)
     assert heir.open() == book.open()
-    assert [fault.check for fault in heir.on_timer(3 + 5 * SECOND)] == ["motor"]
+    assert [fault.check for fault in heir.advance(3 + 5 * SECOND)] == ["motor"]
 
 
 @given(st.lists(st.tuples(st.sampled_from(["bad", "seen", "good", "time", "forget"]), st.integers(0, 9))))
@@ -96,7 +96,7 @@ def test_the_history_is_bounded_and_counts_never_fall(events: list[tuple[str, in
             case "good":
                 book.on_passed(check, now_ns)
             case "time":
-                book.on_timer(now_ns)
+                book.advance(now_ns)
             case _:
                 book.withdraw(check, now_ns)
         for fault in book.open():

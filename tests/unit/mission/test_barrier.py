@@ -32,7 +32,7 @@ class Ensemble:
             for name, board in boards.items():
                 if name != hearer and name not in silent:
                     barriers.on_state(name, board, board.meetings, now_ns)
-        return {name: barriers.on_timer(now_ns) for name, barriers in self.of.items()}
+        return {name: barriers.advance(now_ns) for name, barriers in self.of.items()}
 
     def arrive(self, *names: str, gate: BarrierSpec = GATE, now_ns: int = 0) -> None:
         for name in names:
@@ -50,8 +50,8 @@ def test_all_leave_at_the_time_the_first_member_names() -> None:
     assert e.of["a"].results == (BarrierResult("x", 1, S + LEAD, 0),)
     assert outcomes(e.talk(S + 1)) == {}
     assert {b.deadline_ns() for b in e.of.values()} == {S + LEAD}
-    assert all(b.on_timer(S + LEAD - 1) == [] for b in e.of.values())
-    assert outcomes({n: b.on_timer(S + LEAD) for n, b in e.of.items()}) == dict.fromkeys(NAMES, "ok")
+    assert all(b.advance(S + LEAD - 1) == [] for b in e.of.values())
+    assert outcomes({n: b.advance(S + LEAD) for n, b in e.of.items()}) == dict.fromkeys(NAMES, "ok")
 
 
 def test_nobody_leaves_before_all_are_there() -> None:
@@ -89,7 +89,7 @@ def test_a_time_out_at_one_breaks_the_barrier_for_all_who_wait() -> None:
     assert e.of["a"].deadline_ns() == 3 * S + 1  # silence of the others would break it earlier
     for second in range(1, 10):
         assert outcomes(e.talk(second * S)) == {}
-    assert e.of["a"].on_timer(10 * S) == [Passed(1, result("timeout"), "without c")]
+    assert e.of["a"].advance(10 * S) == [Passed(1, result("timeout"), "without c")]
     assert outcomes(e.talk(10 * S + 1)) == {"b": "error:broken"}
     e.arrive("c", now_ns=11 * S)
     assert outcomes(e.talk(11 * S)) == {"c": "error:broken"}
@@ -100,7 +100,7 @@ def test_a_member_that_is_silent_for_too_long_breaks_the_barrier() -> None:
     e.arrive("a", "b")
     for second in (1, 2, 3):
         assert outcomes(e.talk(second * S, silent=("c",))) == {}
-    assert e.of["a"].on_timer(3 * S + 1) == [Passed(1, result("error:broken"), "without c")]
+    assert e.of["a"].advance(3 * S + 1) == [Passed(1, result("error:broken"), "without c")]
 
 
 def test_a_member_whose_computer_is_alive_gets_three_times_as_long() -> None:
@@ -110,8 +110,8 @@ def test_a_member_whose_computer_is_alive_gets_three_times_as_long() -> None:
         e.of["a"].on_alive("c", second * S)
         e.of["b"].on_alive("c", second * S)
         assert outcomes(e.talk(second * S, silent=("c",))) == {}
-    assert e.of["a"].on_timer(9 * S) == []
-    assert outcomes({"a": e.of["a"].on_timer(9 * S + 1)}) == {"a": "error:broken"}
+    assert e.of["a"].advance(9 * S) == []
+    assert outcomes({"a": e.of["a"].advance(9 * S + 1)}) == {"a": "error:broken"}
 
 
 def test_a_member_that_failed_breaks_the_barrier_at_once() -> None:
@@ -129,7 +129,7 @@ def test_a_member_that_started_anew_breaks_the_barrier() -> None:
     e.arrive("a", "b")
     for name in ("a", "b"):
         e.of[name].on_state("c", MissionState(0, "", "idle"), (), 2 * S)
-    assert outcomes({n: e.of[n].on_timer(2 * S) for n in ("a", "b")}) == dict.fromkeys("ab", "error:broken")
+    assert outcomes({n: e.of[n].advance(2 * S) for n in ("a", "b")}) == dict.fromkeys("ab", "error:broken")
 
 
 def test_the_state_of_another_run_is_no_arrival() -> None:
@@ -175,7 +175,7 @@ def test_what_the_first_member_says_at_first_hand_wins() -> None:
     c.on_state("b", e.board("b"), (BarrierResult("x", 1, 700, 0),), 4)
     assert c.deadline_ns() == 601
     c.on_state("b", e.board("b"), (BarrierResult("x", 1, None, 1),), 5)
-    assert c.on_timer(5) == [Passed(1, result("error:broken"), "without a, b")]
+    assert c.advance(5) == [Passed(1, result("error:broken"), "without a, b")]
 
 
 def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
@@ -191,14 +191,14 @@ def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
 def test_a_member_alone_does_not_wait() -> None:
     alone = Barriers("a", MEMBERS[:1], 7, 3 * S, lambda: LEAD)
     alone.arrive(1, GATE, 5)
-    assert alone.on_timer(5) == [Passed(1, result("ok"))]
+    assert alone.advance(5) == [Passed(1, result("ok"))]
 
 
 def test_a_stranger_is_not_listened_to() -> None:
     e = Ensemble()
     e.arrive("a")
     e.of["a"].on_state("z", MissionState(7, "h", "running"), (BarrierResult("x", 1, 5, 0),), 5)
-    assert e.of["a"].on_timer(6) == []
+    assert e.of["a"].advance(6) == []
 
 
 def with_a_station(strict: frozenset[str] = frozenset()) -> Ensemble:
@@ -248,7 +248,7 @@ def test_what_a_ground_station_gave_up_waiting_for_is_not_broken() -> None:
     c.arrive(1, BarrierSpec("x", 1, timeout_s=5.0), 0)
     for name in ("a", "b"):
         c.on_alive(name, 5 * S)
-    assert c.on_timer(5 * S)[0].result.label in {"timeout", "error:broken"}
+    assert c.advance(5 * S)[0].result.label in {"timeout", "error:broken"}
     assert c.results[0].leave_ns is None
     e.arrive("a", "b", now_ns=5 * S)
     for now in (5 * S, 5 * S + 1):
@@ -270,7 +270,7 @@ def test_a_loss_that_broke_nothing_is_no_deadline_any_more() -> None:
     a.arrive(1, BarrierSpec("x", 1), 0)
     for second in range(1, 6):
         a.on_state("b", e.board("b"), (), second * S)
-    assert a.on_timer(5 * S) == []
+    assert a.advance(5 * S) == []
     deadline = a.deadline_ns()
     assert deadline is not None
     assert deadline > 5 * S
@@ -282,11 +282,11 @@ def test_a_member_that_hears_of_the_opening_half_a_second_late_takes_the_alterna
     e.talk(S)
     opening = e.board("a")
     # the others do not know yet
-    assert outcomes({n: b.on_timer(S + LEAD) for n, b in e.of.items()}) == {"a": "ok"}
+    assert outcomes({n: b.advance(S + LEAD) for n, b in e.of.items()}) == {"a": "ok"}
     e.of["b"].on_state("a", opening, opening.meetings, S + LEAD)
-    assert e.of["b"].on_timer(S + LEAD + S // 2) == [Passed(1, result("ok"))]
+    assert e.of["b"].advance(S + LEAD + S // 2) == [Passed(1, result("ok"))]
     e.of["c"].on_state("a", opening, opening.meetings, 2 * S)
-    assert e.of["c"].on_timer(2 * S) == [Passed(1, result("error:broken"), "the others left 0.8 s ago")]
+    assert e.of["c"].advance(2 * S) == [Passed(1, result("error:broken"), "the others left 0.8 s ago")]
 
 
 def test_a_meeting_that_everybody_has_forgotten_is_over_for_one_who_comes_to_it_now() -> None:

@@ -82,8 +82,8 @@ def test_a_pause_ends_by_itself_at_its_time() -> None:
     p = player(net(s="Start>w", w="Wait>e", e="End"))
     p.start(5 * S)
     assert p.deadline_ns() == 6 * S
-    assert p.on_timer(6 * S - 1) == []
-    assert short(p.on_timer(6 * S)) == ["done"]
+    assert p.advance(6 * S - 1) == []
+    assert short(p.advance(6 * S)) == ["done"]
     assert p.deadline_ns() is None
 
 
@@ -127,7 +127,7 @@ def test_a_join_waits_for_all_its_branches_each_time() -> None:
 def test_an_end_cancels_what_still_runs_and_waits_for_it() -> None:
     p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e2", e="End", e2="End"))
     p.start(0)
-    assert short(p.on_timer(S)) == ["cancel 1"]
+    assert short(p.advance(S)) == ["cancel 1"]
     assert p.stopping
     assert short(p.on_ended(1, result("cancelled"), S)) == ["done"]
 
@@ -167,23 +167,23 @@ def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() 
     )
     p.start(0)
     assert p.deadline_ns() == 3 * S
-    assert short(p.on_timer(3 * S)) == ["cancel 1"]
+    assert short(p.advance(3 * S)) == ["cancel 1"]
     assert short(p.on_ended(1, result("cancelled"), 3 * S + 5)) == ["start x 2"]
 
 
 def test_a_time_out_without_a_successor_fails_the_mission() -> None:
     p = player(net(s="Start>a", a={**ARM, "timeout_s": 3}, e="End"))
     p.start(0)
-    p.on_timer(3 * S)
+    p.advance(3 * S)
     assert short(p.on_ended(1, result("cancelled"), 3 * S)) == ["failed: a ended with timeout"]
 
 
 def test_a_block_that_does_not_end_when_cancelled_is_abandoned() -> None:
     p = player(net(s="Start>a", a={**ARM, "timeout_s": 1}, e="End"))
     p.start(0)
-    p.on_timer(S)
+    p.advance(S)
     assert p.deadline_ns() == S + CANCEL_NS
-    actions = p.on_timer(S + CANCEL_NS)
+    actions = p.advance(S + CANCEL_NS)
     assert short(actions) == ["failed: a ended with timeout"]
     assert "a abandoned" in steps(actions)
     assert p.on_ended(1, result("ok"), 9 * S) == []
@@ -233,7 +233,7 @@ def test_each_visit_of_a_barrier_is_counted() -> None:
 def test_an_end_may_say_that_the_mission_failed() -> None:
     p = player(net(s="Start>w", w="Wait>e", e={"type": "End", "result": "failed"}))
     p.start(0)
-    assert short(p.on_timer(S)) == ["failed: came to e"]
+    assert short(p.advance(S)) == ["failed: came to e"]
 
 
 def test_a_mission_that_is_stopped_says_why_once_all_is_quiet() -> None:
@@ -247,7 +247,7 @@ def test_a_mission_that_is_stopped_says_why_once_all_is_quiet() -> None:
 def test_an_unsound_mission_fails_instead_of_doubling_a_block() -> None:
     p = player(net(s="Start>f", f="Fork>w,v", w="Wait>a", v="Wait>a", a=ARM, e="End"))
     p.start(0)
-    actions = p.on_timer(S)
+    actions = p.advance(S)
     assert short(actions) == ["start a 3", "cancel 3"]
     assert short(p.on_ended(3, result("cancelled"), S)) == ["failed: a was entered again while it still ran"]
 

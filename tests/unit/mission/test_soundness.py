@@ -135,7 +135,7 @@ def test_what_the_check_lets_through_the_player_goes_through() -> None:
     assert remarks(fits) == []
     player = Player(load(fits, "m.json", HERE), None, lambda: 0.4, count(1))  # type: ignore[arg-type]  # no conditions
     player.start(0)
-    assert player.on_timer(1_000_000_000)[-1] == PlayEnded(PlayResult.DONE)
+    assert player.advance(1_000_000_000)[-1] == PlayEnded(PlayResult.DONE)
     assert [r.rule for r in remarks(net(s="Start>w", w="Wait>d0", **decisions(998, "e"), e="End"))] == [
         "instant-chain"
     ]

@@ -121,7 +121,7 @@ def play(mission: MissionDefinition, chance: Random) -> str:
         token = chance.choice(ways)
         if token == 0:
             now_ns = max(now_ns, due_ns or 0)
-            actions = player.on_timer(now_ns)
+            actions = player.advance(now_ns)
             continue
         block = running.pop(token)
         outcomes = ["ok", "ok", *(f"error:{kind}" for kind in block.spec.errors)]

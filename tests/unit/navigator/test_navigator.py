@@ -61,7 +61,7 @@ class Rig:
                 self.navigator.on_gnss(fix, self.now_ns)
             for name, pose in self.neighbours.items():
                 self.navigator.on_neighbour(name, pose, self.now_ns)
-            self.last = self.navigator.on_timer(self.now_ns)
+            self.last = self.navigator.step(self.now_ns)
             if self.last.status is not None:
                 self.status = self.last.status
                 self.said.append(self.status)
@@ -364,8 +364,8 @@ def test_a_vehicle_at_rest_finds_its_pose_with_samples_at_the_rate_of_rest() -> 
         rig.now_ns += round(1e9 / Config().rest_hz)
         rig.navigator.on_imu(Imu(0.0, 0.0, 0.0, 0.0, 0.0, 9.80665, 0.0), rig.now_ns)
         rig.navigator.on_gnss(GnssFix(*rig.map.to_wgs84(0.0, 0.0, 0.0), 0.02, 12), rig.now_ns)
-        rig.last = rig.navigator.on_timer(rig.now_ns)
+        rig.last = rig.navigator.step(rig.now_ns)
     pose = rig.last.pose
     assert pose is not None
     assert (pose.vx_m_s, pose.vy_m_s) == (0.0, 0.0)
-    assert rig.navigator.on_timer(rig.now_ns + 1).pose is pose, "at rest it states the same pose again"
+    assert rig.navigator.step(rig.now_ns + 1).pose is pose, "at rest it states the same pose again"

@@ -171,7 +171,7 @@ def test_whoever_is_armed_and_climbs_is_not_held_for_one_step() -> None:
         truth, _ = parked.truth()
         navigator.on_imu(parked.sensors.imu(truth, (0.0, 0.0, 0.0)), parked.ms * MS)
         navigator.on_gnss(parked.sensors.gnss(truth, 0.1), parked.ms * MS)
-        return navigator.on_timer(parked.ms * MS).pose
+        return navigator.step(parked.ms * MS).pose
 
     stated = {step() for _ in range(100)}
     stated = {step() for _ in range(100)}

@@ -10,7 +10,7 @@ from swarmd.timesync.exchange import (
     YOUNG_SAMPLES,
     Action,
     ExchangeCore,
-    ReadRoutes,
+    ReadRouteTable,
     RequestFunctions,
 )
 from swarmd.timesync.peer import Exchange
@@ -40,7 +40,7 @@ class Rig:
     def perform(self, action: Action) -> None:
         now_ns = self.virtual.now_ns
         match action:
-            case ReadRoutes():
+            case ReadRouteTable():
                 self.driver.feed(self.core.on_routes_read(self.routes, now_ns))
             case RequestFunctions(platform):
                 self.requested.append((now_ns / SECOND, platform))

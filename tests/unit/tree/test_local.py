@@ -44,11 +44,11 @@ def test_what_no_template_names_is_added_and_goes_lost_then_expired_with_its_own
     assert one.deadline_ns() is None
     assert not one.set_live([], 5 * S)
     assert one.deadline_ns() == 7 * S
-    assert not one.on_timer(7 * S - 1)
-    assert one.on_timer(7 * S)
+    assert not one.advance(7 * S - 1)
+    assert one.advance(7 * S)
     assert paths(one)["plan/step"] is True
     assert one.deadline_ns() == 17 * S
-    assert one.on_timer(17 * S)
+    assert one.advance(17 * S)
     assert "plan/step" not in paths(one)
     assert one.deadline_ns() is None
 
@@ -68,7 +68,7 @@ def test_an_owner_that_comes_back_late_finds_its_resource() -> None:
     one.set_live([EXTRA], 0)
     digest = one.digest
     one.set_live([], 1 * S)
-    one.on_timer(3 * S)
+    one.advance(3 * S)
     assert one.digest != digest
     assert one.set_live([EXTRA], 4 * S)
     assert one.digest == digest
@@ -80,9 +80,9 @@ def test_what_the_template_names_is_as_planned_again_when_its_owner_stays_away()
     one.set_live([Resource(path="power/battery", type="BatteryState", owner="driver2")], 0)
     assert one.digest != digest
     one.set_live([], 0)
-    one.on_timer(2 * S)
+    one.advance(2 * S)
     assert paths(one)["power/battery"] is True
-    one.on_timer(12 * S)
+    one.advance(12 * S)
     assert one.digest == digest
 
 
@@ -127,7 +127,7 @@ def test_whoever_has_a_former_structure_gets_the_changes_since() -> None:
     held = Index(one.index)
     one.set_live([EXTRA], 0)
     one.set_live([], 0)
-    one.on_timer(2 * S)
+    one.advance(2 * S)
     reply = ask(one, held.digest)
     assert reply.form is StructureEncoding.CHANGES
     structure.decode(reply.data).apply(held)

@@ -130,7 +130,7 @@ class FaultTable:
         healed = self.on_passed(check, now_ns)
         return self._clear(check) if check in self._open else healed
 
-    def on_timer(self, now_ns: int) -> list[Fault]:
+    def advance(self, now_ns: int) -> list[Fault]:
         """Clear faults whose clear time is over."""
         due = [check for check, at_ns in self._clear_at_ns.items() if at_ns <= now_ns]
         return [self._clear(check) for check in due]

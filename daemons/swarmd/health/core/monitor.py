@@ -384,7 +384,7 @@ class MonitorCore:
             for fault in self.faults.open():
                 if not self._has_check(fault.check):
                     self._announce(self.faults.withdraw(fault.check, now_ns))
-        for fault in self.faults.on_timer(now_ns):
+        for fault in self.faults.advance(now_ns):
             self._announce(fault)
         return self._take_actions()
 

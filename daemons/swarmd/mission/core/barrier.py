@@ -164,7 +164,7 @@ class Barriers:
         """This member does not wait at that barrier any more."""
         self._waiting.pop(token, None)
 
-    def on_timer(self, now_ns: int) -> list[Passed]:
+    def advance(self, now_ns: int) -> list[Passed]:
         """Returns the waits that have ended; call it after every event and at the deadline."""
         passed: list[Passed] = []
         self._judged_ns = now_ns
@@ -176,7 +176,7 @@ class Barriers:
         return passed
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called."""
+        """When `advance` must be called."""
         instants: list[int] = []
         for waiting in self._waiting.values():
             known = self._known.get((waiting.spec.barrier, waiting.spec.visit))

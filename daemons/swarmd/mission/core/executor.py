@@ -221,7 +221,7 @@ class MissionExecutor:
     def on_timer(self, now_ns: int) -> list[Action]:
         """Handles time-outs, common times, lost members and requirements."""
         if self._player is not None:
-            self._feed(self._player.on_timer(now_ns), now_ns)
+            self._feed(self._player.advance(now_ns), now_ns)
             self._empty_queue(now_ns)
         if self._phase is MissionPhase.RUNNING and self._check_ns is not None and self._check_ns <= now_ns:
             self._check_ns += CHECK_NS * max(1, (now_ns - self._check_ns) // CHECK_NS)
@@ -241,7 +241,7 @@ class MissionExecutor:
     def _settle(self, now_ns: int) -> list[Action]:
         """Completes the event: processes the queue until it is empty and no wait at a barrier ends."""
         self._empty_queue(now_ns)
-        while self._barriers is not None and (passed := self._barriers.on_timer(now_ns)):
+        while self._barriers is not None and (passed := self._barriers.advance(now_ns)):
             self._queue.extend(passed)
             self._empty_queue(now_ns)
         state = self.state()

@@ -136,7 +136,7 @@ class Player:
             self._end(result, reason, now_ns)
         return self._taken()
 
-    def on_timer(self, now_ns: int) -> list[PlayerAction]:
+    def advance(self, now_ns: int) -> list[PlayerAction]:
         """Handles the end of pauses, time-outs of blocks, and cancelled blocks that do not end."""
         for running in list(self._running.values()):
             if running.deadline_ns is None or running.deadline_ns > now_ns:
@@ -155,7 +155,7 @@ class Player:
         return self._taken()
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called."""
+        """When `advance` must be called."""
         return min((r.deadline_ns for r in self._running.values() if r.deadline_ns is not None), default=None)
 
     def _taken(self) -> list[PlayerAction]:

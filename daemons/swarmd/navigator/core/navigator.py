@@ -153,7 +153,7 @@ class NavigatorCore:
         rests = vehicle is not None and vehicle.resting
         return 1 / (min(config.rate_hz, config.rest_hz) if rests else config.rate_hz)
 
-    def on_timer(self, now_ns: int) -> NavigatorOutput:
+    def step(self, now_ns: int) -> NavigatorOutput:
         """Computes pose, set-point and status for this instant."""
         vehicle = self._vehicle
         landed = vehicle is not None and vehicle.landed

@@ -98,7 +98,7 @@ class LocalTree:
         leaves = {path: leaf(merge(self._base.get(path), live[path])) for path in changed}
         return self._change(leaves.values(), ())
 
-    def on_timer(self, now_ns: int) -> bool:
+    def advance(self, now_ns: int) -> bool:
         """Mark resources as lost, remove expired ones; whether the structure changed."""
         lost: list[Leaf] = []
         removed: list[str] = []
@@ -118,7 +118,7 @@ class LocalTree:
         return self._change(lost, removed)
 
     def deadline_ns(self) -> int | None:
-        """Next call of `on_timer`."""
+        """Next call of `advance`."""
         if not self._gone:
             return None
         deadlines = [

@@ -276,7 +276,7 @@ class Replicas:
                 replica.structure.compare()
                 self._request_due(replica)
 
-    def on_timer(self, now_ns: int) -> None:
+    def advance(self, now_ns: int) -> None:
         """Retry requests, and remove platforms that were not reachable for too long."""
         while (key := self._timers.pop(now_ns)) is not None:
             platform, due = key
@@ -294,7 +294,7 @@ class Replicas:
                         self._forget(replica)
 
     def deadline_ns(self) -> int | None:
-        """Next call of `on_timer`."""
+        """Next call of `advance`."""
         return self._timers.next_ns()
 
     # -- inside

@@ -245,7 +245,7 @@ class Subscribers:
         for one in self._by_path.get(path, {}).values():
             one.feeds[path].dropped += items
 
-    def on_timer(self, now_ns: int) -> None:
+    def advance(self, now_ns: int) -> None:
         """End leases, send what is due, retry."""
         while (platform := self._timers.pop(now_ns)) is not None:
             one = self._subscribers.get(platform)
@@ -258,7 +258,7 @@ class Subscribers:
                 self._flush(one, now_ns)
 
     def deadline_ns(self) -> int | None:
-        """Next call of `on_timer`."""
+        """Next call of `advance`."""
         return self._timers.next_ns()
 
     # -- inside

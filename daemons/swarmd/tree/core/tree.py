@@ -154,10 +154,10 @@ class SwarmTree:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Handles what is due: leases, retries, ended owners."""
-        if self.local.on_timer(now_ns):
+        if self.local.advance(now_ns):
             self.subscribers.on_structure(now_ns)
-        self.replicas.on_timer(now_ns)
-        self.subscribers.on_timer(now_ns)
+        self.replicas.advance(now_ns)
+        self.subscribers.advance(now_ns)
         return self._take_actions()
 
     def deadline_ns(self) -> int | None:
