@@ -1,16 +1,19 @@
 """Requests to arm, disarm and kill the motors, served by the vehicle."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import msgspec
 
-from swarmd.sim.core.simulation import Simulation
+from swarmd.sim.core.simulation import VehicleModel
+from swarmd.sim.core.vehicle_core import Action, VehicleCore
 from swarmware.errors import Denied
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, VehicleState
+
+OrderMotors = Callable[[], tuple[VehicleState, list[Action]]]
 
 
 class Motors:
@@ -19,13 +22,15 @@ class Motors:
     def __init__(
         self,
         module: Module,
-        simulation: Simulation,
-        state: BoardWriter[VehicleState],
+        core: VehicleCore,
+        feed: Callable[[Iterable[Action]], None],
+        vehicle: VehicleModel,
         orders: BoardWriter[MotorOrder],
     ) -> None:
         self._module = module
-        self._simulation = simulation
-        self._state = state
+        self._core = core
+        self._feed = feed
+        self._vehicle = vehicle
         self._orders = orders
 
     def serve(self) -> None:
@@ -48,26 +53,26 @@ class Motors:
 
     def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
         what = "arm" if request.armed else "disarm"
-        return self._done(what, "", meta, lambda: self._simulation.on_arm(request.armed))
+        return self._done(what, "", meta, lambda: self._core.on_arm(request.armed, self._module.now_ns()))
 
     def _kill(self, request: KillRequest, meta: Meta) -> VehicleState:
         return self._done("kill", request.reason, meta, lambda: self._killed(request.platform))
 
-    def _killed(self, named: str) -> VehicleState:
+    def _killed(self, named: str) -> tuple[VehicleState, list[Action]]:
         if named != self._module.platform:
             raise Denied(f"kill of {named!r}: this is {self._module.platform}; expected its own name")
-        return self._simulation.on_kill()
+        return self._core.on_kill(self._module.now_ns())
 
-    def _done(self, what: str, reason: str, meta: Meta, do: Callable[[], VehicleState]) -> VehicleState:
+    def _done(self, what: str, reason: str, meta: Meta, order_motors: OrderMotors) -> VehicleState:
         by = self._sender(meta)
-        order = MotorOrder(what, by, round(self._simulation.vehicle.pose().z_m, 2), reason)
+        order = MotorOrder(what, by, round(self._vehicle.pose().z_m, 2), reason)
         try:
-            state = do()
+            state, actions = order_motors()
         except Denied as error:
             self._orders.write(msgspec.structs.replace(order, refused=str(error)))
             self._module.log.warning("%s by %s: refused: %s", what, by, error)
             raise
-        self._state.write(state)
+        self._feed(actions)
         self._orders.write(order)
         level = logging.WARNING if what == "kill" else logging.INFO
         self._module.log.log(level, "%s by %s %s", what, by, reason)

@@ -6,13 +6,13 @@ from typing import ClassVar, Final
 
 from swarmd.sim import config as settings
 from swarmd.sim.core.simulation import Simulation, SimulationOutput
+from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishState, ReadBoards, VehicleCore
 from swarmd.sim.motors import Motors
 from swarmware.geometry.world import World
 from swarmware.model.config import load
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.runtime.instant import until
 from swarmware.service.service import Service
 from swarmware.types.vehicle import (
     BatteryState,
@@ -39,22 +39,33 @@ class Sim(Service):
     Config: ClassVar = settings.Config
     config: settings.Config
 
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        node = module.node
+        world = load(node.config.share_path / "worlds" / f"{config.world}.toml", World)
+        chance = random.Random(f"{config.seed} {module.platform}")
+        jitter = (chance.uniform(-1, 1), chance.uniform(-1, 1))
+        start = world.start_pose(node.config.kind, config.number or number_in(module.platform), jitter)
+        pose, armed = self._last(start)
+        simulation = Simulation(config, world, node.config.kind, pose, chance.gauss, chance.random)
+        simulation.vehicle.armed = armed
+        self._core = VehicleCore(config, simulation)
+        self._driver = self.drive(self._core, self._perform)
+        self._outputs = Outputs(module, config, simulation)
+        self._motors = Motors(module, self._core, self._driver.feed, simulation.vehicle, self._outputs.orders)
+        self._setpoint = module.reader("act/setpoint", Setpoint)
+        self._taken: Setpoint | None = None
+        """The set-point that the simulation has."""
+        self._poses = module.readers("/*/nav/pose", Pose)
+        self._neighbours: dict[str, BoardReader[Pose]] = {}
+        self._taken_poses: dict[str, Pose] = {}
+        """The pose of each neighbour that the simulation has."""
+        self._look_ns = 0
+
     async def run(self) -> None:
         """Samples until the service ends."""
-        module, node = self.module, self.module.node
-        world = load(node.config.share_path / "worlds" / f"{self.config.world}.toml", World)
-        kind = node.config.kind
-        chance = random.Random(f"{self.config.seed} {module.platform}")
-        jitter = (chance.uniform(-1, 1), chance.uniform(-1, 1))
-        start = world.start_pose(kind, self.config.number or number_in(module.platform), jitter)
-        last = self._last(start)
-        simulation = Simulation(self.config, world, kind, last[0], chance.gauss, chance.random)
-        simulation.vehicle.armed = last[1]
-        outputs = Outputs(module, self.config, flies=simulation.vehicle.flies, output_hz=simulation.output_hz)
-        outputs.open()
-
-        Motors(module, simulation, outputs.vehicle, outputs.orders).serve()
-        await self._loop(simulation, outputs)
+        self._motors.serve()
+        await self._driver.run()
 
     def _last(self, start: Pose) -> tuple[Pose, bool]:
         """Last pose and arming after a short interruption; else the start pose, disarmed."""
@@ -70,67 +81,57 @@ class Sim(Service):
             truth.close()
             vehicle.close()
 
-    async def _loop(self, simulation: Simulation, outputs: "Outputs") -> None:
-        now_ns = self.module.now_ns
-        setpoint = self.module.reader("act/setpoint", Setpoint)
-        poses = self.module.readers("/*/nav/pose", Pose)
-        others: dict[str, BoardReader[Pose]] = {}
-        taken: dict[str, Pose] = {}
-        seen: Setpoint | None = None
-        look_ns = near_ns = 0
-        while True:
-            begin_ns = now_ns()
-            wanted = setpoint.value
-            if wanted is not None and wanted is not seen:
-                seen = wanted
-                simulation.on_setpoint(wanted, setpoint.stamp_ns or begin_ns)
-            if begin_ns >= near_ns:
-                near_ns = begin_ns + round(1e9 / self.config.contacts_hz)
-                if begin_ns >= look_ns:
-                    look_ns = begin_ns + round(_LOOK_S * 1e9)
-                    others = dict(poses)
-                for platform, reader in others.items():
-                    pose = reader.value
-                    if pose is None or pose is taken.get(platform) or (age_s := reader.age_s) is None:
-                        continue
-                    taken[platform] = pose
-                    simulation.on_neighbour(platform, pose, begin_ns - round(age_s * 1e9))
-            sample = simulation.on_timer(begin_ns)
-            if sample is not None:
-                outputs.write(sample)
-                for hit in sample.collisions:
+    def _perform(self, action: Action) -> None:
+        match action:
+            case ReadBoards(neighbours):
+                self._read(neighbours, self.module.now_ns())
+            case PublishOutput(output):
+                self._outputs.write(output)
+                for hit in output.collisions:
                     self.module.log.warning("collision with %s at %.2f m/s", hit.other, hit.speed_m_s)
-            due_ns = simulation.deadline_ns()
-            await until(self.module.clock, due_ns or begin_ns)
+            case PublishState(state):
+                self._outputs.vehicle.write(state)
+
+    def _read(self, neighbours: bool, now_ns: int) -> None:
+        core, feed = self._core, self._driver.feed
+        setpoint = self._setpoint.value
+        if setpoint is not None and setpoint is not self._taken:
+            self._taken = setpoint
+            feed(core.on_setpoint(setpoint, self._setpoint.stamp_ns or now_ns, now_ns))
+        if neighbours:
+            if now_ns >= self._look_ns:
+                self._look_ns = now_ns + round(_LOOK_S * 1e9)
+                self._neighbours = dict(self._poses)
+            for platform, reader in self._neighbours.items():
+                pose = reader.value
+                if pose is None or pose is self._taken_poses.get(platform):
+                    continue
+                if (age_s := reader.age_s) is not None:
+                    self._taken_poses[platform] = pose
+                    feed(core.on_neighbour(platform, pose, now_ns - round(age_s * 1e9), now_ns))
+        feed(core.on_boards_read(now_ns))
 
 
 class Outputs:
     """The writers of the simulation."""
 
-    def __init__(self, module: Module, config: settings.Config, *, flies: bool, output_hz: float) -> None:
-        self._module = module
-        self._config = config
-        self._flies = flies
-        self._output_hz = output_hz
-        self._sonar: BoardWriter[Range] | None = None
-
-    def open(self) -> None:
-        """Open the writers of truth, sensors and events."""
-        writer, rates = self._module.writer, self._config.sensors
+    def __init__(self, module: Module, config: settings.Config, simulation: Simulation) -> None:
+        writer, rates = module.writer, config.sensors
         self._truth = writer(
-            "sim/truth", Pose, rate_hz=self._output_hz, description="True pose of the vehicle"
+            "sim/truth", Pose, rate_hz=simulation.output_hz, description="True pose of the vehicle"
         )
         self.vehicle = writer("vehicle/state", VehicleState, description="Armed, landed")
         self._gnss = writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
         self._imu = writer("sim/sensors/imu", Imu, rate_hz=rates.imu_hz)
         self._scan = writer("sim/sensors/range", Range, rate_hz=rates.range_hz)
         self._battery = writer("sim/sensors/battery", BatteryState, rate_hz=1.0)
-        if self._flies:
+        self._sonar: BoardWriter[Range] | None = None
+        if simulation.vehicle.flies:
             self._sonar = writer("sim/sensors/sonar", Range, rate_hz=rates.sonar_hz)
-        self._collision = self._module.stream_writer(
+        self._collision = module.stream_writer(
             "sim/collision", Collision, kind="event", description="Collision of the vehicle"
         )
-        self.orders = self._module.stream_writer(
+        self.orders = module.stream_writer(
             "vehicle/orders",
             MotorOrder,
             kind="event",

@@ -84,7 +84,7 @@ class Vehicle:
                 self._radio.send(self.name, Pose.unpack(self.told.pack()), now_ns)
 
     def _simulate(self, now_ns: int) -> None:
-        sample = self.simulation.on_timer(now_ns)
+        sample = self.simulation.advance(now_ns)
         if sample is None:
             return
         self.truth = sample.truth

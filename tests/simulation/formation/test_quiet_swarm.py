@@ -67,7 +67,7 @@ class Platform:
     def live(self, now_ns: int) -> None:
         """Sensors, navigator and the boards that beat."""
         boards = self.protocol.published.boards
-        sample = self.simulation.on_timer(now_ns)
+        sample = self.simulation.advance(now_ns)
         if sample is not None:
             if sample.imu is not None:
                 self.navigator.on_imu(sample.imu, now_ns)

@@ -34,7 +34,7 @@ class Run:
             self.now_ns += step_ns
             if wanted is not None:
                 self.simulation.on_setpoint(wanted, self.now_ns)
-            sample = self.simulation.on_timer(self.now_ns)
+            sample = self.simulation.advance(self.now_ns)
             if sample is not None:
                 self.samples.append(sample)
         return self
@@ -46,12 +46,12 @@ class Run:
 
 def test_samples_lie_at_fixed_instants_however_late_the_calls_are() -> None:
     run = Run()
-    run.simulation.on_timer(run.now_ns)
+    run.simulation.advance(run.now_ns)
     run.simulation.on_arm(True)
     chance = random.Random(2)
     for _ in range(500):
         run.now_ns += chance.randrange(1, 60_000_000)
-        sample = run.simulation.on_timer(run.now_ns)
+        sample = run.simulation.advance(run.now_ns)
         if sample is not None:
             assert (sample.stamp_ns - 5_000_000_000) % STEP_NS == 0
             assert 0 <= run.now_ns - sample.stamp_ns < STEP_NS
@@ -74,7 +74,7 @@ def test_each_sensor_is_sampled_at_multiples_of_its_period_when_its_driver_reads
     for _ in range(2):
         end_ns = run.now_ns + 3_000_000_000
         while run.now_ns < end_ns:
-            if (sample := simulation.on_timer(run.now_ns)) is not None:
+            if (sample := simulation.advance(run.now_ns)) is not None:
                 run.samples.append(sample)
             due_ns = simulation.deadline_ns()
             assert due_ns is not None
@@ -94,7 +94,7 @@ def test_a_parked_vehicle_is_sampled_only_with_its_sensors_and_each_keeps_its_ra
     simulation = run.simulation
     begin_ns = run.now_ns
     while run.now_ns < begin_ns + 10_000_000_000:
-        sample = simulation.on_timer(run.now_ns)
+        sample = simulation.advance(run.now_ns)
         if sample is not None:
             run.samples.append(sample)
         due_ns = simulation.deadline_ns()
@@ -113,7 +113,7 @@ def test_a_parked_vehicle_is_sampled_only_with_its_sensors_and_each_keeps_its_ra
 def test_a_moving_vehicle_wakes_with_its_sensors_which_share_instants(kind: str) -> None:
     run = Run(kind)
     simulation = run.simulation
-    simulation.on_timer(run.now_ns)
+    simulation.advance(run.now_ns)
     simulation.on_arm(True)
     stamps = []
     while run.now_ns < 10_000_000_000:
@@ -121,7 +121,7 @@ def test_a_moving_vehicle_wakes_with_its_sensors_which_share_instants(kind: str)
         assert due_ns is not None
         run.now_ns = due_ns
         simulation.on_setpoint(Setpoint(1.0, 0.0, 0.5), due_ns)
-        sample = simulation.on_timer(run.now_ns)
+        sample = simulation.advance(run.now_ns)
         assert sample is not None
         stamps.append(sample.stamp_ns)
     assert len(stamps) == pytest.approx(5 * simulation.output_hz, abs=2)
@@ -155,7 +155,7 @@ def test_a_set_point_acts_from_its_own_instant_however_late_the_call_is() -> Non
             run.now_ns = begin_ns + step * STEP_NS
             if step == 20:
                 run.simulation.on_setpoint(Setpoint(1.0), run.now_ns)
-            if step % pause == 0 and (sample := run.simulation.on_timer(run.now_ns)) is not None:
+            if step % pause == 0 and (sample := run.simulation.advance(run.now_ns)) is not None:
                 run.samples.append(sample)
     assert often.samples[-1].truth.x_m > 0.1
     assert late.samples[-1].truth == often.samples[-1].truth

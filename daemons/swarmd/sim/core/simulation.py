@@ -59,7 +59,7 @@ class VehicleModel(Protocol):
 
 
 class SimulationOutput(msgspec.Struct, frozen=True, gc=False):
-    """The outputs of one call of `on_timer`: the true pose, and the measurements that were due."""
+    """The outputs of one call of `advance`: the true pose, and the measurements that were due."""
 
     stamp_ns: int
     """Instant of all values."""
@@ -186,7 +186,7 @@ class Simulation:
         """Takes the pose of another platform, stamped in the own clock."""
         self._near[platform] = (pose, stamp_ns)
 
-    def on_timer(self, now_ns: int) -> SimulationOutput | None:
+    def advance(self, now_ns: int) -> SimulationOutput | None:
         """Simulates all samples up to now; None when no new sample is due."""
         reached = now_ns // self._dt_ns
         if not self._begun:
@@ -210,7 +210,7 @@ class Simulation:
         return self._sample(first, tuple(hits))
 
     def deadline_ns(self) -> int | None:
-        """Instant of the next sample; None before the first call of `on_timer`."""
+        """Instant of the next sample; None before the first call of `advance`."""
         if not self._begun:
             return None
         # a parked vehicle is only simulated at the samples of its sensors

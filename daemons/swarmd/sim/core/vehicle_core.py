@@ -1,0 +1,79 @@
+"""The simulation's core: when the vehicle is simulated, which inputs are read, what is published."""
+
+import msgspec
+
+from swarmd.sim.config import Config
+from swarmd.sim.core.simulation import Simulation, SimulationOutput
+from swarmware.runtime.core import AT_ONCE
+from swarmware.types.vehicle import Pose, Setpoint, VehicleState
+
+
+class ReadBoards(msgspec.Struct, frozen=True):
+    """Action: read the set-point, then call `on_boards_read`."""
+
+    neighbours: bool
+    """Also read the poses of other platforms: a collision check is due."""
+
+
+class PublishOutput(msgspec.Struct, frozen=True, gc=False):
+    """Action: publish what was simulated, stamped with its instant."""
+
+    output: SimulationOutput
+
+
+class PublishState(msgspec.Struct, frozen=True):
+    """Action: publish the state of the vehicle after a request to its motors."""
+
+    state: VehicleState
+
+
+Action = ReadBoards | PublishOutput | PublishState
+
+
+class VehicleCore:
+    """Runs the simulation of one vehicle at the instants of its sensors."""
+
+    def __init__(self, config: Config, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._contacts_ns = round(1e9 / config.contacts_hz)
+        self._next_contacts_ns = AT_ONCE
+
+    def on_setpoint(self, setpoint: Setpoint, stamp_ns: int, now_ns: int) -> list[Action]:
+        """Takes a set-point of the navigator."""
+        self._simulation.on_setpoint(setpoint, stamp_ns)
+        return []
+
+    def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int, now_ns: int) -> list[Action]:
+        """Takes the pose of another platform, stamped in the own clock."""
+        self._simulation.on_neighbour(platform, pose, stamp_ns)
+        return []
+
+    def on_arm(self, armed: bool, now_ns: int) -> tuple[VehicleState, list[Action]]:
+        """Arms or disarms the motors.
+
+        Raises: Denied with the reason.
+        """
+        state = self._simulation.on_arm(armed)
+        return state, [PublishState(state)]
+
+    def on_kill(self, now_ns: int) -> tuple[VehicleState, list[Action]]:
+        """Stops the motors; a vehicle in the air falls."""
+        state = self._simulation.on_kill()
+        return state, [PublishState(state)]
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """Requests the inputs of the sample that is due."""
+        neighbours = now_ns >= self._next_contacts_ns
+        if neighbours:
+            self._next_contacts_ns = now_ns + self._contacts_ns
+        return [ReadBoards(neighbours)]
+
+    def on_boards_read(self, now_ns: int) -> list[Action]:
+        """Simulates all samples up to now."""
+        output = self._simulation.advance(now_ns)
+        return [] if output is None else [PublishOutput(output)]
+
+    def deadline_ns(self) -> int | None:
+        """Instant of the next sample."""
+        due_ns = self._simulation.deadline_ns()
+        return AT_ONCE if due_ns is None else due_ns

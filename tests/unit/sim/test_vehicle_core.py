@@ -1,0 +1,95 @@
+"""The simulation's core under its driver: it wakes with its sensors, and a request to the motors wakes it."""
+
+import random
+from typing import Final
+
+import pytest
+
+from swarmd.sim.config import Config
+from swarmd.sim.core.simulation import Simulation
+from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishState, ReadBoards, VehicleCore
+from swarmware.errors import Denied
+from swarmware.geometry.world import Bounds, World
+from swarmware.testing.virtual import VirtualTime
+from swarmware.types.vehicle import Pose, Setpoint
+
+WORLD: Final = World(description="", bounds=Bounds(x_m=(-20.0, 20.0), y_m=(-20.0, 20.0)))
+MS: Final = 1_000_000
+
+
+class Rig:
+    """The core of one vehicle in virtual time, with the set-point that its shell would read."""
+
+    def __init__(self, kind: str = "ugv") -> None:
+        chance = random.Random(1)
+        self.time = VirtualTime(5_000 * MS)
+        self.simulation = Simulation(
+            Config(), WORLD, kind, Pose.planar(0.0, 0.0), chance.gauss, chance.random
+        )
+        self.core = VehicleCore(Config(), self.simulation)
+        self.driver = self.time.drive(self.core, self.perform)
+        self.setpoint: Setpoint | None = None
+        self.neighbour: Pose | None = None
+        self.actions: list[Action] = []
+        self.driver.feed()
+
+    def perform(self, action: Action) -> None:
+        self.actions.append(action)
+        if isinstance(action, ReadBoards):
+            now_ns = self.time.now_ns
+            if self.setpoint is not None:
+                self.driver.feed(self.core.on_setpoint(self.setpoint, now_ns, now_ns))
+            if action.neighbours and self.neighbour is not None:
+                self.driver.feed(self.core.on_neighbour("ugv2", self.neighbour, now_ns, now_ns))
+            self.driver.feed(self.core.on_boards_read(now_ns))
+
+    def outputs(self) -> list[PublishOutput]:
+        return [action for action in self.actions if isinstance(action, PublishOutput)]
+
+
+def test_it_begins_at_once_and_reads_its_inputs_before_each_sample() -> None:
+    rig = Rig()
+    rig.time.run_for(1.0)
+    assert [type(action) for action in rig.actions[:4]] == [ReadBoards, PublishOutput] * 2
+    assert len(rig.outputs()) == pytest.approx(10, abs=2), "at rest 10 Hz"
+
+
+def test_neighbours_are_read_at_the_rate_of_collision_checks_and_a_contact_is_published() -> None:
+    rig = Rig()
+    rig.core.on_arm(True, rig.time.now_ns)
+    rig.setpoint = Setpoint(0.5)
+    rig.neighbour = Pose.planar(1.5, 0.0)
+    rig.time.run_for(3.0)
+    reads = [action.neighbours for action in rig.actions if isinstance(action, ReadBoards)]
+    assert sum(reads) == pytest.approx(3 * Config().contacts_hz, abs=2)
+    hits = [hit.other for action in rig.outputs() for hit in action.output.collisions]
+    assert "ugv2" in hits
+
+
+def test_a_request_to_the_motors_is_published_and_the_next_sample_comes_at_the_rate_of_a_moving_one() -> None:
+    rig = Rig()
+    rig.time.run_for(2.0)
+    state, actions = rig.core.on_arm(True, rig.time.now_ns)
+    assert actions == [PublishState(state)]
+    assert state.armed
+    rig.driver.feed(actions)
+    before_ns = rig.time.now_ns
+    rig.actions.clear()
+    rig.setpoint = Setpoint(1.0)
+    rig.time.run_for(0.05)
+    assert rig.outputs()
+    assert rig.outputs()[0].output.stamp_ns - before_ns <= 50 * MS, (
+        "not with the next one of a vehicle at rest"
+    )
+
+
+def test_a_killed_vehicle_is_published_as_disarmed_and_a_refusal_changes_nothing() -> None:
+    rig = Rig("uav")
+    rig.core.on_arm(True, rig.time.now_ns)
+    rig.setpoint = Setpoint(0.0, 0.0, 2.0)
+    rig.time.run_for(2.0)
+    with pytest.raises(Denied, match="in the air"):
+        rig.core.on_arm(False, rig.time.now_ns)
+    state, actions = rig.core.on_kill(rig.time.now_ns)
+    assert not state.armed
+    assert actions == [PublishState(state)]
