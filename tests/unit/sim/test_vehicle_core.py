@@ -51,7 +51,7 @@ def test_it_begins_at_once_and_reads_its_inputs_before_each_sample() -> None:
     rig = Rig()
     rig.time.run_for(1.0)
     assert [type(action) for action in rig.actions[:4]] == [ReadBoards, PublishOutput] * 2
-    assert len(rig.outputs()) == pytest.approx(10, abs=2), "at rest 10 Hz"
+    assert len(rig.outputs()) == pytest.approx(Config().sensors.rest_hz, abs=2), "it rests"
 
 
 def test_neighbours_are_read_at_the_rate_of_collision_checks_and_a_contact_is_published() -> None:
