@@ -2,7 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.access_filter import AccessFilter
@@ -10,8 +11,10 @@ from swarmd.broker.core.accounting import shares, values_in
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.forward import ForwardDecision, ForwardStep
 from swarmd.broker.core.send_queue import QueuedFrame
+from swarmd.broker.links.frame_datagrams import FrameDatagrams
+from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
-from swarmware.errors import Denied, WireError
+from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access
 from swarmware.model.clock import Clock
 from swarmware.model.frame import HOPS, Flag, Frame, FrameKind, decode, encode
@@ -54,10 +57,26 @@ class FrameGateway:
             keys,
             asyncio.get_running_loop(),
             now_ns=clock.now_ns,
-            on_frame=self._from_link,
+            on_frame=self._from_connection,
             on_given_up=self._gave_up,
             on_sent=self._sent,
         )
+        try:
+            self.datagrams = FrameDatagrams(
+                config,
+                keys,
+                PairEnd(core.identity.hw, core.session, keys.curve_public),
+                clock,
+                core.counters,
+                self.links.port,
+                find_peer=self._peer,
+                on_frame=self._from_datagram,
+                on_sent=self._sent_datagram,
+                on_unsent=self._send,
+            )
+        except ConfigError:
+            self.links.close()
+            raise
 
     def from_here(self, frame: Frame) -> None:
         """Takes a frame of a local application for another platform; called by the message router."""
@@ -66,6 +85,18 @@ class FrameGateway:
             for name, size in self._shares(frame):
                 self._counters.channel(name).offered(size)
         self._onward(frame, decision)
+
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Holds frames for other platforms and sends them right behind each other at the end of its scope."""
+        with self.links.batch(), self.datagrams.batch():
+            yield
+
+    def prepare(self, hw: int) -> None:
+        """Makes the keys for datagrams to a neighbour that has introduced itself."""
+        peer = self._peer(hw)
+        if peer is not None:
+            self.datagrams.prepare(peer)
 
     def prove(self, hw: int, session: int) -> None:
         """Sends a neighbour the own session over a connection that only the own key opens."""
@@ -85,32 +116,49 @@ class FrameGateway:
     def neighbour_gone(self, hw: int) -> None:
         """Sends the frames queued for a lost neighbour over another one, or refuses them."""
         for item in self.links.disconnect(hw):
-            self._onward(item.frame, self._forwarder.reroute(item.frame, self._clock.now_ns()))
+            decision = self._forwarder.reroute(item.frame, self._clock.now_ns())
+            self._onward(item.frame, decision, rerouted=True)
 
-    def _from_link(self, data: bytes, user: str) -> None:
-        now_ns = (
-            self._clock.now_ns()
-        )  # read first: the receiver of an order reports it as the time of arrival
-        counters = self._counters
-        counters.received_frames += 1
-        try:
-            frame = decode(data)
-        except WireError as error:
-            counters.refused.malformed += 1
-            log.debug("frame from %s: %s", user or "loopback", error)
+    def _from_connection(self, data: bytes, user: str) -> None:
+        arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
+        frame = self._decoded(data, user)
+        if frame is None:
             return
         if not user and frame.hops_left >= HOPS:
-            user_name = self._core.nodes.platform(
-                frame.sender_hw
-            )  # without keys the sender is not authenticated
+            # without keys the sender is not authenticated
+            user_name = self._core.nodes.platform(frame.sender_hw)
         else:
             user_name = user or "?"
-        link = counters.link(user_name, "tcp")
+        link = self._counters.link(user_name, "tcp")
         link.received_frames += 1
         link.received_bytes += len(data)
         if frame.kind is FrameKind.HELLO:
             self._take_proof(frame, user)
             return
+        self._take(frame, user, arrived_ns)
+
+    def _from_datagram(self, data: bytes, peer: LinkPeer) -> None:
+        arrived_ns = self._clock.now_ns()
+        frame = self._decoded(data, peer.platform)
+        if frame is None:
+            return
+        if frame.kind is FrameKind.HELLO:
+            self._counters.refused.malformed += 1  # sessions are proven over connections
+            return
+        self._take(frame, "" if self._keys.is_open else peer.platform, arrived_ns)
+
+    def _decoded(self, data: bytes, user: str) -> Frame | None:
+        self._counters.received_frames += 1
+        try:
+            return decode(data)
+        except WireError as error:
+            self._counters.refused.malformed += 1
+            log.debug("frame from %s: %s", user or "loopback", error)
+            return None
+
+    def _take(self, frame: Frame, user: str, now_ns: int) -> None:
+        """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
+        counters = self._counters
         decision = self._forwarder.from_neighbour(
             frame,
             self._other_end(frame, user),
@@ -137,6 +185,10 @@ class FrameGateway:
     def _may_pass(self, frame: Frame, arrived_ns: int) -> bool:
         platform = self._core.nodes.platform(frame.sender_hw)
         path = self._path_of(frame.data_id)
+        if path is None and not self._keys.is_open and answerable(frame):
+            # also when an application is about to state it: without its path no right can be checked
+            self._post.refuse(frame, Status.ABSENT, "no application here takes this path and type")
+            return False
         try:
             self._access_filter.check(frame, platform, path, arrived_ns)
         except WireError as error:
@@ -160,11 +212,12 @@ class FrameGateway:
         member = self._core.nodes.get(frame.sender_hw)
         return frame.sender_hw if member is not None and member.platform == user else hardware_id(user)
 
-    def _onward(self, frame: Frame, decision: ForwardDecision) -> None:
+    def _onward(self, frame: Frame, decision: ForwardDecision, *, rerouted: bool = False) -> None:
         if decision.step is ForwardStep.SEND:
             peer = self._peer(decision.via)
             if peer is not None:
-                self._send(peer, frame)
+                if rerouted or not self._send_datagram(peer, frame, decision.first):
+                    self._send(peer, frame)
                 return
         refused = self._counters.refused
         receiver = self._core.nodes.platform(frame.receiver_hw)
@@ -179,6 +232,20 @@ class FrameGateway:
         else:
             refused.no_route += 1
             self._refuse(frame, f"no route to {receiver}")
+
+    def _send_datagram(self, peer: LinkPeer, frame: Frame, first: bool) -> bool:
+        """Sends the first attempt of an urgent frame as a datagram; repetitions take the connection."""
+        if not frame.flags & Flag.URGENT:
+            return False
+        if first:
+            return self.datagrams.send(peer, frame)
+        self.datagrams.on_repeated(peer.hw)
+        return False
+
+    def _sent_datagram(self, peer: LinkPeer, frame: Frame) -> None:
+        self._counters.sent_frames += 1
+        for name, size in self._shares(frame):
+            self._counters.channel(name).sent(size)
 
     def _send(self, peer: LinkPeer, frame: Frame) -> None:
         gone = self.links.send(peer, encode(frame), frame)
@@ -201,7 +268,15 @@ class FrameGateway:
         curve = target.curve_public if self._keys.is_open else self._keys.curve_of(target.platform)
         if not curve:
             return None  # it has the group key, but is not on the roster
-        return LinkPeer(hw, target.platform, target.host, target.tcp_port, curve, target.session)
+        return LinkPeer(
+            hw,
+            target.platform,
+            target.host,
+            target.tcp_port,
+            curve,
+            target.session,
+            target.frame_port,
+        )
 
     def update_counters(self) -> None:
         """Brings the traffic counters of the connections up to date."""
@@ -234,4 +309,5 @@ class FrameGateway:
 
     def close(self) -> None:
         """Close all connections to neighbours."""
+        self.datagrams.close()
         self.links.close()

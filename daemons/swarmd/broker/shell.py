@@ -76,7 +76,7 @@ class BrokerShell:
             self._closing = stack.pop_all()
         self._boards = NetBoards(module)
         self._plan = module.reader("tree/plan", TreePlan)
-        core.set_tcp_port(self._gateway.links.port)
+        core.set_ports(self._gateway.links.port, self._gateway.datagrams.port)
 
     async def run(self) -> None:
         """Serves the requests and drives the core until it is cancelled."""
@@ -90,7 +90,7 @@ class BrokerShell:
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
         log.info("listening: udp %d, tcp %d", self._transport.port, self._gateway.links.port)
-        post.set_gateway(self._gateway.from_here, self._gateway.links.batch)
+        post.set_gateway(self._gateway.from_here, self._gateway.batch)
         try:
             await self._driver.run()
         finally:
@@ -164,6 +164,7 @@ class BrokerShell:
         name = self._core.nodes.platform(change.hw)
         if change.after is LinkState.UP:
             log.info("neighbour %s: up", name)
+            self._gateway.prepare(change.hw)
         elif change.before is LinkState.UP:
             log.info("neighbour %s: %s (%s)", name, change.after.name.lower(), change.event.name.lower())
             self._gateway.neighbour_gone(change.hw)

@@ -39,6 +39,7 @@ SENDER_LIMIT: Final = 4096
 EPOCHS: Final = 16
 """Key epochs on the wire: four bits."""
 
+_WINDOW_MASK: Final = (1 << REPLAY_WINDOW) - 1
 _SESSION = struct.Struct("<IQ")
 _NONCE = struct.Struct("<II4x")
 _TAGGED: Final = b"swarmware tick 1"
@@ -100,6 +101,7 @@ class Keys:
         self.curve_public = _curve_public(seed)
         valid = () if roster is None else roster.valid()
         self._by_curve: dict[bytes, RosterMember] = {member.curve_public: member for member in valid}
+        self._curve_of = {member.platform: member.curve_public for member in valid}
 
     @classmethod
     def load(cls, directory: Path, platform: str) -> "Keys":
@@ -142,8 +144,7 @@ class Keys:
 
     def curve_of(self, platform: str) -> bytes | None:
         """The CURVE key that a platform must have; None when it is no member or nobody says."""
-        member = self.roster.find(platform) if self.roster else None
-        return member.curve_public if member else None
+        return self._curve_of.get(platform)
 
     def sign(self, data: bytes) -> bytes:
         """Ed25519 signature by this node."""
@@ -191,14 +192,33 @@ class Sealer:
         return self._seal(_NONCE.pack(self._sender_hw, sequence), body, clear)
 
 
-class _Session:
-    __slots__ = ("number", "open", "seen", "top")
+class ReceivedSession:
+    """Opens the datagrams of one session of a sender, each once."""
+
+    __slots__ = ("_decrypt", "_seen", "_top", "number")
 
     def __init__(self, number: int, key: ChaCha20Poly1305, sequence: int) -> None:
+        """`sequence`: of a datagram that was opened already; lower ones are taken within the window."""
         self.number = number
-        self.open = key.decrypt
-        self.top = sequence
-        self.seen = 1
+        self._decrypt = key.decrypt
+        self._top = sequence
+        self._seen = 1
+
+    def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
+        """The body, or why it is refused: forged or replayed."""
+        ahead = sequence - self._top
+        if ahead <= 0 and (ahead <= -REPLAY_WINDOW or self._seen >> -ahead & 1):
+            return Refusal.REPLAYED
+        try:
+            body = self._decrypt(_NONCE.pack(sender_hw, sequence), box, clear)
+        except InvalidTag:
+            return Refusal.FORGED
+        if ahead > 0:
+            self._seen = (self._seen << ahead | 1) & _WINDOW_MASK if ahead < REPLAY_WINDOW else 1
+            self._top = sequence
+        else:
+            self._seen |= 1 << -ahead
+        return Opened(body, self.number)
 
 
 class Opener:
@@ -210,7 +230,7 @@ class Opener:
 
     def __init__(self, group: GroupKey) -> None:
         self._group = group
-        self._senders: dict[int, list[_Session]] = {}
+        self._senders: dict[int, list[ReceivedSession]] = {}
         """The adopted session first, then those heard last."""
         self._adopted: dict[int, int] = {}
 
@@ -225,13 +245,13 @@ class Opener:
             if not known:
                 return Refusal.UNKNOWN
             for one in known:
-                opened = _open(one, sender_hw, sequence, clear, box)
+                opened = one.open(sender_hw, sequence, clear, box)
                 if opened is not Refusal.FORGED:
                     return opened
             return Refusal.FORGED
         for one in known or ():
             if one.number == session:
-                return _open(one, sender_hw, sequence, clear, box)
+                return one.open(sender_hw, sequence, clear, box)
         return self._open_first(sender_hw, session, sequence, clear, box)
 
     def adopt(self, sender_hw: int, session: int) -> None:
@@ -256,28 +276,9 @@ class Opener:
                 self._adopted.pop(oldest, None)
             known = self._senders[sender_hw] = []
         first = 1 if known and known[0].number == self._adopted.get(sender_hw) else 0
-        known.insert(first, _Session(session, key, sequence))
+        known.insert(first, ReceivedSession(session, key, sequence))
         del known[SESSIONS_MAX:]
         return Opened(body, session)
-
-
-def _open(session: _Session, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
-    ahead = sequence - session.top
-    if ahead <= 0 and (ahead <= -REPLAY_WINDOW or session.seen >> -ahead & 1):
-        return Refusal.REPLAYED
-    try:
-        body = session.open(_NONCE.pack(sender_hw, sequence), box, clear)
-    except InvalidTag:
-        return Refusal.FORGED
-    if ahead > 0:
-        session.seen = (session.seen << ahead | 1) & _WINDOW_MASK if ahead < REPLAY_WINDOW else 1
-        session.top = sequence
-    else:
-        session.seen |= 1 << -ahead
-    return Opened(body, session.number)
-
-
-_WINDOW_MASK: Final = (1 << REPLAY_WINDOW) - 1
 
 
 def next_session(path: Path, wanted: int) -> int:

@@ -70,6 +70,8 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     """Declared maximum period between two beacons of the sender."""
     listing_ms: int = 3000
     """Declared period in which the sender lists every received node."""
+    frame_port: int = 0
+    """UDP port where the sender takes frames as datagrams, at the source address; 0: none."""
 
 
 class Echo(NamedTuple):

@@ -126,7 +126,8 @@ def member_bytes(member: MemberRow) -> int:
 
 def hello_bytes(hello: Hello) -> int:
     """Encoded size of a hello."""
-    return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode())
+    port = session_checks.PORT_PART_BYTES if hello.frame_port else 0
+    return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode()) + port
 
 
 def encode(beacon: Beacon) -> bytes:
@@ -141,6 +142,9 @@ def encode(beacon: Beacon) -> bytes:
             if content:
                 present |= section.bit
                 out.append(section.encode(content))
+        if beacon.hello is not None and beacon.hello.frame_port:
+            present |= Section.EXTRA
+            out.append(session_checks.encode_port(beacon.hello.frame_port))
     except (struct.error, ValueError, OverflowError) as error:
         raise WireError(f"beacon: cannot be encoded: {error}") from error
     out[0] = bytes((present,))
@@ -177,15 +181,19 @@ def decode(data: bytes) -> Beacon:
 def _decode(data: bytes) -> Beacon:
     """One pass over the body: a section that is cut short raises, or ends behind the body."""
     present = data[0]
-    at = 1
+    at = start = 1
     contents = list(_ABSENT)
     for index, (bit, _, decode_section) in enumerate(_SECTIONS):
         if present & bit:
+            start = at
             contents[index], at = decode_section(data, at)
     if at < len(data):
         raise WireError(f"beacon: {len(data) - at} bytes after its last section")
     if at > len(data):
         raise WireError(f"beacon of {len(data)} bytes: its sections need {at}")
+    if present & Section.EXTRA and present & Section.HELLO:
+        port = session_checks.decode_port(data, start)
+        contents[0] = msgspec.structs.replace(contents[0], frame_port=port)
     return Beacon(*contents)
 
 

@@ -122,6 +122,7 @@ class BeaconProtocol:
         self.relay_cache = RelayCache()
         self.slowdown = Slowdown()
         self.tcp_port = 0
+        self.frame_port = 0
         self.reserved_bytes = 0
         """Bytes of the next body kept free for session checks."""
         self._busy_hz = busy_hz
@@ -390,6 +391,7 @@ class BeaconProtocol:
             who.curve_public,
             min(period_ns // 1_000_000, 0xFFFF),
             min(self.topology.neighbours.listing_ns() // 1_000_000, 0xFFFF),
+            self.frame_port,
         )
 
     def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:

@@ -79,6 +79,8 @@ class LinkTarget(msgspec.Struct, frozen=True):
     curve_public: bytes
     """The key that it announced itself; empty where the key is on the roster."""
     session: int
+    frame_port: int = 0
+    """UDP port for frames as datagrams; 0: none."""
 
 
 class BrokerCore:
@@ -146,9 +148,10 @@ class BrokerCore:
         for platform in platforms:
             self.nodes.add(platform, now_ns)
 
-    def set_tcp_port(self, port: int) -> None:
-        """Sets the port that hellos announce."""
-        self._protocol.tcp_port = port
+    def set_ports(self, tcp_port: int, frame_port: int) -> None:
+        """Sets the ports that hellos announce: of connections, and of frames as datagrams."""
+        self._protocol.tcp_port = tcp_port
+        self._protocol.frame_port = frame_port
 
     # time
 
@@ -397,6 +400,7 @@ class BrokerCore:
             hello.tcp_port,
             hello.curve_public,
             neighbour.session,
+            hello.frame_port,
         )
 
     def usual_period_ns(self) -> int:

@@ -1,4 +1,4 @@
-"""Section of a beacon with questions and answers about sessions."""
+"""Extra parts of a beacon: questions and answers about sessions, and the port for frames as datagrams."""
 
 import struct
 from collections.abc import Iterable
@@ -12,6 +12,10 @@ _PART: Final = struct.Struct("<BH")
 """Type and length of an extra part of a body."""
 _CHECKS: Final = 1
 """Type of the part with session checks; other types are skipped."""
+_FRAME_PORT: Final = 2
+"""Type of the part with the port for frames, beside a hello."""
+_PORT_BYTES: Final = 2
+PORT_PART_BYTES: Final = _PART.size + _PORT_BYTES
 
 
 class CheckKind(IntEnum):
@@ -47,6 +51,25 @@ def encode(checks: Iterable[SessionCheck]) -> bytes:
     """
     part = b"".join([_CHECK.pack(*check) for check in checks])
     return _PART.pack(_CHECKS, len(part)) + part
+
+
+def encode_port(port: int) -> bytes:
+    """Encodes the port for frames as an extra part of the body.
+
+    Raises: OverflowError when it does not fit its field.
+    """
+    return _PART.pack(_FRAME_PORT, _PORT_BYTES) + port.to_bytes(_PORT_BYTES, "little")
+
+
+def decode_port(data: bytes, at: int) -> int:
+    """The port for frames in the extra parts from an offset, which `decode` accepts; 0: none."""
+    while at < len(data):
+        kind, length = _PART.unpack_from(data, at)
+        at += _PART.size
+        if kind == _FRAME_PORT and length == _PORT_BYTES:
+            return int.from_bytes(data[at : at + length], "little")
+        at += length
+    return 0
 
 
 def decode(data: bytes, at: int) -> tuple[tuple[SessionCheck, ...], int]:

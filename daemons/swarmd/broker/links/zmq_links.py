@@ -53,6 +53,8 @@ class LinkPeer(msgspec.Struct, frozen=True):
     port: int
     curve_public: bytes
     session: int
+    frame_port: int = 0
+    """UDP port for frames as datagrams; 0: none."""
 
 
 class _Connection:

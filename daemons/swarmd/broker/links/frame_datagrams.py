@@ -1,0 +1,229 @@
+"""Urgent frames as sealed UDP datagrams to neighbours: the first attempt, which needs no other thread."""
+
+import asyncio
+import contextlib
+import logging
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from swarmd.broker.config import Config
+from swarmd.broker.core import frame_datagram
+from swarmd.broker.core.datagram_limiter import DatagramLimiter
+from swarmd.broker.core.frame_datagram import DatagramPaths
+from swarmd.broker.core.traffic import Counters
+from swarmd.broker.links.pair_seal import PairEnd, PairSeal
+from swarmd.broker.links.zmq_links import LinkPeer
+from swarmware.errors import ConfigError, WireError
+from swarmware.model.clock import Clock
+from swarmware.model.frame import Frame
+from swarmware.model.names import hardware_id
+from swarmware.transport.security import Keys, Refusal
+
+TURN: Final = 64
+"""Datagrams read before control returns to the event loop."""
+DATAGRAM_MAX: Final = 2048
+SEALS_MAX: Final = 4096
+_UNKNOWN: Final = "?"
+
+Address = tuple[str, int]
+OnFrame = Callable[[bytes, LinkPeer], None]
+"""Called with an encoded frame and the neighbour that sealed it."""
+
+log = logging.getLogger("swarm.broker")
+
+
+class FrameDatagrams:
+    """The UDP socket for frames, and the seals of the pairs with neighbours."""
+
+    def __init__(
+        self,
+        config: Config,
+        keys: Keys,
+        own: PairEnd,
+        clock: Clock,
+        counters: Counters,
+        port: int,
+        *,
+        find_peer: Callable[[int], LinkPeer | None],
+        on_frame: OnFrame,
+        on_sent: Callable[[LinkPeer, Frame], None],
+        on_unsent: Callable[[LinkPeer, Frame], None],
+    ) -> None:
+        """`port`: wanted, that of the connections; `on_unsent`: takes a frame that could not be sent so.
+
+        Raises: ConfigError when no port can be bound.
+        """
+        self._keys = keys
+        self._own = own
+        self._clock = clock
+        self._counters = counters
+        self._find_peer = find_peer
+        self._on_frame = on_frame
+        self._on_sent = on_sent
+        self._on_unsent = on_unsent
+        self._seals: dict[int, PairSeal] = {}
+        self._sequence = 0
+        """Of all datagrams of this session: no nonce of a pair is used twice."""
+        self._paths = DatagramPaths()
+        self._held: list[tuple[LinkPeer, Frame, bytes]] | None = None
+        """Datagrams that wait for the end of `batch`; None: they are sent at once."""
+        self._limiter = DatagramLimiter(
+            None if keys.roster is None else {hardware_id(each.platform) for each in keys.roster.valid()}
+        )
+        self._loop = asyncio.get_running_loop()
+        self._socket = _bound_socket(config, port)
+        self.port: int = self._socket.getsockname()[1]
+        self._loop.add_reader(self._socket.fileno(), self._on_readable)
+
+    # sending
+
+    def prepare(self, peer: LinkPeer) -> None:
+        """Derives the keys of the pair with a neighbour, before the first frame needs them."""
+        if peer.frame_port:
+            self._seal_of(peer)
+
+    def send(self, peer: LinkPeer, frame: Frame) -> bool:
+        """Sends the first attempt of a frame; False when it must take the connection."""
+        if not peer.frame_port or self._sequence >= frame_datagram.SEQUENCE_MAX:
+            return False
+        if not self._paths.may_send(peer.hw, self._clock.now_ns()):
+            return False
+        data = frame_datagram.pack(frame)
+        seal = None if data is None else self._seal_of(peer)
+        if data is None or seal is None:
+            return False
+        self._sequence += 1
+        clear = frame_datagram.encode_header(self._own.hw, self._sequence)
+        datagram = clear + seal.seal(self._sequence, clear, data)
+        if self._held is not None:
+            self._held.append((peer, frame, datagram))
+            return True
+        if not self._put(peer, datagram):
+            return False
+        self._count(peer, frame)
+        return True
+
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Holds the datagrams made in its scope and sends them right behind each other at its end.
+
+        Each wakes its receiver: on a computer of several nodes the first would take the processor from this
+        one before the last has left. Measured with 16 nodes on two cores: 15 ms between first and last.
+        """
+        if self._held is not None:
+            yield  # the outer scope sends them
+            return
+        self._held = []
+        try:
+            yield
+        finally:
+            held, self._held = self._held, None
+            failed = [not self._put(peer, datagram) for peer, _, datagram in held]
+            for (peer, frame, _), unsent in zip(held, failed, strict=True):
+                if unsent:
+                    self._on_unsent(peer, frame)
+                else:
+                    self._count(peer, frame)
+
+    def _count(self, peer: LinkPeer, frame: Frame) -> None:
+        self._paths.on_sent(peer.hw)
+        self._on_sent(peer, frame)
+
+    def on_repeated(self, hw: int) -> None:
+        """An urgent frame is repeated to a neighbour, over the connection."""
+        self._paths.on_repeated(hw, self._clock.now_ns())
+
+    def _put(self, peer: LinkPeer, datagram: bytes) -> bool:
+        try:
+            self._socket.sendto(datagram, (peer.host, peer.frame_port))
+        except OSError as error:
+            log.debug("frame for %s as datagram: %s", peer.platform, error)
+            return False
+        self._counters.datagram_sent(len(datagram), peer.platform)
+        return True
+
+    def _seal_of(self, peer: LinkPeer) -> PairSeal | None:
+        other = PairEnd(peer.hw, peer.session, peer.curve_public)
+        seal = self._seals.get(peer.hw)
+        if seal is not None and seal.other == other:
+            return seal
+        if not peer.session:
+            return None
+        try:
+            seal = PairSeal(self._keys.curve_secret, self._own, other)
+        except ValueError as error:
+            log.debug("key of %s: %s", peer.platform, error)
+            return None
+        self._seals.pop(peer.hw, None)
+        if len(self._seals) >= SEALS_MAX:
+            del self._seals[next(iter(self._seals))]
+        self._seals[peer.hw] = seal
+        return seal
+
+    # receiving
+
+    def _on_readable(self) -> None:
+        for _ in range(TURN):
+            try:
+                data, address = self._socket.recvfrom(DATAGRAM_MAX)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                log.debug("receiving frames as datagrams: %s", error)
+                return
+            self._take(data, address)
+
+    def _take(self, data: bytes, address: Address) -> None:
+        counters, limiter = self._counters, self._limiter
+        try:
+            sender_hw, sequence = frame_datagram.decode_header(data)
+        except WireError as error:
+            limiter.bad(address)
+            counters.datagram_received(len(data), _UNKNOWN)
+            counters.refused.malformed += 1
+            log.debug("datagram from %s:%d: %s", *address, error)
+            return
+        if not limiter.may_open(address, sender_hw, self._clock.now_ns()):
+            counters.refused.flooded += 1
+            return
+        peer = self._find_peer(sender_hw)
+        seal = None if peer is None else self._seal_of(peer)
+        if peer is None or seal is None:
+            limiter.bad(address)
+            counters.datagram_received(len(data), _UNKNOWN)
+            counters.refused.unknown_session += 1
+            return
+        start = frame_datagram.HEADER_BYTES
+        opened = seal.open(sequence, data[:start], data[start:])
+        link = counters.datagram_received(len(data), peer.platform)
+        if isinstance(opened, Refusal):
+            if opened is Refusal.REPLAYED:
+                counters.refused.replayed += 1
+                link.duplicates += 1
+            else:
+                limiter.bad(address)
+                counters.refused.forged += 1
+            return
+        limiter.good(address)
+        self._on_frame(opened.body, peer)
+
+    def close(self) -> None:
+        """Closes the socket for frames."""
+        if self._socket.fileno() >= 0:
+            self._loop.remove_reader(self._socket.fileno())
+            self._socket.close()
+
+
+def _bound_socket(config: Config, port: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
+    with contextlib.suppress(OSError):
+        sock.bind((config.bind_address, port))
+        return sock
+    try:
+        sock.bind((config.bind_address, 0))  # the number is in use; neighbours learn the port from the hello
+    except OSError as error:
+        sock.close()
+        raise ConfigError(f"broker: bind_address {config.bind_address}: {error.strerror}") from error
+    return sock

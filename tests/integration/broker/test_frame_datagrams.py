@@ -1,0 +1,212 @@
+"""The first attempt of an urgent frame is one sealed datagram; whatever becomes of it, it arrives once."""
+
+import asyncio
+import os
+import socket
+from pathlib import Path
+
+import pytest
+from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
+
+from swarmd.broker.core.beacon import Hello
+from swarmd.broker.core.beacon_protocol import BeaconProtocol
+from swarmd.broker.core.frame_datagram import encode_header
+from swarmd.broker.links.frame_datagrams import FrameDatagrams
+from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
+from swarmware.errors import Denied, NotFound
+from swarmware.types.net import Refused
+from swarmware.types.scalar import Text
+
+PATH = "cmd/note"
+
+
+class Wire:
+    """What leaves as datagrams of frames; those to a lossy platform do not leave."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.sent: list[tuple[str, tuple[str, int], bytes]] = []
+        self.lossy: frozenset[str] = frozenset()
+        put = FrameDatagrams._put
+
+        def watched(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes) -> bool:
+            self.sent.append((peer.platform, (peer.host, peer.frame_port), datagram))
+            return peer.platform in self.lossy or put(datagrams, peer, datagram)
+
+        monkeypatch.setattr(FrameDatagrams, "_put", watched)
+
+    def to(self, platform: str) -> list[bytes]:
+        return [datagram for name, _, datagram in self.sent if name == platform]
+
+    def port_of(self, platform: str) -> int:
+        return next(address[1] for name, address, _ in self.sent if name == platform)
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
+    return Wire(monkeypatch)
+
+
+async def serve(station: Station) -> list[str]:
+    """Answers requests, and waits until the broker knows their path; the list has what was worked on."""
+    taken: list[str] = []
+
+    def handle(text: Text, _meta: object) -> Text:
+        taken.append(text.value)
+        return Text(f"{text.value} taken")
+
+    station.app.serve(PATH, Text, handle, reply=Text)
+    table = station.node.table
+    async with asyncio.timeout(PATIENCE_S):
+        while table.serving_path(PATH) is None:
+            await asyncio.sleep(0)
+            table.refresh()
+    return taken
+
+
+async def ask(station: Station, platform: str, text: str, timeout_s: float = 10.0) -> str:
+    answer = await station.app.request(
+        f"/{platform}/{PATH}", Text(text), Text, timeout_s=timeout_s, urgent=True
+    )
+    return answer.value
+
+
+async def refused(station: Station) -> Refused:
+    return (await station.traffic()).refused
+
+
+@on_uvloop
+async def test_an_urgent_request_and_its_answer_take_a_datagram_each_and_no_connection(
+    tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with swarm(tmp_path, "gcs", "uav1") as pair:
+        await pair["gcs"].until_up("uav1")
+        await pair["uav1"].until_up("gcs")
+        taken = await serve(pair["uav1"])
+        monkeypatch.setattr(ZmqLinks, "send", lambda *_: [])  # what takes a connection is lost
+        text = "go " * 1200  # 3.6 kB, as the order of a mission: compressed it fits one datagram
+        assert await ask(pair["gcs"], "uav1", text) == f"{text} taken"
+        assert taken == [text]
+        assert len(wire.to("uav1")) == len(wire.to("gcs")) == 1
+        assert all(len(datagram) <= 1238 for _, _, datagram in wire.sent)
+
+
+@on_uvloop
+async def test_other_frames_and_large_ones_take_the_connection(tmp_path: Path, wire: Wire) -> None:
+    async with swarm(tmp_path, "gcs", "uav1") as pair:
+        await pair["gcs"].until_up("uav1")
+        await pair["uav1"].until_up("gcs")
+        await serve(pair["uav1"])
+        await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=10)
+        assert await ask(pair["gcs"], "uav1", os.urandom(1500).hex()), "too large even when compressed"
+        assert wire.sent == [] or all(name == "gcs" for name, _, _ in wire.sent)
+
+
+@on_uvloop
+async def test_forged_replayed_and_garbage_datagrams_are_refused_and_counted(
+    tmp_path: Path, wire: Wire
+) -> None:
+    async with swarm(tmp_path, "gcs", "uav1", "uav2") as three:
+        gcs, uav1, uav2 = (three[name] for name in ("gcs", "uav1", "uav2"))
+        for station in (gcs, uav1, uav2):
+            await station.until_up(*({"gcs", "uav1", "uav2"} - {station.platform}))
+        taken, others = await serve(uav1), await serve(uav2)
+        await ask(gcs, "uav1", "land")
+        await ask(gcs, "uav2", "hold")
+        recorded = wire.to("uav1")[0]
+        before, before2 = await refused(uav1), await refused(uav2)
+        changed = recorded[:-1] + bytes((recorded[-1] ^ 1,))
+        newer = encode_header(int.from_bytes(recorded[2:6], "little"), 0xFFFF_FFF0) + recorded[10:]
+        stranger = encode_header(1, 1) + os.urandom(60)
+        garbage = [b"", b"x", os.urandom(1200), recorded[:10]]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
+            for datagram in (recorded, changed, newer, stranger, *garbage):
+                attacker.sendto(datagram, ("127.0.0.1", wire.port_of("uav1")))
+            attacker.sendto(recorded, ("127.0.0.1", wire.port_of("uav2")))
+        found = await uav1.until_counted(lambda t: t.refused.malformed >= before.malformed + len(garbage))
+        now = found.refused
+        assert now.replayed == before.replayed + 2, "the changed one has a number that was used"
+        assert now.forged == before.forged + 1
+        assert now.unknown_session == before.unknown_session + 1
+        assert now.malformed == before.malformed + len(garbage)
+        await uav2.until_counted(
+            lambda t: t.refused.forged + t.refused.replayed > before2.forged + before2.replayed
+        )
+        assert taken == ["land"]
+        assert others == ["hold"]
+        assert await ask(gcs, "uav1", "return") == "return taken", "it still takes what is genuine"
+
+
+@on_uvloop
+async def test_a_lost_datagram_is_repeated_over_the_connection(tmp_path: Path, wire: Wire) -> None:
+    async with swarm(tmp_path, "gcs", "uav1") as pair:
+        await pair["gcs"].until_up("uav1")
+        await pair["uav1"].until_up("gcs")
+        taken = await serve(pair["uav1"])
+        wire.lossy = frozenset({"uav1", "gcs"})
+        for number in range(4):
+            assert await ask(pair["gcs"], "uav1", str(number)) == f"{number} taken"
+        assert taken == ["0", "1", "2", "3"], "each is worked on once"
+        assert len(wire.to("uav1")) == 2, "after two losses in a row the connection is used at once"
+
+
+@on_uvloop
+async def test_a_node_that_announces_no_port_gets_urgent_frames_over_the_connection(
+    tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hello = BeaconProtocol._hello
+
+    def without_port(protocol: BeaconProtocol, now_ns: int) -> Hello | None:
+        protocol.frame_port = 0 if protocol.identity.platform == "uav1" else protocol.frame_port
+        return hello(protocol, now_ns)
+
+    monkeypatch.setattr(BeaconProtocol, "_hello", without_port)
+    async with swarm(tmp_path, "gcs", "uav1") as pair:
+        await pair["gcs"].until_up("uav1")
+        await pair["uav1"].until_up("gcs")
+        taken = await serve(pair["uav1"])
+        assert await ask(pair["gcs"], "uav1", "land") == "land taken"
+        assert taken == ["land"]
+        assert wire.to("uav1") == []
+
+
+@on_uvloop
+async def test_relays_pass_urgent_frames_on_as_datagrams(tmp_path: Path, wire: Wire) -> None:
+    async with swarm(tmp_path, *LINE, hear=LINE) as line:
+        await line["uav1"].until_reaches(uav3="uav2")
+        await line["uav3"].until_reaches(uav1="uav2")
+        taken = await serve(line["uav3"])
+        assert await ask(line["uav1"], "uav3", "land") == "land taken"
+        assert taken == ["land"]
+        assert [name for name, _, _ in wire.sent] == ["uav2", "uav3", "uav2", "uav1"]
+
+
+@on_uvloop
+async def test_a_datagram_needs_the_same_right_as_a_frame_of_a_connection(tmp_path: Path, wire: Wire) -> None:
+    async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}) as pair:
+        await pair["gcs"].until_up("uav1")
+        await pair["uav1"].until_up("gcs")
+        taken = await serve(pair["uav1"])
+        with pytest.raises(Denied, match=f"{PATH}: observer@gcs may not call it"):
+            await ask(pair["gcs"], "uav1", "land")
+        assert taken == []
+        assert (await refused(pair["uav1"])).denied == 1
+        assert len(wire.to("uav1")) == 1
+
+
+@on_uvloop
+async def test_nothing_is_delivered_to_a_path_that_is_not_stated_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}) as pair:
+        await pair["gcs"].until_up("uav1")
+        monkeypatch.setattr(pair["uav1"].app, "_changed", lambda: None)
+        taken: list[str] = []
+
+        def handle(text: Text, _meta: object) -> Text:
+            taken.append(text.value)
+            return text
+
+        pair["uav1"].app.serve(PATH, Text, handle, reply=Text)
+        with pytest.raises(NotFound, match="no application here takes this path"):
+            await ask(pair["gcs"], "uav1", "land")
+        assert taken == []
