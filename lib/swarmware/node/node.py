@@ -77,7 +77,8 @@ class Node:
         self._users = 0
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
-        self._complained = ""
+        self._errors: list[str] = []
+        """Errors of the last look at what this process has in shared memory."""
         self._loop = asyncio.get_running_loop()
         self._incarnation = NodeIncarnation(self.run_dir, self.shm_dir)
         self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._incarnation.boot_id)
@@ -171,12 +172,15 @@ class Node:
         """Check and repair the files of this process in shared memory, which others may have damaged or
         removed."""
         self._tending = self._tend_later()
+        before, self._errors = self._errors, []
         for publication in list(self._publications):
             try:
                 if publication.tend():
                     log.warning("%s: damaged or removed; replaced", publication.path)
             except (OSError, SwarmError) as error:
-                self._complain(f"{publication.path}: damaged or removed, and cannot be replaced: {error}")
+                self._errors.append(
+                    f"{publication.path}: damaged or removed, and cannot be replaced: {error}"
+                )
         name = self.doorbell.name
         missing = [readers for readers in self._listens if not os.access(f"{readers}/{name}", os.F_OK)]
         for readers in missing:
@@ -184,14 +188,12 @@ class Node:
                 self._enter(readers)
                 log.warning("%s: our entry was removed; entered again", readers)
             except (OSError, SwarmError) as error:
-                self._complain(f"{readers}: our entry was removed, and cannot be made again: {error}")
+                self._errors.append(f"{readers}: our entry was removed, and cannot be made again: {error}")
+        for text in self._errors:
+            if text not in before:  # once, not every second
+                log.error("%s", text)
         if missing:
             self._on_bell()  # frames written meanwhile have not rung this doorbell
-
-    def _complain(self, text: str) -> None:
-        if text != self._complained:  # once, not every second
-            self._complained = text
-            log.error("%s", text)
 
     # -- publication
 

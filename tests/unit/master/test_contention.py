@@ -1,0 +1,154 @@
+"""Contention for the role of the master: records, holders that cannot be watched, candidates that died."""
+
+import asyncio
+import fcntl
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from swarmware.node.master import role as role_module
+from swarmware.node.master.record import Holder, RecordFile
+from swarmware.node.master.role import LOCK_NAME, LeaderCandidate
+from swarmware.transport.shm.ticks import start_ticks
+
+OTHER = """
+import fcntl, sys
+file = open(sys.argv[1], "r+b")
+fcntl.flock(file, fcntl.LOCK_EX)
+print(flush=True)
+sys.stdin.read()
+"""
+
+
+@contextmanager
+def other_process(lock: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that holds the lock of the role until its input ends."""
+    with subprocess.Popen(
+        [sys.executable, "-c", OTHER, str(lock)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+async def until(what: Callable[[], bool]) -> None:
+    async with asyncio.timeout(20.0):
+        while not what():  # noqa: ASYNC110 - another process dies
+            await asyncio.sleep(0.001)
+
+
+def candidate(folder: Path, log: list[str] | None = None) -> LeaderCandidate:
+    notes: list[str] = [] if log is None else log
+    return LeaderCandidate(
+        folder,
+        "ours",
+        ring=lambda: notes.append("ring"),
+        on_gained=lambda epoch: notes.append(f"gained {epoch}"),
+        on_lost=lambda: notes.append("lost"),
+    )
+
+
+def record(folder: Path) -> RecordFile:
+    return RecordFile(folder / LOCK_NAME)
+
+
+@pytest.mark.parametrize("stated", ["right", "of another start", "of nobody"])
+async def test_the_role_is_taken_over_when_its_holder_dies_whatever_it_has_written(
+    tmp_path: Path, stated: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(role_module, "RETRY_LIMIT_S", 0.01)
+    file = record(tmp_path)
+    with other_process(tmp_path / LOCK_NAME) as process:
+        start = start_ticks(process.pid)
+        if stated != "of nobody":
+            holder = Holder(7, process.pid, start if stated == "right" else start + 1, "other")
+            file.write_holder(holder)
+        role = candidate(tmp_path)
+        role.start()
+        await asyncio.sleep(0)
+        assert not role.holding
+        process.kill()
+        await until(lambda: role.holding)
+        assert role.holder.epoch == (1 if stated == "of nobody" else 8)
+    role.close()
+    file.close()
+
+
+async def test_a_holder_of_another_pid_namespace_is_tried_again_with_longer_pauses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+    loop = asyncio.get_running_loop()
+    call_later = loop.call_later
+
+    def counted(delay: float, *rest: object) -> asyncio.TimerHandle:
+        pauses.append(round(delay, 6))
+        return call_later(0.0, *rest)  # type: ignore[arg-type]
+
+    file = record(tmp_path)
+    with (tmp_path / LOCK_NAME).open("r+b") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        file.write_holder(Holder(3, 2**22 + 5, 1, "of a container"))
+        role = candidate(tmp_path)
+        monkeypatch.setattr(loop, "call_later", counted)
+        role.start()
+        while len(pauses) < 8:  # noqa: ASYNC110 - each pause is one turn of the loop
+            await asyncio.sleep(0)
+        monkeypatch.undo()
+        assert pauses[:7] == [0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.2]
+        assert pauses[7] == 0.2
+    role.close()
+    file.close()
+
+
+async def test_a_candidate_that_was_closed_takes_and_rings_nothing(tmp_path: Path) -> None:
+    log: list[str] = []
+    role = candidate(tmp_path, log)
+    role.start()
+    assert log == ["ring", "gained 1"]
+    role.close()
+    assert log[2:] == ["lost", "ring"]
+    role.close()
+    role.poll()
+    assert log[4:] == []
+    assert not role.holding
+
+
+async def test_the_number_of_the_role_only_grows(tmp_path: Path) -> None:
+    epochs = []
+    for _ in range(4):
+        role = candidate(tmp_path)
+        role.start()
+        epochs.append(role.holder.epoch)
+        role.close()
+    assert epochs == [1, 2, 3, 4]
+    file = record(tmp_path)
+    holder = file.holder()
+    assert holder is not None
+    assert (holder.epoch, holder.pid) == (4, 0), "given back"
+    file.close()
+
+
+async def test_who_volunteers_and_dies_before_it_has_the_role_keeps_nobody_from_it(tmp_path: Path) -> None:
+    file = record(tmp_path)
+    (tmp_path / "unrelated").touch()
+    with other_process(tmp_path / "unrelated") as process:
+        file.request_leadership(process.pid, start_ticks(process.pid))
+        first = candidate(tmp_path)
+        first.start()
+        await asyncio.sleep(0)
+        process.kill()
+        process.wait()
+        first.poll()
+        await until(lambda: first.holding)
+        assert first.holder.pid == os.getpid()
+    first.close()
+    file.close()

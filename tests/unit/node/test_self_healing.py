@@ -1,0 +1,134 @@
+"""Damaged or removed files of a process in shared memory are replaced, and logged once."""
+
+import asyncio
+import logging
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmware.errors import OutOfRange
+from swarmware.module.module import Module
+from swarmware.node import node as node_module
+from swarmware.node.node import Node
+from swarmware.node.publication import Publication
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.shm.layout import readers_folder, ring_file
+from swarmware.types.scalar import Float
+
+
+@pytest.fixture(autouse=True)
+def _often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node_module, "TEND_NS", 10_000_000)
+    monkeypatch.setattr(node_module, "TEND_PHASE_NS", 0)
+
+
+async def until(what: Callable[[], bool]) -> None:
+    async with asyncio.timeout(20.0):
+        while not what():  # noqa: ASYNC110 - files and lines of the log
+            await asyncio.sleep(0.002)
+
+
+def remove(path: Path) -> None:
+    path.unlink()
+
+
+def cut(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.truncate(16)
+
+
+def overwrite(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.write(b"\xff" * 64)
+
+
+@pytest.mark.parametrize("damage", [remove, overwrite])
+async def test_a_damaged_board_is_replaced_with_its_newest_value(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        writer, ring = m.writer("nav/height", Float), ring_file(node.shm_dir, "nav/height")
+        writer.write(Float(1.0))
+        writer.write(Float(2.0))
+        damage(ring)
+        await until(lambda: "damaged or removed; replaced" in caplog.text)
+        reader = m.reader("nav/height", Float)
+        assert (reader.value, reader.sequence) == (Float(2.0), 2)
+        writer.write(Float(3.0))
+        assert (reader.value, reader.sequence) == (Float(3.0), 3), "the sequence goes on"
+
+
+async def test_a_reader_goes_on_over_the_replacement(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        writer, reader = m.writer("nav/height", Float), m.reader("nav/height", Float)
+        writer.write(Float(1.0))
+        assert await reader.changed(5.0) == Float(1.0)
+        waiting = asyncio.create_task(reader.changed(20.0))
+        await asyncio.sleep(0)
+        ring_file(node.shm_dir, "nav/height").unlink()
+        await until(ring_file(node.shm_dir, "nav/height").exists)
+        writer.write(Float(2.0))
+        assert await waiting == Float(2.0)
+
+
+async def test_an_entry_of_our_doorbell_that_was_removed_is_made_again_and_nothing_is_missed(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        writer, reader = m.writer("nav/height", Float), m.reader("nav/height", Float)
+        waiting = asyncio.create_task(reader.changed(20.0))
+        await asyncio.sleep(0)
+        entries = readers_folder(ring_file(node.shm_dir, "nav/height"))
+        own = entries / node.doorbell.name
+        assert own.exists()
+        own.unlink()
+        writer.write(Float(1.0))  # rings for nobody
+        assert await waiting == Float(1.0)
+        await until(own.exists)
+        assert "our entry was removed; entered again" in caplog.text
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OutOfRange("too many files")])
+async def test_what_cannot_be_replaced_is_logged_once_not_each_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, error: Exception
+) -> None:
+    looked = 0
+
+    def tend(self: Publication) -> bool:
+        nonlocal looked
+        looked += 1
+        raise error
+
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        m.writer("nav/height", Float)
+        monkeypatch.setattr(Publication, "tend", tend)
+        await until(lambda: looked > 8)
+        monkeypatch.undo()
+        errors = [one.getMessage() for one in caplog.records if one.levelno == logging.ERROR]
+        assert len([text for text in errors if "nav.height" in text]) == 1
+        assert all("cannot be replaced" in text and str(error) in text for text in errors)
+
+
+async def test_an_entry_that_cannot_be_made_again_is_logged_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    tried = 0
+
+    def enter(self: Node, readers: Path) -> None:
+        nonlocal tried
+        tried += 1
+        raise OSError(28, "No space left on device")
+
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        reader = m.reader("nav/height", Float)
+        reader.listen()
+        entries = readers_folder(ring_file(node.shm_dir, "nav/height"))
+        monkeypatch.setattr(Node, "_enter", enter)
+        shutil.rmtree(entries)
+        await until(lambda: tried > 5)
+        monkeypatch.undo()
+        errors = [one for one in caplog.records if "cannot be made again" in one.getMessage()]
+        assert len(errors) == 1
+        await until((entries / node.doorbell.name).exists)
