@@ -60,19 +60,38 @@ def assigned(function: Function) -> Iterator[tuple[str, int]]:
                     yield part.attr, part.lineno
 
 
+def constructing(node: ast.ClassDef) -> Iterator[Function]:
+    """The constructor and the methods of the object that it calls, directly or through each other."""
+    methods = {item.name: item for item in node.body if isinstance(item, Function)}
+    todo, seen = ["__init__", "__post_init__"], set[str]()
+    while todo:
+        name = todo.pop()
+        if name in seen or name not in methods:
+            continue
+        seen.add(name)
+        yield methods[name]
+        todo += [
+            call.func.attr
+            for call in ast.walk(methods[name])
+            if isinstance(call, ast.Call)
+            and isinstance(call.func, ast.Attribute)
+            and ast.unparse(call.func.value) == "self"
+        ]
+
+
 def facts(node: ast.ClassDef, where: str) -> ClassFacts:
     found = ClassFacts(where, [last_word(base) for base in node.bases])
+    found.made |= {name for method in constructing(node) for name, _ in assigned(method)}
     fields = any("dataclass" in ast.unparse(one) for one in node.decorator_list)
     for item in node.body:
         if isinstance(item, ast.AnnAssign) and (item.value is not None or fields):
             found.made.add(ast.unparse(item.target))
         elif isinstance(item, ast.Assign):
             found.made |= {ast.unparse(target) for target in item.targets}
-        elif isinstance(item, Function):
-            if item.name in {"__init__", "__post_init__"}:
-                found.made |= {name for name, _ in assigned(item)}
-            elif any(ast.unparse(one).endswith(".setter") for one in item.decorator_list):
-                found.made.add(item.name)
+        elif isinstance(item, Function) and any(
+            ast.unparse(one).endswith(".setter") for one in item.decorator_list
+        ):
+            found.made.add(item.name)
     for item in node.body:
         static = isinstance(item, Function) and any(
             ast.unparse(one) in {"staticmethod", "classmethod"} for one in item.decorator_list
@@ -157,7 +176,11 @@ def test_the_rule_sees_what_is_made_late() -> None:
     text = """
 class Whole:
     limit: int = 3
-    def __init__(self): self.a, self.b = 1, 2
+    def __init__(self):
+        self.a, self.b = 1, 2
+        self._first()
+    def _first(self): self._second()
+    def _second(self): self.f = 0
     def run(self): self.a = self.limit = 4
 class Late(Whole):
     def __init__(self):
@@ -170,4 +193,4 @@ class Late(Whole):
         for self.e in (): pass
 """
     found = late({"x.py": ast.parse(text)})
-    assert found == {"x.py:Late": ["c (line 11)", "d (line 12)", "e (line 14)"]}
+    assert found == {"x.py:Late": ["c (line 15)", "d (line 16)", "e (line 18)"]}
