@@ -10,11 +10,12 @@ import select
 import signal
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Final
 
 import msgspec
 
+from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.transport.shm.ticks import start_ticks
 
 MARK: Final = "SWARM_LAB"
@@ -36,13 +37,9 @@ class ProcessIdentity(msgspec.Struct, frozen=True, order=True):
 
     def send(self, number: signal.Signals) -> None:
         """Sends a signal to this process, never to a later one of the same pid."""
-        with suppress(ProcessLookupError, PermissionError):
-            fd = os.pidfd_open(self.pid)
-            try:
-                if self.alive():
-                    signal.pidfd_send_signal(fd, number)
-            finally:
-                os.close(fd)
+        with suppress(ProcessLookupError, PermissionError), closing(ProcessHandle(self.pid)) as process:
+            if self.alive():
+                process.signal(number)
 
 
 def identity(pid: int) -> ProcessIdentity:
@@ -89,24 +86,23 @@ def wait_gone(processes: Iterable[ProcessIdentity], timeout_s: float) -> list[Pr
     A zombie counts as ended.
     """
     poller = select.poll()
-    fds: dict[int, ProcessIdentity] = {}
+    running: dict[int, tuple[ProcessHandle, ProcessIdentity]] = {}
     try:
         for process in processes:
             with suppress(ProcessLookupError):
                 if process.alive():
-                    fd = os.pidfd_open(process.pid)
-                    fds[fd] = process
-                    poller.register(fd, select.POLLIN)
+                    handle = ProcessHandle(process.pid)
+                    running[handle.fileno()] = handle, process
+                    poller.register(handle, select.POLLIN)
         deadline = time.monotonic() + timeout_s
-        while fds and (left := deadline - time.monotonic()) > 0:
+        while running and (left := deadline - time.monotonic()) > 0:
             for fd, _ in poller.poll(left * 1000):
                 poller.unregister(fd)
-                os.close(fd)
-                del fds[fd]
-        return [process for process in fds.values() if process.alive()]
+                running.pop(fd)[0].close()
+        return [process for _, process in running.values() if process.alive()]
     finally:
-        for fd in fds:
-            os.close(fd)
+        for handle, _ in running.values():
+            handle.close()
 
 
 def end(first: Iterable[ProcessIdentity], mark: str, *, grace_s: float = 8.0) -> int:

@@ -1,15 +1,14 @@
 """Notifications of nodes, ready or restarted: the receiving end of sd_notify, a socket for each."""
 
 import re
-import socket
-from contextlib import suppress
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
-_LIMIT: Final = 4096
-"""sd_notify messages are one datagram of a few lines."""
+from swarmware.service.notify import NotificationSocket
+
 _COUNT_DIGITS: Final = 6
 """A count of restarts with more digits is none."""
 
@@ -39,10 +38,7 @@ class NotifySocket:
         """Of all X_RESTARTS= and X_REASON= lines, and of supervisors that died."""
         self._before = 0
         """How many there were when the present supervisor began to count."""
-        with suppress(FileNotFoundError):
-            path.unlink()
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-        self._socket.bind(str(path))
+        self._socket = NotificationSocket(str(path))
 
     def fileno(self) -> int:
         """For the event loop."""
@@ -50,30 +46,20 @@ class NotifySocket:
 
     def drain(self) -> None:
         """Takes in everything that has arrived."""
-        while True:
-            try:
-                data = self._socket.recv(_LIMIT)
-            except BlockingIOError:
-                return
-            self.take(data)
+        while (found := self._socket.receive()) is not None:
+            self.take(found[1])
 
-    def take(self, data: bytes) -> None:
-        """One message; unknown lines are passed over, as systemd does."""
-        count, reason = 0, ""
-        for line in data.decode("utf-8", "replace").splitlines():
-            key, _, value = line.partition("=")
-            if key == "READY" and value == "1":
-                self.ready = True
-            elif key in {"RELOADING", "STOPPING"} and value == "1":
-                self.ready = False
-            elif key == "STATUS":
-                self.status = value
-            elif key == "X_RESTARTS" and re.fullmatch(rf"[0-9]{{1,{_COUNT_DIGITS}}}", value):
-                count = int(value)
-            elif key == "X_REASON":
-                reason = value
+    def take(self, variables: Mapping[str, str]) -> None:
+        """Takes the variables of one notification; unknown ones are ignored, as systemd does."""
+        if variables.get("READY") == "1":
+            self.ready = True
+        if "1" in {variables.get("RELOADING"), variables.get("STOPPING")}:
+            self.ready = False
+        self.status = variables.get("STATUS", self.status)
+        restarts = variables.get("X_RESTARTS", "")
+        count = int(restarts) if re.fullmatch(rf"[0-9]{{1,{_COUNT_DIGITS}}}", restarts) else 0
         if count and self._before + count > self.restarts.count:
-            self._add(self._before + count, reason)
+            self._add(self._before + count, variables.get("X_REASON", ""))
 
     def supervisor_died(self, how: str) -> None:
         """It is started again, and counts from the beginning."""
@@ -87,5 +73,3 @@ class NotifySocket:
     def close(self) -> None:
         """Closes the socket; sd_notify of a node does not fail without it."""
         self._socket.close()
-        with suppress(FileNotFoundError):
-            self.path.unlink()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Collection, Coroutine
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -19,6 +20,7 @@ from swarmlab import provisioning
 from swarmlab.notify import NotifySocket, Restarts
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model.config import CONFIG_VARIABLE
+from swarmware.runtime.processes import WatchedProcess
 from swarmware.runtime.restart_policy import RestartPolicy
 
 T = TypeVar("T")
@@ -85,7 +87,7 @@ class RunningLab:
         self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
         """Called with platform and words when its supervisor restarts its process, and when that is ready."""
         self._children: dict[str, subprocess.Popen[bytes]] = {}
-        self._pidfds: dict[str, int] = {}
+        self._processes: dict[str, WatchedProcess] = {}
         self._sockets: dict[str, NotifySocket] = {}
         self._changed = asyncio.Event()
         self._restart_policies: dict[str, RestartPolicy] = {}
@@ -183,8 +185,7 @@ class RunningLab:
                 start_new_session=True,
             )
         self._children[node.platform] = child
-        self._pidfds[node.platform] = os.pidfd_open(child.pid)
-        loop.add_reader(self._pidfds[node.platform], self._on_exit, node.platform)
+        self._processes[node.platform] = WatchedProcess(child.pid, partial(self._on_exit, node.platform))
         who = processes.identity(child.pid)
         known = msgspec.structs.replace(node, pid=who.pid, pid_start=who.start_ticks)
         nodes = tuple(known if old.platform == node.platform else old for old in self.state.nodes)
@@ -212,9 +213,7 @@ class RunningLab:
         self._changed.set()
 
     def _on_exit(self, platform: str) -> None:
-        fd = self._pidfds.pop(platform)
-        asyncio.get_running_loop().remove_reader(fd)
-        os.close(fd)
+        self._processes.pop(platform).close()
         code = self._children[platform].wait()
         pause_s = None
         killed = code < 0 and -code not in ASKED
@@ -253,13 +252,12 @@ class RunningLab:
         self._again.clear()
         for platform, notify in self._sockets.items():
             self._on_notify(platform, notify)
-        for platform in list(self._pidfds):
+        for platform in list(self._processes):
             if self._children[platform].poll() is not None:
                 self._on_exit(platform)
-        for fd in self._pidfds.values():
-            loop.remove_reader(fd)
-            os.close(fd)
-        self._pidfds.clear()
+        for process in self._processes.values():
+            process.close()
+        self._processes.clear()
         for notify in self._sockets.values():
             loop.remove_reader(notify.fileno())
             notify.close()

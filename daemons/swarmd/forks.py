@@ -7,6 +7,7 @@ import signal
 import time
 from contextlib import suppress
 
+from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.fork import FOLDER, SOCKET
 from swarmware.service.starting import environment, start
@@ -27,7 +28,7 @@ class Forks:
         self._lives = RestartPolicy()
         self._lifeline = -1
         self.pid = 0
-        self.pidfd = -1
+        self._process: ProcessHandle | None = None
         self.due_ns: int | None = None
         """When the fork server is restarted; None: it runs, or was given up."""
 
@@ -39,7 +40,11 @@ class Forks:
             self.pid = start(self._words, environment(self._run_dir, notifies=True), stdin=theirs)
         finally:
             os.close(theirs)
-        self.pidfd = os.pidfd_open(self.pid)
+        self._process = ProcessHandle(self.pid)
+
+    def fileno(self) -> int:
+        """Descriptor that is readable when the fork server has ended; -1: it does not run."""
+        return -1 if self._process is None else self._process.fileno()
 
     def on_ready(self) -> None:
         """The fork server has reported that it is ready."""
@@ -58,14 +63,15 @@ class Forks:
         """Kills the fork server, which has no state to save."""
         self.due_ns = None
         if self.pid:
-            with suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self.pidfd, signal.SIGKILL)
+            if self._process is not None:
+                self._process.signal(signal.SIGKILL)
             os.waitid(os.P_PID, self.pid, os.WEXITED)
             self._forget()
         with suppress(FileNotFoundError):
             os.unlink(os.path.join(self._run_dir, FOLDER, SOCKET))
 
     def _forget(self) -> None:
-        os.close(self.pidfd)
+        if self._process is not None:
+            self._process.close()
         os.close(self._lifeline)
-        self.pid, self.pidfd, self._lifeline = 0, -1, -1
+        self.pid, self._process, self._lifeline = 0, None, -1

@@ -14,14 +14,14 @@ import signal
 import socket
 import sys
 import time
-from contextlib import suppress
 
 from swarmd.forks import Forks
-from swarmd.words import RECEIVE_BYTES, Words
+from swarmd.words import Words
 from swarmware.errors import SwarmError
+from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.fork import ENDED_S, StartedProcess
-from swarmware.service.notify import Notifier
+from swarmware.service.notify import RECEIVE_BYTES, Notifier
 from swarmware.service.starting import (
     BEAT_S,
     GUARD,
@@ -113,7 +113,7 @@ class Parent:
         self._forks = forks
         self._above = Notifier()
         self._pid = 0
-        self._pidfd = -1
+        self._process: ProcessHandle | None = None
         self._child: StartedProcess | None = None
         """The newest process that this one started: only of that the exit code is known."""
         self._started_ns = 0
@@ -158,8 +158,9 @@ class Parent:
                 end.close()
 
     def _turn(self, poller: select.poll, wake: socket.socket) -> int | None:
-        watched = self._pidfd
-        forks = -1 if self._forks is None else self._forks.pidfd
+        process = self._process
+        watched = -1 if process is None else process.fileno()
+        forks = -1 if self._forks is None else self._forks.fileno()
         for fd in (watched, forks):
             if fd >= 0:
                 poller.register(fd, select.POLLIN)
@@ -173,7 +174,7 @@ class Parent:
                 poller.unregister(fd)
         if wake.fileno() in ready:
             wake.recv(RECEIVE_BYTES)
-        while (word := self._words.take()) is not None:
+        while (word := self._words.receive()) is not None:
             self._on_notification(*word)
         if self._above.watchdog_s is not None:
             self._above.alive()
@@ -181,7 +182,7 @@ class Parent:
             self._log("the fork server ended; started again")
             self._forks.on_end()
             self._on_forks()
-        if watched in ready and watched == self._pidfd:
+        if watched in ready and process is self._process:
             code = self._ended()
             if code is not None:
                 return code
@@ -211,9 +212,8 @@ class Parent:
         self._signal(signal.SIGTERM)
 
     def _signal(self, number: signal.Signals) -> None:
-        if self._pidfd >= 0:
-            with suppress(ProcessLookupError):  # its end is in the next poll
-                signal.pidfd_send_signal(self._pidfd, number)
+        if self._process is not None:
+            self._process.signal(number)  # when it has ended, the next poll says so
 
     def _on_notification(self, pid: int, words: dict[str, str]) -> None:
         if self._forks is not None:
@@ -240,7 +240,7 @@ class Parent:
 
     def _follow(self, pid: int) -> bool:
         try:
-            self._pidfd = os.pidfd_open(pid)
+            self._process = ProcessHandle(pid)
         except OSError:
             return False
         self._pid = pid
@@ -322,9 +322,9 @@ class Parent:
             self._due_ns = time.monotonic_ns()
 
     def _forget(self) -> None:
-        if self._pidfd >= 0:
-            os.close(self._pidfd)
-        self._pid, self._pidfd = 0, -1
+        if self._process is not None:
+            self._process.close()
+        self._pid, self._process = 0, None
         self._ready = self._leaving = False
 
     def _log(self, text: str) -> None:

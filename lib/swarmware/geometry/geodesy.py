@@ -11,6 +11,11 @@ SEMI_MAJOR_M: Final = 6_378_137.0
 FLATTENING: Final = 1 / 298.257223563
 """Ellipsoid of WGS84 (NIMA TR8350.2, table 3.1)."""
 
+GRAVITY_M_S2: Final = 9.80665
+"""Standard gravity, by definition of the third CGPM (1901)."""
+GNSS_HEIGHT_RATIO: Final = 1.5
+"""Error of the height of a GNSS fix by that of its position: all satellites are above the receiver."""
+
 _E2: Final = FLATTENING * (2 - FLATTENING)
 
 

@@ -15,6 +15,7 @@ from swarmware.mission.catalogue import BlockType, Catalogue, Nothing, Params
 from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, Edge
 from swarmware.mission.source import escape
+from swarmware.model.misfit import misfit
 
 _ALWAYS: Final = ("type", "title", "comment")
 _TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
@@ -26,9 +27,7 @@ _TIMEOUT_VALUE: Final = (_MILLISECONDS, _SECONDS)
 _EDGE_KEYS: Final = ("next", "on", *_TIMEOUT_EDGE, *_ERROR_EDGE, *_TIMEOUT_VALUE)
 _SUCCESSORS: Final = {"Decision": ("cases",), "DecisionRandom": ("nextIfTrue", "nextIfFalse")}
 """Keys for successors that single types have beside the common ones."""
-_WHERE = re.compile(r" - at `\$\.?(?P<key>[^`]*)`$")
 _NUMBER = re.compile(r"[+-]?(\d{1,18}\.?\d{0,18}|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
-_UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
 
 TIMEOUT_LIMIT_S: Final = 86_400.0
 """Longest time-out of a block: a day."""
@@ -254,20 +253,19 @@ class BlockReader:
 
     def _explain(self, text: str, spelled: dict[str, str]) -> None:
         names = [field.encode_name for field in msgspec.structs.fields(self._spec.params)]
-        if unknown := _UNKNOWN.search(text):
-            key = unknown["key"]
+        found = misfit(text)
+        if found.unknown:
+            key = found.unknown
             hint = nearest(key, names) if names else "it has none"
             message = f"parameter {key!r} of {self._spec.name}: unknown; {hint}"
             self._report(escape(spelled.get(key, key)), "param", message)
             return
-        where = _WHERE.search(text)
-        message = text[: where.start()] if where else text
-        steps = [step for step in re.split(r"[.\[\]]+", where["key"]) if step] if where else []
+        steps = [step for step in re.split(r"[.\[\]]+", found.place) if step]
         name = steps[0] if steps else ""
         place = "/".join([spelled.get(name, name), *steps[1:]])
         value = f", it is {self._body[spelled[name]]!r}" if name in spelled else ""
         subject = f"parameter {spelled.get(name, name)!r} of {self._spec.name}" if name else self._spec.name
-        self._report(place, "param", f"{subject}: {message[:1].lower()}{message[1:]}{value}")
+        self._report(place, "param", f"{subject}: {found.text[:1].lower()}{found.text[1:]}{value}")
 
 
 @cache

@@ -10,6 +10,7 @@ import msgspec
 
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import document
+from swarmware.model.misfit import misfit
 from swarmware.model.names import check_application, check_platform, segment
 
 T = TypeVar("T")
@@ -17,9 +18,6 @@ T = TypeVar("T")
 DEFAULT_DIR: Final = Path("/etc/swarm")
 CONFIG_VARIABLE: Final = "SWARM_CONFIG"
 """Environment variable that names the configuration folder, for daemons, commands and modules alike."""
-
-_WHERE = re.compile(r" - at `\$\.?(?P<key>[^`]*)`$")
-_UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
 
 
 class ClockConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -189,18 +187,17 @@ def convert(raw: Any, cls: type[T], source: str) -> T:
 
 
 def _explain(message: str, raw: Any, cls: Any) -> str:
-    where = _WHERE.search(message)
-    prefix = f"{where['key']}." if where and where["key"] else ""
-    if unknown := _UNKNOWN.search(message):
-        known = _fields_at(cls, prefix.rstrip("."))
-        near = get_close_matches(unknown["key"], known, n=1)
+    found = misfit(message)
+    if found.unknown:
+        prefix = f"{found.place}." if found.place else ""
+        known = _fields_at(cls, found.place)
+        near = get_close_matches(found.unknown, known, n=1)
         hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
-        return f"key {prefix}{unknown['key']}: unknown; {hint}"
-    text = message[: where.start()] if where else message
-    if not prefix:
-        return text
-    value = _value_at(raw, prefix.rstrip("."))
-    return f"key {prefix.rstrip('.')}: {text[:1].lower() + text[1:]} (it is {value!r})"
+        return f"key {prefix}{found.unknown}: unknown; {hint}"
+    if not found.place:
+        return found.text
+    value = _value_at(raw, found.place)
+    return f"key {found.place}: {found.text[:1].lower() + found.text[1:]} (it is {value!r})"
 
 
 def _fields_at(cls: Any, key: str) -> list[str]:

@@ -1,14 +1,12 @@
-"""Processes by their pidfd, on the event loop: the end of each is reported once, within milliseconds.
-
-The parent of a node's processes and its fork server have no event loop; they poll pidfds themselves.
-"""
+"""Running processes on the event loop: the end of each is reported once, within milliseconds."""
 
 import asyncio
-import contextlib
 import os
 import signal
 from collections.abc import Callable, Set
 from functools import partial
+
+from swarmware.runtime.pidfd import ProcessHandle
 
 
 class WatchedProcess:
@@ -17,10 +15,10 @@ class WatchedProcess:
     def __init__(self, pid: int, on_end: Callable[[], None]) -> None:
         """Raises: ProcessLookupError without such a process, OSError when it cannot be watched from here."""
         self.pid = pid
-        self._fd = os.pidfd_open(pid)
+        self._handle = ProcessHandle(pid)
         self._on_end = on_end
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._fd, self._ended)
+        self._loop.add_reader(self._handle.fileno(), self._ended)
 
     def _ended(self) -> None:
         self.close()
@@ -28,16 +26,13 @@ class WatchedProcess:
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to this process, never to a later one with the same pid."""
-        if self._fd >= 0:
-            with contextlib.suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._fd, number)
+        self._handle.signal(number)
 
     def close(self) -> None:
         """Stop watching; the process continues."""
-        if self._fd >= 0:
-            self._loop.remove_reader(self._fd)
-            os.close(self._fd)
-            self._fd = -1
+        if self._handle.fileno() >= 0:
+            self._loop.remove_reader(self._handle.fileno())
+            self._handle.close()
 
 
 class ProcessWatcher:

@@ -1,9 +1,10 @@
-"""Notifications to the service manager of this process (sd_notify): ready, watchdog, status, stopping."""
+"""Notifications of a process to its service manager (sd_notify), and the socket that receives them."""
 
 from __future__ import annotations
 
 import os
 import socket
+import struct
 from contextlib import suppress
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
@@ -11,6 +12,10 @@ if TYPE_CHECKING:
     from typing import Final
 
 _USEC: Final = 1_000_000
+RECEIVE_BYTES: Final = 4096
+"""A notification is one datagram of a few lines."""
+_CREDENTIALS: Final = struct.Struct("3i")
+"""pid, uid, gid. Source: unix(7), SCM_CREDENTIALS."""
 
 
 class Notifier:
@@ -59,3 +64,61 @@ class Notifier:
             # a service manager that has ended or is busy must not stop the service
             with suppress(OSError):
                 self._socket.sendto(text.encode(), self._address)
+
+
+class NotificationSocket:
+    """Receives the notifications of processes of this user; those of other users are ignored."""
+
+    def __init__(self, path: str = "") -> None:
+        """`path`: of the socket; empty: an abstract address of the kernel's choice (unix(7)).
+
+        Raises: OSError when it cannot be bound.
+        """
+        self._path = path
+        if path:
+            with suppress(FileNotFoundError):
+                os.unlink(path)
+        kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC
+        self._socket = socket.socket(socket.AF_UNIX, kind)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
+            self._socket.bind(path)
+        except OSError:
+            self._socket.close()
+            raise
+
+    @property
+    def address(self) -> str:
+        """Value of NOTIFY_SOCKET for the processes that notify."""
+        return self._path or "@" + self._socket.getsockname()[1:].decode()
+
+    def fileno(self) -> int:
+        """Descriptor of the socket, readable when a notification waits."""
+        return self._socket.fileno()
+
+    def receive(self) -> tuple[int, dict[str, str]] | None:
+        """pid of the sender and the variables of its notification; None when none is waiting."""
+        while True:
+            try:
+                data, ancillary, _, _ = self._socket.recvmsg(
+                    RECEIVE_BYTES, socket.CMSG_SPACE(_CREDENTIALS.size)
+                )
+            except BlockingIOError:
+                return None
+            for level, kind, content in ancillary:
+                if (level, kind) == (socket.SOL_SOCKET, socket.SCM_CREDENTIALS):
+                    pid, uid, _gid = _CREDENTIALS.unpack(content)
+                    if uid == os.getuid():
+                        return pid, variables(data)
+
+    def close(self) -> None:
+        """Close the socket and remove its file."""
+        if self._path:
+            with suppress(FileNotFoundError):
+                os.unlink(self._path)
+        self._socket.close()
+
+
+def variables(data: bytes) -> dict[str, str]:
+    """The variables of a notification; a line without `=` is a name without a value."""
+    return dict(line.partition("=")[::2] for line in data.decode("utf-8", "replace").splitlines())

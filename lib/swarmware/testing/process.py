@@ -4,14 +4,14 @@ import asyncio
 import contextlib
 import os
 import signal
-import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.service.notify import NotificationSocket
 
 READY_S = 20.0
 """Time to get ready on a busy machine."""
@@ -119,32 +119,34 @@ async def spawn(
     Raises: SwarmError when it ends before it is ready, or takes too long.
     """
     args = ["run", *names] if names else ["node"]
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notifications:
-        notifications.bind("")  # an abstract address of the kernel's choice
-        notifications.setblocking(False)
-        address = "@" + notifications.getsockname()[1:].decode()
+    with contextlib.closing(NotificationSocket()) as notifications:
         command = ["-m", "swarmd", *args, "--config", str(config_dir)]
-        async with run_python(*command, env={**(env or {}), "NOTIFY_SOCKET": address}) as process:
+        async with run_python(
+            *command, env={**(env or {}), "NOTIFY_SOCKET": notifications.address}
+        ) as process:
             await _ready(process, notifications, ready_s)
             yield process
 
 
-async def _ready(process: Process, notifications: socket.socket, timeout_s: float) -> None:
-    loop = asyncio.get_running_loop()
+async def _ready(process: Process, notifications: NotificationSocket, timeout_s: float) -> None:
+    loop, ready = asyncio.get_running_loop(), asyncio.Event()
+
+    def receive() -> None:
+        while (found := notifications.receive()) is not None:
+            if found[1].get("READY") == "1":
+                ready.set()
+
+    loop.add_reader(notifications.fileno(), receive)
     ended = asyncio.ensure_future(process.wait(timeout_s))
+    started = asyncio.ensure_future(ready.wait())
     try:
-        while True:
-            word = asyncio.ensure_future(loop.sock_recv(notifications, 4096))
-            done: Sequence[asyncio.Future[object]] = list(
-                (await asyncio.wait([word, ended], return_when=asyncio.FIRST_COMPLETED))[0]
-            )
-            if word not in done:
-                word.cancel()
-                code = ended.result()
-                raise SwarmError(f"swarmd ended with {code} before it was ready\n{process.stderr()}")
-            if b"READY=1" in word.result():
-                return
+        await asyncio.wait([started, ended], return_when=asyncio.FIRST_COMPLETED)
+        if not ready.is_set():
+            code = ended.result()
+            raise SwarmError(f"swarmd ended with {code} before it was ready\n{process.stderr()}")
     finally:
+        loop.remove_reader(notifications.fileno())
+        started.cancel()
         ended.cancel()
         with contextlib.suppress(asyncio.CancelledError, NoAnswer):
             await ended

@@ -4,6 +4,7 @@ import socket
 from pathlib import Path
 
 from swarmlab.notify import NotifySocket, Restarts
+from swarmware.service.notify import variables
 
 
 def say(path: Path, *messages: bytes) -> None:
@@ -34,7 +35,7 @@ def test_a_node_is_ready_when_it_says_so_and_not_any_more_when_it_stops(tmp_path
 
 def test_garbage_changes_nothing(tmp_path: Path) -> None:
     heard = NotifySocket(tmp_path / "n")
-    heard.take(b"\xff\xfe\0READY\n=1\nREADY=2")
+    heard.take(variables(b"\xff\xfe\0READY\n=1\nREADY=2"))
     assert not heard.ready
     heard.close()
 
@@ -53,12 +54,12 @@ def test_a_stale_socket_file_is_replaced(tmp_path: Path) -> None:
 def test_a_new_supervisor_counts_from_the_beginning_and_the_sum_goes_on(tmp_path: Path) -> None:
     heard = NotifySocket(tmp_path / "n")
     try:
-        heard.take(b"X_RESTARTS=1\nX_REASON=signal 9\nREADY=1")
-        heard.take(b"READY=1")
+        heard.take(variables(b"X_RESTARTS=1\nX_REASON=signal 9\nREADY=1"))
+        heard.take(variables(b"READY=1"))
         heard.supervisor_died("signal 9")
         assert not heard.ready
-        heard.take(b"X_RESTARTS=1\nX_REASON=exit 1")
-        heard.take(b"X_RESTARTS=1\nX_REASON=exit 1")  # said twice
+        heard.take(variables(b"X_RESTARTS=1\nX_REASON=exit 1"))
+        heard.take(variables(b"X_RESTARTS=1\nX_REASON=exit 1"))  # said twice
         assert heard.restarts == Restarts(3, ("signal 9", "parent: signal 9", "exit 1"))
     finally:
         heard.close()
@@ -67,13 +68,13 @@ def test_a_new_supervisor_counts_from_the_beginning_and_the_sum_goes_on(tmp_path
 def test_restarts_are_counted_with_their_reasons_and_the_node_is_not_ready_meanwhile(tmp_path: Path) -> None:
     heard = NotifySocket(tmp_path / "n")
     try:
-        heard.take(b"READY=1")
-        heard.take(b"STATUS=restart 1: signal 9\nX_RESTARTS=1\nX_REASON=signal 9")
+        heard.take(variables(b"READY=1"))
+        heard.take(variables(b"STATUS=restart 1: signal 9\nX_RESTARTS=1\nX_REASON=signal 9"))
         assert (heard.ready, heard.restarts) == (False, Restarts(1, ("signal 9",)))
-        heard.take(b"READY=1")
-        heard.take(b"X_RESTARTS=2\nX_REASON=exit 1")
+        heard.take(variables(b"READY=1"))
+        heard.take(variables(b"X_RESTARTS=2\nX_REASON=exit 1"))
         for nonsense in (b"many", b"-3", b"9" * 4000, "٣".encode(), b""):
-            heard.take(b"X_RESTARTS=" + nonsense)
+            heard.take(variables(b"X_RESTARTS=" + nonsense))
         assert str(heard.restarts) == "restarted 2 times (signal 9, exit 1)"
     finally:
         heard.close()

@@ -8,8 +8,8 @@ from statistics import mean, stdev
 import pytest
 
 from swarmd.sim.config import SensorsConfig
-from swarmd.sim.core.sensors import GRAVITY_M_S2, SensorErrors
-from swarmware.geometry.geodesy import LocalMap
+from swarmd.sim.core.sensors import SensorErrors
+from swarmware.geometry.geodesy import GRAVITY_M_S2, LocalMap
 from swarmware.geometry.world import Bounds, Circle, World
 from swarmware.types.vehicle import Pose
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmd.navigator.config import DwaConfig
-from swarmd.navigator.core.target import Surroundings
+from swarmd.navigator.core.target import PLATFORM_HEIGHT_M, PLATFORM_RADIUS_M, Surroundings
 from swarmware.types.vehicle import Pose
 
 Array = NDArray[np.float64]
@@ -27,9 +27,6 @@ _CHANGE: Final = 2.6
 """Cost of changing the side, for the same reason: equal to half a radian."""
 _SLOW_M_S: Final = 0.3
 """Speed below which a platform is an obstacle; a faster one will have left."""
-_OTHER_M: Final = 0.4
-"""Radius taken for other platforms."""
-_HEIGHT_M: Final = 1.5
 _ROOM_M: Final = (0.1, 0.0)
 """Clearances beyond radius and margin, tried in this order: the second fits through a narrow gap."""
 
@@ -86,9 +83,9 @@ class Detour:
         width = self._limits.radius_m + self._limits.margin_m
         found = [(x - pose.x_m, y - pose.y_m, width) for x, y in around.points_m]
         found += [
-            (n.x_m - pose.x_m, n.y_m - pose.y_m, width + _OTHER_M)
+            (n.x_m - pose.x_m, n.y_m - pose.y_m, width + PLATFORM_RADIUS_M)
             for n in around.neighbours
-            if math.hypot(n.vx_m_s, n.vy_m_s) < _SLOW_M_S and abs(n.z_m - pose.z_m) < _HEIGHT_M
+            if math.hypot(n.vx_m_s, n.vy_m_s) < _SLOW_M_S and abs(n.z_m - pose.z_m) < PLATFORM_HEIGHT_M
         ]
         reach_m = self._limits.v_max_m_s * self._limits.horizon_s
         return [thing for thing in found if math.hypot(thing[0], thing[1]) < reach_m + thing[2]]

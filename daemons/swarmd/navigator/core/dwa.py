@@ -15,15 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmd.navigator.config import DwaConfig
-from swarmd.navigator.core.target import Surroundings
+from swarmd.navigator.core.target import PLATFORM_HEIGHT_M, PLATFORM_RADIUS_M, Surroundings
 from swarmware.types.vehicle import Pose
 
 Array = NDArray[np.float64]
 
-_HEIGHT_M: Final = 1.5
-"""Vertical distance above which another platform is not an obstacle to one on the ground."""
-_OTHER_M: Final = 0.4
-"""Assumed radius of other platforms."""
 _STRAIGHT: Final = 1e-6
 _STANDS_M_S: Final = 0.05
 """Speed below which a motion is turning on the spot."""
@@ -162,14 +158,14 @@ class Planner:
         near = [
             n
             for n in around.neighbours
-            if abs(n.z_m - pose.z_m) < _HEIGHT_M
+            if abs(n.z_m - pose.z_m) < PLATFORM_HEIGHT_M
             and math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m) < 2 * reach
         ]
         if near:
             table = np.array([(n.x_m, n.y_m, n.vx_m_s, n.vy_m_s) for n in near]).T[:, None, :]
             nx, ny = table[0] + table[2] * times[:, None], table[1] + table[3] * times[:, None]
             gap2 = (x[:, :, None] - nx) ** 2 + (y[:, :, None] - ny) ** 2
-            bodies = limits.radius_m + _OTHER_M
+            bodies = limits.radius_m + PLATFORM_RADIUS_M
             gap = np.sqrt(gap2.min(axis=2)) - bodies
             clear = np.minimum(clear, gap.min(axis=1))
             now = min(math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m) for n in near) - bodies

@@ -5,12 +5,9 @@ from typing import Final
 
 from swarmd.navigator.config import EstimatorConfig
 from swarmd.navigator.core.standstill import Standstill
-from swarmware.geometry.geodesy import LocalMap, Origin
+from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap, Origin
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 
-GRAVITY_M_S2: Final = 9.80665
-_HEIGHT_FACTOR: Final = 1.5
-"""Ratio of the vertical to the horizontal error of a GNSS receiver."""
 _FIRST_SPEED_SIGMA_M_S: Final = 0.5
 _PREDICTION_MAX_S: Final = 0.5
 """Longest prediction in one step."""
@@ -252,7 +249,7 @@ class Estimator:
 
     def _correct_position(self, fix: GnssFix) -> None:
         found = self._found = self._map.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
-        sigmas = self._sigmas = (fix.h_acc_m, fix.h_acc_m, fix.h_acc_m * _HEIGHT_FACTOR)
+        sigmas = self._sigmas = (fix.h_acc_m, fix.h_acc_m, fix.h_acc_m * GNSS_HEIGHT_RATIO)
         span_s, self._used_ns = (self._fix_ns - self._used_ns) / 1e9, self._fix_ns
         if self._may_rest and (
             self._rest_reference is None or self._rest_reference[1] < self._standstill.since_ns

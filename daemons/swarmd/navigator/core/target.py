@@ -1,6 +1,13 @@
 """The inputs of a controller: the target with its velocity, and the obstacles around."""
 
+from typing import Final
+
 import msgspec
+
+PLATFORM_RADIUS_M: Final = 0.4
+"""Assumed radius of other platforms."""
+PLATFORM_HEIGHT_M: Final = 1.5
+"""Vertical distance above which another platform is not an obstacle."""
 
 
 class Target(msgspec.Struct, frozen=True, gc=False):

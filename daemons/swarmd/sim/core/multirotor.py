@@ -4,9 +4,9 @@ import math
 from typing import Final
 
 from swarmd.sim.config import MultirotorLimits
+from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.types.vehicle import Pose, Setpoint
 
-GRAVITY_M_S2: Final = 9.80665
 _LIFT_M_S: Final = 0.1
 """Commanded climb rate above which a landed vehicle takes off."""
 _IDLE: Final = 0.1

@@ -5,13 +5,10 @@ from collections.abc import Callable
 from typing import Final
 
 from swarmd.sim.config import SensorsConfig
-from swarmware.geometry.geodesy import LocalMap
+from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap
 from swarmware.geometry.world import World
 from swarmware.types.vehicle import GnssFix, Imu, Pose, Range
 
-GRAVITY_M_S2: Final = 9.80665
-_HEIGHT_FACTOR: Final = 1.5
-"""Ratio of the vertical to the horizontal error of GNSS (satellites are all above)."""
 _SATELLITES: Final = 17
 
 Gauss = Callable[[float, float], float]
@@ -53,7 +50,7 @@ class SensorErrors:
         lat, lon, alt = self._map.to_wgs84(
             pose.x_m + self._bias_m[0] + self._gauss(0.0, sigma),
             pose.y_m + self._bias_m[1] + self._gauss(0.0, sigma),
-            pose.z_m + (self._bias_m[2] + self._gauss(0.0, sigma)) * _HEIGHT_FACTOR,
+            pose.z_m + (self._bias_m[2] + self._gauss(0.0, sigma)) * GNSS_HEIGHT_RATIO,
         )
         accuracy = math.hypot(sigma, self._config.gnss_bias_sigma_m)
         return GnssFix(lat, lon, alt, accuracy, _SATELLITES)
