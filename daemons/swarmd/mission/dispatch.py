@@ -113,14 +113,18 @@ class Dispatcher:
 
     async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
         """Sends the abort to all these platforms; returns those that did not acknowledge it."""
-        outcomes = await asyncio.gather(
-            *(
-                self._module.send(
-                    join(platform, ABORT_PATH), order, timeout_s=self._config.order_timeout_s, urgent=True
-                )
-                for platform in platforms
-            )
-        )
+        timeout_s, send = self._config.order_timeout_s, self._module.send
+        async with asyncio.TaskGroup() as group:
+            with self._module.node.post.together():
+                sends = [
+                    group.create_task(
+                        send(join(platform, ABORT_PATH), order, timeout_s=timeout_s, urgent=True),
+                        name=f"mission: abort of {platform}",
+                    )
+                    for platform in platforms
+                ]
+                await asyncio.sleep(0)  # each has made its frame
+        outcomes = [each.result() for each in sends]
         return tuple(
             platform for platform, outcome in zip(platforms, outcomes, strict=True) if not outcome.delivered
         )

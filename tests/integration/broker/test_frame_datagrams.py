@@ -14,6 +14,8 @@ from swarmd.broker.core.frame_datagram import encode_header
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import Denied, NotFound
+from swarmware.model.frame import Frame
+from swarmware.model.names import data_id
 from swarmware.types.net import Refused
 from swarmware.types.scalar import Text
 
@@ -194,19 +196,12 @@ async def test_a_datagram_needs_the_same_right_as_a_frame_of_a_connection(tmp_pa
 
 
 @on_uvloop
-async def test_nothing_is_delivered_to_a_path_that_is_not_stated_yet(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_nothing_is_delivered_to_a_path_that_is_not_stated_yet(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}) as pair:
         await pair["gcs"].until_up("uav1")
-        monkeypatch.setattr(pair["uav1"].app, "_changed", lambda: None)
-        taken: list[str] = []
-
-        def handle(text: Text, _meta: object) -> Text:
-            taken.append(text.value)
-            return text
-
-        pair["uav1"].app.serve(PATH, Text, handle, reply=Text)
+        taken: list[Frame] = []
+        app = pair["uav1"].app
+        app.node.post.serve_requests(data_id(PATH, "Text"), app.app_id, lambda frame, _: taken.append(frame))
         with pytest.raises(NotFound, match="no application here takes this path"):
             await ask(pair["gcs"], "uav1", "land")
         assert taken == []
