@@ -1,5 +1,5 @@
-"""The operator's command: a folder below `commands/` for each group; here lies what several of them need.
+"""The operator's command: a folder below `commands/` for each group; this package has their shared code.
 
-What takes long to import is imported inside the functions that need it. `swarmlab` is named in one place
+Modules that are slow to import are imported in the functions that use them. `swarmlab` is named in one place
 only, as a string in the table of commands.
 """

@@ -1,4 +1,4 @@
-"""Completion of arguments for the shell; imports nothing that asks a node."""
+"""Completion of arguments for the shell, from a cache, without a connection to a node."""
 
 import os
 from collections.abc import Callable, Container

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from swarmware.runtime.filewriter import replace_file
 
 LIMIT: Final = 20_000
-"""Paths kept: about 1 MB, read within 20 ms by a shell that waits for it."""
+"""Maximum number of paths: about 1 MB, read within 20 ms."""
 
 VALUED: Final = frozenset({"board", "event", "stream", "setting"})
 """Kinds of resources that have a value."""
@@ -30,7 +30,7 @@ def file() -> Path:
 
 
 def load() -> tuple[str, list[str], list[CachedResource]]:
-    """Node by which they were listed, platforms, resources; nothing without a valid file."""
+    """Joined node, platforms and resources; empty without a valid file."""
     try:
         found: Any = json.loads(file().read_bytes())
         rows = [CachedResource(*map(str, row)) for row in found["resources"]]
@@ -42,9 +42,9 @@ def load() -> tuple[str, list[str], list[CachedResource]]:
 def save(
     way: str, platforms: Iterable[str], listed: Iterable[CachedResource] = (), whole: Iterable[str] = ()
 ) -> None:
-    """Adds what was seen through a node; of the platforms in `whole` everything was listed.
+    """Adds platforms and resources that were listed through a node; those of `whole` are complete.
 
-    Another way in is another swarm: what was seen through the former is forgotten.
+    Another joined node means another swarm: former entries are removed.
     """
     before, _, old = load()
     gone = set(whole)
@@ -56,7 +56,7 @@ def save(
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         replace_file(target, json.dumps(content, separators=(",", ":")).encode(), mode=0o600, durable=False)
     except OSError:
-        return  # a home that cannot be written to has no completion of paths, and nothing worse
+        return  # without a writable home there is no completion of paths
 
 
 def steps(paths: Iterable[str], begun: str) -> list[str]:
@@ -79,7 +79,7 @@ def _cut(path: str, at: int) -> str:
 
 
 def local(rows: Iterable[CachedResource], platform: str) -> Iterator[str]:
-    """Paths without their platform: of one, or of all when none is named."""
+    """Paths without their platform, of one platform, or of all when none is named."""
     for row in rows:
         _, name, path = row.path.split("/", 2) if row.path.count("/") > 1 else ("", "", "")
         if path and (not platform or name == platform):

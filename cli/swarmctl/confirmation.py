@@ -13,8 +13,8 @@ def confirm(yes: bool, what: str) -> None:
     if yes:
         return
     if not sys.stdin.isatty():
-        raise click.UsageError(f"{what}: expected --yes, because nobody can be asked here")
-    click.confirm(f"{what}. Go on?", abort=True, err=True)
+        raise click.UsageError(f"{what}: expected --yes, because stdin is not a terminal")
+    click.confirm(f"{what}. Continue?", abort=True, err=True)
 
 
 def confirm_by_name(name: str, given: str, what: str) -> None:
@@ -24,7 +24,7 @@ def confirm_by_name(name: str, given: str, what: str) -> None:
     """
     if not given:
         if not sys.stdin.isatty():
-            raise click.UsageError(f"{what}: expected --confirm {name}, because nobody can be asked here")
-        given = click.prompt(f"{what}. Type {name} to go on", err=True)
+            raise click.UsageError(f"{what}: expected --confirm {name}, because stdin is not a terminal")
+        given = click.prompt(f"{what}. Type {name} to continue", err=True)
     if given != name:
         raise click.UsageError(f"{what}: confirmed by {given!r}; expected the same name, {name!r}")

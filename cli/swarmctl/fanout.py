@@ -1,4 +1,4 @@
-"""One request to many platforms at once."""
+"""Requests to many platforms concurrently."""
 
 import asyncio
 from typing import TypeVar
@@ -26,7 +26,7 @@ async def platforms(session: Session) -> list[str]:
 async def ask_all(
     session: Session, asked: list[str], path: str, value: msgspec.Struct, reply: type[R]
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:
-    """The answers, and the errors of the platforms that gave none."""
+    """The answers, and the errors of the platforms without an answer."""
 
     async def one(platform: str) -> R | SwarmError:
         try:
@@ -40,7 +40,7 @@ async def ask_all(
 async def read_boards(
     session: Session, asked: list[str], path: str, cls: type[R]
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:
-    """The newest value of one board of each: from a mirror where there is one, else from its owner."""
+    """The newest value of a board of each platform: from a mirror if there is one, else from its owner."""
 
     async def one(platform: str) -> R | SwarmError:
         try:

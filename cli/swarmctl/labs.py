@@ -23,7 +23,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
     platform: str
     kind: str
     folder: str
-    """Everything of this node but its shared memory."""
+    """Folder with all files of this node except its shared memory."""
     shm_dir: str
     processes: str
     """one | per-daemon."""
@@ -31,18 +31,18 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
     """Simulated clock: this node's reading minus the machine's CLOCK_MONOTONIC at its zero."""
     drift_ppm: float
     pid: int = 0
-    """0: not started yet."""
+    """pid of the main process; 0: not started yet."""
     pid_start: int = 0
     """Start of the process in clock ticks since boot: distinguishes it from a later one of the same pid."""
 
     @property
     def config_dir(self) -> Path:
-        """node.toml and services/."""
+        """Folder of node.toml and services/."""
         return Path(self.folder) / "etc"
 
     @property
     def run_dir(self) -> Path:
-        """Sockets and application files."""
+        """Folder of sockets and application files."""
         return Path(self.folder) / "run"
 
     @property
@@ -52,12 +52,12 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def keys_dir(self) -> Path:
-        """Identity of the node."""
+        """Folder of the node's keys."""
         return Path(self.folder) / "keys"
 
     @property
     def log_file(self) -> Path:
-        """Output of the node's processes."""
+        """File with the output of the node's processes."""
         return Path(self.folder) / "log.txt"
 
     @property
@@ -91,25 +91,25 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     udp_port: int
     mongodb_uri: str = ""
     mongodb_database: str = ""
-    """Where the logs go; empty: they stay on the nodes."""
+    """Database to which the logs are forwarded; empty: they stay on the nodes."""
     ready_s: float = 0.0
-    """From the first start of a process until the ground station had every tree; 0: not yet."""
+    """Time from the first start of a process until the ground station had all trees; 0: not yet."""
     nodes: tuple[LabNode, ...]
 
     def node(self, platform: str) -> LabNode:
         """The node of that platform.
 
-        Raises: NotFound naming the nodes there are.
+        Raises: NotFound naming the existing nodes.
         """
         for node in self.nodes:
             if node.platform == platform:
                 return node
         known = ", ".join(node.platform for node in self.nodes)
-        raise NotFound(f"node {platform!r} (lab {self.name}): not there; expected one of {known}")
+        raise NotFound(f"node {platform!r} (lab {self.name}): no such node; expected one of {known}")
 
     @property
     def station(self) -> LabNode:
-        """The ground station, which a command joins."""
+        """The ground station's node, which commands join."""
         return next(node for node in self.nodes if node.kind == "gcs")
 
     @property
@@ -124,9 +124,9 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def check_name(name: str) -> str:
-    """The lab's name itself.
+    """Check the name of a lab, and return it.
 
-    Raises: InvalidInput when it is not one.
+    Raises: InvalidInput when it is invalid.
     """
     if not _NAME.match(name):
         raise InvalidInput(f"lab name {name!r}: expected [a-z][a-z0-9_-]{{0,23}}")
@@ -165,9 +165,11 @@ def load(folder: Path) -> LabState:
     Raises: NotFound when there is none; ConfigError when its state file is damaged.
     """
     try:
-        return document.json(document.read(folder / FILE), LabState, f"record of the lab ({folder / FILE})")
+        return document.json(
+            document.read(folder / FILE), LabState, f"state file of the lab ({folder / FILE})"
+        )
     except FileNotFoundError:
-        raise NotFound(f"lab {folder.name!r} ({folder}): not there") from None
+        raise NotFound(f"lab {folder.name!r} ({folder}): no such lab") from None
 
 
 def labs() -> list[LabState]:

@@ -16,7 +16,7 @@ EXTERNAL: Final = "swarmctl-"
 
 
 class Lazy(NamedTuple):
-    """Where a command is defined, and its line in the list of commands."""
+    """Module of a command, and its line in the list of commands."""
 
     target: str
     """`package.module:attribute`."""
@@ -24,7 +24,7 @@ class Lazy(NamedTuple):
 
 
 class Command(click.Command):
-    """A command that accepts the shared options after its name."""
+    """A command that also accepts the shared options."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -63,7 +63,7 @@ class LazyGroup(Group):
         return [*self._table, *(name for name in super().list_commands(ctx) if name not in self._table)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command; imports it."""
+        """Imports and returns the command."""
         if cmd_name in self._table:
             module, _, attribute = self._table[cmd_name].target.partition(":")
             found = getattr(import_module(module), attribute)

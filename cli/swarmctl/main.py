@@ -22,28 +22,28 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "node": Lazy("swarmctl.commands.node.command:cmd", "Nodes of the swarm."),
     "app": Lazy("swarmctl.commands.app.command:cmd", "Applications that run on the nodes."),
     "tree": Lazy("swarmctl.commands.tree.command:cmd", "Resources: list, read, set and watch them."),
-    "topo": Lazy("swarmctl.commands.topo.command:cmd", "Who hears whom, as a graph."),
+    "topo": Lazy("swarmctl.commands.topo.command:cmd", "The links of the swarm as a graph."),
     "link": Lazy("swarmctl.commands.link.command:cmd", "Links and their quality."),
     "traffic": Lazy(
         "swarmctl.commands.traffic.command:cmd", "Bytes and frames per channel; set a channel's rate."
     ),
     "mission": Lazy("swarmctl.commands.mission.command:cmd", "Check, start, watch and abort missions."),
-    "hold": Lazy("swarmctl.commands.manoeuvre.command:hold", "Have vehicles stop and keep their place."),
-    "land": Lazy("swarmctl.commands.manoeuvre.command:land", "Have vehicles land where they are."),
+    "hold": Lazy("swarmctl.commands.manoeuvre.command:hold", "Stop vehicles and hold their positions."),
+    "land": Lazy("swarmctl.commands.manoeuvre.command:land", "Land vehicles at their positions."),
     "return": Lazy(
-        "swarmctl.commands.manoeuvre.command:return_", "Have vehicles go back to their start and land."
+        "swarmctl.commands.manoeuvre.command:return_", "Return vehicles to their start and land them."
     ),
     "arm": Lazy("swarmctl.commands.motors.command:arm", "Arm vehicles on the ground."),
     "disarm": Lazy("swarmctl.commands.motors.command:disarm", "Disarm vehicles on the ground."),
     "kill": Lazy("swarmctl.commands.motors.command:kill", "Stop the motors of one vehicle, also in the air."),
     "time": Lazy("swarmctl.commands.time.command:cmd", "Clock conversions between nodes."),
     "health": Lazy("swarmctl.commands.health.command:cmd", "State and faults of the nodes."),
-    "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export what was recorded."),
+    "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export log entries."),
     "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
     "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes."),
-    "doctor": Lazy("swarmctl.commands.doctor.command:cmd", "Look for what is wrong on this machine."),
+    "doctor": Lazy("swarmctl.commands.doctor.command:cmd", "Check this machine and its node for problems."),
 }
-"""Every command and where it is; nothing of it is imported before it is called."""
+"""All commands with their modules, which are imported when they are called."""
 
 
 @click.group(
@@ -60,7 +60,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
 @click.version_option(__version__, prog_name="swarmctl", message="%(prog)s %(version)s")
 @click.pass_context
 def cli(ctx: click.Context) -> None:
-    """Hold a swarm of unmanned vehicles with one command.
+    """Operate a swarm of unmanned vehicles with one command.
 
     Example: swarmctl lab run formation --nodes 4
     """
@@ -91,7 +91,7 @@ def main(args: list[str] | None = None) -> int:
         cli.main(args, prog_name=_NAME, complete_var=_COMPLETE)
     words = sys.argv[1:] if args is None else list(args)
     try:
-        # not cli.main(): it turns a reader that has seen enough (EPIPE) into a failure
+        # not cli.main(): it reports a reader that has closed the pipe (EPIPE) as a failure
         with cli.make_context(_NAME, words, obj=CliSettings()) as ctx:
             cli.invoke(ctx)
         sys.stdout.flush()
@@ -105,7 +105,7 @@ def main(args: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # the reader has seen enough; without this the interpreter complains once more at exit
+        # the reader has closed the pipe; without this the interpreter reports it again at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except SwarmError as error:
@@ -125,14 +125,14 @@ def _of_file(error: OSError) -> SwarmError:
     """A file that an operator named and that cannot be read or written, with its exit code."""
     text = f"file {error.filename}: {(error.strerror or str(error)).lower()}"
     if isinstance(error, FileNotFoundError):
-        return NotFound(f"{text}; expected it, or its folder, to be there")
+        return NotFound(f"{text}; expected an existing file or folder")
     if isinstance(error, PermissionError):
-        return Denied(f"{text}; expected the right to it")
+        return Denied(f"{text}; expected permission to access it")
     return SwarmError(text)
 
 
 def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    """The error that a person wants to read: the first of ours, else the first."""
+    """The most relevant error of a group: the first SwarmError, else the first."""
     leaves = [_first(e) if isinstance(e, BaseExceptionGroup) else e for e in group.exceptions]
     return next((error for error in leaves if isinstance(error, SwarmError)), leaves[0])
 

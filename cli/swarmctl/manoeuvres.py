@@ -1,4 +1,4 @@
-"""Built-in missions on command: sent to all vehicles at once and followed until each has carried it out."""
+"""Orders built-in missions: sends them to all vehicles, and follows each vehicle until it has finished."""
 
 import asyncio
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ ABORT = "cmd/abort"
 async def manoeuvre(
     session: Session, order: MissionAbort, chosen: Mapping[str, str], wait_s: float
 ) -> list[VehicleResult]:
-    """Has these vehicles play a built-in mission; the result of each. Ground stations only stop."""
+    """Orders a built-in mission at these vehicles; returns the result of each. Ground stations only stop."""
     observer = VehicleObserver(session, chosen)
     progress = {
         name: ManoeuvreProgress(observer.mission_sequence(name), BUILT_IN[order.then]) for name in chosen
@@ -58,12 +58,14 @@ async def manoeuvre(
         if len(found) < len(chosen):
             await observer.changed()
     for name in [name for name in chosen if name not in found]:
-        settle(observer.result(name, False, True, after_s(), f"not seen to be done within {wait_s:g} s"))
+        settle(
+            observer.result(name, False, True, after_s(), f"not confirmed by its state within {wait_s:g} s")
+        )
     return [found[name] for name in chosen]
 
 
 async def _send(session: Session, name: str, order: MissionAbort) -> str:
-    """Why the command did not arrive; empty when it did."""
+    """Why the command was not delivered; empty when it was."""
     try:
         await session.reach(name)
     except SwarmError as error:

@@ -10,7 +10,7 @@ import msgspec
 from swarmctl.settings import CliSettings
 
 SCHEMA_VERSION: Final = 1
-"""Of every JSON document; rises when a key changes its meaning or goes."""
+"""Version of the JSON documents; it increases when a key changes its meaning or is removed."""
 
 Cell = str | int | float | bool | None
 
@@ -53,29 +53,29 @@ class Output:
         return not (forbidden or self.settings.no_color)
 
     def say(self, text: str) -> None:
-        """A message about progress; nothing with --quiet."""
+        """Print a message about progress, unless --quiet is given."""
         if not self.settings.quiet:
             print(text, file=self._err, flush=True)
 
     def detail(self, text: str) -> None:
-        """A message for --verbose."""
+        """Print a message if --verbose is given."""
         if self.settings.verbose:
             print(text, file=self._err, flush=True)
 
     def warn(self, text: str) -> None:
-        """A warning; --quiet does not hide it."""
+        """Print a warning, also with --quiet."""
         print(f"warning: {text}", file=self._err, flush=True)
 
     def text(self, text: str) -> None:
-        """A result that is text already."""
+        """Print a result that is text."""
         print(text, file=self._out)
 
     def now(self, text: str) -> None:
-        """One line of a continuing result, flushed because a reader may follow it."""
+        """Print one line of a continuous result, flushed because a reader may follow it."""
         print(text, file=self._out, flush=True)
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
-        """A result as a table."""
+        """Print a result as a table."""
         cells = [[show(cell) for cell in row] for row in rows]
         if not self.fancy:
             self.text(plain_table(columns, cells, title))
@@ -94,16 +94,16 @@ class Output:
         Console(file=self._out, highlight=False).print(drawn)
 
     def document(self, value: Any) -> None:
-        """One JSON document: the fields of a Struct (or a dict of parts) after the schema's version."""
+        """Print a JSON document: the version of the schema, then the fields of a Struct or dict."""
         self.exact({"schema_version": SCHEMA_VERSION, **named(value)})
 
     def exact(self, value: Any) -> None:
-        """One JSON document with exactly these keys."""
+        """Print a JSON document with exactly these keys."""
         data = msgspec.json.format(msgspec.json.encode(value), indent=2)
         self.text(data.decode())
 
     def line(self, value: Any) -> None:
-        """One line of JSON Lines, flushed because a reader may follow it."""
+        """Print one line of JSON Lines, flushed because a reader may follow it."""
         print(msgspec.json.encode(named(value)).decode(), file=self._out, flush=True)
 
 
@@ -120,7 +120,7 @@ def named(value: Any) -> Any:
 
 
 def show(cell: Cell) -> str:
-    """A value for people: a dash for no value, numbers with four significant digits."""
+    """Text of a value: a dash for no value, numbers with four significant digits."""
     if cell is None or cell == "":
         return "-"
     if isinstance(cell, bool):

@@ -1,4 +1,4 @@
-"""Processes of a lab: who they are, whether they live, how they end.
+"""Processes of a lab: identity, state and termination.
 
 psutil finds them by their environment. Identity, signals and waiting are the kernel's own, start ticks
 and pidfds: the state file of a lab needs an identity that another process can compare, while psutil gives
@@ -32,7 +32,7 @@ class ProcessIdentity(msgspec.Struct, frozen=True, order=True):
     """Clock ticks since boot; 0: there was no such process."""
 
     def alive(self) -> bool:
-        """Whether it runs; a zombie does not."""
+        """Whether the process runs; a zombie does not."""
         return start_ticks(self.pid) == self.start_ticks != 0
 
     def send(self, number: signal.Signals) -> None:
@@ -48,7 +48,7 @@ def identity(pid: int) -> ProcessIdentity:
 
 
 def marked(mark: str, variable: str = MARK) -> list[ProcessIdentity]:
-    """All processes of a lab, or of one node: what was started, and what those started."""
+    """All processes of a lab or node, including their descendants."""
     return [process for process, found in _marks(variable) if found == mark]
 
 
@@ -67,7 +67,7 @@ def marks() -> set[str]:
 
 def _marks(variable: str) -> Iterator[tuple[ProcessIdentity, str]]:
     """Every other living process that carries the variable, and its value."""
-    import psutil  # most commands look at no process
+    import psutil  # most commands do not need it
 
     for pid in psutil.pids():
         if pid == os.getpid():

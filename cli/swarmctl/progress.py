@@ -1,4 +1,4 @@
-"""Progress of something long, on stderr: a moving bar on a terminal, a line per step elsewhere."""
+"""Progress of a long operation, on stderr: a bar on a terminal, a line per step elsewhere."""
 
 from types import TracebackType
 from typing import Any, Self
@@ -38,14 +38,14 @@ class Progress:
         return self
 
     def advance(self, note: str = "") -> None:
-        """One more is done."""
+        """Count one more step as done."""
         if self._bar is not None:
             self._bar.update(self._task, advance=1, note=note)
         elif note:
             self._out.detail(f"  {note}")
 
     def at(self, done: float, note: str = "") -> None:
-        """So many are done; a new note is a new line where nothing can move."""
+        """Set the number of done steps; a new note is a new line without a terminal."""
         if self._bar is not None:
             self._bar.update(self._task, completed=done, note=note)
         elif note:

@@ -1,4 +1,4 @@
-"""Rates and spans of time as people type them."""
+"""Rates and durations in arguments."""
 
 import re
 from typing import Final
@@ -11,9 +11,9 @@ _RATE: Final = re.compile(r"(\d+(?:\.\d+)?)hz\Z")
 
 
 def span_s(text: str) -> float:
-    """A span of time: 30s, 5m, 2h, 1d, 200ms.
+    """Parse a duration: 30s, 5m, 2h, 1d, 200ms.
 
-    Raises: InvalidInput when it is none.
+    Raises: InvalidInput for any other text.
     """
     found = _SPAN.match(text)
     if not found:
@@ -22,7 +22,7 @@ def span_s(text: str) -> float:
 
 
 def spoken(span: float) -> str:
-    """A span of time as people read it: 0.4s, 42s, 3m49s, 2h05m, 3d04h."""
+    """Text of a duration: 0.4s, 42s, 3m49s, 2h05m, 3d04h."""
     if span < 10:
         return f"{span:.1f}s"
     seconds = round(span)
@@ -36,9 +36,9 @@ def spoken(span: float) -> str:
 
 
 def rate_hz(text: str) -> float | None:
-    """A rate: 5hz; None for `auto`, no limit.
+    """Parse a rate: 5hz; None for `auto`, no limit.
 
-    Raises: InvalidInput when it is none.
+    Raises: InvalidInput for any other text.
     """
     if text.lower() == "auto":
         return None

@@ -27,7 +27,7 @@ NAME: Final = "swarmctl"
 
 
 class Session:
-    """A command's access to the swarm: the joined node, the platform it asks, the output."""
+    """Access of a command to the swarm: the joined node, the addressed platform, the output."""
 
     def __init__(self, module: Module, settings: CliSettings, out: Output) -> None:
         self.module = module
@@ -41,7 +41,7 @@ class Session:
         self._known: tuple[str, ...] = ()
 
     def path(self, path: str) -> str:
-        """A path as typed, with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""
+        """A path with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""
         platform, local = names.split(path)
         return names.join(platform or self.platform, local)
 
@@ -54,7 +54,7 @@ class Session:
         about: str = "",
         timeout_s: float | None = None,
     ) -> R:
-        """A request to the platform of the session, or to the one that the path names.
+        """Sends a request to the platform of the session, or to the one in the path.
 
         `about`: resource of another platform to which the request will be forwarded.
         Raises: as `Module.request`.
@@ -79,7 +79,7 @@ class Session:
         return self._routes
 
     async def reach(self, platform: str) -> None:
-        """Fails at once instead of after a timeout when there is no such platform, or no route to it.
+        """Checks that a platform is known and has a route, to fail without waiting for a time-out.
 
         Raises: NotFound for an unknown platform, NoAnswer for one without a route.
         """
@@ -91,12 +91,12 @@ class Session:
             return
         known = await self.known()
         if platform in known:
-            raise NoAnswer(f"node {platform!r}: known, but {self.here} has no way to it now")
+            raise NoAnswer(f"node {platform!r}: known, but {self.here} has no route to it now")
         there = ", ".join(sorted({self.here, *ways, *known}, key=names.natural))
         raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
 
     async def known(self) -> tuple[str, ...]:
-        """Every platform whose tree is known here, also unreachable ones; none without a tree service."""
+        """All platforms whose tree is known here, also unreachable ones; empty without a tree service."""
         if not self._known:
             path, nothing = f"/{self.here}/sys/tree/list", TreeList(f"/{self.here}/none", 1)
             try:
@@ -145,7 +145,9 @@ def local_config_dir(settings: CliSettings) -> Path:
                 return lab.node(settings.node).config_dir
     here = load_node(joined).platform
     if here != settings.node:
-        raise NotFound(f"files of {settings.node!r}: not on this machine; expected {here}, or to be there")
+        raise NotFound(
+            f"files of {settings.node!r}: not on this machine; expected {here}, or swarmctl on its machine"
+        )
     return joined
 
 
@@ -153,14 +155,14 @@ def local_config_dir(settings: CliSettings) -> Path:
 async def connect(settings: CliSettings, out: Output | None = None) -> AsyncIterator[Session]:
     """Joins the node.
 
-    Raises: NotFound without a node, NoAnswer when nothing runs on it, ConfigError, Denied.
+    Raises: NotFound without a node, NoAnswer when its services do not run, ConfigError, Denied.
     """
     folder = config_dir(settings)
     node = load_node(folder)
     table = AppTable(node.run_path)
     table.refresh(probe=True)
     if not len(table):
-        raise NoAnswer(f"node {node.platform} ({folder}): nothing runs there; expected its services")
+        raise NoAnswer(f"node {node.platform} ({folder}): its services do not run; expected them to")
     async with Module(NAME, config_dir=folder) as module:
         yield Session(module, settings, out or Output(settings))
 
@@ -171,7 +173,7 @@ def run(
     *args: P.args,
     **kwargs: P.kwargs,
 ) -> T:
-    """Joins the node, calls `command(session, …)`, leaves again: what most commands are made of."""
+    """Joins the node, calls `command(session, …)`, and leaves the node."""
 
     async def main() -> T:
         async with connect(settings) as session:

@@ -1,4 +1,4 @@
-"""Values of the options that every command has: plain data, so that `--help` imports next to nothing."""
+"""Values of the options of every command: plain data, so that `--help` imports little."""
 
 import os
 from pathlib import Path
@@ -14,11 +14,11 @@ class CliSettings(NamedTuple):
     """Options of `swarmctl` itself; accepted before or after the command's name."""
 
     node: str = ""
-    """Platform to ask about; empty: the node itself."""
+    """Platform of the session; empty: that of the joined node."""
     lab: str = ""
-    """Running lab whose ground station is the way in; empty: the newest."""
+    """Running lab whose ground station is joined; empty: the newest."""
     config: str = ""
-    """Configuration folder of the node that is the way in, as `--config` gives it."""
+    """Configuration folder of the node to join, from `--config`."""
     json: bool = False
     timeout_s: float = 5.0
     quiet: bool = False
@@ -27,7 +27,7 @@ class CliSettings(NamedTuple):
 
     @property
     def config_dir(self) -> Path | None:
-        """The folder that was given, by `--config` or, where no lab is named, by SWARM_CONFIG; else None."""
+        """The folder given by `--config` or, when no lab is given, by SWARM_CONFIG; else None."""
         from swarmware.model.config import CONFIG_VARIABLE
 
         given = self.config or ("" if self.lab else os.environ.get(CONFIG_VARIABLE, ""))

@@ -10,9 +10,9 @@ from swarmctl.settings import PREFIX, settings
 
 
 def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
-    """Writes an option that was given into the settings; another leaves them as they were.
+    """Stores the value of a given option in the settings.
 
-    The environment counts at the top only: below it would go before an option given before the command.
+    The environment is read at the top only: at a command it would override an option given before it.
     """
     source = ctx.get_parameter_source(param.name or "")
     given = {"COMMANDLINE", "ENVIRONMENT"} if ctx.parent is None else {"COMMANDLINE"}
@@ -41,7 +41,7 @@ _SHARED: Final = (
         "-n",
         name="node",
         metavar="PLATFORM",
-        help_text="Platform to ask about.",
+        help_text="Platform to query or command.",
         shell_complete=completion.platforms,
     ),
     _option(
@@ -65,15 +65,15 @@ _SHARED: Final = (
         name="timeout_s",
         metavar="SECONDS",
         type=click.FloatRange(min=0, min_open=True),
-        help_text="Longest wait for an answer; default: 5.",
+        help_text="Maximum wait for an answer; default: 5.",
     ),
-    _option("--quiet", "-q", name="quiet", is_flag=True, help_text="No talk on stderr but errors."),
-    _option("--verbose", "-v", name="verbose", is_flag=True, help_text="More talk on stderr."),
+    _option("--quiet", "-q", name="quiet", is_flag=True, help_text="Only warnings and errors on stderr."),
+    _option("--verbose", "-v", name="verbose", is_flag=True, help_text="More messages on stderr."),
     _option("--no-color", name="no_color", is_flag=True, help_text="No colours; NO_COLOR does the same."),
 )
 
 
 def shared_options(taken: set[str]) -> list[click.Option]:
-    """The options of every command, but for those whose spelling the command uses itself."""
+    """The options of every command, except those that the command defines itself."""
     made = [make() for make in _SHARED]
     return [option for option in made if not taken & {option.name or "", *option.opts}]

@@ -1,4 +1,4 @@
-"""Values of the resource tree, read and written."""
+"""Reads and writes values of the resource tree."""
 
 import asyncio
 from typing import Any, Final
@@ -12,18 +12,18 @@ from swarmware.model import names
 from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeValue
 
 FRESH_S: Final = 1.0
-"""A mirror younger than this is taken as it is; an older one may be of a value that changes seldom, or its
-subscription may have ended."""
+"""Maximum age of a mirror that is used without a query; an older one may be of a rarely changing value, or
+its subscription may have ended."""
 
 
 class ResourceReading(msgspec.Struct, frozen=True):
-    """A value that was read."""
+    """The newest value of a resource, with its quality."""
 
     path: str
     type: str
     unit: str
     value: Any
-    """Plain data; of one field when one was asked for."""
+    """Plain data of the value, or of the requested field."""
     stamp_ns: int
     """Hardware clock of the owner."""
     age_s: float | None
@@ -55,7 +55,7 @@ class Written(msgspec.Struct, frozen=True):
 
 
 async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
-    """The newest value; for a mirror older than FRESH_S the owner is asked, if it answers.
+    """The newest value; a mirror older than FRESH_S is replaced by the owner's value, if it answers.
 
     Raises: NotFound, NoAnswer.
     """
@@ -72,7 +72,7 @@ async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeVal
 async def read(session: Session, path: str, fields: str = "", *, fresh: bool = False) -> ResourceReading:
     """The newest value of a resource, or of one of its fields.
 
-    Raises: NotFound, NoAnswer, InvalidInput for a field that is not there.
+    Raises: NotFound, NoAnswer, InvalidInput for an unknown field.
     """
     if not names.split(path)[1]:
         raise NotFound(f"{path}: a platform has no value; `swarmctl tree ls {path}` shows its resources")

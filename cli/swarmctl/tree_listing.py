@@ -1,4 +1,4 @@
-"""Resources of the swarm by a pattern, as an operator types it."""
+"""Lists resources of the swarm by the pattern of an operator."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ from swarmware.model import names
 from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeValue
 
 PAGE: Final = 2000
-"""Resources in one answer."""
+"""Maximum resources in one answer."""
 
 
 def is_pattern(path: str) -> bool:
@@ -21,7 +21,7 @@ def is_pattern(path: str) -> bool:
 
 
 async def listing(session: Session, pattern: str) -> TreeListing:
-    """All pages; `/uav1` means everything below it, nothing means the platform asked about, else all.
+    """All pages of the list; `/uav1` means all below it, empty the platform of the session, else all.
 
     Raises: NotFound when nothing matches, or the platform is not known.
     """
@@ -45,7 +45,7 @@ async def listing(session: Session, pattern: str) -> TreeListing:
 async def valued(session: Session, path: str) -> list[TreeEntry]:
     """The resources with a value that a path or a pattern names.
 
-    Raises: NotFound when there are none, NoAnswer when the platform is away.
+    Raises: NotFound when there are none, NoAnswer when the platform is not reachable.
     """
     full = session.path(path)
     found = await _pages(session, full)
@@ -53,19 +53,19 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
     if is_pattern(full):
         if not entries:
             raise NotFound(
-                f"{full}: no resource with a value matches; `swarmctl tree ls` shows what there is"
+                f"{full}: no resource with a value matches; `swarmctl tree ls` lists the resources"
             )
         return entries
     platform = names.split(names.check_path(full))[0] or session.platform
     await session.reach(platform)
     if not entries:
-        # its tree says best why not: no such path and what is near, a branch, a command
+        # the error of its tree has the reason: an unknown path, a branch, a command
         await session.ask(f"/{session.here}/sys/tree/get", TreeGet(full), TreeValue, about=full)
     return entries
 
 
 async def consequence(session: Session, path: str) -> str:
-    """What the template says will happen when this is set, or a field of it; empty: nothing to ask about."""
+    """Effect of setting the resource or a field, from its template; empty: no confirmation needed."""
     platform, local = names.split(names.check_path(path.partition(".")[0]))
     await session.reach(platform or session.here)
     found = await _pages(session, names.join(platform or session.here, local))
@@ -84,7 +84,7 @@ async def _pages(session: Session, pattern: str) -> TreeListing:
 
 
 def _remember(session: Session, pattern: str, entries: list[TreeEntry], platforms: list[str]) -> None:
-    """For completion: what was listed; everything of a platform replaces what was known of it."""
+    """Stores the list for completion; a complete list of a platform replaces the former one."""
     if len(entries) < 2:
         return
     seen = [CachedResource(entry.path, entry.kind, entry.access) for entry in entries]

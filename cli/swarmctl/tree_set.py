@@ -1,4 +1,4 @@
-"""One resource set to what an operator typed, with the question that its template wants."""
+"""Sets a resource to a value of an operator, after the confirmation that its template requires."""
 
 from swarmctl.confirmation import confirm
 from swarmctl.session import Session
@@ -8,7 +8,7 @@ from swarmctl.values import brief
 
 
 async def set_resource(session: Session, path: str, text: str, *, version: int | None, yes: bool) -> None:
-    """Sets a resource or a field of it and prints what is in force now; `yes`: asks nothing.
+    """Sets a resource or a field and prints the value in force; `yes`: without a confirmation.
 
     Raises: as `write` and `confirm`.
     """

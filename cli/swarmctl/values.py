@@ -1,4 +1,4 @@
-"""Values of resources between the wire and people."""
+"""Conversion of values between wire format and text."""
 
 import json
 from typing import Any
@@ -17,16 +17,16 @@ def decoded(value: TreeValue) -> Any:
 
 
 def decoded_payload(type_name: str, data: bytes) -> Any:
-    """MessagePack of a type as plain data with field names; a single value stands for itself."""
+    """MessagePack of a type as plain data with field names; a single value without its Struct."""
     try:
         value = registry.decode(registry.find(type_name), data)
     except SwarmError:
-        return list_or_none(data)  # a type of somebody else's module
+        return list_or_none(data)  # a type that is not installed here
     return single(value)
 
 
 def single(value: msgspec.Struct) -> Any:
-    """A value as plain data; one that is wrapped alone without its wrapper."""
+    """A value as plain data; a single value without its Struct."""
     found = plain(value)
     return found["value"] if isinstance(found, dict) and found.keys() == {"value"} else found
 
@@ -34,7 +34,7 @@ def single(value: msgspec.Struct) -> Any:
 def field(value: Any, path: str, fields: str) -> Any:
     """One field of a value, by its dotted name; `ranges_m.0` is the first of a list.
 
-    Raises: InvalidInput naming the fields there are.
+    Raises: InvalidInput naming the existing fields.
     """
     for name in filter(None, fields.split(".")):
         if isinstance(value, dict) and name in value:
@@ -55,7 +55,7 @@ def _fields(value: Any) -> str:
 
 
 def typed(text: str) -> bytes:
-    """What an operator typed, as MessagePack: JSON, or a plain word."""
+    """Encode a value of an operator, JSON or a plain word, as MessagePack."""
     try:
         value = json.loads(text)
     except RecursionError:
@@ -75,7 +75,7 @@ def brief(value: Any) -> str:
 
 
 def rounded(value: Any) -> Any:
-    """The value with numbers as short as people read them."""
+    """The value with numbers rounded for display."""
     if isinstance(value, float):
         return float(f"{value:.9g}")
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""States of vehicles as they arrive, followed until each vehicle has carried out its command."""
+"""Follows the states of vehicles until each has executed its command."""
 
 import asyncio
 import math
@@ -12,19 +12,17 @@ from swarmctl.vehicles import STATION
 from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
-from swarmware.types.mission import MissionState
+from swarmware.types.mission import INACTIVE, MissionState
 from swarmware.types.vehicle import NavStatus, Pose, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 
-REST: Final = frozenset({"idle", "done", "failed", "aborted"})
-"""States of a mission in which nothing is played."""
 STANDING: Final = frozenset({"holding", "arrived", "idle"})
-"""States of a navigator that keeps its place."""
+"""States of a navigator that holds its position."""
 STILL_M_S: Final = 0.5
-"""A vehicle slower than this holds its position: wind and noise of the estimate move it a little."""
+"""Speed below which a vehicle counts as holding: wind and noise cause small motions."""
 HOME_M: Final = 3.0
-"""Within this distance of where it was armed a vehicle has returned: GNSS drifts by as much."""
+"""Distance from the place of arming within which a vehicle has returned: the drift of GNSS."""
 POLL_S: Final = 0.5
 """Longest time between two evaluations when nothing arrives."""
 GRACE_S: Final = 3.0
@@ -43,13 +41,13 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
 
     @property
     def speed_m_s(self) -> float:
-        """Over the ground and upwards; infinite without a pose."""
+        """Speed over the ground and vertically; infinite without a pose."""
         pose = self.pose
         return math.inf if pose is None else math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s)
 
     @property
     def from_home_m(self) -> float | None:
-        """Horizontal distance from where it was armed."""
+        """Horizontal distance from the place where it was armed; None: unknown."""
         if self.pose is None or self.home is None:
             return None
         return math.hypot(self.pose.x_m - self.home.x_m, self.pose.y_m - self.home.y_m)
@@ -72,9 +70,9 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
         return self.kind == "uav" or self.speed_m_s < STILL_M_S
 
     def words(self) -> str:
-        """For people: `landed 0.0 m disarmed`."""
+        """Short description: `landed 0.0 m disarmed`."""
         if self.vehicle is None:
-            return "not seen"
+            return "unknown"
         if self.kind == "uav":
             doing = "landed" if self.vehicle.landed else "holding" if self.standing else "flying"
         elif self.pose is None:
@@ -90,19 +88,19 @@ class VehicleResult(msgspec.Struct, frozen=True):
 
     platform: str
     ok: bool
-    """Its state shows that the command was carried out."""
+    """Its state shows that the command was executed."""
     reached: bool
     """It received the command."""
     state: str
     """landed 0.0 m disarmed."""
     after_s: float
     mission: str = ""
-    """State of its mission."""
+    """State of the vehicle's mission."""
     armed: bool | None = None
     height_m: float | None = None
     from_home_m: float | None = None
     text: str = ""
-    """Why not."""
+    """Reason of a failure; empty: none."""
 
 
 class _Boards(Generic[T]):
@@ -182,7 +180,7 @@ class VehicleObserver:
             platform,
             ok,
             reached,
-            words if reached or not words else f"last seen {words}",
+            words if reached or not words else f"last state {words}",
             round(after_s, 1),
             snapshot.mission.state if snapshot.mission else "",
             snapshot.vehicle.armed if snapshot.vehicle else None,
@@ -193,11 +191,11 @@ class VehicleObserver:
 
 
 Done = Callable[[VehicleSnapshot], bool]
-"""Whether the state of a vehicle shows that the command was carried out."""
+"""Whether the state of a vehicle shows that the command was executed."""
 
 
 def returned(snapshot: VehicleSnapshot) -> bool:
-    """Landed where it was armed."""
+    """Whether the vehicle has landed where it was armed."""
     away_m = snapshot.from_home_m
     return snapshot.grounded and (away_m is None or away_m <= HOME_M)
 
@@ -207,7 +205,7 @@ BUILT_IN: Final[dict[str, Done]] = {
     "hold": lambda snapshot: snapshot.standing,
     "return": returned,
 }
-"""Condition that each built-in mission brings about."""
+"""Condition that holds after each built-in mission."""
 
 
 class ManoeuvreProgress:
@@ -219,9 +217,9 @@ class ManoeuvreProgress:
         self._ended_ns: int | None = None
 
     def verdict(self, snapshot: VehicleSnapshot, sequence: int, now_ns: int) -> bool | None:
-        """Whether it is done; None while it goes on."""
+        """Whether the command succeeded; None while it is not decided."""
         mission = snapshot.mission
-        if mission is None or sequence == self._sequence or mission.state not in REST:
+        if mission is None or sequence == self._sequence or mission.state not in INACTIVE:
             self._ended_ns = None
             return None
         if snapshot.kind == STATION:
@@ -230,7 +228,7 @@ class ManoeuvreProgress:
             return True
         self._ended_ns = now_ns if self._ended_ns is None else self._ended_ns
         over = now_ns - self._ended_ns > GRACE_S * 1e9
-        # a mission that failed before reports that until it has received the command
+        # an earlier failed mission is reported until the command was received
         return self._done(snapshot) if over else None
 
 
@@ -240,7 +238,7 @@ def print_result(session: Session, seen: VehicleResult, *, home: bool = False) -
         return
     words = [
         seen.platform,
-        seen.state or f"mission {seen.mission or 'not seen'}",
+        seen.state or f"mission {seen.mission or 'unknown'}",
         f"after {seen.after_s:.1f} s",
     ]
     if home and seen.from_home_m is not None:
@@ -249,7 +247,10 @@ def print_result(session: Session, seen: VehicleResult, *, home: bool = False) -
 
 
 def raise_failures(what: str, found: list[VehicleResult]) -> None:
-    """Raises: Partial when some vehicles did not do it, NoAnswer or SwarmError when none did."""
+    """Check that all vehicles succeeded.
+
+    Raises: Partial when some did not, NoAnswer or SwarmError when none did.
+    """
     bad = [seen for seen in found if not seen.ok]
     if not bad:
         return

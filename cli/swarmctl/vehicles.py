@@ -1,4 +1,4 @@
-"""Vehicles as an operator names them: by name, by pattern, or all of them."""
+"""Selection of vehicles: by name, by pattern, or all."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -17,7 +17,7 @@ STATION: Final = "gcs"
 
 
 async def kinds(session: Session) -> dict[str, str]:
-    """Every known platform, including unreachable ones, and its kind; empty: not received yet."""
+    """Kinds of all known platforms, including unreachable ones; empty: not received yet."""
     boards = session.module.readers("/*/mission/state", MissionState)
     found = {}
     for name in await platforms(session):
@@ -27,18 +27,18 @@ async def kinds(session: Session) -> dict[str, str]:
 
 
 async def is_station(session: Session, platform: str) -> bool:
-    """Whether it is known to be a ground station."""
+    """Whether a platform is known to be a ground station."""
     return (await kinds(session)).get(platform) == STATION
 
 
 async def choose(session: Session, wanted: Iterable[str], *, everything: bool = False) -> dict[str, str]:
-    """The vehicles that the patterns name, in natural order, with their kinds; `-n` names one as well.
+    """The selected vehicles in natural order, with their kinds; `-n` selects one as well.
 
     Raises: UsageError when none was named, NotFound when nothing matches, InvalidInput for a ground station.
     """
     words = list(wanted) or ([session.settings.node] if session.settings.node else [])
     if everything == bool(words):
-        raise click.UsageError("expected the platforms that are meant, or --all")
+        raise click.UsageError("expected names of platforms, or --all")
     known = await kinds(session)
     moving = {name: kind for name, kind in known.items() if kind != STATION}
     there = ", ".join(moving) or "none"

@@ -27,12 +27,12 @@ TRAFFIC: Final = "net/traffic"
 FUNCTIONS: Final = "time/functions"
 GAPS: Final = "log/gaps"
 ENDS: Final = frozenset({"state:done", "state:failed", "state:aborted"})
-"""Events of a mission's progress after which nothing comes."""
+"""Final events of a mission's progress."""
 WANTED: Final = (TRUTH, GOAL, COLLISION, PROGRESS, TRAFFIC, FUNCTIONS, GAPS)
 
 
 def analyse(metadata: RunMetadata, logs: Path) -> tuple[ExperimentReport, PlotData]:
-    """The figures of a run, and what its pictures show.
+    """The figures of a run, and the data of its plots.
 
     Raises: NotFound when a node's logs are missing.
     """
@@ -44,7 +44,7 @@ def analyse(metadata: RunMetadata, logs: Path) -> tuple[ExperimentReport, PlotDa
 
 
 class Analysis:
-    """One run; everything in true seconds since the command."""
+    """Analysis of one run; all times are true seconds since the command."""
 
     def __init__(self, metadata: RunMetadata, recording: Recording, world: World) -> None:
         self._metadata = metadata
@@ -63,7 +63,7 @@ class Analysis:
         self._clock_errors = {node.platform: self._clock_errors_of(node.platform) for node in metadata.nodes}
 
     def _mission_end_s(self) -> float:
-        """When the last platform's mission ended, as its own log says; else as the lab saw it."""
+        """When the last platform's mission ended, from its own log, else as observed by the lab."""
         seen_s = (self._metadata.end_mono_ns - self._metadata.command_mono_ns) / 1e9
         ends: dict[str, float] = {}
         for order in self._metadata.orders:
@@ -143,7 +143,7 @@ class Analysis:
         )
 
     def _receipts(self) -> tuple[Receipt, ...]:
-        """From the instruction and from the order's departure to its receipt, both clocks made true.
+        """Delays from the instruction and from the sending of each order to its receipt, in true time.
 
         The ground station's own order crossed no link and does not count.
         """
@@ -166,7 +166,7 @@ class Analysis:
         return {p: errors[formed & np.isfinite(errors)] for p, errors in self._errors.items()}
 
     def _contacts(self, positions: Mapping[str, Floats]) -> list[Contact]:
-        """What the simulations reported, and what the true paths show."""
+        """Contacts that the simulations reported, and those of the true paths."""
         radii = {node.platform: node.radius_m for node in self._metadata.nodes}
         seen = measure.touches(positions, radii, self._axis)
         for platform in self._vehicles:

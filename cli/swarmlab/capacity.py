@@ -1,4 +1,4 @@
-"""Whether this computer can run so many nodes: measured at the first ones, and when all are up."""
+"""Checks whether this computer can run the nodes of a lab, by measuring the first ones, then all."""
 
 import asyncio
 import os
@@ -14,21 +14,21 @@ from swarmware.errors import SwarmError
 FIRST: Final = 8
 """Nodes whose processor time is measured before the others are started."""
 CERTAIN_PER_CORE: Final = 8
-"""Up to so many nodes for each core nothing is measured; sixteen used about 1.5 of two cores."""
+"""Nodes per core up to which no measurement is needed; sixteen used about 1.5 of two cores."""
 SAMPLE_S: Final = 2.0
 FULL: Final = 0.93
 """Share of all cores that the nodes may take: above it their event loops are late and links fall."""
 
 
-def needs_a_look(nodes: int, cores: int) -> bool:
-    """Whether it is not certain that the computer carries them."""
+def needs_measurement(nodes: int, cores: int) -> bool:
+    """Whether the computer may be too slow for so many nodes."""
     return nodes > CERTAIN_PER_CORE * cores
 
 
 def refusal(nodes: int, measured: HostInfo, first: int) -> str:
-    """Why the computer does not carry so many nodes; empty when it may.
+    """Why the computer cannot run so many nodes; empty when it may.
 
-    A node costs more the more neighbours it has: what the first ones cost is a lower bound.
+    The cost of a node grows with its neighbours: that of the first ones is a lower bound.
     """
     assert measured.nodes_percent is not None
     per_node = measured.nodes_percent / first
@@ -55,19 +55,19 @@ class Capacity:
 
     @property
     def first(self) -> int:
-        """How many nodes to start before the first look; all, when none is needed."""
-        return FIRST if needs_a_look(self._nodes, os.cpu_count() or 1) else self._nodes
+        """Number of nodes to start before the measurement; all when none is needed."""
+        return FIRST if needs_measurement(self._nodes, os.cpu_count() or 1) else self._nodes
 
     def describe(self) -> str:
-        """The computer now, for an error that may come from it."""
+        """Present load of the computer, for errors that it may have caused."""
         return f"{self._before.summary()}, {os.getloadavg()[0]:.1f} now"
 
     async def measure(self, lab: LabState, started: int) -> None:
-        """Measures the nodes that run, for two seconds, where it is not certain that all can.
+        """Measures the running nodes for two seconds, unless that is not needed.
 
-        Raises: SwarmError with what they use and how many would do.
+        Raises: SwarmError with their use and the possible number of nodes.
         """
-        if not needs_a_look(self._nodes, self._before.cores):
+        if not needs_measurement(self._nodes, self._before.cores):
             return
         busy, used = host.busy(), load.usage(lab)
         await asyncio.sleep(SAMPLE_S)  # the sampling interval

@@ -9,14 +9,14 @@ from swarmware.types.time import TimeFunctions
 
 
 class ClockTruth(msgspec.Struct, frozen=True):
-    """How a node's clock truly runs: the lab simulates it."""
+    """True parameters of a node's simulated clock."""
 
     offset_s: float
     drift_ppm: float
 
     @property
     def clock(self) -> Clock:
-        """The same clock again."""
+        """A clock with these parameters."""
         return Clock(self.offset_s, self.drift_ppm)
 
 

@@ -21,15 +21,15 @@ def cmd() -> None:
 
 
 def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """What `run` and `up` have in common."""
+    """Options of `run` and `up`."""
     about = {
-        "nodes": "One ground station, one ground vehicle for two in the air.",
-        "usv": "Surface vessels among them.",
-        "net": "How the nodes are linked: loopback.",
-        "seed": "Of clocks, noise and start order.",
-        "name": "Of the lab; default: the experiment's.",
-        "per_daemon": "A process for each daemon: on all nodes, or on those named (a,b).",
-        "mongodb": "Forward all logs there as well.",
+        "nodes": "Number of nodes: a ground station, and one ground vehicle for two air vehicles.",
+        "usv": "Number of surface vessels among them.",
+        "net": "Network of the nodes: loopback.",
+        "seed": "Seed of clocks, noise and start order.",
+        "name": "Name of the lab; default: the experiment's.",
+        "per_daemon": "Run each daemon in its own process, on all nodes or on those named (a,b).",
+        "mongodb": "Forward all logs to this database as well.",
     }
     options = (
         click.argument("experiment", type=click.Choice(EXPERIMENTS)),
@@ -57,7 +57,7 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
     default=600.0,
     show_default=True,
     metavar="SECONDS",
-    help="Give up when the mission takes longer.",
+    help="Time-out of the mission.",
 )
 @click.option(
     "--out",
@@ -66,7 +66,7 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
     metavar="DIR",
     help="Report folder; default: report/EXPERIMENT-NODES.",
 )
-@click.option("--strict", is_flag=True, help="Exit 1 when a goal of the report is missed.")
+@click.option("--strict", is_flag=True, help="Exit with 1 when a goal of the report is missed.")
 @click.pass_context
 def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: bool, **spec: Any) -> None:
     """Start a swarm, run the experiment, stop it, write the report.
@@ -83,8 +83,8 @@ def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: 
 
 @cmd.command()
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
-@click.option("--markdown", is_flag=True, help="Print the table for a page; compute nothing again.")
-@click.option("--strict", is_flag=True, help="Exit 1 when a goal is missed.")
+@click.option("--markdown", is_flag=True, help="Print the table in Markdown, without computing the report.")
+@click.option("--strict", is_flag=True, help="Exit with 1 when a goal is missed.")
 @click.pass_context
 def report(ctx: click.Context, folder: Path, markdown: bool, strict: bool) -> None:
     """Compute the report of an earlier run again, from its logs.
@@ -105,7 +105,7 @@ def report(ctx: click.Context, folder: Path, markdown: bool, strict: bool) -> No
 @click.option("--detach", is_flag=True, help="Return when the swarm is up; `lab down` ends it.")
 @click.pass_context
 def up(ctx: click.Context, /, detach: bool, **spec: Any) -> None:
-    """Start a swarm and leave it to you.
+    """Start a swarm and keep it running.
 
     Example: swarmctl lab up formation --nodes 6 --detach
     """
@@ -131,11 +131,11 @@ def ls(ctx: click.Context) -> None:
 
 @cmd.command()
 @click.argument("platform", default="")
-@click.option("--follow", "-f", is_flag=True, help="Go on with what is written later.")
-@click.option("--lines", type=click.IntRange(min=1), default=20, show_default=True, help="Per node.")
+@click.option("--follow", "-f", is_flag=True, help="Follow new lines.")
+@click.option("--lines", type=click.IntRange(min=1), default=20, show_default=True, help="Lines per node.")
 @click.pass_context
 def logs(ctx: click.Context, platform: str, follow: bool, lines: int) -> None:
-    """Show what the processes of a lab said.
+    """Show the output of the processes of a lab.
 
     Example: swarmctl lab logs uav1 --follow
     """
@@ -151,7 +151,7 @@ def logs(ctx: click.Context, platform: str, follow: bool, lines: int) -> None:
 @click.option("--keep", is_flag=True, help="Keep configuration and logs.")
 @click.pass_context
 def down(ctx: click.Context, name: str, everything: bool, keep: bool) -> None:
-    """End a lab and remove what it left; the newest, when none is named.
+    """End a lab and remove its files; without a name the newest one.
 
     Example: swarmctl lab down
     """

@@ -1,4 +1,4 @@
-"""A node of the lab in a container: finds out who it is, writes its configuration, becomes `swarmd node`.
+"""A node of the lab in a container: chooses its name, writes its configuration, becomes `swarmd node`.
 
 `python -m swarmlab.container` is the entry point of the lab's image (share/swarm/lab).
 """
@@ -19,19 +19,19 @@ from swarmware.transport.security import make_swarm
 
 CONFIG: Final = Path("/etc/swarm")
 KEYS: Final = Path("/var/lib/swarm-keys")
-"""A volume of the whole lab: the first container makes the keys of the swarm in it."""
+"""Volume of the lab, in which the first container makes the keys of the swarm."""
 MAX_PER_KIND: Final = 64
-"""Keys are made for so many vehicles of each kind."""
+"""Number of vehicles of each kind for which keys are made."""
 GROUP: Final = "239.255.42.42"
 PORT: Final = 17420
 
 
 def claim(kind: str, directory: Path, remembered: Path) -> str:
-    """Name of this container's platform: the one it had before, else the lowest that no other has now.
+    """Name of this container's platform: its former one, else the lowest free one.
 
-    The name is locked for as long as this process, or what it becomes, lives: containers of one
-    service know nothing of each other but the volume that they share.
-    Raises: ConfigError when all are taken.
+    The name is locked while this process, or the program that replaces it, runs: containers of one
+    service share only the volume.
+    Raises: ConfigError when all names are taken.
     """
     names = [kind] if kind == "gcs" else [f"{kind}{number}" for number in range(1, MAX_PER_KIND + 1)]
     before = remembered.read_text("utf-8").strip() if remembered.exists() else ""
@@ -67,7 +67,7 @@ def settings(name: str, kind: str, address: str, mongodb_uri: str) -> dict[str, 
             "multicast_interface": address,
             "bind_address": address,
             "udp_port": PORT,
-            # some bridges do not pass multicast on: the ground station is found by name as well
+            # some bridges do not forward multicast: the ground station is also a seed, by name
             "seeds": [] if kind == "gcs" else [f"gcs:{PORT}"],
         },
     }
@@ -79,7 +79,7 @@ def settings(name: str, kind: str, address: str, mongodb_uri: str) -> dict[str, 
 
 
 def share_keys(directory: Path) -> None:
-    """Makes the keys of the swarm once, whoever comes first."""
+    """Makes the keys of the swarm, in the first container only."""
     directory.mkdir(parents=True, exist_ok=True)
     with (directory / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -1,4 +1,4 @@
-"""The database that the logs of a lab go to: looked at before the lab starts."""
+"""Checks the database for the logs of a lab before the lab starts."""
 
 from typing import Final
 
@@ -6,13 +6,13 @@ from swarmctl.output import Output
 from swarmware.errors import SwarmError
 
 PATIENCE_S: Final = 2.0
-"""A server on the same network answers within milliseconds."""
+"""Time-out of the check: a server on the same network answers within milliseconds."""
 
 
 def examine(uri: str, out: Output) -> None:
-    """Says when the server does not answer: the nodes keep their logs, and forward them when it does.
+    """Warns when the server does not answer: the nodes store their logs, and forward them later.
 
-    Raises: ConfigError for an address that is none.
+    Raises: ConfigError for an invalid address.
     """
     if not uri:
         return

@@ -1,4 +1,4 @@
-"""One experiment from start to report: swarm up, one instruction, mission followed, swarm down, figures."""
+"""One experiment: starts a swarm, starts a mission, follows it, stops the swarm, computes the report."""
 
 import shutil
 import time
@@ -32,26 +32,26 @@ from swarmware.types.mission import MissionFile, MissionPlan, MissionState, Miss
 PLAN: Final = "sys/mission/plan"
 TASK: Final = "sys/mission/task"
 TASK_S: Final = 30.0
-"""Longest wait until all platforms have answered the order."""
+"""Maximum wait until all platforms have answered their orders."""
 QUIET_S: Final = 15.0
-"""Longest wait until trees and subscriptions are exchanged: the command is not to queue behind them."""
+"""Maximum wait until trees and subscriptions are exchanged, so that they do not delay the command."""
 RUN_FILE: Final = "run.json"
 REPORT: Final = "report.json"
 PAGE: Final = "report.html"
 LOGS: Final = "logs"
 CAPTIONS: Final = ("Paths", "Formation error", "Command to receipt", "Topology", "Traffic")
-"""Pictures of the report, in their order; a file each."""
+"""Captions of the report's pictures in their order, one file each."""
 DATA_LOST: Final = 3
-"""Exit code: the experiment went well, but entries of the logs are missing."""
+"""Exit code of a successful experiment with missing log entries."""
 
 
 S = TypeVar("S", bound=msgspec.Struct)
 
 
 def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict: bool = False) -> int:
-    """`lab run`; the exit code.
+    """Runs `lab run`; returns the exit code.
 
-    From the command on there is a report, whatever happens then.
+    After the command a report is written in any case.
     Raises: SwarmError when the swarm does not come up, ConfigError without the extra `lab`.
     """
     extras.require("lab run", extras.REPORT)
@@ -80,7 +80,7 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
 def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     """Computes, writes and prints the report of a folder with metadata and logs; the exit code.
 
-    With `strict` a goal that was missed is a failure.
+    With `strict` a missed goal is a failure.
     Raises: NotFound when the folder has no run.json, ConfigError when it is of another version or
         the extra `lab` is not installed.
     """
@@ -120,7 +120,7 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
 
 
 def page_table(out_dir: Path, out: Output) -> None:
-    """Prints the table of a report that is there, for a page.
+    """Prints the table of an existing report in Markdown.
 
     Raises: NotFound without a report; ConfigError when it is of another version.
     """
@@ -139,7 +139,7 @@ def _read(path: Path, cls: type[S]) -> S:
 
 
 def prepare(out_dir: Path) -> None:
-    """A report folder without an earlier report; whatever else is there is left alone."""
+    """Removes an earlier report from the folder; other files are not changed."""
     shutil.rmtree(out_dir / LOGS, ignore_errors=True)
     (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
     for name in (RUN_FILE, REPORT, PAGE, *(_file(caption) for caption in CAPTIONS)):
@@ -151,7 +151,7 @@ def _file(caption: str) -> str:
 
 
 async def _conduct(running: RunningLab, duration_s: float, out: Output) -> MissionRun:
-    """Raises: SwarmError when there is no swarm that could be commanded; later errors are the course's."""
+    """Conducts the mission. Raises: SwarmError before the command; later errors are recorded in the run."""
     course = MissionRun()
     try:
         await lifecycle.bring_up(running, out)
@@ -175,8 +175,8 @@ async def _mission(
     watch = SwarmWatch.open(session)
     task = mission_task(lab.experiment)
     if not await watch.until_quiet(QUIET_S):
-        out.say("the links are still busy; going on")
-    # as `mission start`: who would take part is asked before the instruction is given
+        out.say("the links are still busy; continuing")
+    # as `mission start`: the assignment is requested before the instruction
     plan = await session.ask(PLAN, task, MissionPlan, timeout_s=TASK_S)
     for left in plan.left_out:
         out.warn(f"{left.platform}: takes no part: {left.why}")
@@ -206,7 +206,7 @@ async def _mission(
 
 
 def phase(states: Mapping[str, MissionState]) -> str:
-    """What most platforms are doing, in a few words."""
+    """Short description of the most frequent states."""
     ended = [state.state for state in states.values() if state.state in ENDED]
     doing = Counter(block for state in states.values() if state.state not in ENDED for block in state.active)
     if not doing:
@@ -227,7 +227,7 @@ def mission_task(name: str) -> MissionTask:
 
 
 def _log_of(node: LabNode) -> Path:
-    """Where what a node said is kept, in the report folder."""
+    """File with the output of a node in the report folder."""
     return Path(LOGS) / node.platform / node.log_file.name
 
 

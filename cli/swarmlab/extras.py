@@ -1,4 +1,4 @@
-"""What a lab needs and an installation without the extra `lab` has not."""
+"""Checks that the modules of the extra `lab` are installed."""
 
 from importlib import import_module
 from typing import Final
@@ -6,12 +6,12 @@ from typing import Final
 from swarmware.errors import missing_extra
 
 PLANNER: Final = ("numpy",)
-"""Every lab has a ground vehicle, whose path planner needs it (extra `nav` of a single node)."""
+"""Module of the path planner of ground vehicles, which every lab has (extra `nav` of a single node)."""
 REPORT: Final = (*PLANNER, "matplotlib")
 
 
 def require(what: str, modules: tuple[str, ...]) -> None:
-    """Raises: ConfigError naming the extra, when a module that `what` (a command) needs is not installed."""
+    """Check the modules that a command needs. Raises: ConfigError naming the extra when one is missing."""
     for module in modules:
         try:
             import_module(module)

@@ -1,4 +1,4 @@
-"""How well a formation is kept: from the goals that the navigators had, and where the vehicles truly were."""
+"""Formation errors, from the goals of the navigators and the true positions of the vehicles."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -11,13 +11,13 @@ from swarmware.geometry.formation import FormationSlots
 from swarmware.types.vehicle import Goal, Pose
 
 Goals = Sequence[tuple[float, Goal]]
-"""Goals of one vehicle with their instants, rising."""
+"""Goals of one vehicle with their instants, in order."""
 
 
 def formed_spans(goals: Mapping[str, Goals], end_s: float) -> tuple[tuple[float, float], ...]:
-    """Spans in which every vehicle had the goal to advance in formation: the formation is formed.
+    """Time spans in which every vehicle had the goal to advance in formation.
 
-    Before, they take their slots and wait at a barrier; afterwards, they land.
+    Before, they move into their slots and wait at a barrier; afterwards they land.
     """
     instants = sorted({t_s for known in goals.values() for t_s, _ in known} | {end_s})
     spans: list[tuple[float, float]] = []
@@ -42,7 +42,7 @@ def _advances(goal: Goal | None) -> bool:
 
 
 def leader_of(goals: Mapping[str, Goals]) -> str:
-    """Who leads; empty when there is no formation."""
+    """Name of the leader; empty without a formation."""
     for known in goals.values():
         for _, goal in known:
             if goal.kind == "formation" and goal.leader:
@@ -51,7 +51,7 @@ def leader_of(goals: Mapping[str, Goals]) -> str:
 
 
 def course_of(goals: Mapping[str, Goals]) -> tuple[tuple[float, float], ...]:
-    """Waypoints of the formation; empty when it has none."""
+    """Waypoints of the formation; empty without a course."""
     courses = [goal.course for known in goals.values() for _, goal in known if goal.kind == "formation"]
     return max(courses, key=len, default=())
 
@@ -59,7 +59,7 @@ def course_of(goals: Mapping[str, Goals]) -> tuple[tuple[float, float], ...]:
 def errors(track: VehicleTrack, leader: VehicleTrack, goals: Goals, times_s: Floats) -> Floats:
     """Distance of a follower from its slot at each instant; NaN where it had none. Shapes: (T,) → (T,).
 
-    The slot is the library's own geometry around the leader's true place, not what the follower believed.
+    The slot is computed from the true pose of the leader, not from the estimate of the follower.
     """
     out = np.full(len(times_s), np.nan)
     own, lead = resample(track, times_s), resample(leader, times_s)

@@ -14,7 +14,7 @@ CPUINFO: Final = Path("/proc/cpuinfo")
 
 
 class HostInfo(msgspec.Struct, frozen=True):
-    """The computer during a run; a missed goal is read beside it."""
+    """Properties and load of the computer during a run, to explain missed goals."""
 
     processor: str = ""
     """Model name; the architecture where the kernel gives none."""
@@ -28,7 +28,7 @@ class HostInfo(msgspec.Struct, frozen=True):
     """Processor time of everything else meanwhile, in percent of one core."""
 
     def summary(self) -> str:
-        """In a few words, for people."""
+        """Short description for messages."""
         words = [f"{self.cores} cores ({self.processor})"]
         if self.load_before is not None:
             words.append(f"load {self.load_before:.1f} before the start")
@@ -46,14 +46,14 @@ class CpuTime(msgspec.Struct, frozen=True):
 
 
 def describe() -> HostInfo:
-    """This computer before a run."""
+    """Describes this computer before a run."""
     return HostInfo(
         processor(), os.cpu_count() or 1, platform.release().partition("-")[0], os.getloadavg()[0]
     )
 
 
 def busy() -> CpuTime:
-    """All processor time until now, of all cores together."""
+    """Total processor time of all cores up to now."""
     times = psutil.cpu_times()
     # guest time is part of user time already; time stolen by other machines is busy for us
     spent = times.user + times.nice + times.system + times.irq + times.softirq + times.steal
@@ -63,7 +63,7 @@ def busy() -> CpuTime:
 def shares(
     host: HostInfo, before: CpuTime, after: CpuTime, nodes_percent: Iterable[float | None]
 ) -> HostInfo:
-    """The host with what the nodes and what others used between two instants, if all nodes are known."""
+    """Adds the use of the nodes and of other processes between two instants, if it is known for all nodes."""
     elapsed_s = after.mono_s - before.mono_s
     known: list[float] = []
     for percent in nodes_percent:

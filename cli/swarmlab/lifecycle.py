@@ -1,4 +1,4 @@
-"""Start, operation and end of a lab, also when it is interrupted by Ctrl-C."""
+"""Start, operation and end of a lab, including its interruption by Ctrl-C."""
 
 import asyncio
 import signal
@@ -23,11 +23,11 @@ from swarmware.errors import NoAnswer
 T = TypeVar("T")
 
 UP_S: Final = 120.0
-"""Longest wait for a swarm; two cores bring sixteen nodes up in a tenth of it."""
+"""Maximum wait for a swarm to start; two cores start sixteen nodes in a tenth of it."""
 
 
 def run_interruptible(main: Coroutine[Any, Any, T]) -> T:
-    """Runs it; SIGTERM and a closed terminal interrupt it as Ctrl-C does, so that the lab is taken down.
+    """Runs a coroutine; SIGTERM and a closed terminal interrupt it like Ctrl-C, so that the lab is ended.
 
     Raises: KeyboardInterrupt when it was interrupted.
     """
@@ -47,11 +47,11 @@ def run_interruptible(main: Coroutine[Any, Any, T]) -> T:
 
 @contextmanager
 def teardown(lab: LabState, out: Output) -> Iterator[None]:
-    """The end of a lab takes seconds: a second Ctrl-C does not interrupt it."""
+    """Blocks signals while a lab ends: a second Ctrl-C does not interrupt it."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
     try:
-        with suppress(OSError):  # the terminal may be gone: that may be why it ends
+        with suppress(OSError):  # the terminal may be closed, which may be the reason of the end
             out.say(f"ending lab {lab.name}")
         yield
     finally:
@@ -65,9 +65,9 @@ def station_settings(lab: LabState) -> CliSettings:
 
 
 async def bring_up(running: RunningLab, out: Output) -> float:
-    """Starts all nodes and waits until the ground station knows every tree; seconds from the first start.
+    """Starts all nodes and waits until the ground station has all trees; returns the seconds that it took.
 
-    Raises: SwarmError when a node falls over or the processor is too slow, NoAnswer when it takes too long.
+    Raises: SwarmError when a node ends or the processor is too slow, NoAnswer at the time-out.
     """
     lab = running.state
     running.on_restart = lambda platform, what: out.warn(f"node {platform}: {what}")
@@ -94,7 +94,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
 
 
 def main(spec: LabSpec, out: Output, *, detach: bool) -> None:
-    """`lab up`.
+    """Runs `lab up`.
 
     Raises: ConfigError without numpy; SwarmError when the swarm does not come up.
     """
@@ -130,7 +130,7 @@ async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:
 
 
 async def _stay(running: RunningLab, out: Output) -> None:
-    """Waits until it is interrupted or every node has ended."""
+    """Waits until an interruption or the end of all nodes."""
     reported: set[str] = set()
     while len(reported) < len(running.state.nodes):
         await running.until_fallen(reported)
@@ -140,9 +140,9 @@ async def _stay(running: RunningLab, out: Output) -> None:
 
 
 def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
-    """`lab down`: ends the lab of that name, the newest, or with `everything` all of this user.
+    """Runs `lab down`: ends the named lab, the newest, or with `everything` all of this user.
 
-    `keep`: configuration and logs stay.
+    `keep`: do not remove configuration and logs.
     Raises: NotFound when there is none, NoAnswer when a process does not end.
     """
     found = labs.labs() if everything else [labs.find(name or out.settings.lab)]

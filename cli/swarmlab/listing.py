@@ -20,7 +20,7 @@ class LabLine(msgspec.Struct, frozen=True):
     experiment: str
     nodes: int
     alive: int
-    """Nodes of which a process lives."""
+    """Number of nodes with a running process."""
     state: str
     """starting | running | partly | dead."""
     age_s: float
@@ -42,7 +42,7 @@ _COLUMNS = (
 
 
 def describe(lab: LabState, now_utc_ns: int) -> LabLine:
-    """One lab as it is now."""
+    """The present state of one lab."""
     alive = sum(node.alive() for node in lab.nodes)
     state = "running" if alive == len(lab.nodes) else "partly" if alive else "dead"
     if lab.starter.alive() and not lab.ready_s:
@@ -76,7 +76,7 @@ def list_labs(out: Output) -> None:
 def print_logs(platform: str, lines: int, out: Output, *, follow: bool) -> None:
     """Prints the last lines of each node's log; of one platform when it is named, here or by `-n`.
 
-    With `follow` the process becomes tail(1) and goes on with what is written later.
+    With `follow` the process becomes tail(1), which prints new lines.
     Raises: NotFound when there is no such lab or node.
     """
     lab = labs.find(out.settings.lab)
@@ -98,6 +98,6 @@ def print_logs(platform: str, lines: int, out: Output, *, follow: bool) -> None:
 
 
 def _exec_tail(nodes: Sequence[LabNode], lines: int) -> Never:
-    """tail(1) waits for new lines without polling."""
+    """Replaces the process by tail(1), which waits for new lines without polling."""
     files = [str(node.log_file) for node in nodes]
     os.execvp("tail", ["tail", "-n", str(lines), "-F", *files])

@@ -11,7 +11,7 @@ from swarmctl.processes import NODE_MARK
 
 
 class Usage(msgspec.Struct, frozen=True):
-    """One node at one instant."""
+    """Resource use of one node at one instant."""
 
     mono_s: float
     cpu_s: float
@@ -32,7 +32,7 @@ def usage(lab: LabState) -> dict[str, Usage]:
                 with process.oneshot():
                     times, memory = process.cpu_times(), process.memory_info()
             except psutil.Error:
-                continue  # it ended this moment
+                continue  # it has just ended
             cpu_s += times.user + times.system
             rss += memory.rss
         found[node.platform] = Usage(time.monotonic(), cpu_s, rss / 1e6)
@@ -40,6 +40,6 @@ def usage(lab: LabState) -> dict[str, Usage]:
 
 
 def percent(before: Usage, after: Usage) -> float:
-    """Share of one core between two instants."""
+    """Processor time between two instants, in percent of one core."""
     elapsed_s = after.mono_s - before.mono_s
     return max(0.0, after.cpu_s - before.cpu_s) / elapsed_s * 100 if elapsed_s > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Figures from what was recorded: pure functions on arrays, no file and no process.
+"""Figures from recorded data: pure functions on arrays.
 
 Shapes: T instants, P platforms. Units: seconds, metres.
 """
@@ -18,17 +18,17 @@ RATE_HZ: Final = 20.0
 GAP_S: Final = 1.0
 """Longest hole in a recording over which a position is interpolated."""
 SAME_CONTACT_S: Final = 2.0
-"""Two touches of the same two within this time are one collision."""
+"""Contacts of the same two bodies within this time are one collision."""
 
 
 class VehicleTrack(msgspec.Struct, frozen=True):
-    """Where a vehicle truly was."""
+    """True path of a vehicle."""
 
     platform: str
     t_s: Floats
-    """True time, rising. Shape (T,)."""
+    """True time, ascending. Shape (T,)."""
     xyz_m: Floats
-    """Shape (T, 3)."""
+    """True positions. Shape (T, 3)."""
     yaw_rad: Floats
     """Heading, counter-clockwise from east. Shape (T,)."""
 
@@ -42,17 +42,17 @@ class Contact(msgspec.Struct, frozen=True, order=True):
 
 
 class Separation(msgspec.Struct, frozen=True):
-    """The two vehicles that came closest."""
+    """The two vehicles with the minimum distance."""
 
     distance_m: float
-    """Between their centres."""
+    """Minimum distance of their centres."""
     one: str = ""
     other: str = ""
     t_s: float = 0.0
 
 
 class Spread(msgspec.Struct, frozen=True):
-    """A distribution in four numbers; all None when there was nothing."""
+    """A distribution in four numbers; all None without values."""
 
     p50: float | None = None
     p95: float | None = None
@@ -135,7 +135,7 @@ def touches(positions: Mapping[str, Floats], radii_m: Mapping[str, float], times
 
 
 def collisions(contacts: Iterable[Contact]) -> int:
-    """Number of collisions: both sides report one, and grinding along an obstacle reports many."""
+    """Number of collisions: both sides report one, and a sliding contact is reported repeatedly."""
     last: dict[frozenset[str], float] = {}
     count = 0
     for contact in sorted(contacts):
@@ -156,13 +156,13 @@ def slots(leader_xyz_m: Floats, leader_yaw_rad: Floats, offset_m: tuple[float, f
 
 
 def distances(positions_m: Floats, targets_m: Floats) -> Floats:
-    """How far each position is from its target. Shapes: (T, 3) → (T,)."""
+    """Distance of each position from its target. Shapes: (T, 3) → (T,)."""
     result: Floats = np.linalg.norm(positions_m - targets_m, axis=1)
     return result
 
 
 def within(times_s: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_]:
-    """Which instants lie in any of the spans, ends included. Shapes: (T,) → (T,)."""
+    """Whether each instant lies in any of the spans, ends included. Shapes: (T,) → (T,)."""
     inside = np.zeros(len(times_s), dtype=np.bool_)
     for start_s, end_s in spans:
         inside |= (times_s >= start_s) & (times_s <= end_s)

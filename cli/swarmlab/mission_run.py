@@ -1,4 +1,4 @@
-"""Course of one mission as the lab sees it: complete at any moment from the command on, however it ends."""
+"""One mission as observed by the lab; its data are complete at any instant after the command."""
 
 import time
 
@@ -20,12 +20,12 @@ class MissionRun:
         self.members = MissionMembers((), 0)
         self.in_time = True
         self.error = ""
-        """Error that ended it early; empty: it ran to its end or its timeout."""
+        """Error that ended the run early; empty: it ran to its end or its time-out."""
         self.before: dict[str, Usage] = {}
         self.after: dict[str, Usage] = {}
         now = host.busy()
         self.busy = (now, now)
-        """The whole computer, at the same two instants."""
+        """Processor time of the whole computer at the same two instants."""
 
     def command(self) -> None:
         """Notes the instant of the command."""
@@ -41,7 +41,7 @@ class MissionRun:
         self.members = MissionMembers([order.platform for order in answer.orders], answer.epoch)
 
     def close(self, lab: LabState) -> None:
-        """Notes the end; later events do not count."""
+        """Records the end; later events are ignored."""
         self.end_mono_ns = time.monotonic_ns()
         self.after = load.usage(lab)
         self.busy = (self.busy[0], host.busy())
@@ -52,7 +52,7 @@ class MissionRun:
         return self.members.outcome(in_time=self.in_time)
 
     def failure(self) -> str:
-        """Why it was not completed, for people; empty when it was."""
+        """Why the mission was not completed; empty when it was."""
         return self.error or self.outcome.failure()
 
     def percent(self, platform: str) -> float | None:

@@ -1,4 +1,4 @@
-"""Notifications of nodes, ready or restarted: the receiving end of sd_notify, a socket for each."""
+"""Receives notifications (sd_notify) of nodes: one socket for each node."""
 
 import re
 from collections.abc import Mapping
@@ -10,15 +10,15 @@ import msgspec
 from swarmware.service.notify import NotificationSocket
 
 _COUNT_DIGITS: Final = 6
-"""A count of restarts with more digits is none."""
+"""Maximum digits of a restart count; a longer one is invalid."""
 
 
 class Restarts(msgspec.Struct, frozen=True):
-    """How often a node's supervisor has started its process again, and why."""
+    """Restarts of a node's process by its supervisor, with the reasons."""
 
     count: int = 0
     reasons: tuple[str, ...] = ()
-    """How each process before ended, oldest first: `signal 9`, `exit 1`, `gone`."""
+    """How each former process ended, oldest first: `signal 9`, `exit 1`, `gone`."""
 
     def __str__(self) -> str:
         times = "once" if self.count == 1 else f"{self.count} times"
@@ -35,17 +35,17 @@ class NotifySocket:
         self.status = ""
         """Newest STATUS= line."""
         self.restarts = Restarts()
-        """Of all X_RESTARTS= and X_REASON= lines, and of supervisors that died."""
+        """Restarts from X_RESTARTS= and X_REASON= lines, and of supervisors that died."""
         self._before = 0
-        """How many there were when the present supervisor began to count."""
+        """Number of restarts before the present supervisor began to count."""
         self._socket = NotificationSocket(str(path))
 
     def fileno(self) -> int:
-        """For the event loop."""
+        """File descriptor of the socket, for the event loop."""
         return self._socket.fileno()
 
     def drain(self) -> None:
-        """Takes in everything that has arrived."""
+        """Processes all received messages."""
         while (found := self._socket.receive()) is not None:
             self.take(found[1])
 
@@ -62,7 +62,7 @@ class NotifySocket:
             self._add(self._before + count, variables.get("X_REASON", ""))
 
     def supervisor_died(self, how: str) -> None:
-        """It is started again, and counts from the beginning."""
+        """The supervisor died: it is restarted, and counts from the beginning."""
         self._add(self.restarts.count + 1, f"parent: {how}")
         self._before = self.restarts.count
 

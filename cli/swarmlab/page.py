@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: no network, no script, pictures inside."""
+"""The report as one self-contained HTML file: without network access or scripts, with the pictures."""
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ footer { margin: 3rem 0 1rem; color: #616e7c; font-size: .85rem; }
 """
 
 _NODE_COLUMNS: Final = (
-    "node", "mission", "sent kB/s", "heard kB/s", "receipt ms", "slot error m", "clock p95 µs", "CPU %",
+    "node", "mission", "sent kB/s", "received kB/s", "receipt ms", "slot error m", "clock p95 µs", "CPU %",
     "RSS MB", "clock offset s", "drift ppm", "restarts",
 )  # fmt: skip
 

@@ -9,13 +9,13 @@ import msgspec
 from swarmware.errors import InvalidInput
 
 MIN_NODES: Final = 3
-"""A ground station, a ground vehicle that leads and one that follows in the air."""
+"""Minimum: a ground station, a ground vehicle as leader, and an air vehicle."""
 MAX_NODES: Final = 200
 """Larger swarms are simulated in virtual time."""
 OFFSET_S: Final = 5.0
-"""Simulated clocks differ from true time by up to this much …"""
+"""Maximum offset of simulated clocks from true time …"""
 DRIFT_PPM: Final = 50.0
-"""… and run off by up to this: an uncompensated quartz."""
+"""… and their maximum drift: that of an uncompensated quartz."""
 
 
 class PlannedNode(msgspec.Struct, frozen=True):
@@ -32,7 +32,7 @@ def kinds(nodes: int, usv: int = 0) -> tuple[int, int]:
     """Numbers of ground and air vehicles: about one to two, besides the ground station (S0.75: 5 + 10 + 1)
     and the surface vessels.
 
-    Raises: InvalidInput when the number makes no swarm.
+    Raises: InvalidInput when the number is out of range.
     """
     if not MIN_NODES <= nodes <= MAX_NODES:
         raise InvalidInput(f"number of nodes {nodes}: expected {MIN_NODES}..{MAX_NODES}")
@@ -48,7 +48,7 @@ def kinds(nodes: int, usv: int = 0) -> tuple[int, int]:
 def members(nodes: int, seed: int, usv: int = 0) -> tuple[PlannedNode, ...]:
     """The nodes, ground station first, each with another clock.
 
-    Raises: InvalidInput when the number makes no swarm.
+    Raises: InvalidInput when the number is out of range.
     """
     ground, air = kinds(nodes, usv)
     who = [("gcs", "gcs")]
@@ -86,7 +86,7 @@ def per_daemon(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str]
 
 
 def start_order(platforms: Sequence[str], seed: int) -> list[str]:
-    """Platforms in a random order: no node may depend on another being there first (S0.37)."""
+    """Platforms in a random order: no node may depend on the order of starts (S0.37)."""
     names = list(platforms)
     random.Random(f"order {seed}").shuffle(names)
     return names

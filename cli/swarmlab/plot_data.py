@@ -1,4 +1,4 @@
-"""What the plots show of an experiment: arrays and names, no file and no process."""
+"""Data of the plots of an experiment: arrays and names."""
 
 import msgspec
 
@@ -14,7 +14,7 @@ class TimeSeries(msgspec.Struct, frozen=True):
 
 
 class ObservedLink(msgspec.Struct, frozen=True):
-    """A link as one node sees it."""
+    """A link as measured by one node."""
 
     node: str
     hears: str
@@ -24,7 +24,7 @@ class ObservedLink(msgspec.Struct, frozen=True):
 
 
 class NodeFigures(msgspec.Struct, frozen=True, kw_only=True):
-    """One node's share of the figures."""
+    """Figures of one node."""
 
     platform: str
     kind: str
@@ -34,18 +34,18 @@ class NodeFigures(msgspec.Struct, frozen=True, kw_only=True):
     cpu_percent: float | None = None
     rss_mb: float | None = None
     clock_error_us: float | None = None
-    """p95 of its conversions of all others."""
+    """95th percentile of the errors of its clock conversions."""
     formation_error_m: float | None = None
-    """Mean once formed."""
+    """Mean error while the formation was formed."""
     offset_s: float = 0.0
     drift_ppm: float = 0.0
     outcome: str = ""
-    """How its mission ended, or the node."""
+    """Final state of its mission, or the end of the node."""
     restarts: int = 0
 
 
 class PlotData(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything the plots and the page are made of; times are true seconds since the command."""
+    """All data of the plots and the page; times are true seconds since the command."""
 
     title: str
     subtitle: str

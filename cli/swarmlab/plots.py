@@ -24,7 +24,7 @@ DPI: Final = 130
 PAPER_GLOBAL_KBPS: Final = 56.07
 """S0's global traffic with 16 nodes."""
 PAPER_EGRESS_KBPS: Final = 14.89
-"""S0's egress traffic."""
+"""S0's egress traffic per node."""
 PAPER_RECEIPT_MS: Final = 11.95
 """S0's time from the command to the swarm's receipt."""
 

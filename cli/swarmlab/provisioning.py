@@ -33,9 +33,9 @@ STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "
 """A ground station has neither simulation nor navigator."""
 VEHICLE: Final = (*STATION, "sim", "navigator")
 RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
-"""Of the sphere around a vehicle: configured in the simulation, used by the report."""
+"""Radius of the sphere around a vehicle: configured in the simulation, used by the report."""
 LIDAR: Final = "ugv1"
-"""Carries a lidar: it replays the packets of a real one."""
+"""Vehicle with a lidar, which replays the packets of a real one."""
 TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "usv": "usv", "uav": "multirotor"}
 
 
@@ -46,9 +46,9 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
     nodes: int
     seed: int
     usv: int = 0
-    """How many of the nodes are surface vessels."""
+    """Number of surface vessels among the nodes."""
     name: str = ""
-    """Empty: the experiment's name, with a number when that is taken."""
+    """Name of the lab; empty: the experiment's name, with a number when that is taken."""
     net: str = "loopback"
     per_daemon: str | None = None
     """None: one process per node; `all` or names: one per daemon on those."""
@@ -92,7 +92,7 @@ def make(spec: LabSpec) -> LabState:
 
 
 def remove(lab: LabState, *, keep: bool = False) -> None:
-    """Removes what the lab left: shared memory and sockets; with `keep` not configuration and logs."""
+    """Removes the files of the lab: shared memory and sockets; with `keep` not configuration and logs."""
     for node in lab.nodes:
         shutil.rmtree(node.shm_dir, ignore_errors=True)
         shutil.rmtree(node.run_dir, ignore_errors=True)
@@ -103,7 +103,7 @@ def remove(lab: LabState, *, keep: bool = False) -> None:
 
 
 def is_ending(lab: LabState) -> bool:
-    """Whether the end of this lab has begun: none of its nodes is started again."""
+    """Whether the end of this lab has begun: its nodes are not restarted any more."""
     return (Path(lab.folder) / ENDING).exists() or not Path(lab.folder).exists()
 
 
@@ -117,7 +117,7 @@ def down(lab: LabState, *, keep: bool = False) -> int:
     forced = processes.end([node.identity for node in lab.nodes if node.pid], lab.mark)
     if left := processes.marked(lab.mark):
         pids = ", ".join(str(process.pid) for process in left)
-        raise NoAnswer(f"lab {lab.name}: processes {pids} do not end; expected them to")
+        raise NoAnswer(f"lab {lab.name}: processes {pids} do not end after SIGKILL; expected their end")
     remove(lab, keep=keep)
     return forced
 
@@ -133,7 +133,7 @@ def _claim(spec: LabSpec) -> Path:
         with suppress(FileExistsError):
             (folder / name).mkdir(mode=0o700)
             return folder / name
-    raise Conflict(f"lab {names[0]!r}: is there already; expected another --name, or `swarmctl lab down`")
+    raise Conflict(f"lab {names[0]!r}: exists already; expected another --name, or `swarmctl lab down`")
 
 
 def _remove_dead_lab(folder: Path) -> None:
@@ -159,7 +159,7 @@ def _node(folder: Path, member: PlannedNode, separate: bool) -> LabNode:
 
 
 def _alias(folder: Path) -> str:
-    """The lab's name; outside the usual folder of labs that alone may be another lab's, too."""
+    """Unique name of the lab: outside the default folder of labs another lab may have the same name."""
     if folder.parent == labs.default_folder():
         return folder.name
     where = hashlib.blake2b(os.fsencode(folder.parent.resolve()), digest_size=4)
@@ -221,13 +221,13 @@ def _toml(path: Path, data: dict[str, Any]) -> None:
 
 
 def _group() -> str:
-    """A multicast group of its own, of those meant for one site (RFC 2365)."""
+    """A random multicast group of the site-local scope (RFC 2365)."""
     chance = random.SystemRandom()
     return f"239.255.{chance.randrange(1, 255)}.{chance.randrange(1, 255)}"
 
 
 def _free_port() -> int:
-    """A UDP port that nobody listens on now."""
+    """A UDP port that is not in use now."""
     chance = random.SystemRandom()
     for _ in range(CLAIM_TRIES):
         port = chance.choice(PORTS)

@@ -26,12 +26,12 @@ class LoggedValue(msgspec.Struct, frozen=True):
     t_s: float
     """True time since the command."""
     stamp_ns: int
-    """The node's own clock."""
+    """Stamp on the node's own clock."""
     payload: bytes
 
 
 class QueueSpan(msgspec.Struct):
-    """Sequences of one queue of a logger, to find gaps."""
+    """Sequence numbers of one queue of a logger, to find gaps."""
 
     first: int
     last: int
@@ -39,7 +39,7 @@ class QueueSpan(msgspec.Struct):
 
 
 class Recording:
-    """All logs of a run, read once; values of the wanted paths are kept, the rest is counted.
+    """All logs of a run, read once; values of the selected paths are stored, others counted.
 
     `origin_ns` is the true time of the command (the machine's CLOCK_MONOTONIC).
     """
@@ -54,9 +54,9 @@ class Recording:
         self.clocks = dict(clocks)
         self.origin_ns = origin_ns
         self.entries = 0
-        """Entries in all logs."""
+        """Number of entries in all logs."""
         self.missing = 0
-        """Holes in the sequences of the logs' queues."""
+        """Number of missing entries in the queues of the logs."""
         self._values: dict[tuple[str, str], list[LoggedValue]] = {}
         kept = frozenset(wanted)
         for platform, folder in folders.items():
@@ -91,7 +91,7 @@ class Recording:
         return found
 
     def track(self, platform: str) -> VehicleTrack:
-        """Where the vehicle truly was."""
+        """The true path of a vehicle."""
         truth = self.values(platform, TRUTH, Pose)
         t_s = np.array([at_s for at_s, _ in truth])
         xyz = np.array([(pose.x_m, pose.y_m, pose.z_m) for _, pose in truth]).reshape(-1, 3)

@@ -9,14 +9,14 @@ from swarmlab.host import HostInfo
 
 
 class TrafficFigures(msgspec.Struct, frozen=True):
-    """Bytes really on the wire, counted at the brokers' sockets while the mission ran."""
+    """Bytes on the wire, counted at the brokers' sockets during the mission."""
 
     global_kbps: float = 0.0
-    """What all nodes sent, together."""
+    """Total sent by all nodes."""
     egress_kbps: float = 0.0
-    """What a node sent; mean."""
+    """Mean sent per node."""
     ingress_kbps: float = 0.0
-    """What a node received; mean. A multicast datagram counts at each receiver."""
+    """Mean received per node; a multicast datagram counts at each receiver."""
 
 
 class Percentiles(msgspec.Struct, frozen=True):
@@ -28,24 +28,24 @@ class Percentiles(msgspec.Struct, frozen=True):
 
 
 class Receipt(msgspec.Struct, frozen=True):
-    """How long one platform's order took."""
+    """Delays of one platform's order."""
 
     platform: str
     command_ms: float
-    """From the instruction at the ground station."""
+    """Delay from the instruction at the ground station."""
     order_ms: float
-    """From the order's own departure."""
+    """Delay from the sending of the order."""
 
 
 class MeanMax(msgspec.Struct, frozen=True):
-    """A mean and a worst case."""
+    """Mean and maximum of a quantity."""
 
     mean: float | None = None
     max: float | None = None
 
 
 class P95(msgspec.Struct, frozen=True):
-    """What 95 of 100 stay below."""
+    """The 95th percentile of a quantity."""
 
     p95: float | None = None
 
@@ -56,11 +56,11 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     schema_version: int = 2
     nodes: int
     ready_s: float
-    """From the first start of a process until every node was ready and every tree known."""
+    """Time from the first start of a process until all nodes were ready and all trees known."""
     completed: bool
-    """Every platform's mission ended well."""
+    """Whether the mission was successful on all platforms."""
     duration_s: float
-    """From the command until the last platform's mission ended, true time."""
+    """True time from the command until the last platform's mission ended."""
     traffic: TrafficFigures
     requests: int
     """Requests answered between nodes, all nodes together."""
@@ -69,29 +69,29 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     bytes_per_notification: float | None
     """All bytes received on the wire by all nodes ÷ notifications."""
     command_to_receipt_ms: Percentiles
-    """From the instruction at the ground station until a platform's broker takes its order off the link:
-    S0.82's quantity, with the check, the assignment of roles and the wait behind other orders in it. True
+    """Delay from the instruction at the ground station until a platform's broker receives its order:
+    S0.82's quantity, including the check, the assignment of roles and the wait for other orders. True
     time, over the platforms."""
     order_to_receipt_ms: Percentiles
-    """From each order's own departure: the network's and the two brokers' part of it."""
+    """Delay from the sending of each order: the part of the network and the two brokers."""
     receipts: tuple[Receipt, ...] = ()
-    """The distribution: every platform but the ground station, whose order crosses no link."""
+    """Delays of all platforms except the ground station, whose order crosses no link."""
     formation_error_m: MeanMax
     """Distance of followers from their slots while the formation was formed."""
     min_separation_m: float | None
-    """Between the centres of any two vehicles."""
+    """Minimum distance between the centres of two vehicles."""
     collisions: int
     frames_lost: int
-    """Frames that one node sent and a neighbour never received."""
+    """Frames that a node sent and a neighbour did not receive."""
     log_frames: int
     log_gaps: int
     """Entries that the loggers report as missing."""
     clock_error_us: P95
-    """True against estimated conversion, over all pairs of nodes while the mission ran."""
+    """Error of the clock conversions over all pairs of nodes during the mission."""
     cpu_percent_of_core: MeanMax
-    """Of a node, over the mission."""
+    """Processor time per node over the mission, in percent of one core."""
     rss_mb: MeanMax
-    """Of a node."""
+    """Resident memory per node."""
     host: HostInfo = HostInfo()
 
 
@@ -112,7 +112,7 @@ _DIGITS: Final = 4
 
 
 def rounded(report: ExperimentReport) -> dict[str, object]:
-    """The document with four significant digits: more would be noise."""
+    """The document with numbers of four significant digits."""
 
     def trim(value: object) -> object:
         if isinstance(value, float):
@@ -127,7 +127,7 @@ def rounded(report: ExperimentReport) -> dict[str, object]:
 
 
 class ComparisonRow(msgspec.Struct, frozen=True):
-    """One line of the table."""
+    """One row of the comparison."""
 
     what: str
     paper: str
@@ -137,7 +137,7 @@ class ComparisonRow(msgspec.Struct, frozen=True):
 
 
 def comparison(report: ExperimentReport) -> list[ComparisonRow]:
-    """Paper S0's figures beside ours, then what it did not report."""
+    """Figures of paper S0 beside those of this run, then figures that it did not report."""
     receipt, error = report.command_to_receipt_ms, report.formation_error_m
     order = report.order_to_receipt_ms
     return [
@@ -150,7 +150,7 @@ def comparison(report: ExperimentReport) -> list[ComparisonRow]:
             "ingress traffic",
             "1.31 kB/s",
             f"{report.traffic.ingress_kbps:.2f} kB/s",
-            "per node, heard from all",
+            "per node, from all others",
         ),
         ComparisonRow("request/response", "25", _count(report.requests), "between nodes"),
         ComparisonRow("notifications", "81 297", _count(report.notifications), "delivered to other nodes"),
@@ -169,7 +169,7 @@ def comparison(report: ExperimentReport) -> list[ComparisonRow]:
         ComparisonRow(
             "formation error", "", _number(error.mean, "m"), f"max {_number(error.max, 'm')}, once formed"
         ),
-        ComparisonRow("least separation", "", _number(report.min_separation_m, "m"), "centre to centre"),
+        ComparisonRow("minimum separation", "", _number(report.min_separation_m, "m"), "centre to centre"),
         ComparisonRow("collisions", "", str(report.collisions)),
         ComparisonRow("frames lost", "", _count(report.frames_lost), "between nodes"),
         ComparisonRow("log entries", "", _count(report.log_frames), f"{_count(report.log_gaps)} missing"),
@@ -190,7 +190,7 @@ def comparison(report: ExperimentReport) -> list[ComparisonRow]:
 
 
 def markdown(report: ExperimentReport) -> str:
-    """The comparison as a table for a page."""
+    """The comparison as a table in Markdown."""
     lines = ["| | paper | here | |", "|---|---|---|---|"]
     lines += [f"| {row.what} | {row.paper or '–'} | {row.ours} | {row.note} |" for row in comparison(report)]
     return "\n".join(lines) + "\n"
@@ -215,7 +215,7 @@ def shortfalls(report: ExperimentReport) -> list[str]:
 
 
 def misses(report: ExperimentReport, limits: ReportLimits = LIMITS) -> list[str]:
-    """Goals not reached, each with the goal; they fail the experiment only where asked (`--strict`)."""
+    """Missed goals, each with its limit; they fail the experiment only with `--strict`."""
     wanted = (
         ("ready", report.ready_s, limits.ready_s, "s"),
         ("mean formation error", report.formation_error_m.mean, limits.formation_error_m, "m"),

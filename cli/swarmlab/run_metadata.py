@@ -1,4 +1,4 @@
-"""Data of a run that are not in its logs: run.json of a report folder."""
+"""Data of a run that its logs do not have: run.json of a report folder."""
 
 from collections.abc import Iterable
 
@@ -11,26 +11,26 @@ from swarmware.types.mission import OrderReceipt
 
 
 class NodeMetadata(msgspec.Struct, frozen=True, kw_only=True):
-    """One node as the lab saw it from outside."""
+    """One node as observed by the lab."""
 
     platform: str
     kind: str
     radius_m: float
-    """0: no body."""
+    """Radius of the vehicle; 0: not a vehicle."""
     clock: ClockTruth
     processes: str
     outcome: str
     """Newest state of its mission; empty: it had none."""
     restarts: Restarts = Restarts()
-    """Of its process, by its supervisor."""
+    """Restarts of its process by its supervisor."""
     ended: str = ""
-    """How the whole node ended before the run was over; empty: it did not."""
+    """How the node ended before the end of the run; empty: it did not."""
     log: str = ""
-    """What its processes said; path in the report folder."""
+    """Path of its processes' output in the report folder."""
     cpu_percent: float | None = None
-    """Of one core, all processes of the node, from the command to the end."""
+    """Processor time of all its processes from the command to the end, in percent of one core."""
     rss_mb: float | None = None
-    """All processes of the node, at the end."""
+    """Resident memory of all its processes at the end."""
 
 
 class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,7 +53,7 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     """True time at which the last platform's mission was seen to have ended."""
     completed: bool
     failure: str = ""
-    """Why not."""
+    """Why the mission was not completed; empty: it was."""
     orders: tuple[OrderReceipt, ...]
     nodes: tuple[NodeMetadata, ...]
 
@@ -66,6 +66,6 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def failure(nodes: Iterable[NodeMetadata], course: str) -> str:
-    """Why a mission was not completed: nodes that ended, else what was seen of its course."""
+    """Why a mission was not completed: nodes that ended, else the observed failure."""
     ended = [f"node {node.platform}: ended with {node.ended}; {node.log}" for node in nodes if node.ended]
     return ", ".join(ended) or course

@@ -29,16 +29,17 @@ Watcher = Callable[[str, str], None]
 """Called on each change with the platform and `started` or `ready`."""
 
 TAIL_LINES: Final = 12
-"""Lines of a fallen node's log that its error quotes."""
+"""Lines of the log of an ended node in its error message."""
 
 ASKED: Final = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
-"""Signals that request the end of a node; after any other signal it is started again."""
+"""Signals that request the end of a node; after any other signal it is restarted."""
 
 RESTARTS: Final = 5
-"""Restarts in a row of a parent that does not get ready, within nine seconds; then the node has fallen."""
+"""Consecutive restarts of a parent that does not become ready; after them, in nine seconds, the node has
+failed."""
 
 ENVIRONMENT: Final = {
-    # a thread pool per process and node would only fight over the cores
+    # thread pools of many processes would compete for the cores
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "PYTHONUNBUFFERED": "1",
@@ -46,7 +47,7 @@ ENVIRONMENT: Final = {
 
 
 def at_once() -> int:
-    """Number of nodes that start at the same time: more would delay each other."""
+    """Maximum number of nodes that start concurrently: more would delay each other."""
     return max(2, 2 * (os.cpu_count() or 1))
 
 
@@ -78,26 +79,26 @@ class RunningLab:
     """Starts the nodes, a few at a time, and watches them by pidfd, without polling."""
 
     def __init__(self, lab: LabState, *, heals: bool = True) -> None:
-        """`heals`: a node whose parent was killed is started again."""
+        """`heals`: a node whose parent was killed is restarted."""
         self.state = lab
         self._heals = heals
         self.log_of: Callable[[LabNode], Path] = lambda node: node.log_file
-        """Where a node's log is found when the lab has ended."""
+        """Path of a node's log after the end of the lab."""
         self.watcher: Watcher = lambda _platform, _what: None
         self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
-        """Called with platform and words when its supervisor restarts its process, and when that is ready."""
+        """Called with platform and text when its supervisor restarts its process, and when that is ready."""
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._processes: dict[str, WatchedProcess] = {}
         self._sockets: dict[str, NotifySocket] = {}
         self._changed = asyncio.Event()
         self._restart_policies: dict[str, RestartPolicy] = {}
         self._again: dict[str, tuple[asyncio.TimerHandle, int]] = {}
-        """Nodes that are about to be started again, with the exit codes that they had."""
+        """Nodes with a scheduled restart, with their exit codes."""
         self._watching = True
         self.fallen: dict[str, int] = {}
         """Exit codes of nodes that ended; negative: the signal that ended them."""
         self.restarts: dict[str, Restarts] = {}
-        """Of nodes whose supervisor has started their process again."""
+        """Restarts of nodes by their supervisors."""
         self.began_mono_ns = 0
         """When the first process was started."""
 
@@ -147,9 +148,9 @@ class RunningLab:
             )
 
     async def attended(self, work: Coroutine[Any, Any, T]) -> T:
-        """The work's result, if all nodes run until then.
+        """Returns the result of the work, while all nodes run.
 
-        Raises: SwarmError with the end of its log as soon as a node has ended.
+        Raises: SwarmError with the end of its log when a node has ended.
         """
         task = asyncio.create_task(work, name="work")
         fallen = asyncio.create_task(self.until_fallen(), name="fallen")
@@ -163,7 +164,7 @@ class RunningLab:
             await asyncio.gather(task, fallen, return_exceptions=True)
 
     async def until_fallen(self, known: Collection[str] = ()) -> None:
-        """Returns when any node has ended besides those already known."""
+        """Returns when a node has ended that is not in `known`."""
         while not self.fallen.keys() - set(known):
             self._changed.clear()
             await self._changed.wait()
@@ -224,7 +225,7 @@ class RunningLab:
         if pause_s is None:
             self.fallen[platform] = code
         else:
-            # nobody else starts the parent of a node; what it had started may live, and is taken over
+            # no other process restarts the parent of a node; the new parent adopts its running child
             timer = asyncio.get_running_loop().call_later(pause_s, self._launch_again, platform)
             self._again[platform] = (timer, code)
             notify = self._sockets[platform]
@@ -243,7 +244,7 @@ class RunningLab:
             self._launch(self.state.node(platform))
 
     def stop_watching(self) -> None:
-        """Stops watching, after exits and notifications until now; the nodes run on."""
+        """Stops watching after processing earlier exits and notifications; the nodes continue."""
         loop = asyncio.get_running_loop()
         self._watching = False
         for platform, (timer, code) in self._again.items():
@@ -264,13 +265,13 @@ class RunningLab:
         self._sockets.clear()
 
     def detach(self) -> None:
-        """This process ends before the nodes: it does not wait for them."""
+        """Lets this process end before the nodes."""
         for child in self._children.values():
-            # without this the interpreter complains that they still run
+            # without this the interpreter warns that they still run
             child.returncode = child.returncode if child.returncode is not None else 0
 
     def wait_children(self) -> None:
-        """Waits for the exit codes of all children, which were ended."""
+        """Waits for the exit codes of all ended children."""
         for child in self._children.values():
             child.wait()
 

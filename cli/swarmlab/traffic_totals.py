@@ -10,11 +10,11 @@ from swarmlab.plot_data import TimeSeries
 from swarmware.types.net import Traffic
 
 Counters = Sequence[tuple[float, Traffic]]
-"""A broker's counters with their instants, rising."""
+"""A broker's counters with their instants, in order."""
 
 
 class TrafficTotals(msgspec.Struct, frozen=True):
-    """What a node's broker counted in a span of time."""
+    """Traffic of a node's broker in a time span."""
 
     sent_bytes: float = 0.0
     received_bytes: float = 0.0
@@ -24,9 +24,9 @@ class TrafficTotals(msgspec.Struct, frozen=True):
 
 
 def between(counters: Counters, start_s: float, end_s: float) -> TrafficTotals:
-    """Growth of the counters; between two reports they are taken to grow evenly.
+    """Increase of the counters; between two reports it is interpolated linearly.
 
-    A counter that went back belongs to a restarted broker: it is added up over the restart.
+    A counter that decreases belongs to a restarted broker: the values are added over the restart.
     """
     if not counters:
         return TrafficTotals()
@@ -40,7 +40,7 @@ def between(counters: Counters, start_s: float, end_s: float) -> TrafficTotals:
 
 
 def _unwound(values: Floats) -> Floats:
-    """A counter without its falls back to zero."""
+    """A counter without the resets to zero."""
     steps = np.diff(values, prepend=values[0])
     fallen = steps < 0
     steps[fallen] = values[fallen]
@@ -49,7 +49,7 @@ def _unwound(values: Floats) -> Floats:
 
 
 def egress(counters: Counters) -> TimeSeries:
-    """Kilobytes per second sent, at the middle of each pair of reports."""
+    """Sent kilobytes per second, at the middle of each pair of reports."""
     t_s = np.array([at_s for at_s, _ in counters])
     sent = _unwound(np.array([float(value.sent_bytes) for _, value in counters])) if counters else t_s
     if len(t_s) < 2:

@@ -24,7 +24,7 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
     "vehicle/state": VehicleState,
     "health/state": HealthState,
 }
-"""Boards of each vehicle, besides that of the mission, that an operator's console shows."""
+"""Boards of each vehicle, besides that of the mission, that an operator's console needs."""
 LOST: Final = "lost"
 """State of a member that was restarted and does not know the mission."""
 ENDED: Final = INACTIVE | {LOST}
@@ -32,11 +32,11 @@ ENDED: Final = INACTIVE | {LOST}
 UNKNOWN: Final = "unknown"
 """No state of the member's mission was received."""
 POLL_S: Final = 1.0
-"""Longest wait, so that deadlines are checked."""
+"""Maximum wait, so that deadlines are checked."""
 
 
 class MissionOutcome(msgspec.Struct, frozen=True):
-    """How a mission ended."""
+    """Outcome of a mission."""
 
     states: dict[str, str]
     """Last state of each member."""
@@ -44,11 +44,11 @@ class MissionOutcome(msgspec.Struct, frozen=True):
 
     @property
     def completed(self) -> bool:
-        """Every member's mission ended well."""
+        """Whether the mission was successful at every member."""
         return self.in_time and bool(self.states) and all(state == GOOD for state in self.states.values())
 
     def failure(self) -> str:
-        """Description of the failure for people; empty when completed."""
+        """Description of the failure; empty when completed."""
         if self.completed:
             return ""
         bad = [
@@ -56,7 +56,7 @@ class MissionOutcome(msgspec.Struct, frozen=True):
             for name, state in sorted(self.states.items())
             if state != GOOD
         ]
-        return ("out of time: " if not self.in_time else "") + (", ".join(bad) or "nobody took part")
+        return ("out of time: " if not self.in_time else "") + (", ".join(bad) or "no platform took part")
 
 
 class MissionMembers:
@@ -66,7 +66,7 @@ class MissionMembers:
         self._names = tuple(names)
         self._epoch = epoch
         self.states: dict[str, MissionState] = {}
-        """Newest of this mission, of those members of which it was seen."""
+        """Newest states of this mission, of the members from which one was received."""
 
     def take(self, now: Mapping[str, MissionState]) -> None:
         """Takes the newest state of every platform."""
@@ -91,7 +91,7 @@ class MissionMembers:
 
 
 class SwarmWatch:
-    """States of all platforms that an operator's console shows (S0.77)."""
+    """States of all platforms that an operator's console needs (S0.77)."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -118,7 +118,7 @@ class SwarmWatch:
         return found
 
     def lacking(self, vehicles: Collection[str]) -> dict[str, list[str]]:
-        """For each board the vehicles whose value is missing or not good enough for a mission."""
+        """For each board the vehicles whose value is missing or prevents a mission."""
         found = {STATE: sorted(set(vehicles) - self.states().keys())}
         for path, boards in self._boards.items():
             found[path] = sorted(name for name in vehicles if not _good(boards, name))
@@ -137,16 +137,16 @@ class SwarmWatch:
             path, names = next(iter(lacking.items()))
             if asyncio.get_running_loop().time() > deadline_s:
                 raise NoAnswer(
-                    f"{', '.join(names)}: no good {path} at {self._station}; expected within {timeout_s:g} s"
+                    f"{', '.join(names)}: no valid {path} at {self._station}; expected within {timeout_s:g} s"
                 )
-            # one board after the other: being woken by each pose of each vehicle would keep a core busy
+            # one board after the other: waking at each pose of each vehicle would load a core
             await self._change(self._states if path == STATE else self._boards[path])
         on_change(len(vehicles))
 
     async def until_quiet(self, timeout_s: float) -> bool:
-        """Returns when the first exchange of trees and subscriptions is over; False when time is up.
+        """Returns when the initial exchange of trees and subscriptions is complete; False at the time-out.
 
-        Quiet: within a report of the broker fewer messages left the ground station than it has neighbours.
+        Criterion: between two reports the ground station's broker sent fewer messages than it has neighbours.
         """
         reports = self._session.module.reader("net/traffic", Traffic)
         deadline_s = asyncio.get_running_loop().time() + timeout_s
@@ -165,7 +165,7 @@ class SwarmWatch:
         timeout_s: float,
         on_change: Callable[[Mapping[str, MissionState]], None],
     ) -> bool:
-        """Returns when the mission has ended on all members; False when time is up."""
+        """Returns when the mission has ended on all members; False at the time-out."""
         deadline_s = asyncio.get_running_loop().time() + timeout_s
         while True:
             members.take(self.states())
@@ -187,7 +187,7 @@ class SwarmWatch:
         finally:
             for task in waits:
                 task.cancel()
-            # a wait that ran out is not an error here: the caller looks at the clock
+            # a time-out is not an error here: the caller checks the clock
             await asyncio.gather(*waits, return_exceptions=True)
 
 

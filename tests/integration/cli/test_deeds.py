@@ -124,7 +124,7 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
         for command in ("tree get /uav2/nav/pose", "tree watch /uav2/nav/pose", f"tree set {GAIN} 1"):
             done = ctl(command)
             assert (done.code, done.out) == (4, ""), done.err
-            assert "node 'uav2': known, but gcs has no way to it now" in done.err
+            assert "node 'uav2': known, but gcs has no route to it now" in done.err
         partial = ctl("topo --json")
         assert partial.code == 3
         assert partial.document["silent"] == ["uav2"]

@@ -158,7 +158,7 @@ async def test_of_several_values_those_that_there_are_are_printed() -> None:
         f"{GET} /uav1/b": NoAnswer("/uav1/b: no answer"),
     }
     session = ScriptedSession(answers)
-    with pytest.raises(Partial, match="1 of 2 gave no value"):
+    with pytest.raises(Partial, match="1 of 2 have no value"):
         await print_values(session, "/uav1/*", fresh=False)
     assert session.stdout.getvalue() == "/uav1/a  2 m\n"
 
@@ -215,6 +215,6 @@ async def test_a_mission_that_a_platform_refuses_is_partial_and_names_it() -> No
         "sys/mission/task": TaskAnswer("formation", "h", 1, False, orders),
     }
     session = ScriptedSession(answers)
-    with pytest.raises(Partial, match="refused or not heard by uav2; nobody started"):
+    with pytest.raises(Partial, match="refused or not answered by uav2; not started"):
         await start(session, "formation", MissionTask("formation"), yes=True, watch=False)
     assert "uav2" in session.stdout.getvalue()

@@ -37,7 +37,7 @@ async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp
             denials.write(Denial(f"uav{number}", "node", "call", "cmd/goto", 2, "expected role operator"))
         found = await examined(config_dir, "denied")
     assert len(found) == 9
-    assert found[-1].text == "24 times in 12 other ways"
+    assert found[-1].text == "24 times in 12 other cases"
 
 
 async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def test_the_database_of_the_node_is_the_default(
 def test_a_node_that_forwards_nowhere_has_no_database_of_its_own(tmp_path: Path) -> None:
     settings = node(tmp_path)
     assert sources.database(settings, "mongodb://h", "") == ("mongodb://h", "swarm")
-    with pytest.raises(NotFound, match="the logs go to no database"):
+    with pytest.raises(NotFound, match="the logs are not forwarded"):
         sources.database(settings, "-", "")
 
 
@@ -86,5 +86,5 @@ def test_what_could_not_be_read_ends_a_query_with_the_code_of_lost_data(tmp_path
     (tmp_path / "00000001.damaged").write_bytes(b"x")
     source = FolderSource([tmp_path])
     assert list(source.entries(Query())) == []
-    with pytest.raises(Partial, match=r"the record is not whole: .*00000001\.damaged"):
+    with pytest.raises(Partial, match=r"the log is incomplete: .*00000001\.damaged"):
         sources.refuse_losses(source)

@@ -25,9 +25,9 @@ def frame(slowed_ticks: int, slowdown: float) -> bytes:
     ("data", "verdict", "text"),
     [
         (None, "ok", "just started"),
-        (frame(0, 1.0), "ok", "10 beacons a second, 0 slowed so far"),
-        (frame(70, 1.0), "ok", "70 slowed so far"),
-        (frame(70, 4.0), "warning", "beacons slowed 4 times: processor short (70 so far)"),
+        (frame(0, 1.0), "ok", "10 beacons a second, 0 delayed so far"),
+        (frame(70, 1.0), "ok", "70 delayed so far"),
+        (frame(70, 4.0), "warning", "processor overloaded: beacons 4 times rarer (70 so far)"),
         (b"x" * 60, "warning", "net/traffic cannot be read"),
     ],
 )

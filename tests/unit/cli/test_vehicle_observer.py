@@ -94,7 +94,7 @@ def test_a_vehicle_is_described_as_it_is_seen() -> None:
     assert sight(vehicle=UP, pose=high).words() == "holding 8.0 m armed"
     assert sight(vehicle=UP, pose=high, nav=NavStatus(3, "moving")).words() == "flying 8.0 m armed"
     assert sight(kind="ugv").words() == "stopped 0.0 m disarmed"
-    assert sight(vehicle=None).words() == "not seen"
+    assert sight(vehicle=None).words() == "unknown"
     assert math.isinf(sight(pose=None).speed_m_s)
 
 

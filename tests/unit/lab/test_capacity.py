@@ -15,7 +15,7 @@ def measured(nodes_percent: float, cores: int = 2) -> HostInfo:
     [(16, 2, False), (17, 2, True), (32, 2, True), (32, 4, False), (3, 1, False)],
 )
 def test_a_lab_is_measured_where_it_is_not_certain_that_it_fits(nodes: int, cores: int, needed: bool) -> None:
-    assert capacity.needs_a_look(nodes, cores) is needed
+    assert capacity.needs_measurement(nodes, cores) is needed
 
 
 def test_what_the_first_nodes_use_must_fit_for_all_of_them() -> None:

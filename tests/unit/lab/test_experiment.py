@@ -46,7 +46,7 @@ def test_the_phase_is_what_most_platforms_do() -> None:
         ({"a": "done", "b": "aborted", "c": "failed"}, True, "b aborted, c failed"),
         ({"a": "done", "b": "running"}, False, "out of time: b running"),
         ({"a": "failed", "b": "idle"}, True, "a failed, b not started"),
-        ({}, True, "nobody took part"),
+        ({}, True, "no platform took part"),
     ],
 )
 def test_a_mission_is_completed_when_every_member_is_done_in_time(

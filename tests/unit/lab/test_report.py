@@ -76,7 +76,7 @@ def test_a_figure_that_could_not_be_measured_is_a_dash_not_a_zero() -> None:
         GOOD, min_separation_m=None, command_to_receipt_ms=Percentiles(), formation_error_m=MeanMax()
     )
     rows = {row.what: row.ours for row in report.comparison(nothing)}
-    assert rows["least separation"] == rows["command to receipt"] == rows["formation error"] == "-"
+    assert rows["minimum separation"] == rows["command to receipt"] == rows["formation error"] == "-"
 
 
 def test_a_collision_or_an_unfinished_mission_fails_the_experiment() -> None:

@@ -1,1 +1,1 @@
-"""Applications of the nodes."""
+"""The `app` commands: applications of the nodes."""

@@ -15,7 +15,7 @@ def cmd() -> None:
 
 
 @cmd.command()
-@click.option("--all", "everywhere", is_flag=True, help="Of every platform known, not of one.")
+@click.option("--all", "everywhere", is_flag=True, help="Applications of all known platforms.")
 @click.pass_context
 def ls(ctx: click.Context, everywhere: bool) -> None:
     """List the applications of a platform.

@@ -1,4 +1,4 @@
-"""Applications of a platform, or of all, from the register of one."""
+"""Applications of a platform, or of all platforms, from a register."""
 
 from swarmctl.output import Column
 from swarmctl.quantities import spoken
@@ -9,14 +9,16 @@ from swarmware.types.rpc import Empty
 
 
 async def list_applications(session: Session, everywhere: bool) -> None:
-    """Prints the applications of the platform asked about; of every platform with `everywhere`.
+    """Prints the applications of the platform of the session; with `everywhere` of all platforms.
 
-    Raises: NotFound when its register has not answered yet.
+    Raises: NotFound when the register of the platform is not known here yet.
     """
     register = await session.ask("sys/register/apps", Empty(), Register)
     units = [u for u in register.units if everywhere or u.table.platform == session.platform]
     if not units:
-        raise NotFound(f"register of {session.platform}: not known; expected its register to have answered")
+        raise NotFound(
+            f"register of {session.platform}: not known here; expected a table of its register daemon"
+        )
     if session.settings.json:
         session.out.document({"units": units})
         return
@@ -48,5 +50,5 @@ async def list_applications(session: Session, everywhere: bool) -> None:
     for unit in units:
         if unit.table.omitted:
             session.out.warn(
-                f"{unit.table.platform}: {unit.table.omitted} more that the table has no room for"
+                f"{unit.table.platform}: {unit.table.omitted} more applications than the table has room for"
             )

@@ -1,1 +1,1 @@
-"""Settings: files of a node, and live ones."""
+"""The `config` commands: files of a node, and live settings."""

@@ -9,7 +9,7 @@ from swarmctl.settings import settings
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """Settings of the nodes: files of an administrator, and live ones that are resources of the tree.
+    """Settings of the nodes: configuration files, and live settings, which are resources of the tree.
 
     Example: swarmctl config get --node uav1
     """
@@ -17,10 +17,10 @@ def cmd() -> None:
 
 @cmd.command()
 @click.argument("service", default="")
-@click.option("--changed", is_flag=True, help="Only what differs from the defaults.")
+@click.option("--changed", is_flag=True, help="Only values that differ from the defaults.")
 @click.pass_context
 def show(ctx: click.Context, service: str, changed: bool) -> None:
-    """Show the files of a node on this machine: each key, its value, and where it comes from.
+    """Show the configuration files of a node on this machine: each key, its value and its origin.
 
     Example: swarmctl config show broker
     """
@@ -35,7 +35,7 @@ def show(ctx: click.Context, service: str, changed: bool) -> None:
 @click.argument("key", default="**", shell_complete=completion.live_settings)
 @click.pass_context
 def get(ctx: click.Context, key: str) -> None:
-    """Print live settings of a platform: one, or all that match.
+    """Print a live setting of a platform, or all that match a pattern.
 
     Example: swarmctl config get navigator/altitude_kp --node uav1
     """
@@ -48,10 +48,10 @@ def get(ctx: click.Context, key: str) -> None:
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
 @click.argument("key", shell_complete=completion.live_settings)
 @click.argument("value")
-@click.option("--yes", is_flag=True, help="Do not ask where the setting wants it.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
-    """Set a live setting of a platform; it is checked, kept over restarts, and takes effect at once.
+    """Set a live setting of a platform; it is checked, stored, and takes effect at once.
 
     Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """

@@ -1,4 +1,4 @@
-"""The effective configuration of a node's files, key by key, with where each value comes from."""
+"""The effective configuration of a node's files: each key with its value and origin."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,17 +20,17 @@ class EffectiveSetting(msgspec.Struct, frozen=True):
     """One key with its value and where the value comes from."""
 
     service: str
-    """`node` for node.toml."""
+    """Name of the service; `node` for node.toml."""
     key: str
     value: str
     origin: str
-    """default, or the file."""
+    """Origin of the value: `default`, or the file."""
 
 
 def effective(folder: Path, service: str) -> list[EffectiveSetting]:
     """Every key of the node, or of one service.
 
-    Raises: ConfigError for a file that does not fit, NotFound for a service that is not installed.
+    Raises: ConfigError for an invalid file, NotFound for a service that is not installed.
     """
     if service and service != "node" and service not in installed():
         raise NotFound(
@@ -46,7 +46,7 @@ def effective(folder: Path, service: str) -> list[EffectiveSetting]:
 
 
 def print_effective(settings: CliSettings, service: str, out: Output, *, changed: bool) -> None:
-    """Prints the keys of a node whose files are on this machine; `changed`: those that are not the defaults.
+    """Prints the keys of a node whose files are on this machine; `changed`: only those without their default.
 
     Raises: as `effective` and `local_config_dir`.
     """

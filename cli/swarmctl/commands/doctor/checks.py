@@ -1,4 +1,4 @@
-"""The checks of `swarmctl doctor`: each reports a defect and what to do about it."""
+"""The checks of `swarmctl doctor`: each reports a problem and its remedy."""
 
 import contextlib
 import os
@@ -33,10 +33,10 @@ SHM_LOW_BYTES: Final = 64 << 20
 DISK_LOW_BYTES: Final = 512 << 20
 
 DATABASE_S: Final = 2.0
-"""A server on the same network answers within milliseconds."""
+"""Time-out of the database: a server on the same network answers within milliseconds."""
 
 REFUSALS_SHOWN: Final = 8
-"""Lines about members whose requests were denied."""
+"""Maximum number of lines about denied requests."""
 
 Verdict = Literal["ok", "warning", "error"]
 
@@ -52,7 +52,7 @@ class CheckResult(msgspec.Struct, frozen=True):
 
 
 def examine(folder: Path | None, *, fix: bool) -> list[CheckResult]:
-    """All checks; with a configuration folder also those of that node. With `fix` leftovers are removed."""
+    """Runs all checks, with a configuration folder also those of that node; `fix` removes leftovers."""
     out = [_python(), _share(), _shared_memory(), _multicast(), _remove_ipc(_owner(folder))]
     out += _leftovers(fix)
     if folder is not None:
@@ -87,7 +87,7 @@ def _shared_memory() -> CheckResult:
             "shared memory", "error", "/dev/shm cannot be written", "set its mode to 1777, or set shm_dir"
         )
     low = usage.free < SHM_LOW_BYTES
-    advice = "make it larger (containers: --shm-size), or remove what fills it" if low else ""
+    advice = "increase its size (containers: --shm-size), or remove files from it" if low else ""
     return CheckResult(
         "shared memory", "warning" if low else "ok", f"{usage.free >> 20} MiB free in /dev/shm", advice
     )
@@ -112,11 +112,11 @@ def _multicast() -> CheckResult:
         return CheckResult(
             "multicast", "warning", f"loopback: {error}", "list the other nodes as seeds in broker.toml"
         )
-    return CheckResult("multicast", "ok", "datagrams come back over loopback")
+    return CheckResult("multicast", "ok", "loopback delivers datagrams")
 
 
 def _owner(folder: Path | None) -> int:
-    """The user whose shared memory matters: of the node that runs, else ourselves."""
+    """User of the node that runs, else of this process."""
     try:
         return os.getuid() if folder is None else load_node(folder).run_path.stat().st_uid
     except (OSError, SwarmError):
@@ -124,7 +124,7 @@ def _owner(folder: Path | None) -> int:
 
 
 def _remove_ipc(uid: int) -> CheckResult:
-    """logind removes the shared memory of an ordinary user at logout."""
+    """Checks RemoveIPC of logind, which removes the shared memory of an ordinary user at logout."""
     text = ""
     for path in [Path("/etc/systemd/logind.conf"), *Path("/etc/systemd/logind.conf.d").glob("*.conf")]:
         try:
@@ -192,7 +192,10 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         if fix:
             reap(node.shm_path, node.run_path)
         yield CheckResult(
-            "remains", "ok", "what dead processes left was removed" if fix else "nobody lives here", fixed=fix
+            "remains",
+            "ok",
+            "files of dead processes were removed" if fix else "no process of the node runs",
+            fixed=fix,
         )
     if "broker" in alive:
         yield processor(node.shm_path)
@@ -204,7 +207,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
 
 
 def processor(shm_dir: Path) -> CheckResult:
-    """Whether the broker's beacons leave when they are due, from its board `net/traffic`."""
+    """Whether the broker sends its beacons in time, from its board `net/traffic`."""
     try:
         with contextlib.closing(RingReader(ring_file(shm_dir, "net/traffic"))) as ring:
             data = ring.newest()
@@ -217,10 +220,12 @@ def processor(shm_dir: Path) -> CheckResult:
             "processor", "warning", f"net/traffic cannot be read: {error}", "swarmctl traffic ls"
         )
     if traffic.slowdown > 1:
-        text = f"beacons slowed {traffic.slowdown:g} times: processor short ({traffic.slowed_ticks} so far)"
+        text = (
+            f"processor overloaded: beacons {traffic.slowdown:g} times rarer ({traffic.slowed_ticks} so far)"
+        )
         return CheckResult("processor", "warning", text, "run fewer services or nodes on this computer")
     return CheckResult(
-        "processor", "ok", f"{traffic.tick_hz:g} beacons a second, {traffic.slowed_ticks} slowed so far"
+        "processor", "ok", f"{traffic.tick_hz:g} beacons a second, {traffic.slowed_ticks} delayed so far"
     )
 
 
@@ -232,7 +237,7 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
         present = query_node(folder)
     except SwarmError as error:
         yield CheckResult(
-            "faults", "warning", f"the node cannot be joined: {error}", "ask as its user, or as root"
+            "faults", "warning", f"the node cannot be joined: {error}", "run swarmctl as its user, or as root"
         )
         return
     for fault in present.faults:
@@ -246,11 +251,11 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
         yield CheckResult("faults", "ok", "the node has found none")
     for one in present.refusals[:REFUSALS_SHOWN]:
         text = f"{one.role}@{one.platform}: {one.path}: {one.count} times, last {one.age_s:.0f} s ago"
-        advice = "give it the role in the roster, or stop what sends there"
+        advice = "give the sender that role in the roster, or stop it"
         yield CheckResult("denied", "warning", f"{text}: {one.reason}", advice)
     if more := present.refusals[REFUSALS_SHOWN:]:
         yield CheckResult(
-            "denied", "warning", f"{sum(one.count for one in more)} times in {len(more)} other ways"
+            "denied", "warning", f"{sum(one.count for one in more)} times in {len(more)} other cases"
         )
 
 
@@ -276,7 +281,7 @@ def _database(path: Path, uri: str) -> CheckResult:
             "mongodb",
             "error",
             f"{path}: {error}",
-            "correct the address or install what is missing; the local log goes on",
+            "correct the address or install the missing package; local logging continues",
         )
     if password_in(uri) and path.stat().st_mode & 0o007:
         text = f"{path}: its password is readable by all users"
@@ -286,7 +291,7 @@ def _database(path: Path, uri: str) -> CheckResult:
         store.ping()
     except SwarmError as error:
         return CheckResult(
-            "mongodb", "warning", str(error), "start the server; the ring keeps the log meanwhile"
+            "mongodb", "warning", str(error), "start the server; the local ring stores the log meanwhile"
         )
     finally:
         store.close()
@@ -295,11 +300,11 @@ def _database(path: Path, uri: str) -> CheckResult:
 
 def _keys(directory: str, platform: str) -> CheckResult:
     if Path(directory).exists() and not os.access(directory, os.R_OK | os.X_OK):
-        return CheckResult("keys", "ok", f"{directory} is not this user's to read, and it need not be")
+        return CheckResult("keys", "ok", f"{directory} is not readable by this user, which is not needed")
     try:
         Keys.load(Path(directory), platform)
     except SwarmError as error:
-        return CheckResult("keys", "warning", str(error), "without keys only loopback is served")
+        return CheckResult("keys", "warning", str(error), "without keys the node serves only loopback")
     return CheckResult("keys", "ok", f"identity and roster in {directory}")
 
 
@@ -308,7 +313,7 @@ def _disk(path: Path) -> CheckResult:
         path = path.parent
     free = shutil.disk_usage(path).free
     low = free < DISK_LOW_BYTES
-    advice = "remove old logs, or make ring_bytes in logger.toml smaller" if low else ""
+    advice = "remove old logs, or reduce ring_bytes in logger.toml" if low else ""
     return CheckResult(
         "disk", "warning" if low else "ok", f"{free >> 20} MiB free for logs at {path}", advice
     )

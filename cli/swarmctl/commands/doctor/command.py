@@ -1,4 +1,4 @@
-"""`swarmctl doctor`: look for what is wrong on this machine."""
+"""`swarmctl doctor`: checks of this machine and its node."""
 
 import click
 
@@ -7,10 +7,10 @@ from swarmctl.settings import settings
 
 
 @click.command(cls=Command)
-@click.option("--fix", is_flag=True, help="Remove what dead processes left.")
+@click.option("--fix", is_flag=True, help="Remove files of dead processes.")
 @click.pass_context
 def cmd(ctx: click.Context, fix: bool) -> None:
-    """Look for what is wrong on this machine and its node; exit code 0 healthy, 1 warnings, 2 errors.
+    """Check this machine and its node for problems; exit code 0 healthy, 1 warnings, 2 errors.
 
     Example: swarmctl doctor --fix
     """

@@ -12,16 +12,16 @@ ERRORS: Final = 2
 
 
 def diagnose(out: Output, *, fix: bool) -> int:
-    """Prints what each check found; the exit code. Without a node here only the machine is checked.
+    """Prints the result of each check; returns the exit code. Without a node only the machine is checked.
 
-    Raises: NotFound when the node or lab that was named is not on this machine.
+    Raises: NotFound when a given node or lab is not on this machine.
     """
     try:
         folder = local_config_dir(out.settings)
     except NotFound as error:
         if out.settings.node or out.settings.lab:
             raise
-        out.say(f"{error}: only the machine is looked at")
+        out.say(f"{error}; only the machine is checked")
         folder = None
     results = examine(folder, fix=fix)
     if out.settings.json:

@@ -13,7 +13,7 @@ from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
 from swarmware.types.net import Denial
 
 ANSWER_S: Final = 2.0
-"""The monitor of this machine answers within milliseconds."""
+"""Time-out of the monitor, which answers within milliseconds."""
 
 
 class DeniedRequests(msgspec.Struct, frozen=True):
@@ -24,23 +24,23 @@ class DeniedRequests(msgspec.Struct, frozen=True):
     path: str
     count: int
     age_s: float
-    """Since the last of them."""
+    """Time since the last of them."""
     reason: str
 
 
 class NodeFindings(msgspec.Struct, frozen=True):
-    """What was found at a running node."""
+    """Findings at a running node."""
 
     faults: tuple[Fault, ...] = ()
-    """Confirmed and not over."""
+    """Confirmed faults that are not cleared."""
     refusals: tuple[DeniedRequests, ...] = ()
-    """Those that its shared memory still holds; highest count first."""
+    """Denied requests that are still in its shared memory; highest count first."""
     silent: str = ""
-    """Why the monitor gave no answer."""
+    """Why the monitor did not answer; empty: it did."""
 
 
 def query_node(folder: Path) -> NodeFindings:
-    """Asks the node of this configuration folder; its services must run."""
+    """Queries the node of this configuration folder; its services must run."""
     return asyncio.run(_look(folder))
 
 

@@ -43,7 +43,7 @@ def info(ctx: click.Context, platform: str | None) -> None:
 
 
 @cmd.command()
-@click.option("--cleared", is_flag=True, help="Also those that are over.")
+@click.option("--cleared", is_flag=True, help="Also cleared faults.")
 @click.pass_context
 def faults(ctx: click.Context, cleared: bool) -> None:
     """List the faults of a platform, newest first.
@@ -58,12 +58,12 @@ def faults(ctx: click.Context, cleared: bool) -> None:
 
 @cmd.command()
 @click.argument("pattern", default="**")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def clear(ctx: click.Context, pattern: str, yes: bool) -> None:
-    """End the faults of a platform whose check matches, and forget applications and platforms that are gone.
+    """Clear the faults of a platform whose check matches; forget ended applications and lost platforms.
 
-    What goes on and is still wrong becomes a new fault.
+    A check that still fails makes a new fault.
 
     Example: swarmctl health clear 'age/sensor/**' --node uav1
     """
@@ -72,6 +72,6 @@ def clear(ctx: click.Context, pattern: str, yes: bool) -> None:
     from swarmctl.session import run
     from swarmware.model.names import Pattern
 
-    Pattern(pattern)  # a wrong one is refused before anybody is asked
+    Pattern(pattern)  # an invalid one is refused before the confirmation
     confirm(yes, f"clear the faults that match {pattern}")
     run(settings(ctx), clear_faults, pattern)

@@ -11,7 +11,7 @@ from swarmware.types.rpc import Empty
 
 
 async def list_states(session: Session) -> None:
-    """Prints the state of the platform that `-n` names, else of every one.
+    """Prints the state of the platform that `-n` names, else of all.
 
     Raises: Partial when a platform did not answer; the error itself when one was named.
     """
@@ -71,7 +71,7 @@ async def show_checks(session: Session, platform: str) -> None:
             check.state,
             check.level,
             f"{check.frequency_hz:g}",
-            # a check that never changed has no instant: it is so since the monitor started
+            # a check that never changed has no instant: the state holds since the monitor started
             spoken((report.stamp_ns - check.since_ns) / 1e9) if check.since_ns else "start",
         )
         for check in report.checks
@@ -88,13 +88,15 @@ async def show_checks(session: Session, platform: str) -> None:
 
 
 async def list_faults(session: Session, cleared: bool) -> None:
-    """Prints the faults of a platform; with `cleared` also those that are over."""
+    """Prints the faults of a platform; with `cleared` also cleared ones."""
     found = await session.ask("sys/health/faults", FaultQuery(cleared), FaultList)
     if session.settings.json:
         session.out.document(found)
         return
     if not found.faults:
-        session.out.say(f"{found.platform}: no faults" + ("" if cleared else "; --cleared shows those over"))
+        session.out.say(
+            f"{found.platform}: no faults" + ("" if cleared else "; --cleared shows cleared ones")
+        )
         return
     rows = [
         (
@@ -123,7 +125,7 @@ async def list_faults(session: Session, cleared: bool) -> None:
 
 
 async def clear_faults(session: Session, pattern: str) -> None:
-    """Ends the faults whose check matches.
+    """Clears the faults whose check matches.
 
     Raises: NotFound when none does.
     """

@@ -1,1 +1,1 @@
-"""Neighbours of a platform."""
+"""The `link` commands: neighbours of a platform."""

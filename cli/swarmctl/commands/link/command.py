@@ -17,7 +17,7 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List the neighbours of a platform, with loss both ways, round trip and cost.
+    """List the neighbours of a platform, with loss in both directions, round-trip time and cost.
 
     Example: swarmctl link ls --node uav1
     """

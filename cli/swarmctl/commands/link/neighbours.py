@@ -1,4 +1,4 @@
-"""Neighbours of a platform as its broker sees them."""
+"""Neighbours of a platform, from its broker."""
 
 from swarmctl.output import Column
 from swarmctl.session import Session

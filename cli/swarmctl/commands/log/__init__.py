@@ -1,1 +1,1 @@
-"""The record: query, follow, export, count."""
+"""The `log` commands: query, follow, export and count log entries."""

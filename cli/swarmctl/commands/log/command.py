@@ -1,4 +1,4 @@
-"""`swarmctl log`: query, follow and export what was recorded."""
+"""`swarmctl log`: query, follow and export log entries."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +20,9 @@ def _source_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
         click.option(
             "--mongodb",
             metavar="URI",
-            help="The database instead of local segments; `-`: where they go.",
+            help="Read the database instead of local segments; `-`: the database of the lab or node.",
         ),
-        click.option("--database", metavar="NAME", help="Of the database; else the one the logs go to."),
+        click.option("--database", metavar="NAME", help="Name of the database; default: that of the logger."),
     ):
         function = option(function)
     return function
@@ -32,10 +32,12 @@ def _query_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
     for option in (
         click.argument("pattern", default="/**", shell_complete=completion.resources(VALUED)),
         click.option("--type", "types", multiple=True, metavar="TYPE", help="Only values of this type."),
-        click.option("--since", metavar="TIME", help="From: 30s, 5m, 2h ago, or an ISO date."),
-        click.option("--until", metavar="TIME", help="To, as --since."),
-        click.option("--limit", type=click.IntRange(min=1), metavar="N", help="At most N, the oldest."),
-        click.option("--newest", is_flag=True, help="With --limit: the newest instead."),
+        click.option("--since", metavar="TIME", help="Start: 30s, 5m, 2h ago, or an ISO date."),
+        click.option("--until", metavar="TIME", help="End, in the format of --since."),
+        click.option(
+            "--limit", type=click.IntRange(min=1), metavar="N", help="At most N entries, the oldest."
+        ),
+        click.option("--newest", is_flag=True, help="With --limit: the newest entries instead."),
     ):
         function = option(function)
     return function
@@ -43,7 +45,7 @@ def _query_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """Query, follow and export what was recorded.
+    """Query, follow and export log entries.
 
     Example: swarmctl log query '/uav1/nav/*' --since 30s
     """
@@ -69,7 +71,7 @@ def query(ctx: click.Context, /, **options: Any) -> None:
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N entries.")
 @click.pass_context
 def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
-    """Follow what the loggers of this machine's nodes record from now on, in order of time; Ctrl-C ends it.
+    """Follow the new entries of the loggers on this machine, in order of time; Ctrl-C ends it.
 
     Example: swarmctl log tail '/uav1/mission/**' --json
     """
@@ -105,10 +107,10 @@ def export(ctx: click.Context, /, form: str, target: str, **options: Any) -> Non
 
 @cmd.command()
 @_source_options
-@click.option("--strict", is_flag=True, help="Exit with 3 when anything is missing.")
+@click.option("--strict", is_flag=True, help="Exit with 3 when entries are missing.")
 @click.pass_context
 def stats(ctx: click.Context, /, strict: bool, **options: Any) -> None:
-    """Count the entries of each queue, and those that are missing.
+    """Count the entries of each queue, and missing ones.
 
     Example: swarmctl log stats --node uav1
     """

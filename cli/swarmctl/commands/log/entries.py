@@ -1,4 +1,4 @@
-"""Entries of the record, printed, exported and counted."""
+"""Prints, exports and counts log entries."""
 
 from collections.abc import Mapping
 from itertools import islice
@@ -13,7 +13,7 @@ from swarmware.recorder.query import Query, stats
 def print_entries(options: Mapping[str, Any], out: Output) -> None:
     """Prints the entries that the options name.
 
-    Raises: Partial when a part of the record could not be read; as `sources.source`.
+    Raises: Partial when a part of the log could not be read; as `sources.source`.
     """
     with sources.source(out.settings, options) as found:
         count = 0
@@ -26,7 +26,7 @@ def print_entries(options: Mapping[str, Any], out: Output) -> None:
 
 
 def follow_entries(pattern: str, count: int | None, out: Output) -> None:
-    """Prints entries that match and are recorded from now on; ends after `count`, when one is given.
+    """Prints new entries that match; ends after `count`, when one is given.
 
     Raises: as `tail.follow`.
     """
@@ -37,7 +37,7 @@ def follow_entries(pattern: str, count: int | None, out: Output) -> None:
 def export_entries(options: Mapping[str, Any], form: str, target: str, out: Output) -> None:
     """Writes the entries that the options name to a file.
 
-    Raises: Partial when a part of the record could not be read; as `sources.source`.
+    Raises: Partial when a part of the log could not be read; as `sources.source`.
     """
     with sources.source(out.settings, options) as found:
         count = export.export(found.entries(sources.query(out.settings, options)), form, target)
@@ -46,7 +46,7 @@ def export_entries(options: Mapping[str, Any], form: str, target: str, out: Outp
 
 
 def count_entries(options: Mapping[str, Any], out: Output, *, strict: bool) -> None:
-    """Prints how many entries each queue has and how many are missing.
+    """Prints the number of entries and of missing entries of each queue.
 
     Raises: Partial when a part could not be read, or with `strict` when entries are missing.
     """

@@ -8,20 +8,20 @@ import msgspec
 from swarmware.recorder.entry import LogEntry
 
 PATIENCE_NS: Final = 3_000_000_000
-"""How long a logger that does not report holds up the entries of the others; each reports once per second."""
+"""Maximum wait of entries for a logger that does not report; each reports once per second."""
 
 
 class _Logger(msgspec.Struct):
     complete_utc_ns: int
     """All entries before this instant have been read."""
     moved_ns: int
-    """When that last changed."""
+    """When `complete_utc_ns` changed last."""
 
 
 class Interleaving:
     """Holds entries until no logger can deliver an older one.
 
-    A logger writes in batches: what it recorded before `began_utc_ns` may come afterwards, and is left out.
+    A logger writes in batches: entries recorded before `began_utc_ns` may arrive later, and are left out.
     """
 
     def __init__(self, loggers: Iterable[str], began_utc_ns: int, now_ns: int) -> None:
@@ -30,7 +30,7 @@ class Interleaving:
         self._held: list[LogEntry] = []
 
     def on_batch(self, logger: str, entries: Iterable[LogEntry], complete_utc_ns: int, now_ns: int) -> None:
-        """Takes a batch of one logger, which holds all that it recorded before `complete_utc_ns`."""
+        """Takes a batch of one logger with all its entries before `complete_utc_ns`."""
         state = self._loggers[logger]
         # only the first batch can reach back: a wall clock that is set back later hides nothing
         first = state.complete_utc_ns == self._began_utc_ns
@@ -40,7 +40,7 @@ class Interleaving:
             state.moved_ns = now_ns
 
     def ready(self, now_ns: int) -> list[LogEntry]:
-        """Entries that no older one can precede, in order."""
+        """Entries in order that no older entry can precede any more."""
         waited_for = self._waited_for(now_ns)
         until_ns = min((logger.complete_utc_ns for logger in waited_for), default=None)
         ready = [entry for entry in self._held if until_ns is None or entry.utc_ns < until_ns]
@@ -49,7 +49,7 @@ class Interleaving:
         return sorted(ready, key=_by_utc)
 
     def deadline_ns(self, now_ns: int) -> int | None:
-        """When `ready` may give more though no batch came; None when nothing is held."""
+        """When `ready` may return more without a batch; None when no entries wait."""
         if not self._held:
             return None
         return min((logger.moved_ns + PATIENCE_NS for logger in self._waited_for(now_ns)), default=now_ns)

@@ -1,4 +1,4 @@
-"""Sources of log entries as the options name them, and the text form of an entry."""
+"""Sources of log entries, selected by options, and the text form of an entry."""
 
 import sys
 from collections.abc import Iterator, Mapping
@@ -59,20 +59,20 @@ def source(settings: CliSettings, options: Mapping[str, Any]) -> Iterator[LogSou
 
 
 def database(settings: CliSettings, uri: str, name: str) -> tuple[str, str]:
-    """Address and name of the database: those given, else those to which the lab or the node forwards.
+    """Address and name of the database: the given ones, else those to which the lab or node forwards.
 
-    Raises: NotFound when `-` was asked for and nothing is forwarded.
+    Raises: NotFound for `-` when logs are not forwarded.
     """
     written_uri, written = _forwarded(settings)
     if uri == "-":
         if not written_uri:
-            raise NotFound("--mongodb -: the logs go to no database; expected a lab with --mongodb, or a URI")
+            raise NotFound("--mongodb -: the logs are not forwarded; expected a lab with --mongodb, or a URI")
         uri = written_uri
     return uri, name or database_in(uri) or written or "swarm"
 
 
 def _forwarded(settings: CliSettings) -> tuple[str, str]:
-    """Where the logs of the lab, or of the node, are forwarded to; empty when nowhere."""
+    """Address and name of the database to which the lab or node forwards; empty: none."""
     if settings.config_dir is None:
         try:
             lab = labs.find(settings.lab)
@@ -85,15 +85,15 @@ def _forwarded(settings: CliSettings) -> tuple[str, str]:
         folder = config_dir(settings)
         load_node(folder)
     except SwarmError:
-        return "", ""  # no node here: the address says everything
+        return "", ""  # no node here: the address has the name
     found = load_service(folder, "logger", LoggerAddress)
     return found.mongodb_uri, found.mongodb_database if found.mongodb_uri else ""
 
 
 def folders(settings: CliSettings, folder: str | None) -> list[Path]:
-    """Folders of segments: the one given, those of a lab's nodes, or that of the node itself.
+    """Folders of segments: the given one, those of a lab's nodes, or that of the node itself.
 
-    Raises: NotFound when nothing is recorded there.
+    Raises: NotFound when there are no segments.
     """
     if folder:
         root = Path(folder)
@@ -112,12 +112,14 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
             return [path for node in nodes if (path := paths.log(node.data_dir)).is_dir()]
     node = load_node(config_dir(settings))
     if settings.node and settings.node != node.platform:
-        raise NotFound(f"log of {settings.node}: not on this machine; expected --mongodb URI, or to be there")
+        raise NotFound(
+            f"log of {settings.node}: not on this machine; expected --mongodb URI, or swarmctl on its machine"
+        )
     return [paths.log(node.data_path)]
 
 
 def absolute(pattern: str, settings: CliSettings) -> str:
-    """A pattern as typed, with its platform: that of `-n`, else all."""
+    """A pattern with its platform: that of `-n`, else all."""
     return pattern if pattern.startswith("/") else f"/{settings.node or '*'}/{pattern}"
 
 
@@ -135,9 +137,9 @@ def query(settings: CliSettings, options: Mapping[str, Any]) -> Query:
 
 
 def instant_ns(text: str, now_ns: int) -> int:
-    """An instant as people write it: a span of time ago, or a date.
+    """Parse an instant: a duration before now, or an ISO date.
 
-    Raises: InvalidInput when it is neither.
+    Raises: InvalidInput for any other text.
     """
     try:
         return now_ns - round(span_s(text.removesuffix(" ago")) * 1e9)
@@ -151,7 +153,7 @@ def instant_ns(text: str, now_ns: int) -> int:
 
 
 def show(out: Output, entry: LogEntry) -> None:
-    """One entry: a line of JSON, or a line for people."""
+    """Print one entry, as a line of JSON or of text."""
     if out.settings.json:
         out.line(
             {
@@ -172,10 +174,13 @@ def show(out: Output, entry: LogEntry) -> None:
 
 
 def refuse_losses(found: LogSource) -> None:
-    """Raises: Partial naming the parts of the record that could not be read."""
+    """Check that all parts of the log could be read.
+
+    Raises: Partial naming the others.
+    """
     if losses := found.losses():
         more = f"; and {len(losses) - 3} more" if len(losses) > 3 else ""
-        raise Partial(f"the record is not whole: {'; '.join(losses[:3])}{more}")
+        raise Partial(f"the log is incomplete: {'; '.join(losses[:3])}{more}")
 
 
 def iso(instant_utc_ns: int) -> str:

@@ -1,4 +1,4 @@
-"""Follows the record: new entries of one logger, or of all on this machine."""
+"""Follows the log: new entries of one logger, or of all on this machine."""
 
 import asyncio
 import contextlib
@@ -26,9 +26,9 @@ from swarmware.types.log import LogStats
 
 
 def follow(settings: CliSettings, pattern: str) -> Iterator[LogEntry]:
-    """Entries that match and are recorded from now on, in the order of the loggers' wall clock.
+    """New entries that match, in the order of the loggers' wall clock.
 
-    Raises: NotFound without a node whose record is on this machine.
+    Raises: NotFound without a node whose log is on this machine.
     """
     matcher = Pattern(absolute(pattern, settings))
     with asyncio.Runner() as runner:
@@ -42,7 +42,7 @@ def follow(settings: CliSettings, pattern: str) -> Iterator[LogEntry]:
 
 
 def _folders(settings: CliSettings) -> list[Path]:
-    """Configuration folders of the nodes that are followed: the one asked about, else all of its lab."""
+    """Configuration folders of the nodes that are followed: of the named node, else of its whole lab."""
     joined = local_config_dir(settings)
     if not settings.node and settings.config_dir is None:
         for lab in labs.labs():
@@ -77,7 +77,7 @@ class Tail:
         while not (ready := self._order.ready(now_ns := time.monotonic_ns())):
             deadline_ns = self._order.deadline_ns(now_ns)
             self._news.clear()
-            # at the deadline a logger has not reported for long: the others are not held up by it
+            # at the deadline a logger has not reported for long: the entries of the others are shown
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(None if deadline_ns is None else (deadline_ns - now_ns) / 1e9):
                     await self._news.wait()
@@ -91,12 +91,12 @@ class Tail:
 def _log_dir(folder: Path) -> Path:
     log_dir = paths.log(load_node(folder).data_path)
     if not log_dir.is_dir():
-        raise NotFound(f"log folder {log_dir}: not there; expected the logger of that node to run")
+        raise NotFound(f"log folder {log_dir}: no such folder; expected the logger of that node to run")
     return log_dir
 
 
 class SegmentFollower:
-    """Segments of one logger, from the one that it writes now."""
+    """Follows the segments of one logger, from the current one on."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
@@ -105,10 +105,10 @@ class SegmentFollower:
     def entries(self) -> Iterator[LogEntry]:
         """Entries that no earlier call has returned."""
         last = int(self._readers[-1].path.stem) if self._readers else -1
-        # listed before the reading: a segment that has a successor gets no entry any more
+        # listed before reading: a segment with a successor gets no further entries
         newer = [SegmentReader(path) for path in segments(self._directory) if int(path.stem) > last]
         readers = self._readers + newer
         self._readers = readers[-1:]
         for reader in readers:
-            with contextlib.suppress(FileNotFoundError):  # the ring needed its room
+            with contextlib.suppress(FileNotFoundError):  # the ring has deleted it
                 yield from reader.entries()

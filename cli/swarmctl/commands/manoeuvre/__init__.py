@@ -1,1 +1,1 @@
-"""hold, land and return; their logic is `swarmctl.manoeuvres`, which `mission abort` needs as well."""
+"""The commands hold, land and return; `swarmctl.manoeuvres` has their logic, which `mission abort` shares."""

@@ -1,4 +1,4 @@
-"""`swarmctl hold`, `land` and `return`: what vehicles can do by themselves, on command."""
+"""`swarmctl hold`, `land` and `return`: start built-in missions of vehicles."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +11,7 @@ from swarmctl.vehicle_options import EVERYTHING, PLATFORMS, REASON, Decorator, t
 
 
 def _options(wait_s: float) -> Decorator:
-    """What these commands have in common."""
+    """Options of all these commands."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         for decorator in (PLATFORMS, EVERYTHING, REASON, timeout_option(wait_s), click.pass_context):
@@ -33,7 +33,7 @@ def _run(
 @click.command(cls=Command)
 @_options(15.0)
 def hold(ctx: click.Context, **options: Any) -> None:
-    """Have vehicles stop and keep their place; a mission of theirs ends. Names may be patterns: 'uav*'.
+    """Stop vehicles and hold their positions; this ends their missions. Names may be patterns: 'uav*'.
 
     Example: swarmctl hold uav1
     """
@@ -43,7 +43,7 @@ def hold(ctx: click.Context, **options: Any) -> None:
 @click.command(cls=Command)
 @_options(120.0)
 def land(ctx: click.Context, **options: Any) -> None:
-    """Have vehicles land where they are and disarm; ground vehicles stop. A mission of theirs ends.
+    """Land vehicles at their positions and disarm them; ground vehicles stop. This ends their missions.
 
     Example: swarmctl land --all
     """
@@ -53,7 +53,7 @@ def land(ctx: click.Context, **options: Any) -> None:
 @click.command(cls=Command, name="return")
 @_options(420.0)
 def return_(ctx: click.Context, **options: Any) -> None:
-    """Have vehicles go back to where they were armed, land there and disarm. A mission of theirs ends.
+    """Return vehicles to the place where they were armed, land and disarm them. This ends their missions.
 
     Example: swarmctl return uav1 uav2 --timeout 120
     """

@@ -1,1 +1,1 @@
-"""Missions: check, start, follow, abort."""
+"""The `mission` commands: check, start, follow and abort missions."""

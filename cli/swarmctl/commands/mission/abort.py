@@ -1,4 +1,4 @@
-"""The end of a running mission on command, at all its members or at some."""
+"""Aborts a running mission at all its members, or at some."""
 
 from swarmctl.commands.mission.follow import find_active
 from swarmctl.confirmation import confirm
@@ -13,21 +13,21 @@ from swarmware.types.mission import MissionAbort
 async def abort(
     session: Session, platforms: tuple[str, ...], reason: str, then: str, wait_s: float, *, yes: bool
 ) -> None:
-    """Has the members land, hold or return (`then`) and follows them until each has; asks before.
+    """Makes the members land, hold or return (`then`) and follows them until they have; asks before.
 
     Raises: NotFound when no mission runs; as `choose` and `raise_failures`.
     """
     one = session.settings.node and not await is_station(session, session.settings.node)
     if platforms or one:
         chosen = await choose(session, platforms)
-        what = f"abort the mission at {', '.join(chosen)} alone, then {then}; where others wait for it"
-        confirm(yes, f"{what} they take their alternative")
+        what = f"abort the mission at {', '.join(chosen)} only, then {then}; where others wait for it"
+        confirm(yes, f"{what} their barriers break")
     else:
         found = await find_active(session)
         if not found.plays:
             raise NotFound(
                 f"no mission runs at {', '.join(found.members)}; expected one"
-                " (`swarmctl land --all` lands whatever flies)"
+                " (`swarmctl land --all` lands all vehicles)"
             )
         chosen = {name: found.kinds[name] for name in found.members}
         confirm(yes, f"abort {found.mission} at {', '.join(chosen)}, then {then}")

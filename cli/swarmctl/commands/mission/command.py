@@ -18,7 +18,7 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List the missions that a ground station holds.
+    """List the missions in the store of a ground station.
 
     Example: swarmctl mission ls
     """
@@ -49,12 +49,12 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
     "members",
     multiple=True,
     metavar="PLATFORM",
-    help="Only these take part.",
+    help="Platforms that take part; default: all.",
     shell_complete=completion.platforms,
 )
-@click.option("--set", "params", multiple=True, metavar="NAME=VALUE", help="A parameter of the mission.")
-@click.option("--yes", is_flag=True, help="Do not ask; vehicles will move.")
-@click.option("--watch/--no-watch", default=False, help="Follow it until it ends.")
+@click.option("--set", "params", multiple=True, metavar="NAME=VALUE", help="Set a parameter of the mission.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation; vehicles will move.")
+@click.option("--watch/--no-watch", default=False, help="Follow the mission until it ends.")
 @click.pass_context
 def start(
     ctx: click.Context,
@@ -64,9 +64,10 @@ def start(
     yes: bool,
     watch: bool,
 ) -> None:
-    """Give the swarm one instruction: a mission by name, folder or file.
+    """Start a mission of the swarm, given by name, folder or file.
 
-    It says what the check warns of, who would take part, which known platforms would not and why, and asks.
+    It shows warnings of the check, the members, and known platforms without a role with the reason, then
+    asks.
 
     Example: swarmctl mission start formation --set speed_m_s=1.0 --yes --watch
     """
@@ -80,7 +81,7 @@ def start(
 @cmd.command()
 @click.pass_context
 def status(ctx: click.Context) -> None:
-    """Show what the mission of a platform, and of the members it hears, does now.
+    """Show the mission state of a platform, and of the other members as received there.
 
     Example: swarmctl mission status --json
     """
@@ -94,7 +95,7 @@ def status(ctx: click.Context) -> None:
 @click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", shell_complete=completion.platforms)
 @click.pass_context
 def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
-    """Follow a mission until it ends, a line for each change of a member, or of the members that are named.
+    """Follow a mission until it ends: a line for each change of a member, or of the named members.
 
     Example: swarmctl mission watch --json
     """
@@ -106,26 +107,29 @@ def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 
 @cmd.command()
 @click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", shell_complete=completion.platforms)
-@click.option("--reason", default="operator", help="Why; it stands in every log.")
+@click.option("--reason", default="operator", help="Reason, recorded in all logs.")
 @click.option(
-    "--then", type=click.Choice(["land", "hold", "return"]), default="land", help="What takes over."
+    "--then",
+    type=click.Choice(["land", "hold", "return"]),
+    default="land",
+    help="Built-in mission that follows.",
 )
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.option(
     "--timeout",
     "wait_s",
     metavar="SECONDS",
     type=click.FloatRange(min=0, min_open=True),
     default=120.0,
-    help="Longest wait until it is seen to be done; default: 120.",
+    help="Maximum wait until all have done it; default: 120.",
 )
 @click.pass_context
 def abort(
     ctx: click.Context, platforms: tuple[str, ...], reason: str, then: str, yes: bool, wait_s: float
 ) -> None:
-    """Stop the running mission at all its members, or only at those that are named (also by -n).
+    """Stop the running mission at all its members, or only at the named ones (also by -n).
 
-    It follows them until each was seen to land, to hold or to return.
+    It follows them until each has landed, holds or has returned.
 
     Example: swarmctl mission abort --then hold --yes
     """

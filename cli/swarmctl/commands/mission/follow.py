@@ -24,26 +24,26 @@ class ActiveMission(msgspec.Struct, frozen=True):
     epoch: int
     members: tuple[str, ...]
     kinds: dict[str, str]
-    """Of the members, as far as known."""
+    """Kinds of the members, as far as known."""
     plays: bool
-    """It has not ended at every member."""
+    """Whether it has not ended at every member."""
 
 
 async def find_active(session: Session) -> ActiveMission:
-    """The run that is active, else the newest one: of the platform that `-n` names, else of any.
+    """The active run, else the newest one: of the platform that `-n` names, else of any.
 
-    The one that is asked need not be a member itself.
+    The queried platform need not be a member itself.
     Raises: NotFound when there is none.
     """
     states = _states(session)
     if session.settings.node:
         found = await session.ask("sys/mission/status", Empty(), MissionStatus)
         if not found.state.epoch:
-            raise NotFound(f"{found.platform}: no mission; expected one that was started")
+            raise NotFound(f"{found.platform}: no mission was started; expected one")
         return _ensemble(found.state.epoch, {**states, found.platform: found.state}, [found])
     runs = {state.epoch for state in states.values() if state.epoch}
     if not runs:
-        raise NotFound(f"{session.here}: no mission is known; expected one that was started")
+        raise NotFound(f"{session.here}: no mission was started; expected one")
     playing = {state.epoch for state in states.values() if state.epoch and state.state not in INACTIVE}
     epoch = max(playing or runs)
     asked = [name for name, state in states.items() if state.epoch == epoch]
@@ -71,9 +71,9 @@ def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[Mission
 
 
 async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None:
-    """Prints a line for each change of a member in this run, until it has ended at all.
+    """Prints a line for each change of a member in this run, until it has ended at all members.
 
-    Raises: SwarmError when it ended badly for one, Partial when one fell silent.
+    Raises: SwarmError when it was unsuccessful at a member, Partial when states of one are missing.
     """
     others = session.module.readers("/*/mission/state", MissionState)
     own = session.module.reader("mission/state", MissionState)
@@ -107,11 +107,11 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
         (platform for platform in ended_by if shown[platform].state in UNSUCCESSFUL), key=names.natural
     )
     if silent:
-        raise Partial(f"mission: {', '.join(sorted(silent, key=names.natural))} fell silent before its end")
+        raise Partial(f"mission: {', '.join(sorted(silent, key=names.natural))} sent no state before its end")
     if bad:
         name = next((shown[p].mission for p in bad if shown[p].mission), "")
         how = [f"{p} ({'not started' if shown[p].state == NOT_STARTED else shown[p].state})" for p in bad]
-        raise SwarmError(f"mission {name}: ended badly at {', '.join(how)}")
+        raise SwarmError(f"mission {name}: unsuccessful at {', '.join(how)}")
 
 
 def display_key(state: MissionState) -> object:

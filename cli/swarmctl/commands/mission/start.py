@@ -1,4 +1,4 @@
-"""One instruction for the swarm: planned, confirmed by the operator, given, and followed."""
+"""Starts a mission of the swarm: plans it, asks the operator, sends the instruction, follows it."""
 
 from typing import Final
 
@@ -10,11 +10,11 @@ from swarmware.errors import Partial
 from swarmware.types.mission import MissionPlan, MissionTask, TaskAnswer
 
 ANSWER_S: Final = 15.0
-"""Shortest wait for the ground station: it checks the mission and asks every platform."""
+"""Minimum time-out of the ground station, which checks the mission and sends orders to all platforms."""
 
 
 async def start(session: Session, mission: str, task: MissionTask, *, yes: bool, watch: bool) -> None:
-    """Prints who would take part, asks, gives the instruction; `mission`: as the operator named it.
+    """Prints the members, asks, sends the instruction; `mission`: name given by the operator.
 
     Raises: Partial when a platform refused or did not answer; with `watch` as `follow`.
     """
@@ -48,12 +48,12 @@ async def start(session: Session, mission: str, task: MissionTask, *, yes: bool,
             Column("ROLE"),
             Column("ACCEPTED"),
             Column("ACK ms", right=True),
-            Column("WHY NOT"),
+            Column("REASON"),
         ]
         session.out.table(columns, rows, f"{answer.mission} {answer.hash[:8]} run {answer.epoch}")
     if not answer.accepted:
         refused = ", ".join(order.platform for order in answer.orders if not order.accepted)
-        raise Partial(f"mission {mission}: refused or not heard by {refused}; nobody started")
+        raise Partial(f"mission {mission}: refused or not answered by {refused}; not started")
     if watch:
         took = tuple(order.platform for order in answer.orders)
         await follow(session, answer.epoch, took)

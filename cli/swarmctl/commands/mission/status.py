@@ -8,7 +8,7 @@ from swarmware.types.rpc import Empty
 
 
 async def list_missions(session: Session) -> None:
-    """Prints the missions of the platform asked about."""
+    """Prints the missions in the store of the platform of the session."""
     found = await session.ask("sys/mission/ls", Empty(), MissionList)
     if session.settings.json:
         session.out.document(found)
@@ -26,7 +26,7 @@ async def list_missions(session: Session) -> None:
 
 
 async def print_status(session: Session) -> None:
-    """Prints the state of the platform asked about and of the members that it receives."""
+    """Prints the mission state of the platform of the session, and of the members that it receives."""
     found = await session.ask("sys/mission/status", Empty(), MissionStatus)
     if session.settings.json:
         session.out.document(found)

@@ -1,4 +1,4 @@
-"""Missions as an operator names them: by the name of a shipped one, a folder or a file."""
+"""Missions given by an operator: the name of a shipped one, a folder or a file."""
 
 import json
 from collections.abc import Iterable
@@ -39,9 +39,9 @@ def locate(name: str) -> Path:
 
 
 def check_all(missions: Iterable[str]) -> list[MissionVerdict]:
-    """The verdict on each.
+    """Checks each mission.
 
-    Raises: NotFound when one is not there.
+    Raises: NotFound when one does not exist.
     """
     out = []
     for name in missions:
@@ -51,7 +51,7 @@ def check_all(missions: Iterable[str]) -> list[MissionVerdict]:
 
 
 def task(mission: str, members: Iterable[str], params: Iterable[str]) -> MissionTask:
-    """The instruction for a ground station, with the mission's files by content: those that `check` looks at.
+    """The instruction for a ground station, with the contents of the mission's files.
 
     Raises: NotFound, ConfigError, InvalidInput for a parameter that is not NAME=VALUE.
     """
@@ -82,9 +82,9 @@ def _param(text: str) -> tuple[str, ParamValue]:
 
 
 def check_missions(missions: Iterable[str], out: Output) -> None:
-    """Prints the verdict on each and its findings.
+    """Prints the result of each check and its findings.
 
-    Raises: MissionError when one must not be flown; as `check_all`.
+    Raises: MissionError when one has errors; as `check_all`.
     """
     verdicts = check_all(missions)
     if out.settings.json:

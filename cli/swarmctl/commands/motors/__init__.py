@@ -1,1 +1,1 @@
-"""arm, disarm and kill."""
+"""The commands arm, disarm and kill."""

@@ -1,4 +1,4 @@
-"""`swarmctl arm`, `disarm` and `kill`: the motors."""
+"""`swarmctl arm`, `disarm` and `kill`: control the motors of vehicles."""
 
 import click
 
@@ -13,11 +13,11 @@ _WAIT_S = 10.0
 @click.command(cls=Command)
 @PLATFORMS
 @EVERYTHING
-@click.option("--yes", is_flag=True, help="Do not ask; motors may turn.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation; motors may turn.")
 @timeout_option(_WAIT_S)
 @click.pass_context
 def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: bool, wait_s: float) -> None:
-    """Arm vehicles on the ground, after a question that names them. Names may be patterns: 'uav*'.
+    """Arm vehicles on the ground, after a confirmation that names them. Names may be patterns: 'uav*'.
 
     Example: swarmctl arm uav1 --yes
     """
@@ -46,15 +46,15 @@ def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wai
 @click.command(cls=Command)
 @click.argument("platform", shell_complete=completion.platforms)
 @click.option(
-    "--confirm", "again", metavar="PLATFORM", default="", help="The same name again, instead of typing it."
+    "--confirm", "again", metavar="PLATFORM", default="", help="The same name, instead of the prompt."
 )
 @REASON
 @timeout_option(_WAIT_S)
 @click.pass_context
 def kill(ctx: click.Context, platform: str, again: str, reason: str, wait_s: float) -> None:
-    """Stop the motors of one vehicle at once, also in the air: it falls. Its name is asked for twice.
+    """Stop the motors of one vehicle at once, also in the air: it falls. Its name must be given twice.
 
-    Needs neither its mission nor its navigator. There is no --yes and no pattern.
+    It works without mission and navigator. There is no --yes and no pattern.
 
     Example: swarmctl kill uav1 --confirm uav1
     """

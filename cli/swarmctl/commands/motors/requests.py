@@ -1,4 +1,4 @@
-"""Requests to the motors of vehicles, answered by the vehicles."""
+"""Sends requests to the motors of vehicles."""
 
 import asyncio
 from collections.abc import Mapping
@@ -33,9 +33,9 @@ class MotorRequests:
         self._begin_ns = session.module.now_ns()
 
     async def run(self) -> list[VehicleResult]:
-        """Asks all at once.
+        """Sends the request to all vehicles concurrently.
 
-        Raises: the refusal, when a single vehicle was asked.
+        Raises: the refusal, of a single vehicle.
         """
         return list(await asyncio.gather(*(self._one(name) for name in self._chosen)))
 
@@ -55,7 +55,7 @@ class MotorRequests:
                     await self._observer.changed()
                     state = self._observer.snapshot(name).vehicle or state
         except TimeoutError:
-            return self._seen(name, state, f"not seen to be done within {self._wait_s:g} s")
+            return self._seen(name, state, f"not confirmed by its state within {self._wait_s:g} s")
         except SwarmError as error:
             if len(self._chosen) == 1:
                 raise
@@ -75,7 +75,7 @@ class MotorRequests:
 async def arm(
     session: Session, wanted: tuple[str, ...], wait_s: float, *, everything: bool, yes: bool
 ) -> None:
-    """Arms vehicles on the ground; asks before, naming them.
+    """Arms vehicles on the ground, after a confirmation that names them.
 
     Raises: as `choose`, `confirm` and `MotorRequests.run`.
     """

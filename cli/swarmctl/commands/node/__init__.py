@@ -1,1 +1,1 @@
-"""Nodes of the swarm."""
+"""The `node` commands: nodes of the swarm."""

@@ -18,7 +18,7 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List the nodes: whether they answer, health, mission; of vehicles mode, armed, height and battery.
+    """List the nodes: whether they answer, health, mission; mode, armed, height and battery of vehicles.
 
     Example: swarmctl node ls --json
     """
@@ -32,7 +32,7 @@ def ls(ctx: click.Context) -> None:
 @click.argument("platform", required=False, shell_complete=completion.platforms)
 @click.pass_context
 def info(ctx: click.Context, platform: str | None) -> None:
-    """Show one node: who it is, its services, and where its configuration is.
+    """Show one node: identity, services, and path of its configuration.
 
     Example: swarmctl node info uav1
     """

@@ -1,4 +1,4 @@
-"""All nodes in one table: what each reports of itself, and its newest states received here."""
+"""All nodes in one table, with their reports and their newest states received here."""
 
 import asyncio
 
@@ -28,15 +28,15 @@ class NodeOverview(msgspec.Struct, frozen=True):
     health: HealthState | None
     mission: MissionState | None
     mode: str | None
-    """Of a vehicle: auto | manual."""
+    """Mode of a vehicle: auto | manual."""
     armed: bool | None
     height_m: float | None
-    """Above the map's origin, as the vehicle estimates it."""
+    """Estimated height of the vehicle above the map's origin."""
     battery_ratio: float | None
 
 
 async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, SwarmError]]:
-    """The platform that `-n` names, else all that are known; and why some did not answer."""
+    """The platform that `-n` names, else all known ones; and the errors of those without an answer."""
     asked = [session.platform] if session.settings.node else await platforms(session)
     ways = {route.platform: route for route in (await session.routes()).routes}
     (
@@ -75,7 +75,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
 
 
 def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], list[tuple[Cell, ...]]]:
-    """The columns and the rows for people."""
+    """Columns and rows of the table."""
     rows: list[tuple[Cell, ...]] = [
         (
             one.platform,
@@ -126,7 +126,7 @@ async def list_nodes(session: Session) -> None:
 
 
 async def show_node(session: Session, platform: str) -> None:
-    """Prints what one node is; empty: the platform that `-n` names."""
+    """Prints the identity of one node; empty: the platform that `-n` names."""
     target = names.check_platform(platform or session.platform)
     found = await session.ask(f"/{target}/sys/node/info", Empty(), NodeInfo)
     if session.settings.json:

@@ -17,7 +17,7 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List how the clocks of the others stand to the clock of a platform, and how well that is known.
+    """List the conversions from the clock of a platform to all others: offset, skew and error bounds.
 
     Example: swarmctl time ls --node uav1
     """

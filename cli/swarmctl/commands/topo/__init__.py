@@ -1,1 +1,1 @@
-"""The graph of links."""
+"""The `topo` command: the graph of links."""

@@ -1,4 +1,4 @@
-"""`swarmctl topo`: who hears whom, as a graph."""
+"""`swarmctl topo`: the links of the swarm as a graph."""
 
 import click
 
@@ -7,11 +7,11 @@ from swarmctl.settings import settings
 
 
 @click.command(cls=Command)
-@click.option("--dot", is_flag=True, help="As a Graphviz graph.")
-@click.option("--png", metavar="FILE", help="As a picture.")
+@click.option("--dot", is_flag=True, help="Print a Graphviz graph.")
+@click.option("--png", metavar="FILE", help="Write a picture.")
 @click.pass_context
 def cmd(ctx: click.Context, dot: bool, png: str | None) -> None:
-    """Who hears whom, as a graph: asked of every platform that can be reached.
+    """Show the links of the swarm as a graph, from the neighbour tables of all reachable platforms.
 
     Example: swarmctl topo --dot | neato -Tsvg > swarm.svg
     """

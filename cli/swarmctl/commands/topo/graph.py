@@ -18,15 +18,15 @@ class TopologyEdge(msgspec.Struct, frozen=True):
     a: str
     b: str
     loss_ab_ratio: float
-    """Of what a sends, as b counts it."""
+    """Loss of datagrams from a to b."""
     loss_ba_ratio: float
     rtt_ms: float | None
     both: bool
-    """Each receives the other."""
+    """Whether the link is bidirectional."""
 
 
 def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
-    """Each pair once, in order of names."""
+    """Each pair of linked platforms once, in order of names."""
     received = {
         (platform, one.platform): one
         for platform, answer in answers.items()
@@ -68,7 +68,7 @@ def to_png(nodes: list[str], found: list[TopologyEdge], target: str) -> None:
 
     Raises: ConfigError without matplotlib.
     """
-    with Path(target).open("wb") as file:  # first: a wrong name is reported before the slow import
+    with Path(target).open("wb") as file:  # first: an invalid name is reported before the slow import
         _draw(nodes, found, file)
 
 

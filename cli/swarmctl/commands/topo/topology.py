@@ -1,4 +1,4 @@
-"""The links of the swarm, asked of every platform."""
+"""The links of the swarm, queried from every platform."""
 
 from swarmctl.commands.topo.graph import edges, to_dot, to_png
 from swarmctl.fanout import ask_all, platforms, warn_errors

@@ -1,1 +1,1 @@
-"""Counters and rates of a broker."""
+"""The `traffic` commands: counters and rates of a broker."""

@@ -17,7 +17,7 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List what a platform's broker carried since it started: by link, by channel, and what it refused.
+    """List the traffic of a platform's broker since its start: by link, by channel, and refused input.
 
     Example: swarmctl traffic ls --node uav1
     """
@@ -35,7 +35,7 @@ def ls(ctx: click.Context) -> None:
     default=1.0,
     show_default=True,
     metavar="SECONDS",
-    help="How often.",
+    help="Period of the output.",
 )
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N periods.")
 @click.pass_context
@@ -53,10 +53,10 @@ def top(ctx: click.Context, period_s: float, count: int | None) -> None:
 @cmd.command(name="set")
 @click.argument("pattern")
 @click.option("--rate", required=True, metavar="RATE", help="5hz, 0hz (nothing), or `auto` (no limit).")
-@click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: taken back by itself after that.")
+@click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: the limit ends after that.")
 @click.pass_context
 def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
-    """Limit the rate at which a platform sends the boards that match; shows all its limits then.
+    """Limit the rate at which a platform sends matching boards; then show all its limits.
 
     Example: swarmctl traffic set 'nav/*' --rate 5hz --for 5m --node uav1
     """
@@ -66,5 +66,5 @@ def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
     from swarmware.model import names
     from swarmware.model.names import Pattern
 
-    Pattern(names.split(pattern)[1])  # a wrong one is refused before the node is joined
+    Pattern(names.split(pattern)[1])  # an invalid one is refused before the node is joined
     run(settings(ctx), set_limit, pattern, rate_hz(rate), span_s(span) if span else 0.0)

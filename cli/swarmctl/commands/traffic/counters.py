@@ -9,7 +9,7 @@ from swarmware.types.rpc import Empty
 
 
 async def list_counters(session: Session) -> None:
-    """Prints the counters of each link and channel, and what was refused."""
+    """Prints the counters of each link and channel, and of refused input."""
     found = await session.ask("sys/broker/traffic", Empty(), Traffic)
     if session.settings.json:
         session.out.document(found)
@@ -80,5 +80,5 @@ async def list_counters(session: Session) -> None:
     )
     if found.slowed_ticks:
         session.out.text(
-            f"beacons slowed: {found.slowed_ticks}, {found.slowdown:g} times at present: processor short"
+            f"processor overloaded: beacons {found.slowdown:g} times rarer ({found.slowed_ticks} so far)"
         )

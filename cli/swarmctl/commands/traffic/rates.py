@@ -1,4 +1,4 @@
-"""Rates of a broker's channels: as its counters grow, and the limits that an operator sets."""
+"""Rates of a broker's channels, from its counters, and limits set by an operator."""
 
 import click
 
@@ -88,16 +88,16 @@ def _show_rates(session: Session, before: Traffic, now: Traffic) -> None:
 
 
 async def set_limit(session: Session, pattern: str, max_hz: float | None, duration_s: float) -> None:
-    """Limits the boards that match and prints all limits; `max_hz` None: no limit, `duration_s` 0: no end."""
+    """Limits matching boards and prints all limits; `max_hz` None: no limit, `duration_s` 0: no end."""
     platform, local = names.split(pattern)
     request = SetChannel(Pattern(local).text, max_hz, duration_s)
     target = names.check_platform(platform or session.platform)
     limits = await session.ask(f"/{target}/sys/broker/set_channel", request, ChannelLimits)
     for path in limits.unlimited:
-        session.out.warn(f"/{target}/{path}: not limited, each item of it is promised")
+        session.out.warn(f"/{target}/{path}: not limited, because each of its items is delivered")
     traffic = await session.ask(f"/{target}/sys/broker/traffic", Empty(), Traffic)
     if not any(Pattern(local).matches(one.channel) for one in traffic.channels):
-        session.out.warn(f"{target} has sent nothing yet that matches {local}; the limit stands for later")
+        session.out.warn(f"{target} has not sent a board that matches {local} yet; the limit is in force")
     if session.settings.json:
         session.out.document(limits)
         return

@@ -1,1 +1,1 @@
-"""Resources: list, draw, read, watch; setting them is in `swarmctl.tree_set`, for `config set` as well."""
+"""The `tree` commands: list, draw, read and watch resources; `swarmctl.tree_set` sets them."""

@@ -34,7 +34,7 @@ def ls(ctx: click.Context, pattern: str) -> None:
 @click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"branch", "command"}))
 @click.pass_context
 def show(ctx: click.Context, pattern: str) -> None:
-    """Draw the tree.
+    """Draw the tree of resources.
 
     Example: swarmctl tree show /uav1
     """
@@ -46,7 +46,7 @@ def show(ctx: click.Context, pattern: str) -> None:
 
 @cmd.command()
 @click.argument("path", shell_complete=completion.resources(VALUED))
-@click.option("--fresh", is_flag=True, help="Ask the owner even when a young mirror is here.")
+@click.option("--fresh", is_flag=True, help="Query the owner even if there is a fresh mirror.")
 @click.pass_context
 def get(ctx: click.Context, path: str, fresh: bool) -> None:
     """Print the newest value of a resource, or of one of its fields; a pattern gives the values of all.
@@ -62,13 +62,15 @@ def get(ctx: click.Context, path: str, fresh: bool) -> None:
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
 @click.argument("path", shell_complete=completion.resources(VALUED | {"command"}, "w"))
 @click.argument("value")
-@click.option("--if-version", "version", type=int, metavar="N", help="Only if it still has this version.")
-@click.option("--yes", is_flag=True, help="Do not ask where the resource wants it, such as for arming.")
+@click.option(
+    "--if-version", "version", type=int, metavar="N", help="Set it only if it still has this version."
+)
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation, such as for arming.")
 @click.pass_context
 def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bool) -> None:
-    """Set a resource, or one of its fields; the owner checks type, range and right.
+    """Set a resource, or one of its fields; the owner checks type, range and permission.
 
-    Where its template says that setting it needs a confirmation, it is asked for.
+    It asks for a confirmation where the template of the resource requires one.
 
     Example: swarmctl tree set /uav1/config/navigator/altitude_kp 1.5
     """

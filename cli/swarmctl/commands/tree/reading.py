@@ -10,7 +10,7 @@ from swarmware.errors import Partial
 async def print_values(session: Session, path: str, *, fresh: bool) -> None:
     """Prints the value of one resource or field, or of all resources that match; `fresh`: from their owners.
 
-    Raises: Partial when some of several gave no value; the error itself when none did.
+    Raises: Partial when some have no value; the error itself when none has.
     """
     name, _, fields = path.partition(".")
     if is_pattern(name):
@@ -42,7 +42,7 @@ async def _print_all(session: Session, pattern: str, fields: str, *, fresh: bool
     if errors and not found:
         raise errors[0]
     if errors:
-        raise Partial(f"{pattern}: {len(errors)} of {len(entries)} gave no value")
+        raise Partial(f"{pattern}: {len(errors)} of {len(entries)} have no value")
 
 
 def _warn_lost(session: Session, reading: ResourceReading) -> None:

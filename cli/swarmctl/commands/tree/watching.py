@@ -27,11 +27,11 @@ class WatchedValue(msgspec.Struct, frozen=True):
     """Hardware clock of the owner."""
     age_s: float | None
     value: Any
-    """A wrapped single value without its wrapper."""
+    """The plain value; a single value without its Struct."""
 
 
 class ResourceWatch:
-    """`async for new in await ResourceWatch.open(session, entries)`."""
+    """New values: `async for new in ResourceWatch.open(session, entries)`."""
 
     def __init__(self) -> None:
         self._news: asyncio.Queue[WatchedValue] = asyncio.Queue(QUEUE_LIMIT)
@@ -39,7 +39,7 @@ class ResourceWatch:
 
     @classmethod
     def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
-        """Subscribes; what is not mirrored yet will be.
+        """Subscribes to the resources.
 
         Raises: NotFound for a type that is not known here.
         """
