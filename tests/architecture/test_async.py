@@ -89,3 +89,21 @@ class Other:
     tree = ast.parse(text)
     assert {name for _, name in idle(tree, bases_of([tree]))} == {"read", "outer"}
     assert {line for line, name in idle(tree, bases_of([tree])) if name == "read"} == {6}
+
+
+OPENING = {"writer", "stream_writer", "reader", "readers", "stream_reader", "inbox", "serve", "register"}
+"""Methods whose results may still be awaited by user code for one release."""
+
+
+def test_our_own_code_awaits_nothing_that_is_open_at_once() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {ast.unparse(node)}"
+        for folder in ("lib", "daemons", "cli", "share", "tests")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Await)
+        and isinstance(node.value, ast.Call)
+        and isinstance(node.value.func, ast.Attribute)
+        and node.value.func.attr in OPENING
+    ]
+    assert not found, "\n".join(found)

@@ -1,8 +1,14 @@
 """Periodic ticks at multiples of a period on the node's clock; missed ones are counted and skipped."""
 
+from typing import Final
+
 from swarmware.errors import InvalidInput
 from swarmware.model.clock import Clock
 from swarmware.runtime.instant import until
+
+MIN_PERIOD_S: Final = 1e-6
+MAX_PERIOD_S: Final = 1e9
+"""As for the rate of a resource: periods in nanoseconds fit 64 bits."""
 
 
 class Lateness:
@@ -39,8 +45,10 @@ class Ticker:
         stage: int = 0,
         phase_ns: int = 0,
     ) -> None:
-        if period_s <= 0:
-            raise InvalidInput(f"period of {period_s} s: expected more than 0")
+        if not MIN_PERIOD_S <= period_s <= MAX_PERIOD_S:
+            raise InvalidInput(
+                f"period of {period_s} s: expected {MIN_PERIOD_S:g} to {MAX_PERIOD_S:g}, more than 0"
+            )
         self._clock = clock
         self._lateness = lateness
         self.period_s = period_s

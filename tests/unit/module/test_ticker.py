@@ -1,6 +1,7 @@
 """Ticks at absolute instants: misses counted, never made up for."""
 
 import asyncio
+import math
 
 import pytest
 
@@ -51,6 +52,35 @@ def test_a_late_ticker_goes_on_at_the_next_instant(
     asyncio.run(run())
 
 
-def test_a_period_must_be_positive() -> None:
+@pytest.mark.parametrize("period_s", [0.0, -1.0, math.nan, math.inf, -math.inf, 1e-12, 1e300])
+def test_a_period_must_be_positive_and_countable(period_s: float) -> None:
     with pytest.raises(InvalidInput, match="more than 0"):
-        Ticker(Hand(), 0.0)
+        Ticker(Hand(), period_s)
+
+
+def test_another_period_begins_at_its_own_multiples_and_the_same_one_changes_nothing() -> None:
+    async def run() -> None:
+        clock, lateness = Hand(), Lateness()
+        ticker = Ticker(clock, 0.010, lateness)
+        clock.at_ns = 30_000_000
+        assert await anext(ticker) == 3
+        ticker.retime(0.010)
+        clock.at_ns = 40_000_000
+        assert await anext(ticker) == 4
+        ticker.retime(0.004)
+        assert ticker.period_s == 0.004
+        clock.at_ns = 44_000_000
+        assert await anext(ticker) == 1, "40 ms is the last multiple of 4 ms, the next one is 44 ms"
+        with pytest.raises(InvalidInput):
+            ticker.retime(0.0)
+
+    asyncio.run(run())
+
+
+def test_the_worst_lateness_is_kept_until_it_is_taken() -> None:
+    lateness = Lateness()
+    for late_ns in (5, 9_000_000, 3):
+        lateness.note(late_ns)
+    assert lateness.take_s() == 0.009
+    lateness.note(1_000_000)
+    assert lateness.take_s() == 0.001

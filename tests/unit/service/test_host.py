@@ -141,6 +141,68 @@ async def test_a_restart_on_request_is_no_failure_and_its_boards_stay_readable(
         await over(running)
 
 
+class Stubborn(Steady):
+    """Does not finish in time."""
+
+    name = "stubborn"
+    stop_s = 0.01
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+    async def stop(self) -> None:
+        await asyncio.Event().wait()
+
+
+class Clumsy(Other):
+    """Fails as it stops."""
+
+    name = "clumsy"
+
+    async def stop(self) -> None:
+        raise ZeroDivisionError("as it stops")
+
+
+class Unbuilt(Other):
+    """Cannot be constructed at first."""
+
+    name = "unbuilt"
+    left: ClassVar[int] = 2
+
+    def __init__(self, module: Module, config: NoSettings) -> None:
+        super().__init__(module, config)
+        module.writer("test/early", Int).write(Int(Unbuilt.left))
+        if Unbuilt.left:
+            Unbuilt.left -= 1
+            raise Conflict("not yet")
+
+
+async def test_a_service_that_does_not_stop_or_fails_as_it_stops_keeps_no_other_from_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with tmp_node(tmp_path) as node:
+        host, running = hosted(node, Steady, Stubborn, Clumsy)
+        assert (host.names, host.stop_s) == (["steady", "stubborn", "clumsy"], Steady.stop_s)
+        await host.started()
+        await host.stop()
+        assert Steady.ended == ["steady"], "asked to stop although two others failed"
+        assert "stubborn: did not finish within 0.01 s" in caplog.text
+        assert "clumsy: failed while stopping" in caplog.text
+        await over(running)
+
+
+async def test_a_service_that_cannot_be_constructed_is_started_again_and_keeps_its_boards(
+    tmp_path: Path,
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
+        _, running = hosted(node, Steady, Unbuilt)
+        status, early = probe.reader("app/unbuilt/status", AppStatus), probe.reader("test/early", Int)
+        assert (await until(status, 2)).state == "running"
+        assert early.value == Int(0)
+        assert early.sequence == 3, "one board over three starts"
+        await over(running)
+
+
 async def test_services_are_asked_to_end_the_last_started_first_and_say_goodbye(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
         host, running = hosted(node, Steady, Other)

@@ -1,0 +1,53 @@
+"""Who sent a frame and when it came, in the extension of its header: only the own broker states it."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmware.errors import WireError
+from swarmware.model.access import Role, Sender
+from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.delivery.sender import arrival_ns, sender_of, with_sender
+
+FAR = Sender("uav7", Role.NODE)
+OTHER = b"\x77\x03abc"
+
+
+@pytest.mark.parametrize("sender", [None, FAR, Sender("gcs", Role.OPERATOR), Sender("a" * 32, Role.NODE)])
+@pytest.mark.parametrize("arrived_ns", [None, 0, 4_000, 2**62])
+@pytest.mark.parametrize("before", [b"", OTHER, with_lifetime(2.0), with_lifetime(2.0) + OTHER])
+def test_what_is_stated_is_read_and_other_elements_stay(
+    sender: Sender | None, arrived_ns: int | None, before: bytes
+) -> None:
+    extension = with_sender(before, sender, arrived_ns)
+    assert (sender_of(extension), arrival_ns(extension)) == (sender, arrived_ns)
+    assert extension.startswith(before)
+
+
+def test_what_a_frame_stated_before_is_taken_out() -> None:
+    false = with_sender(OTHER, Sender("gcs", Role.OPERATOR), 1)
+    extension = with_sender(false, FAR, 2)
+    assert (sender_of(extension), arrival_ns(extension)) == (FAR, 2)
+    assert b"gcs" not in extension
+    assert with_sender(extension, None) == OTHER
+
+
+@pytest.mark.parametrize(
+    ("extension", "message"),
+    [(b"\x77", "an element ends behind it"), (b"\x77\x05ab", "ends behind it"), (OTHER * 50, "no room")],
+)
+def test_an_extension_that_cannot_take_it_is_refused(extension: bytes, message: str) -> None:
+    with pytest.raises(WireError, match=message):
+        with_sender(extension, FAR, 5)
+
+
+@given(st.binary(max_size=255))
+def test_any_extension_has_a_sender_or_none(extension: bytes) -> None:
+    found, came_ns = sender_of(extension), arrival_ns(extension)
+    assert found is None or isinstance(found.role, Role)
+    assert came_ns is None or isinstance(came_ns, int)
+    try:
+        stated = with_sender(extension, FAR, 7)
+    except WireError:
+        return
+    assert (sender_of(stated), arrival_ns(stated)) == (FAR, 7)
