@@ -19,7 +19,7 @@ from swarmd.tree.core import structure
 from swarmd.tree.core.index import Index, leaf
 from swarmd.tree.core.lane import IN_FLIGHT_BYTES, WINDOW
 from swarmd.tree.core.reorder_buffer import REORDER_WINDOW
-from swarmd.tree.core.subscribers import BYTES_LIMIT, ITEMS_LIMIT
+from swarmd.tree.core.subscriber import BYTES_LIMIT, ITEMS_LIMIT
 from swarmd.tree.core.subscription import make_subscription
 from swarmware.errors import KINDS, WireError
 from swarmware.mission.content import content_hash

@@ -100,6 +100,10 @@ class OperatorApi:
         replica = self._tree.replicas.get(platform)
         return platform == self._module.platform or (replica is not None and replica.up)
 
+    def _interval_s(self, platform: str, local: str) -> float:
+        replica = self._tree.replicas.get(platform)
+        return 0.0 if replica is None else replica.interval_s(local)
+
     def _platforms(self) -> list[str]:
         return sorted({self._module.platform, *self._tree.replicas.platforms()}, key=names.natural)
 
@@ -219,6 +223,7 @@ class OperatorApi:
                 reachable=self._reachable(platform),
                 known=True,
                 mirrored=platform != self._module.platform,
+                interval_s=self._interval_s(platform, resource.path),
             ),
             resource.unit,
             resource.owner,
@@ -386,7 +391,14 @@ class OperatorApi:
             resource.link,
             resource.owner,
             age_s,
-            quality(leaf, age_s, reachable=reachable, known=frame is not None, mirrored=not own),
+            quality(
+                leaf,
+                age_s,
+                reachable=reachable,
+                known=frame is not None,
+                mirrored=not own,
+                interval_s=self._interval_s(platform, resource.path),
+            ),
             resource.range,
             resource.choices,
             resource.log,

@@ -4,12 +4,14 @@ from typing import Annotated, Final
 
 import msgspec
 
-from swarmware.types.bounds import Count, Finite, Instant, PathText, Seconds, Uint16, Uint32
+from swarmware.types.bounds import Count, Finite, Hertz, Instant, PathText, Seconds, Uint16, Uint32
 from swarmware.types.registry import register
 
 PATTERNS_LIMIT: Final = 1000
 """Of one subscription: ten times what all modules of a node ask of one platform."""
 RULES_LIMIT: Final = 200
+BOARD_LIMITS_LIMIT: Final = 64
+"""Limits of rates that concern one subscriber; an operator sets a handful."""
 
 # -- for operators: sys/tree/get, set, undo, list
 
@@ -268,6 +270,20 @@ class SubscribeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class BoardLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Limit of the rate at which the owner sends boards, set by an operator."""
+
+    pattern: PathText
+    """Local paths of the owner."""
+    max_hz: Hertz
+    """0: nothing is sent."""
+
+
+BoardLimits = Annotated[tuple[BoardLimit, ...], msgspec.Meta(max_length=BOARD_LIMITS_LIMIT)]
+"""The first that matches a path holds for it."""
+
+
+@register
 class SubscribeReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Answer of `sys/tree/subscribe`."""
 
@@ -276,6 +292,8 @@ class SubscribeReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Epoch and digest of the owner's tree."""
     unknown: bool = False
     """A renewal of something that is not held here: send it whole."""
+    limits: BoardLimits = ()
+    """Limits in force of what is subscribed: its values come less often than their rate."""
 
 
 @register
@@ -316,3 +334,5 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Oldest serial of the lane that the owner still sends: what is older came or never will. 0: this one."""
     lapsed: bool = False
     """The owner holds no subscription of the receiver any more: nothing but this is in here."""
+    limits: BoardLimits | None = None
+    """Limits now in force of what is subscribed; None: they have not changed."""

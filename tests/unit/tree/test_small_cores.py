@@ -79,6 +79,25 @@ def test_a_mirror_of_a_board_at_rest_is_live_between_two_beacons() -> None:
     assert seen(Resource(path="x", type="Float", rate_hz=10.0, link="request"), 0.6) == "stale"
 
 
+@pytest.mark.parametrize(
+    ("max_age_s", "interval_s", "age_s", "expected"),
+    [
+        (0.0, 2.0, 5.9, "live"),
+        (0.0, 2.0, 6.1, "stale"),
+        (0.5, 2.0, 5.9, "live"),
+        (9.0, 2.0, 8.9, "live"),
+        (0.0, 0.0, 1.3, "stale"),
+        (0.0, 0.1, 1.2, "live"),
+    ],
+)
+def test_a_board_that_is_sent_less_often_than_its_rate_is_stale_later(
+    max_age_s: float, interval_s: float, age_s: float, expected: str
+) -> None:
+    pose = Resource(path="nav/pose", type="Pose", rate_hz=10.0, max_age_s=max_age_s)
+    found = quality(leaf(pose), age_s, reachable=True, known=True, mirrored=True, interval_s=interval_s)
+    assert found == expected
+
+
 def test_timers_come_up_once_in_order_and_can_be_moved_and_dropped() -> None:
     timers: Timers[str] = Timers()
     assert timers.next_ns() is None

@@ -6,12 +6,13 @@ from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, Pair, S, core, pai
 
 from swarmd.tree.config import RuleConfig
 from swarmd.tree.core.action import SendNotify, Unwatch, Watch
-from swarmd.tree.core.subscribers import BYTES_LIMIT, ITEMS_LIMIT
+from swarmd.tree.core.replica import Replica
+from swarmd.tree.core.subscriber import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.net import BoardPublication, BoardSubscription, ChannelLimit
-from swarmware.types.tree import SubscribeRequest, TreeItem, TreeNotify
+from swarmware.types.tree import BoardLimit, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 
 def battery(both: Pair, number: float, sequence: int = 1) -> None:
@@ -377,3 +378,108 @@ def test_an_operators_limit_holds_for_notified_boards_and_not_for_events() -> No
     uav.on_limits((), both.now_ns)
     both.carry()
     assert both.received["gcs"][-1].sequence == 99
+
+
+def limits_known(both: Pair) -> tuple[BoardLimit, ...]:
+    replica = both.trees["gcs"].replicas.get("uav1")
+    assert isinstance(replica, Replica)
+    return replica.limits
+
+
+def interval_s(both: Pair, path: str) -> float:
+    replica = both.trees["gcs"].replicas.get("uav1")
+    assert isinstance(replica, Replica)
+    return replica.interval_s(path)
+
+
+def test_a_subscriber_knows_the_limits_of_its_boards_from_the_first_reply_on() -> None:
+    both = Pair(core("gcs"), core("uav1"))
+    limits = (ChannelLimit("plan/*", 1.0), ChannelLimit("nav/*", 0.5, 60.0), ChannelLimit("**", 4.0))
+    both.trees["uav1"].on_limits(limits, 0)
+    both.trees["gcs"].on_applications([], ["/uav1/nav/pose", "/uav1/health/faults"], 0)
+    both.meet()
+    both.carry()
+    assert limits_known(both) == (BoardLimit("nav/*", 0.5), BoardLimit("**", 4.0)), "those that concern it"
+    assert interval_s(both, "nav/pose") == 2.0
+    assert both.said(SendNotify) == 0
+
+
+def test_a_limit_that_is_set_later_is_notified_once_also_when_a_notification_is_lost() -> None:
+    both = pair("/uav1/nav/pose", "/uav1/power/battery")
+    uav = both.trees["uav1"]
+    both.log.clear()
+    uav.on_limits((ChannelLimit("nav/*", 0.5),), both.now_ns)
+    assert both.carry() == 0, "it waits a moment for others to go with it"
+    both.now_ns += S
+    uav.on_timer(both.now_ns)
+    both.carry(lose=True)
+    assert interval_s(both, "nav/pose") == 0.0
+    both.wait(3)
+    assert (interval_s(both, "nav/pose"), interval_s(both, "power/battery")) == (2.0, 0.0)
+    both.log.clear()
+    uav.on_limits((ChannelLimit("nav/*", 0.5, 7.0),), both.now_ns)
+    both.wait(3)
+    assert both.log == [], "how long it lasts is nothing that the subscriber needs"
+    uav.on_limits((), both.now_ns)
+    both.wait(1)
+    assert limits_known(both) == ()
+
+
+def test_a_limit_that_concerns_nothing_of_a_subscriber_costs_it_nothing() -> None:
+    both = pair("/uav1/nav/pose", "/uav1/health/faults")
+    both.log.clear()
+    both.trees["uav1"].on_limits((ChannelLimit("power/*", 0.5), ChannelLimit("health/*", 0.1)), both.now_ns)
+    both.wait(10)
+    assert both.log == []
+
+
+def test_a_limit_goes_with_the_values_that_come_in_the_same_moment() -> None:
+    both = pair("/uav1/power/battery")
+    both.log.clear()
+    both.trees["uav1"].on_limits((ChannelLimit("power/*", 0.5),), both.now_ns)
+    battery(both, 0.9)
+    both.carry()
+    both.wait(1)
+    assert both.said(SendNotify) == 1
+    assert interval_s(both, "power/battery") == 2.0
+
+
+def test_a_platform_that_restarted_without_its_limits_is_not_taken_to_have_them() -> None:
+    both = pair("/uav1/nav/pose")
+    both.trees["uav1"].on_limits((ChannelLimit("**", 0.5),), both.now_ns)
+    both.wait(1)
+    assert limits_known(both) == (BoardLimit("**", 0.5),)
+    both.replace(core("uav1", epoch=2))
+    both.meet()
+    both.carry()
+    assert limits_known(both) == ()
+
+
+def test_a_limit_that_forbids_everything_makes_no_age_good_and_a_rule_of_its_own_counts() -> None:
+    rules = (RuleConfig(pattern="nav/*", min_interval_s=5.0),)
+    both = Pair(core("gcs", rules=rules), core("uav1"))
+    both.trees["gcs"].on_applications([], ["/uav1/nav/pose"], 0)
+    both.meet()
+    both.carry()
+    assert interval_s(both, "nav/pose") == 5.0
+    for max_hz, expected in ((0.0, 5.0), (10.0, 5.0), (0.1, 10.0)):
+        both.trees["uav1"].on_limits((ChannelLimit("**", max_hz),), both.now_ns)
+        both.wait(1)
+        assert interval_s(both, "nav/pose") == expected
+
+
+def test_a_limit_whose_pattern_is_none_is_refused_and_nothing_else_with_it() -> None:
+    both = pair("/uav1/power/battery")
+    garbage = (BoardLimit("nav/{", 1.0),)
+    item = value("power/battery", 0.5)
+    both.hear("gcs", TreeNotify("uav1", 1, 1, (item,), limits=garbage))
+    assert got(both) == [0.5]
+    gcs = both.trees["gcs"]
+    gcs.on_applications([], ["/uav1/nav/pose"], 0)
+    gcs.drain()
+    replica = gcs.replicas.get("uav1")
+    assert replica is not None
+    asked = replica.subscription.wanted.digest
+    gcs.on_subscribed("uav1", SubscribeReply(1, replica.digest, limits=garbage), asked, 0)
+    assert limits_known(both) == ()
+    assert replica.subscription.is_held

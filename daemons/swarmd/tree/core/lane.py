@@ -170,7 +170,8 @@ class NotificationLane:
         flight.failed()
         flight.size = sum(len(item.data) for item in flight.notify.items)
         self._size += flight.size
-        empty = not flight.notify.items and not flight.notify.digest
+        notify = flight.notify
+        empty = not notify.items and not notify.digest and notify.limits is None
         if empty and serial == self.serial and len(self._unacknowledged) == 1:
             del self._unacknowledged[serial]  # the next one announces the gap
         return True

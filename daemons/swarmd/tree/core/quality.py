@@ -4,6 +4,7 @@ from enum import StrEnum
 from typing import Final
 
 from swarmd.tree.core.index import Leaf
+from swarmware.model.resource import STALE_PERIODS
 
 BEACON_S: Final = 1.25
 """An unchanged board of another platform is repeated with a beacon each half second; after 2.5 periods
@@ -23,17 +24,24 @@ class Quality(StrEnum):
 
 
 def quality(
-    leaf: Leaf, age_s: float | None, *, reachable: bool, known: bool, mirrored: bool = False
+    leaf: Leaf,
+    age_s: float | None,
+    *,
+    reachable: bool,
+    known: bool,
+    mirrored: bool = False,
+    interval_s: float = 0.0,
 ) -> Quality:
     """Quality of a resource. `known`: there is a value; `age_s`: None when its clock is not known here.
 
-    `mirrored`: it is of another platform, whose beacons omit unchanged values.
+    `mirrored`: it is of another platform, whose beacons omit unchanged values; `interval_s`:
+    between two values of it, where a subscription or an operator has made that longer than its period.
     """
     if leaf.lost or not reachable:
         return Quality.LOST
     if not known:
         return Quality.NONE
-    limit_s = leaf.resource.stale_after_s
+    limit_s = max(leaf.resource.stale_after_s, STALE_PERIODS * interval_s)
     if mirrored and leaf.resource.link == "tick":
         limit_s = max(limit_s, BEACON_S)
     if age_s is None:

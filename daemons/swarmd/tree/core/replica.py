@@ -1,19 +1,21 @@
 """Replica of one other platform: its structure, the subscription there, its notifications."""
 
-from swarmd.tree.core.index import Index, Leaf
+from swarmd.tree.core.condition import rule_for
+from swarmd.tree.core.index import Index, Leaf, pattern
 from swarmd.tree.core.remote_subscription import RemoteSubscription
 from swarmd.tree.core.reorder_buffer import NotificationReceiver
 from swarmd.tree.core.structure_replica import StructureReplica
 from swarmd.tree.core.subscription import Subscription, subscribable
 from swarmware.model.resource import Resource
+from swarmware.types.tree import BoardLimit
 
 
 class Replica:
     """What is known here of one other platform."""
 
     __slots__ = (
-        "_matched_digests", "demanded", "failures", "gone_ns", "near", "notifications", "platform",
-        "structure", "subscription", "up", "wants",
+        "_matched_digests", "demanded", "failures", "gone_ns", "limits", "near", "notifications",
+        "platform", "structure", "subscription", "up", "wants",
     )  # fmt: skip
 
     def __init__(self, platform: str, wanted: Subscription) -> None:
@@ -31,6 +33,8 @@ class Replica:
         self.notifications = NotificationReceiver()
         self.failures = 0
         """Requests in a row without a reply."""
+        self.limits: tuple[BoardLimit, ...] = ()
+        """Limits of its rates that operators have set, for what is subscribed."""
         self.wants: tuple[Resource, ...] = ()
         """Its boards that are expected in beacons."""
         self._matched_digests: tuple[int, int] | None = None
@@ -54,6 +58,18 @@ class Replica:
         """Whether values of one of its resources are received."""
         patterns = self.subscription.wanted.patterns
         return self.up and self.subscription.is_held and subscribable(item, patterns)
+
+    def interval_s(self, path: str) -> float:
+        """Time between two values of a board where subscription or operator set one; 0: its period holds."""
+        interval_s = rule_for(path, self.subscription.wanted.rules).min_interval_s
+        max_hz = next((one.max_hz for one in self.limits if pattern(one.pattern).matches(path)), 0.0)
+        return max(interval_s, 1 / max_hz) if max_hz > 0 else interval_s
+
+    def set_limits(self, limits: tuple[BoardLimit, ...]) -> None:
+        """Its owner sent the limits in force. Raises: InvalidInput for an invalid pattern."""
+        for one in limits:
+            pattern(one.pattern)
+        self.limits = limits
 
     def update_wants(self) -> bool:
         """Match structure and subscription; whether `wants` changed."""

@@ -15,11 +15,12 @@ from swarmd.tree.core.structure_decoder import StructureDecoder
 from swarmd.tree.core.structure_replica import StructureState
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmd.tree.core.timers import Timers
-from swarmware.errors import OutOfRange, WireError
+from swarmware.errors import InvalidInput, OutOfRange, WireError
 from swarmware.model.names import check_platform
 from swarmware.model.resource import Resource
 from swarmware.types.net import BoardSubscription
 from swarmware.types.tree import (
+    BoardLimit,
     StructureReply,
     StructureRequest,
     SubscribeReply,
@@ -203,6 +204,7 @@ class Replicas:
         else:
             is_full = False
             subscription.on_confirmed(reply.epoch, asked)
+            self._take_limits(replica, reply.limits)
         if is_full:
             self._retry(replica, _Due.SUBSCRIPTION, now_ns)
         else:
@@ -235,6 +237,8 @@ class Replicas:
     def _accept(self, replica: Replica, notify: TreeNotify) -> list[TreeItem]:
         if notify.base:
             self._on_changes(replica, notify)
+        if notify.limits is not None:
+            self._take_limits(replica, notify.limits)
         patterns = replica.subscription.wanted.patterns
         if notify.items and not patterns and not replica.subscription.is_held:
             replica.subscription.on_former(notify.epoch)
@@ -364,6 +368,12 @@ class Replicas:
             () if renew else wanted.rules,
         )
         self._emit(RequestSubscription(replica.platform, request))
+
+    def _take_limits(self, replica: Replica, limits: tuple[BoardLimit, ...]) -> None:
+        try:
+            replica.set_limits(limits)
+        except InvalidInput as error:
+            log.warning("limits of %s: refused: %s", replica.platform, error)
 
     def _retry(self, replica: Replica, due: _Due, now_ns: int) -> None:
         if replica.up:

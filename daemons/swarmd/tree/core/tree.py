@@ -85,7 +85,7 @@ class SwarmTree:
 
     def on_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> list[Action]:
         """Rate limits of resources, set by operators."""
-        self.subscribers.set_limits(limits, now_ns)
+        self.subscribers.on_limits(limits, now_ns)
         return self._take_actions()
 
     def on_demand(self, platform: str, now_ns: int) -> list[Action]:
