@@ -9,7 +9,7 @@ from swarmctl.session import Session
 from swarmctl.values import decoded, decoded_payload, field, typed
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
-from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeValue
+from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeUndo, TreeValue
 
 FRESH_S: Final = 1.0
 """Maximum age of a mirror that is used without a query; an older one may be of a rarely changing value, or
@@ -115,4 +115,13 @@ async def write(session: Session, path: str, text: str, version: int | None = No
     """
     request = TreeSet(path, typed(text), version)
     done = await session.ask(f"/{session.here}/sys/tree/set", request, TreeSetDone, about=path)
+    return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)
+
+
+async def undo(session: Session, path: str) -> Written:
+    """Restores the value that a setting had before its last change.
+
+    Raises: NotFound when it was not changed, InvalidInput when it is not a setting, NoAnswer, Denied.
+    """
+    done = await session.ask(f"/{session.here}/sys/tree/undo", TreeUndo(path), TreeSetDone, about=path)
     return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)

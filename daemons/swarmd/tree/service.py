@@ -1,7 +1,6 @@
 """The tree's shell: feeds the core with events, and executes its actions."""
 
 import asyncio
-import contextlib
 import logging
 import secrets
 from contextlib import AbstractContextManager
@@ -21,43 +20,29 @@ from swarmd.tree.core.action import (
     Watch,
     WriteMirror,
 )
-from swarmd.tree.core.lane import WINDOW
 from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.operator_api import OperatorApi
+from swarmd.tree.report import TreeReport
 from swarmd.tree.settings import Settings
 from swarmd.tree.store import SettingsStore
 from swarmd.tree.taps import Peek, Tap
-from swarmware.errors import ConfigError, Denied, SwarmError
-from swarmware.model import names, template
+from swarmd.tree.tree_exchange import TreeExchange
+from swarmd.tree.tree_view import TreeView
+from swarmware.errors import ConfigError
+from swarmware.model import template
 from swarmware.model.resource import Resource
 from swarmware.module.board import BoardReader
-from swarmware.module.inbox import Inbox
-from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.node.applications import Applications
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.types.mission import MissionState
 from swarmware.types.net import ChannelLimits, Neighbours, Routes, TreePlan
-from swarmware.types.tree import (
-    StreamLoss,
-    StreamLosses,
-    StructureReply,
-    StructureRequest,
-    SubscribeReply,
-    SubscribeRequest,
-    TreeChange,
-    TreeItem,
-    TreeNotify,
-    TreeStats,
-)
+from swarmware.types.tree import TreeChange, TreeItem
 
 PROBE_S: Final = 1.0
 """Period of looking for applications that died without leaving."""
-AT_ONCE: Final = 32
-"""Maximum number of concurrent requests to other trees, in a large swarm."""
 
 log = logging.getLogger("swarm.tree")
 
@@ -81,66 +66,63 @@ class Tree(Service):
             templates=_templates(folder),
             keep=config.kept(node.config.kind),
         )
-        self._peek = Peek(node.shm_dir)
-        self._mirrors = MirrorWriter(node)
-        self._settings = Settings(module, SettingsStore(node.config.data_path / "settings.toml"))
-        self._taps: dict[str, Tap] = {}
-        self._reached: dict[str, Reachability] = {}
         self._boundary = Boundary()
         self._driver = self.drive(self._tree, self._perform, settled=self._settled, boundary=self._of_action)
+        self._stepped = asyncio.Event()
+        """Set after each step of the core."""
+        self._settings = Settings(module, SettingsStore(node.config.data_path / "settings.toml"))
         self._structure = 0
         """Digest of the structure whose settings are published."""
-        self._losses = StreamLosses()
-        self._at_once = asyncio.Semaphore(AT_ONCE)
-        self._mission = 0
-        self._asked = self._answered = self._notes = self._values_in = 0
+        self._mirrors = MirrorWriter(node)
+        self._taps: dict[str, Tap] = {}
+        self._peek = Peek(node.shm_dir)
+        self._exchange = TreeExchange(module, self._tree, self._driver, self._boundary, config.answer_s)
+        changes: BoardWriter[TreeChange] = module.stream_writer(
+            "tree/changes", TreeChange, kind="event", link="request", log="all"
+        )
+        self._operator_api = OperatorApi(
+            module,
+            self._tree,
+            self._driver,
+            self._stepped,
+            TreeView(self._tree, self._peek, module.now_ns, module.remote_clocks.to_local),
+            self._settings,
+            changes,
+            config.answer_s,
+        )
+        self._report = TreeReport(module, self._tree, self._exchange, self._mirrors, self._boundary)
+        self._plan: BoardWriter[TreePlan] = module.writer("tree/plan", TreePlan, link="request")
+        self._mission: BoardReader[MissionState] = module.reader("mission/state", MissionState)
+        self._mission_digest = 0
+        """Digest of the mission that the beacon has."""
+        self._limits: BoardReader[ChannelLimits] = module.reader("net/limits", ChannelLimits)
+        self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
+        self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
+        self._reached: dict[str, Reachability] = {}
+        """Platforms that the core was last fed as reachable."""
 
     async def run(self) -> None:
         """Serve requests, replicate and mirror until cancelled."""
-        module = self.module
-        with contextlib.ExitStack() as stack:
-            stack.callback(self._close)
-            self._plan: BoardWriter[TreePlan] = module.writer("tree/plan", TreePlan, link="request")
-            stats = module.writer("tree/stats", TreeStats, rate_hz=1.0, link="request")
-            losses = module.writer("tree/losses", StreamLosses, link="request")
-            losses.write(self._losses)
-            changes = module.stream_writer(
-                "tree/changes", TreeChange, kind="event", link="request", log="all"
-            )
-            notes = module.inbox("sys/tree/notify", TreeNotify, limit=4 * WINDOW)
-            neighbours = module.reader("net/neighbours", Neighbours)
-            routes = module.reader("net/routes", Routes)
-            mission = module.reader("mission/state", MissionState)
-            limits = module.reader("net/limits", ChannelLimits)
-            news = asyncio.Event()
-            applications = module.node.applications
-            stack.callback(applications.subscribe(lambda _: news.set()).close)
-            self._operator_api = OperatorApi(
-                module,
-                self._tree,
-                self._settings,
-                self._peek,
-                applications,
-                changes,
-                self.config.answer_s,
-                self._driver.feed,
-            )
+        changed = asyncio.Event()
+        subscription = self.module.node.applications.subscribe(lambda _: changed.set())
+        try:
             for platform in self._mirrors.platforms():
-                self._driver.feed(self._tree.on_former_mirrors(platform, module.now_ns()))
+                self._driver.feed(self._tree.on_former_mirrors(platform, self.module.now_ns()))
             # before the first reply: others must not receive a tree without its applications
-            self._take_applications(applications)
-            module.serve("sys/tree/structure", StructureRequest, self._on_structure, reply=StructureReply)
-            module.serve("sys/tree/subscribe", SubscribeRequest, self._on_subscribe, reply=SubscribeReply)
+            self._take_applications()
+            self._exchange.serve()
             self._operator_api.serve()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="tree:driver")
-                group.create_task(self._follow_applications(applications, news), name="tree:apps")
-                group.create_task(self._follow_notes(notes), name="tree:notes")
-                group.create_task(self._follow_limits(limits), name="tree:limits")
-                for board in (neighbours, routes):
-                    follow = self._follow_reach(board, neighbours, routes)
-                    group.create_task(follow, name=f"tree:{board.path}")
-                group.create_task(self._report(stats, losses, applications, mission), name="tree:stats")
+                group.create_task(self._follow_applications(changed), name="tree:apps")
+                group.create_task(self._exchange.follow_notifications(), name="tree:notes")
+                group.create_task(self._follow_limits(), name="tree:limits")
+                for board in (self._neighbours, self._routes):
+                    group.create_task(self._follow_reach(board), name=f"tree:{board.path}")
+                group.create_task(self._report_regularly(), name="tree:stats")
+        finally:
+            subscription.close()
+            self._close()
 
     def _close(self) -> None:
         self._driver.stop()
@@ -152,14 +134,14 @@ class Tree(Service):
 
     # -- events of this node
 
-    async def _follow_applications(self, applications: Applications, news: asyncio.Event) -> None:
+    async def _follow_applications(self, changed: asyncio.Event) -> None:
         while True:
-            await news.wait()
-            news.clear()
-            self._take_applications(applications)
+            await changed.wait()
+            changed.clear()
+            self._take_applications()
 
-    def _take_applications(self, applications: Applications) -> None:
-        table = applications.table
+    def _take_applications(self) -> None:
+        table = self.module.node.applications.table
         with self._boundary("applications of the node"):
             self._driver.feed(
                 self._tree.on_applications(
@@ -171,60 +153,22 @@ class Tree(Service):
             for text, why in self._tree.local_subscriptions.refused.items():
                 log.warning("read pattern %s of an application: %s", text, why)
 
-    async def _report(
-        self,
-        stats: BoardWriter[TreeStats],
-        losses: BoardWriter[StreamLosses],
-        applications: Applications,
-        mission: BoardReader[MissionState],
-    ) -> None:
+    async def _report_regularly(self) -> None:
         async for _ in self.module.every(PROBE_S):
-            applications.refresh(probe=True)
-            state = mission.value
+            self.module.node.applications.refresh(probe=True)
+            state = self._mission.value
             digest = _digest(state.hash) if state is not None else 0
-            if digest != self._mission:
-                self._mission = digest
+            if digest != self._mission_digest:
+                self._mission_digest = digest
                 self._plan.write(self._tree_plan())
-            stats.write(self._stats())
-            lost = StreamLosses(
-                tuple(
-                    StreamLoss(path, platform, items)
-                    for (path, platform), items in sorted(self._tree.subscribers.losses().items())
-                )
-            )
-            if lost != self._losses:
-                self._losses = lost
-                losses.write(lost)
+            self._report.write()
 
-    def _stats(self) -> TreeStats:
-        tree = self._tree
-        return TreeStats(
-            len(tree.local.index),
-            sum(1 for replica in tree.replicas if replica.index is not None),
-            self._asked,
-            self._answered,
-            len(tree.subscribers.platforms()),
-            tree.subscribers.feeds,
-            tree.subscribers.notifications,
-            tree.subscribers.values,
-            self._notes,
-            self._values_in,
-            tree.subscribers.failures,
-            tree.subscribers.dropped,
-            self._boundary.refused,
-        )
+    # -- events of the broker
 
-    # -- events of other platforms
-
-    async def _follow_reach(
-        self,
-        board: BoardReader[Neighbours] | BoardReader[Routes],
-        neighbours: BoardReader[Neighbours],
-        routes: BoardReader[Routes],
-    ) -> None:
+    async def _follow_reach(self, board: BoardReader[Neighbours] | BoardReader[Routes]) -> None:
         while True:
             await board.changed()
-            self._on_reach(reachable(self.module.platform, neighbours.value, routes.value))
+            self._on_reach(reachable(self.module.platform, self._neighbours.value, self._routes.value))
 
     def _on_reach(self, found: dict[str, Reachability]) -> None:
         now_ns = self.module.now_ns()
@@ -238,34 +182,11 @@ class Tree(Service):
                 with self._boundary(f"reach of {platform}"):
                     self._driver.feed(self._tree.on_up(platform, reach.version, reach.near, now_ns))
 
-    async def _follow_limits(self, board: BoardReader[ChannelLimits]) -> None:
+    async def _follow_limits(self) -> None:
         while True:
-            limits = await board.changed()
+            limits = await self._limits.changed()
             with self._boundary("limits of rates"):
                 self._driver.feed(self._tree.on_limits(limits.limits, self.module.now_ns()))
-
-    async def _follow_notes(self, notes: Inbox[TreeNotify]) -> None:
-        async for note in notes:
-            if notes.meta is None or notes.meta.sender_hw != names.hardware_id(note.platform):
-                log.warning("notification with the name of %s from another platform; dropped", note.platform)
-                continue
-            self._notes += 1
-            with self._boundary(f"notification of {note.platform}"):
-                self._driver.feed(self._tree.on_notify(note, self.module.now_ns()))
-
-    def _on_structure(self, request: StructureRequest, meta: Meta) -> StructureReply:
-        _check_sender(request.platform, meta)
-        self._answered += 1
-        reply, actions = self._tree.on_structure_asked(request, self.module.now_ns())
-        self._driver.defer(actions)  # the reply is sent first
-        return reply
-
-    def _on_subscribe(self, request: SubscribeRequest, meta: Meta) -> SubscribeReply:
-        _check_sender(request.platform, meta)
-        self._answered += 1
-        reply, actions = self._tree.on_subscribe_asked(request, self.module.now_ns())
-        self._driver.defer(actions)
-        return reply
 
     # -- actions
 
@@ -280,7 +201,7 @@ class Tree(Service):
 
     def _settled(self) -> None:
         """Publish settings and the plan of the beacon if they changed."""
-        self._operator_api.on_structures()
+        self._stepped.set()
         if self._tree.local.index.digest != self._structure:
             self._structure = self._tree.local.index.digest
             with self._boundary("settings of the tree"):
@@ -292,24 +213,28 @@ class Tree(Service):
     def _tree_plan(self) -> TreePlan:
         tree = self._tree
         return TreePlan(
-            tree.local.version, tuple(tree.subscribers.offers()), tuple(tree.replicas.wants()), self._mission
+            tree.local.version,
+            tuple(tree.subscribers.offers()),
+            tuple(tree.replicas.wants()),
+            self._mission_digest,
         )
 
     def _perform(self, action: Action) -> None:
+        start, exchange = self.module.start, self._exchange
         match action:
             case RequestStructure():
-                self.module.start(self._ask_structure(action), f"structure of {action.platform}")
+                start(exchange.ask_structure(action), f"structure of {action.platform}")
             case RequestSubscription():
-                self.module.start(self._ask_subscription(action), f"subscription at {action.platform}")
+                start(exchange.ask_subscription(action), f"subscription at {action.platform}")
             case SendNotify():
-                self.module.start(self._send(action), f"notify {action.platform}")
+                start(exchange.send(action), f"notify {action.platform}")
             case Watch():
                 self._watch(action.resource)
             case Unwatch():
                 if tap := self._taps.pop(action.path, None):
                     tap.close()
             case WriteMirror(platform, item, epoch):
-                self._values_in += self._mirrors.write(platform, item.path, action.frame, epoch=epoch)
+                self._mirrors.write(platform, item.path, action.frame, epoch=epoch)
             case PruneMirrors():
                 self._mirrors.prune(action.platform, action.paths)
             case RemoveMirrors():
@@ -329,41 +254,6 @@ class Tree(Service):
             # deferred: values of one turn of the event loop are sent together
             self._driver.defer(self._tree.on_value(item, self.module.now_ns()))
 
-    async def _ask_structure(self, action: RequestStructure) -> None:
-        path, reply = f"/{action.platform}/sys/tree/structure", None
-        async with self._at_once:
-            self._asked += 1
-            try:
-                reply = await self.module.request(
-                    path, action.request, StructureReply, timeout_s=self.config.answer_s
-                )
-            except SwarmError as error:
-                log.debug("structure of %s: %s", action.platform, error)
-        with self._boundary(f"structure of {action.platform}"):
-            self._driver.feed(self._tree.on_structure(action.platform, reply, self.module.now_ns()))
-
-    async def _ask_subscription(self, action: RequestSubscription) -> None:
-        path, reply = f"/{action.platform}/sys/tree/subscribe", None
-        async with self._at_once:
-            self._asked += 1
-            try:
-                reply = await self.module.request(
-                    path, action.request, SubscribeReply, timeout_s=self.config.answer_s
-                )
-            except SwarmError as error:
-                log.debug("subscription at %s: %s", action.platform, error)
-        with self._boundary(f"subscription at {action.platform}"):
-            asked, now_ns = action.request.set_digest, self.module.now_ns()
-            self._driver.feed(self._tree.on_subscribed(action.platform, reply, asked, now_ns))
-
-    async def _send(self, action: SendNotify) -> None:
-        path = f"/{action.platform}/sys/tree/notify"
-        outcome = await self.module.send(
-            path, action.notify, timeout_s=self.config.answer_s, kind=action.kind
-        )
-        now_ns = self.module.now_ns()
-        self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))
-
 
 def _templates(folder: Path) -> list[tuple[Resource, ...]]:
     """Every valid template: other platforms may have it."""
@@ -382,8 +272,3 @@ def _digest(text: str) -> int:
         return int(text or "0", 16) & 0xFFFF_FFFF
     except ValueError:
         return 0
-
-
-def _check_sender(platform: str, meta: Meta) -> None:
-    if names.hardware_id(platform) != meta.sender_hw:
-        raise Denied(f"platform {platform!r}: the request came from another one; expected its own name")

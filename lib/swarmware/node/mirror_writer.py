@@ -90,8 +90,10 @@ class MirrorWriter:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._mirrors: dict[tuple[str, str], _Mirror] = {}
+        self.written = 0
+        """Number of values written."""
         self.refused = 0
-        """Values that fit no frame or path, or for which there was no ring."""
+        """Number of values that fit no frame or path, or for which there was no ring."""
 
     def write(self, platform: str, path: str, frame: Frame, *, epoch: int | None = None) -> bool:
         """Publish a value here as its owner stamped it; False: this item was written before.
@@ -104,10 +106,13 @@ class MirrorWriter:
             mirror = self._mirrors.get((platform, path))
             if mirror is None or mirror.kind is not frame.kind:
                 mirror = self._open(platform, path, frame)
-            return mirror.write(frame, epoch)
+            if not mirror.write(frame, epoch):
+                return False
         except SwarmError:
             self.refused += 1
             raise
+        self.written += 1
+        return True
 
     def _open(self, platform: str, path: str, frame: Frame) -> _Mirror:
         key = (names.check_platform(platform), names.check_path(path))

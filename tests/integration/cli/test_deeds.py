@@ -25,6 +25,9 @@ def test_a_setting_is_changed_versioned_and_read_back(ctl: Ctl) -> None:
     assert ctl("config set navigator/altitude_kp 1.25 -n uav2").code == 0
     assert ctl("config get navigator/altitude_kp -n uav2").out == "1.25\n"
     assert ctl(f"tree watch {GAIN} --count 1").out == "1.25\n"
+    undone = ctl("config undo navigator/altitude_kp -n uav2").out
+    assert undone == f"{GAIN} = 1.5 (version {before['version'] + 3}; was 1.25)\n"
+    assert ctl("config get navigator/altitude_kp -n uav2").out == "1.5\n"
 
 
 def test_what_is_not_mirrored_yet_is_watched(ctl: Ctl) -> None:

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from swarmctl.commands.app.listing import list_applications
-from swarmctl.commands.config.live import print_settings
+from swarmctl.commands.config.live import print_settings, undo_setting
 from swarmctl.commands.health.report import clear_faults, list_faults
 from swarmctl.commands.mission.start import start
 from swarmctl.commands.node.overview import show_node
@@ -30,7 +30,7 @@ from swarmware.types.system import NodeInfo
 from swarmware.types.tree import TreeEntry, TreeListing, TreeSetDone, TreeValue
 
 R = TypeVar("R", bound=msgspec.Struct)
-GET, SET, LIST = (f"/gcs/sys/tree/{verb}" for verb in ("get", "set", "list"))
+GET, SET, UNDO, LIST = (f"/gcs/sys/tree/{verb}" for verb in ("get", "set", "undo", "list"))
 GAIN = "/uav1/config/gain"
 
 
@@ -182,6 +182,38 @@ async def test_a_resource_that_wants_a_confirmation_is_not_set_without() -> None
     assert SET not in session.asked
     await set_resource(session, "config/gain", "1.5", version=None, yes=True)
     assert session.stdout.getvalue() == f"{GAIN} = 1.5 (version 2)\n"
+
+
+async def test_the_last_change_of_a_setting_is_taken_back_and_both_values_are_printed() -> None:
+    answers = {
+        LIST: listing(GAIN, confirm="the vehicle may swing"),
+        f"{GET} {GAIN}": value(GAIN, 4.0),
+        f"{UNDO} {GAIN}": TreeSetDone(GAIN, 2, "Float", msgspec.msgpack.encode([1.5])),
+    }
+    session = ScriptedSession(answers, node="uav1")
+    with pytest.raises(click.UsageError, match="the vehicle may swing"):
+        await undo_setting(session, "gain", yes=False)
+    assert UNDO not in session.asked
+    await undo_setting(session, "gain", yes=True)
+    assert session.stdout.getvalue() == f"{GAIN} = 1.5 (version 2; was 4)\n"
+    session = ScriptedSession(answers, node="uav1", json=True)
+    await undo_setting(session, "gain", yes=True)
+    document = session.document
+    assert (document["path"], document["before"], document["value"], document["version"]) == (
+        GAIN,
+        4.0,
+        1.5,
+        2,
+    )
+
+
+async def test_a_setting_that_was_not_changed_cannot_be_taken_back() -> None:
+    refused = NotFound(f"{GAIN}: was not changed; nothing to undo")
+    answers = {LIST: listing(GAIN), f"{GET} {GAIN}": value(GAIN, 4.0), f"{UNDO} {GAIN}": refused}
+    session = ScriptedSession(answers, node="uav1")
+    with pytest.raises(NotFound, match="nothing to undo"):
+        await undo_setting(session, "gain", yes=False)
+    assert session.stdout.getvalue() == ""
 
 
 async def test_live_settings_are_printed_with_range_and_one_alone_as_its_value() -> None:

@@ -58,6 +58,7 @@ def complete(words: str, cache: Path) -> list[str]:
         ("swarmctl tree get -n uav10 ", ["nav/pose"]),
         ("swarmctl tree watch /uav1/nav/p", ["/uav1/nav/pose"]),
         ("swarmctl config get n", ["navigator/gain"]),
+        ("swarmctl config undo n", ["navigator/gain"]),
         ("swarmctl node ls --node uav", ["uav1", "uav10"]),
         ("swarmctl node info g", ["gcs"]),
         ("swarmctl tree get /nope", []),

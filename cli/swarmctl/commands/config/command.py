@@ -59,3 +59,18 @@ def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
     from swarmctl.tree_set import set_resource
 
     run(settings(ctx), set_resource, f"config/{key}", value, version=None, yes=yes)
+
+
+@cmd.command()
+@click.argument("key", shell_complete=completion.live_settings)
+@click.option("--yes", is_flag=True, help="Do not ask where the setting wants it.")
+@click.pass_context
+def undo(ctx: click.Context, key: str, yes: bool) -> None:
+    """Take back the last change of a live setting; a second time brings it back.
+
+    Example: swarmctl config undo navigator/altitude_kp --node uav1
+    """
+    from swarmctl.commands.config.live import undo_setting
+    from swarmctl.session import run
+
+    run(settings(ctx), undo_setting, key, yes=yes)

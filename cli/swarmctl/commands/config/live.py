@@ -1,9 +1,10 @@
 """Live settings of a platform: the resources below `config/`."""
 
+from swarmctl.confirmation import confirm
 from swarmctl.output import Column
 from swarmctl.session import Session
-from swarmctl.tree_access import read_all
-from swarmctl.tree_listing import is_pattern, valued
+from swarmctl.tree_access import read, read_all, undo
+from swarmctl.tree_listing import consequence, is_pattern, valued
 from swarmctl.values import brief
 from swarmware.errors import NotFound
 
@@ -46,3 +47,22 @@ async def print_settings(session: Session, key: str) -> None:
             rows.append((r.path, brief(r.value), r.unit, shown, r.version))
         columns = [Column("PATH"), Column("VALUE"), Column("UNIT"), Column("RANGE"), Column("VERSION")]
         session.out.table(columns, rows)
+
+
+async def undo_setting(session: Session, key: str, *, yes: bool) -> None:
+    """Takes back the last change of a setting and prints both values; `yes`: asks nothing.
+
+    Raises: NotFound when it was not changed; as `confirm`.
+    """
+    path = session.path(f"config/{key}")
+    if will := await consequence(session, path):
+        confirm(yes, f"undo the last change of {path}: {will}")
+    before = await read(session, path, fresh=True)
+    done = await undo(session, path)
+    if session.settings.json:
+        session.out.document(
+            {"path": done.path, "before": before.value, "value": done.value, "version": done.version}
+        )
+    else:
+        was, now = brief(before.value), brief(done.value)
+        session.out.text(f"{done.path} = {now} (version {done.version}; was {was})")

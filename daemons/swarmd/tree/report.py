@@ -1,0 +1,59 @@
+"""Report of the tree's work: the boards `tree/stats` and `tree/losses`."""
+
+from swarmd.tree.boundary import Boundary
+from swarmd.tree.core.tree import SwarmTree
+from swarmd.tree.tree_exchange import TreeExchange
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.node.mirror_writer import MirrorWriter
+from swarmware.types.tree import StreamLoss, StreamLosses, TreeStats
+
+
+class TreeReport:
+    """Writes the counters of the tree, and the losses when they change."""
+
+    def __init__(
+        self,
+        module: Module,
+        tree: SwarmTree,
+        exchange: TreeExchange,
+        mirrors: MirrorWriter,
+        boundary: Boundary,
+    ) -> None:
+        self._tree = tree
+        self._exchange = exchange
+        self._mirrors = mirrors
+        self._boundary = boundary
+        self._stats: BoardWriter[TreeStats] = module.writer(
+            "tree/stats", TreeStats, rate_hz=1.0, link="request"
+        )
+        self._losses: BoardWriter[StreamLosses] = module.writer("tree/losses", StreamLosses, link="request")
+        self._written = StreamLosses()
+        self._losses.write(self._written)
+
+    def write(self) -> None:
+        """Write the present counters."""
+        self._stats.write(self._counters())
+        losses = sorted(self._tree.subscribers.losses().items())
+        found = StreamLosses(tuple(StreamLoss(path, platform, items) for (path, platform), items in losses))
+        if found != self._written:
+            self._written = found
+            self._losses.write(found)
+
+    def _counters(self) -> TreeStats:
+        tree, exchange, subscribers = self._tree, self._exchange, self._tree.subscribers
+        return TreeStats(
+            resources=len(tree.local.index),
+            platforms=sum(1 for replica in tree.replicas if replica.index is not None),
+            requests_sent=exchange.asked,
+            requests_answered=exchange.answered,
+            subscribers=len(subscribers.platforms()),
+            feeds=subscribers.feeds,
+            notifications_sent=subscribers.notifications,
+            values_sent=subscribers.values,
+            notifications_received=exchange.notified,
+            values_received=self._mirrors.written,
+            notify_failures=subscribers.failures,
+            events_dropped=subscribers.dropped,
+            refused=self._boundary.refused,
+        )

@@ -1,0 +1,133 @@
+"""Exchange with the trees of other platforms: requests, replies and notifications, in both directions."""
+
+import asyncio
+import logging
+from typing import Final
+
+from swarmd.tree.boundary import Boundary
+from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
+from swarmd.tree.core.lane import WINDOW
+from swarmd.tree.core.tree import SwarmTree
+from swarmware.errors import Denied, SwarmError
+from swarmware.model import names
+from swarmware.module.inbox import Inbox
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.runtime.driver import CoreDriver
+from swarmware.types.tree import (
+    StructureReply,
+    StructureRequest,
+    SubscribeReply,
+    SubscribeRequest,
+    TreeNotify,
+)
+
+AT_ONCE: Final = 32
+"""Maximum number of concurrent requests to other trees, in a large swarm."""
+
+log = logging.getLogger("swarm.tree")
+
+
+class TreeExchange:
+    """Carries what the core sends to other trees, and feeds it what they send."""
+
+    def __init__(
+        self,
+        module: Module,
+        tree: SwarmTree,
+        driver: CoreDriver[Action],
+        boundary: Boundary,
+        answer_s: float,
+    ) -> None:
+        """`answer_s`: time-out of requests to other trees."""
+        self._module = module
+        self._tree = tree
+        self._driver = driver
+        self._boundary = boundary
+        self._answer_s = answer_s
+        self._at_once = asyncio.Semaphore(AT_ONCE)
+        self._notifications: Inbox[TreeNotify] = module.inbox("sys/tree/notify", TreeNotify, limit=4 * WINDOW)
+        self.asked = 0
+        """Number of requests to other trees."""
+        self.answered = 0
+        """Number of requests of other trees."""
+        self.notified = 0
+        """Number of notifications of other trees."""
+
+    # -- from other trees
+
+    def serve(self) -> None:
+        """Registers the handlers of the requests."""
+        serve = self._module.serve
+        serve("sys/tree/structure", StructureRequest, self._on_structure, reply=StructureReply)
+        serve("sys/tree/subscribe", SubscribeRequest, self._on_subscribe, reply=SubscribeReply)
+
+    def _on_structure(self, request: StructureRequest, meta: Meta) -> StructureReply:
+        _check_sender(request.platform, meta)
+        self.answered += 1
+        reply, actions = self._tree.on_structure_asked(request, self._module.now_ns())
+        self._driver.defer(actions)  # the reply is sent first
+        return reply
+
+    def _on_subscribe(self, request: SubscribeRequest, meta: Meta) -> SubscribeReply:
+        _check_sender(request.platform, meta)
+        self.answered += 1
+        reply, actions = self._tree.on_subscribe_asked(request, self._module.now_ns())
+        self._driver.defer(actions)
+        return reply
+
+    async def follow_notifications(self) -> None:
+        """Feeds the core the notifications of other trees, until cancelled."""
+        inbox = self._notifications
+        async for notify in inbox:
+            if inbox.meta is None or inbox.meta.sender_hw != names.hardware_id(notify.platform):
+                log.warning(
+                    "notification with the name of %s from another platform; dropped", notify.platform
+                )
+                continue
+            self.notified += 1
+            with self._boundary(f"notification of {notify.platform}"):
+                self._driver.feed(self._tree.on_notify(notify, self._module.now_ns()))
+
+    # -- to other trees
+
+    async def ask_structure(self, action: RequestStructure) -> None:
+        """Requests a structure and feeds the core the reply."""
+        path, reply = f"/{action.platform}/sys/tree/structure", None
+        async with self._at_once:
+            self.asked += 1
+            try:
+                reply = await self._module.request(
+                    path, action.request, StructureReply, timeout_s=self._answer_s
+                )
+            except SwarmError as error:
+                log.debug("structure of %s: %s", action.platform, error)
+        with self._boundary(f"structure of {action.platform}"):
+            self._driver.feed(self._tree.on_structure(action.platform, reply, self._module.now_ns()))
+
+    async def ask_subscription(self, action: RequestSubscription) -> None:
+        """Requests a subscription and feeds the core the reply."""
+        path, reply = f"/{action.platform}/sys/tree/subscribe", None
+        async with self._at_once:
+            self.asked += 1
+            try:
+                reply = await self._module.request(
+                    path, action.request, SubscribeReply, timeout_s=self._answer_s
+                )
+            except SwarmError as error:
+                log.debug("subscription at %s: %s", action.platform, error)
+        with self._boundary(f"subscription at {action.platform}"):
+            asked, now_ns = action.request.set_digest, self._module.now_ns()
+            self._driver.feed(self._tree.on_subscribed(action.platform, reply, asked, now_ns))
+
+    async def send(self, action: SendNotify) -> None:
+        """Sends a notification and feeds the core its result."""
+        path = f"/{action.platform}/sys/tree/notify"
+        outcome = await self._module.send(path, action.notify, timeout_s=self._answer_s, kind=action.kind)
+        now_ns = self._module.now_ns()
+        self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))
+
+
+def _check_sender(platform: str, meta: Meta) -> None:
+    if names.hardware_id(platform) != meta.sender_hw:
+        raise Denied(f"platform {platform!r}: the request came from another one; expected its own name")
