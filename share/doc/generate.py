@@ -211,7 +211,7 @@ def _wire_type(kind: Any) -> str:
         case msgspec.inspect.IntType(ge=low, le=high):
             return "`int`" if low is None and high is None else f"`int` [{_bound(low)}, {_bound(high)}]"
         case msgspec.inspect.FloatType(ge=low, le=high):
-            return "`float`" if low is None and high is None else f"`float` [{_bound(low)}, {_bound(high)}]"
+            return "`float`" if low is None and high is None else f"`float` [{_real(low)}, {_real(high)}]"
         case msgspec.inspect.StrType(max_length=longest):
             return "`text`" if longest is None else f"`text`, at most {longest} characters"
         case msgspec.inspect.BytesType():
@@ -247,7 +247,12 @@ def _bound(number: float | None) -> str:
     if isinstance(number, int) and -number > 1 << 16:
         power = (-number).bit_length() - 1
         return f"−2^{power}" if -number == 1 << power else str(number)
-    return f"{number:g}".replace("-", "−")
+    return _real(number)
+
+
+def _real(number: float | None) -> str:
+    """The bound of a float: typing gives 1e6 or 1_000_000, whichever module wrote the same bound first."""
+    return "…" if number is None else f"{number:g}".replace("-", "−")
 
 
 def _unit(name: str, wire: str) -> str:
