@@ -162,7 +162,7 @@ async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measure
         partner = Partner(module, remote)
         async with spawn(config, "timesync") as process:
             # heard, but nothing of ours was echoed: no round trip to measure
-            deaf = msgspec.structs.replace(remote.sample(), sent_ns=0, most_ns=None)
+            deaf = msgspec.structs.replace(remote.sample(), sent_ns=0, upper_ns=None)
             async with asyncio.timeout(PATIENCE_S):
                 while (function := board.value.of("uav2") if board.value else None) is None:
                     stream.write(TimingBatch((deaf,)))

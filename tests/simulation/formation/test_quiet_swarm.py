@@ -1,27 +1,23 @@
 """A swarm that stands still is quiet on the air, and the first motion is heard at once: navigators with noisy
-sensors, stations and paces as in the daemons, datagrams encoded as on the wire, in virtual time."""
+sensors, cores and drivers as in the daemons, datagrams encoded as on the wire, in virtual time."""
 
-import heapq
-import random
 from typing import Final
 
 import pytest
+from tests.simulation.directory.brokers import BrokerNode
 
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import Header, PlatformKind
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
-from swarmd.broker.core.beacon_rate import BeaconSchedule
-from swarmd.broker.core.topology import LinkState, Topology
-from swarmd.broker.core.traffic import Counters
+from swarmd.broker.core.relay_cache import RemoteValue
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
-from swarmd.sim.core.simulation import Simulation
+from swarmd.sim.core.simulation import Simulation, SimulationOutput
+from swarmd.sim.core.vehicle_core import Action, PublishOutput, ReadBoards, VehicleCore
 from swarmware.geometry.world import Bounds, World
-from swarmware.model.names import data_id, hardware_id
+from swarmware.model.names import data_id
+from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.vehicle import Goal, Pose, Setpoint
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
@@ -37,136 +33,115 @@ LOSS: Final = 0.01
 
 
 class Platform:
-    """What of one platform has a say in how often it sends."""
+    """What of one platform has a say in how often it sends: vehicle, navigator, broker."""
 
-    def __init__(self, index: int, names: list[str], chance: random.Random) -> None:
+    def __init__(self, air: VirtualSwarm[str], index: int, names: list[str]) -> None:
+        self.air = air
         self.name = names[index]
-        self.hw = hardware_id(self.name)
         start = Pose.planar(4.0 * index, 0.0, 0.0, 0.3)
-        self.simulation = Simulation(SimConfig(), WORLD, "uav", start, chance.gauss, chance.random)
+        chance = air.random
+        simulation = Simulation(SimConfig(), WORLD, "uav", start, chance.gauss, chance.random)
+        self.vehicle = VehicleCore(SimConfig(), simulation)
         self.navigator = NavigatorCore(Config(), self.name, WORLD.origin, AirController(Config()))
-        identity = NodeIdentity(self.hw, self.name, "main", PlatformKind.UAV, 1, b"")
-        self.protocol = BeaconProtocol(
-            identity, Topology(self.hw, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=2200.0
-        )
+        self.stated = b""
+        self.setpoint = Setpoint(0.0)
+        self.seen: dict[str, tuple[bytes, int]] = {}
+        """The newest pose of each other platform, and since when it is known."""
+        self.broker = BrokerNode(air, self.name, VirtualClock(air), on_value=self.on_value)
         wants = tuple(
             BoardSubscription(other, offer.path, offer.type, offer.data_id)
             for other in names
             if other != self.name
             for offer in (POSE, STATE, BATTERY)
         )
-        self.protocol.set_plan(TreePlan(1, (POSE, STATE, BATTERY), wants))
-        self.schedule = BeaconSchedule(chance.randrange(SECOND), chance.random)
-        self.next_ns = chance.randrange(50 * MS)
-        self.beat_ns = chance.randrange(SECOND)
-        self.stated = b""
-        self.sent = 0
-        self.seen: dict[str, tuple[bytes, int]] = {}
-        """The newest pose of each other platform, and since when it is known."""
+        plan = TreePlan(1, (POSE, STATE, BATTERY), wants)
+        self.broker.driver.feed(self.broker.core.on_plan(plan, air.now_ns))
+        self.simulated = air.drive(self.vehicle, self.perform)
+        self.simulated.feed()
+        air.every(0.05, self.steer, first_s=chance.uniform(0, 0.05))
+        air.every(1.0, self.beat, first_s=chance.random())
 
-    def live(self, now_ns: int) -> None:
-        """Sensors, navigator and the boards that beat."""
-        boards = self.protocol.published.boards
-        sample = self.simulation.advance(now_ns)
-        if sample is not None:
-            if sample.imu is not None:
-                self.navigator.on_imu(sample.imu, now_ns)
-            if sample.gnss is not None:
-                self.navigator.on_gnss(sample.gnss, now_ns)
-            if sample.vehicle is not None:
-                self.navigator.on_vehicle(sample.vehicle)
-        step = self.navigator.step(now_ns)
-        self.simulation.on_setpoint(step.setpoint, now_ns)
+    @property
+    def sent(self) -> int:
+        return len(self.broker.sent)
+
+    def on_value(self, _node: BrokerNode, want: BoardSubscription, value: RemoteValue) -> None:
+        if want.data_id == POSE.data_id:
+            self.seen[want.platform] = value.payload, self.air.now_ns
+
+    def perform(self, action: Action) -> None:
+        now_ns = self.air.now_ns
+        match action:
+            case ReadBoards():
+                self.simulated.feed(self.vehicle.on_setpoint(self.setpoint, now_ns, now_ns))
+                self.simulated.feed(self.vehicle.on_boards_read(now_ns))
+            case PublishOutput(output):
+                self.measure(output, now_ns)
+
+    def measure(self, output: SimulationOutput, now_ns: int) -> None:
+        """The sensors' values come to the navigator."""
+        if output.imu is not None:
+            self.navigator.on_imu(output.imu, now_ns)
+        if output.gnss is not None:
+            self.navigator.on_gnss(output.gnss, now_ns)
+        if output.vehicle is not None:
+            self.navigator.on_vehicle(output.vehicle)
+
+    def steer(self) -> None:
+        """One control step."""
+        step = self.navigator.step(self.air.now_ns)
+        self.setpoint = step.setpoint
         if step.pose is not None:
             self.stated = step.pose.pack()
-            boards[POSE.data_id].put(self.stated, True, now_ns)
-        if now_ns >= self.beat_ns:
-            self.beat_ns += SECOND
-            boards[STATE.data_id].put(b"idle", False, now_ns)
-            boards[BATTERY.data_id].put(b"%d" % now_ns, False, now_ns)
+            self.broker.core.published.boards[POSE.data_id].put(self.stated, True, self.air.now_ns)
 
+    def beat(self) -> None:
+        """The boards that are written each second."""
+        boards, now_ns = self.broker.core.published.boards, self.air.now_ns
+        boards[STATE.data_id].put(b"idle", False, now_ns)
+        boards[BATTERY.data_id].put(b"%d" % now_ns, False, now_ns)
 
-class Swarm:
-    """Everybody hears everybody."""
+    def arm(self) -> None:
+        """The motors run, and the driver of the vehicle knows."""
+        self.simulated.feed(self.vehicle.on_arm(True, self.air.now_ns)[1])
 
-    def __init__(self, count: int, seed: int) -> None:
-        self.chance = random.Random(seed)
-        names = [f"uav{index + 1}" for index in range(count)]
-        self.platforms = [Platform(index, names, self.chance) for index in range(count)]
-        self.now_ns = 0
-        self.air: list[tuple[int, int, int, Header, bytes]] = []
-        self.order = 0
-
-    def run(self, seconds: float) -> None:
-        until_ns = self.now_ns + round(seconds * SECOND)
-        while self.now_ns < until_ns:
-            self.now_ns += 5 * MS
-            for index, platform in enumerate(self.platforms):
-                if self.now_ns >= platform.next_ns:
-                    platform.next_ns += 50 * MS
-                    platform.live(self.now_ns)
-                platform.protocol.advance(self.now_ns)
-                if self.now_ns >= platform.schedule.due_ns:
-                    self.beacon(index, platform)
-            while self.air and self.air[0][0] <= self.now_ns:
-                rx_ns, _, index, header, body = heapq.heappop(self.air)
-                self.deliver(self.platforms[index], header, body, rx_ns)
-
-    def beacon(self, index: int, sender: Platform) -> None:
-        protocol = sender.protocol
-        if sender.schedule.urgent or not protocol.may_skip(self.now_ns):
-            sender.schedule.on_sent(self.now_ns)
-            outgoing = protocol.compose(self.now_ns)
-            body = codec.encode(outgoing.beacon)
-            protocol.sent(outgoing.sequence, self.now_ns, len(body) + 38)
-            sender.sent += 1
-            session = 1 if outgoing.with_session else None
-            header = Header(0, sender.hw, outgoing.sequence, self.now_ns // 1000 & 0xFFFF_FFFF, session)
-            for other in range(len(self.platforms)):
-                if other != index and self.chance.random() >= LOSS:
-                    self.order += 1
-                    delay_ns = self.chance.randrange(1, 5) * MS
-                    heapq.heappush(self.air, (self.now_ns + delay_ns, self.order, other, header, body))
-        sender.schedule.set_next(self.now_ns, round(1e9 / protocol.beacon_hz()))
-
-    def deliver(self, receiver: Platform, header: Header, body: bytes, rx_ns: int) -> None:
-        received = receiver.protocol.on_beacon(header, codec.decode(body), ("h", 1), rx_ns)
-        assert received is not None
-        if received.first_hello or received.links:
-            receiver.protocol.schedule_hello()
-            receiver.schedule.trigger(rx_ns, 100 * MS)
-        for want, value in received.values:
-            if want.data_id == POSE.data_id:
-                receiver.seen[want.platform] = value.payload, rx_ns
+    def links_up(self) -> list[str]:
+        """Neighbours with a link in both directions."""
+        table = self.broker.core.report.neighbours(lambda hw: "", self.air.now_ns)
+        return [neighbour.platform for neighbour in table.neighbours if neighbour.state == "up"]
 
 
 @pytest.mark.parametrize(("count", "seed"), [(3, 1), (6, 2)])
 def test_a_swarm_that_stands_still_is_quiet_and_its_first_motion_is_heard_at_once(
     count: int, seed: int
 ) -> None:
-    swarm = Swarm(count, seed)
-    swarm.run(18.0)
-    for platform in swarm.platforms:
-        platform.sent = 0
-    swarm.run(20.0)
-    for platform in swarm.platforms:
-        assert 1.5 < platform.sent / 20.0 <= 2.5, "datagrams per second"
-        assert all(n.state is LinkState.UP for n in platform.protocol.topology.neighbours.all())
-        ages_s = [(swarm.now_ns - since_ns) / 1e9 for _, since_ns in platform.seen.values()]
+    air: VirtualSwarm[str] = VirtualSwarm(seed, loss=LOSS)
+    names = [f"uav{index + 1}" for index in range(count)]
+    platforms = []
+    for index in range(count):
+        air.run_for(air.random.uniform(0, 0.3))
+        platforms.append(Platform(air, index, names))
+    air.run_for(18.0)
+    before = [platform.sent for platform in platforms]
+    air.run_for(20.0)
+    for platform, sent in zip(platforms, before, strict=True):
+        assert 1.5 < (platform.sent - sent) / 20.0 <= 2.5, "datagrams per second"
+        assert len(platform.links_up()) == count - 1
+        ages_s = [(air.now_ns - since_ns) / 1e9 for _, since_ns in platform.seen.values()]
         assert len(ages_s) == count - 1
         assert max(ages_s) < 1.2, "the mirrors are confirmed, one lost datagram allowed"
 
-    mover, witness = swarm.platforms[0], swarm.platforms[1]
-    mover.simulation.on_arm(True)
-    mover.navigator.on_goal(Goal(1, "takeoff", z_m=5.0), swarm.now_ns)
+    mover, witness = platforms[0], platforms[1]
+    mover.arm()
+    mover.navigator.on_goal(Goal(1, "takeoff", z_m=5.0), air.now_ns)
     parked = mover.stated
     while mover.stated == parked:
-        swarm.run(0.005)
-    begin_ns = swarm.now_ns
+        air.run_for(0.005)
+    begin_ns = air.now_ns
     while witness.seen[mover.name][0] == parked:
-        swarm.run(0.005)
-        assert swarm.now_ns - begin_ns < 0.2 * SECOND, "the first motion is heard"
-    mover.sent = witness.sent = 0
-    swarm.run(2.0)
-    assert mover.sent >= 18
-    assert witness.sent <= 6, "who stands still stays quiet beside one that moves"
+        air.run_for(0.005)
+        assert air.now_ns - begin_ns < 0.2 * SECOND, "the first motion is heard"
+    moved, stood = mover.sent, witness.sent
+    air.run_for(2.0)
+    assert mover.sent - moved >= 18
+    assert witness.sent - stood <= 6, "who stands still stays quiet beside one that moves"
