@@ -49,6 +49,8 @@ class Logger(Service):
         self._taps: dict[str, LogTap] = {}
         self._batch = Batch()
         self._recorder: Recorder | None = None
+        self._size: tuple[int, int] | None = None
+        """Segments and bytes of the ring after the last write; None: it was not asked for yet."""
         self._complete_utc_ns = 0
         self._upload = Upload(self.directory, module.platform, config, self.health)
         # one thread for the disk writes the batches in order without blocking the event loop
@@ -225,7 +227,8 @@ class Logger(Service):
             self._complete_utc_ns = taken_utc_ns
             return
         try:
-            await asyncio.get_running_loop().run_in_executor(self._disk, recorder.write, batch)
+            loop = asyncio.get_running_loop()
+            self._size = await loop.run_in_executor(self._disk, _record, recorder, batch)
         except OSError as error:
             self._report_disk_fault(error)
             return
@@ -251,7 +254,10 @@ class Logger(Service):
         return await self._stats(self._recorder)
 
     async def _stats(self, recorder: Recorder) -> LogStats:
-        segments, ring_bytes = await asyncio.get_running_loop().run_in_executor(self._disk, recorder.size)
+        if self._size is None:
+            loop = asyncio.get_running_loop()
+            self._size = await loop.run_in_executor(self._disk, recorder.size)
+        segments, ring_bytes = self._size
         return LogStats(
             recorder.totals.frames,
             recorder.totals.bytes,
@@ -265,3 +271,8 @@ class Logger(Service):
             self._upload.state,
             self._complete_utc_ns,
         )
+
+
+def _record(recorder: Recorder, batch: Batch) -> tuple[int, int]:
+    recorder.write(batch)
+    return recorder.size()

@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.peer import ClockEstimator, Exchange
+from swarmd.timesync.peer import ClockEstimator, Exchange, due_together_ns
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.time import FUNCTIONS_LIMIT, HOPS_LIMIT, Conversion, TimeFunctions
 
@@ -162,7 +162,7 @@ class TimeCore:
         if self._expiry_ns is not None:
             dues.append(self._expiry_ns)
         if self._changed and self._published_ns is not None:
-            dues.append(self._published_ns + self._publish_ns)
+            dues.append(due_together_ns(self._published_ns, self._publish_ns))
         return min(dues, default=None)
 
     def on_timer(self, now_ns: int) -> list[Action]:

@@ -35,6 +35,12 @@ SPAN_RATIO: Final = 20
 """Minimum ratio of the span of the exchanges to the pause: the longer the span, the less a second adds."""
 
 
+def due_together_ns(since_ns: int, pause_ns: int) -> int:
+    """The end of a pause; of a long one the next instant at which others end, too."""
+    due_ns = since_ns + pause_ns
+    return due_ns if pause_ns < TOGETHER_RATIO * TOGETHER_NS else -(-due_ns // TOGETHER_NS) * TOGETHER_NS
+
+
 class Exchange(msgspec.Struct, frozen=True, gc=False):
     """The bounds on the offset of a remote clock from one received packet."""
 
@@ -193,10 +199,7 @@ class ClockEstimator:
         if self._solved_ns is None:
             return self._newest_ns
         pause_s = min(SURPRISE_PAUSE_S, self._next_pause_s) if self._surprised else self._next_pause_s
-        due_ns = self._solved_ns + round(pause_s * 1e9)
-        if pause_s * 1e9 < TOGETHER_RATIO * TOGETHER_NS:
-            return due_ns
-        return -(-due_ns // TOGETHER_NS) * TOGETHER_NS
+        return due_together_ns(self._solved_ns, round(pause_s * 1e9))
 
     def solve(self, now_ns: int) -> bool:
         """Estimates the function; True when this detected a small clock step."""

@@ -15,6 +15,8 @@ import uvloop
 from swarmware.errors import SwarmError
 from swarmware.model import config
 from swarmware.node.node import Node
+from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.instant import until
 from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
 from swarmware.service.find import find
@@ -134,7 +136,8 @@ async def _notify_ready(host: ServiceHost, notifier: Notifier) -> None:
     garbage.freeze_later(asyncio.get_running_loop())
     while notifier.watchdog_s is not None:
         notifier.alive()
-        await asyncio.sleep(notifier.watchdog_s)
+        clock = host.node.clock
+        await until(clock, next_multiple_ns(clock.now_ns(), round(notifier.watchdog_s * 1e9)))
 
 
 def _log_failure(running: asyncio.Task[None]) -> int:

@@ -167,6 +167,21 @@ def test_once_the_timer_finds_nothing_the_next_datagram_is_taken_at_once(ends: E
     assert ends.got[-1] == b"y"
 
 
+def test_what_was_taken_before_the_timer_keeps_it_running(ends: Ends) -> None:
+    for _ in range(2):
+        ends.send(b"x")
+        ends.loop.readable()
+    for _ in range(3):
+        ends.send(b"y")
+        ends.udp.receive()  # as the broker does at the same instant, before its beacon
+        ends.loop.later(WINDOW_S)
+        assert len(ends.loop.timers) == 1
+        assert ends.loop.readers == {}
+    for _ in range(2):
+        ends.loop.later(WINDOW_S + 0.002)
+    assert ends.loop.timers == []
+
+
 def test_a_flood_is_taken_without_pauses(ends: Ends) -> None:
     ends.send(*[b"x"] * (2 * TURN + 1))
     for turn in (1, 2):

@@ -14,6 +14,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmware.errors import ConfigError
 from swarmware.model.clock import Clock
+from swarmware.runtime.grid import next_multiple_ns
 from swarmware.runtime.instant import wait_s
 
 Address = tuple[str, int]
@@ -63,6 +64,8 @@ class Udp:
         self._on_datagram = on_datagram
         self._group: Address | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._taken = 0
+        """Datagrams read since the timer was set, also by others before it."""
         self._read_ns = clock.now_ns() - REST_WINDOW_NS
         self._window_ns = WINDOW_NS
         self.send_errors = 0
@@ -107,7 +110,10 @@ class Udp:
         """Reads waiting datagrams, TURN per socket at most; returns the larger count of the two sockets."""
         self._read_ns = self._clock.now_ns()
         count = self._drain(self._own, False)
-        return count if self._all is None else max(count, self._drain(self._all, True))
+        if self._all is not None:
+            count = max(count, self._drain(self._all, True))
+        self._taken += count
+        return count
 
     def _on_readable(self) -> None:
         pause_ns = self._clock.now_ns() - self._read_ns
@@ -116,7 +122,8 @@ class Udp:
             self._set_timer()
 
     def _set_timer(self) -> None:
-        end_ns = (self._clock.now_ns() // self._window_ns + 1) * self._window_ns
+        self._taken = 0
+        end_ns = next_multiple_ns(self._clock.now_ns(), self._window_ns)
         self._timer = self._loop.call_later(wait_s(self._clock, end_ns), self._on_timer)
 
     def _on_timer(self) -> None:
@@ -125,7 +132,7 @@ class Udp:
         try:
             count = self.receive()
         finally:
-            if 0 < count < TURN:
+            if count < TURN and self._taken:
                 self._set_timer()
             else:
                 self._watch()
