@@ -235,7 +235,7 @@ def test_whatever_stands_in_a_file_its_reader_takes_it_or_says_what_is_wrong(
 def test_an_application_file_that_nests_too_deep_is_no_application_file() -> None:
     text = encode(_ENTRY).decode().rpartition("# crc32")[0].replace("b = 1", "b = " + "[" * DEEP + "]" * DEEP)
     data = f"{text}# crc32 {zlib.crc32(text.encode()):08x}\n".encode()
-    with pytest.raises(WireError, match=r"x\.toml: no application file: .*nested"):
+    with pytest.raises(WireError, match=r"x\.toml: not an application file: .*nested"):
         decode(data, "x.toml")
 
 

@@ -9,8 +9,9 @@ from swarmware.runtime.instant import wait_s
 from swarmware.types.mission import MissionProgress
 
 PERIOD_NS: Final = 50_000_000
-"""The node is awake at multiples of it (ADR 28). Nobody waits for a record, but for an order or the end of a
-block all members of a mission wait, and on a busy computer also for the processor time of the others."""
+"""The node is awake at multiples of it (ADR 28). No process waits for a record, unlike for an order or the
+end of a block all members of a mission wait, and on a busy computer also for the processor time of the
+others."""
 
 log = logging.getLogger("swarm.mission")
 

@@ -51,7 +51,7 @@ class ExchangeCore:
         """Platforms whose answer is awaited."""
 
     def deadline_ns(self) -> int | None:
-        """Instant of the next round; None while one goes on."""
+        """Instant of the next round; None during a round."""
         if self._is_round:
             return None
         return min(self._next_ns, self._missing_ns) if self._time.unmeasured() else self._next_ns

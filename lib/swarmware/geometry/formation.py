@@ -61,7 +61,7 @@ class FormationSlots:
     With a course, places are measured along it and across it: a slot follows a curve parallel to the
     leader's, also when the leader swerves. Its place behind the leader is a former place of the leader.
     Without a course the shape is rigid and turns with the leader.
-    Before the beginning of the course the slots stand still and wait for the leader.
+    Before the beginning of the course the slots are at rest.
     Source: Barfoot, Clark: Motion planning for formations of mobile robots, 2004 (curvilinear coordinates).
     """
 

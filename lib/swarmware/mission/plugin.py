@@ -1,4 +1,4 @@
-"""What a functional block is, for packages that bring their own (entry-point group `swarmware.blocks`).
+"""The interface of functional blocks, for packages with their own (entry-point group `swarmware.blocks`).
 
     class TakePhoto:
         spec = BlockType("TakePhoto", "Takes a picture.", Photo, timeout_s=5.0, errors=("no_camera",))
@@ -17,7 +17,7 @@ from swarmware.mission.catalogue import BlockType
 
 
 class BlockError(SwarmError):
-    """A block could not do its work; the kind decides where the mission goes on."""
+    """A block could not do its work; the kind selects the successor."""
 
     def __init__(self, kind: str, text: str) -> None:
         super().__init__(text)
@@ -25,7 +25,7 @@ class BlockError(SwarmError):
 
 
 class BlockContext(Protocol):
-    """What a block is given."""
+    """Interface that a running block gets."""
 
     @property
     def module(self) -> Any:
@@ -43,17 +43,17 @@ class BlockContext(Protocol):
         ...
 
     def report(self, ratio: float, text: str) -> None:
-        """How far it is, 0 to 1, and a word for people."""
+        """Report the progress, from 0 to 1, with a text for operators."""
         ...
 
 
 class FunctionalBlock(Protocol):
-    """A block that does something; one object per run."""
+    """A functional block; one object per run."""
 
     spec: ClassVar[BlockType]
 
     async def run(self, context: BlockContext) -> None:
-        """Does it.
+        """Execute the block.
 
         Raises: BlockError.
         """

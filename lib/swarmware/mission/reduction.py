@@ -1,4 +1,4 @@
-"""A smaller net in which the same can go wrong: branches that only take time shrink to one place.
+"""Reduces a net to a smaller one with the same errors: branches that only take time become one place.
 
 The rules merge a place into what follows it, or into its twin on another branch, where no other part of the
 net can see the difference; so a fork of two hundred pauses has a few states instead of 2^200. What they keep:
@@ -32,7 +32,7 @@ def reduce(
     budget: Budget,
     kind: Callable[[str], str] = lambda _: "",
 ) -> Net:
-    """The net without differences that no check can see.
+    """Reduce a net without changing the results of the checks.
 
     `kept`: blocks of which every state counts. `kind`: of an End block; two of one kind are the same.
     """
@@ -40,7 +40,7 @@ def reduce(
 
 
 class _Reducer:
-    """Rewrites until no rule fits."""
+    """Applies the rules until none matches."""
 
     def __init__(self, net: Net, kept: frozenset[str], budget: Budget, kind: Callable[[str], str]) -> None:
         self._net = net
@@ -76,7 +76,7 @@ class _Reducer:
     # -- the rules
 
     def _look(self, place: str) -> None:
-        """Applies the first rule that fits this place."""
+        """Applies the first rule that matches this place."""
         if place in self._end_kind or place in self._kept or not self._from[place]:
             return
         self._unite(place)
@@ -91,7 +91,7 @@ class _Reducer:
             self._series(place)
 
     def _unite(self, place: str) -> None:
-        """Transitions that do the same are one; a loop back is none, if there is another way."""
+        """Merges equal transitions; removes a self-loop if there is another transition."""
         seen: dict[tuple[str, ...], int] = {}
         loops: list[int] = []
         for number in sorted(self._from[place]):
@@ -111,7 +111,7 @@ class _Reducer:
             self._drop(number)
 
     def _absorb(self, place: str) -> None:
-        """What takes no time happens together with what leads to it."""
+        """Merges a place that takes no time into the transitions that lead to it."""
         before, after = self._before(place), self._after(place)
         several = len(after) > 1
         if not before or (several and len(before) * len(after) > len(before) + len(after)):
@@ -140,7 +140,7 @@ class _Reducer:
         )
 
     def _loop(self, place: str) -> bool:
-        """Places from each of which a token may come to each other, waiting somewhere, are one that waits."""
+        """Merges a strongly connected set of places, one of which takes time, into one place."""
         members = self._circle(place)
         if len(members) < 2 or members <= self._instant or self._ends_at_once(*members):
             return False
@@ -163,7 +163,7 @@ class _Reducer:
         return True
 
     def _circle(self, place: str) -> set[str]:
-        """Places that lead to this one and back, whatever else may happen there."""
+        """Places from which there are paths to this one and back."""
         seen, work = {place}, [place]
         before: dict[str, list[str]] = {}
         while work and len(seen) <= LOOP_LIMIT:
@@ -185,7 +185,7 @@ class _Reducer:
         return found
 
     def _series(self, place: str) -> None:
-        """A pause before one other place: who is in it can as well be in that one."""
+        """Merges a pause into its only successor."""
         on = [t for t in self._after(place) if not self._is_end(t)]
         ends = [t for t in self._after(place) if self._is_end(t)]
         targets = {t.outputs for t in on}
@@ -211,7 +211,7 @@ class _Reducer:
         self._redirect(place, target, path, passes)
 
     def _twins(self, number: int) -> None:
-        """Branches that begin together and end at one Join, and do nothing in between, are one branch."""
+        """Merges parallel branches without actions between one Fork and one Join."""
         join = self._all[number]
         groups: dict[frozenset[int], str] = {}
         for place in sorted(join.inputs):
@@ -227,7 +227,7 @@ class _Reducer:
         self._waiting_twins(number)
 
     def _waiting_twins(self, number: int) -> None:
-        """The same for branches of one place each, which may end the mission."""
+        """Merges parallel branches of one place each that may end the mission."""
         groups: dict[tuple[frozenset[int], frozenset[str]], tuple[str, str]] = {}
         for place in sorted(self._all[number].inputs):
             wait = self._waits_for(place)
@@ -248,7 +248,7 @@ class _Reducer:
                 self._narrow(number, place)
 
     def _waits_for(self, place: str) -> str | None:
-        """The only place before one of a Join, if it does nothing but wait and perhaps end the mission."""
+        """The only place before one of a Join, if it only waits or ends the mission."""
         before = {p for n in self._into[place] for p in self._all[n].inputs}
         if len(before) != 1:
             return None
@@ -259,7 +259,7 @@ class _Reducer:
         return wait if on and all(t.outputs == (place,) for t in on) else None
 
     def _ends_at_once(self, *places: str) -> bool:
-        """Whether an End may come at the moment when a token does, so what follows need not be reached."""
+        """Whether an End may follow at once, so that later places may not be reached."""
         seen: set[str] = set()
         up, came = [*places], {*places}
         while up:
@@ -295,7 +295,7 @@ class _Reducer:
         return [self._all[n] for n in sorted(self._from[place])]
 
     def _is_plain(self, place: str) -> bool:
-        """Its transitions take from no other place; it has some, and does not belong to an End."""
+        """Whether its transitions have no other input, and it does not belong to an End."""
         after = self._after(place)
         return bool(after) and place not in self._end_kind and all(t.inputs == {place} for t in after)
 
@@ -312,7 +312,7 @@ class _Reducer:
         return transition.passes | {transition.block}
 
     def _blocks_of(self, place: str) -> set[str]:
-        """Everything that a token in it goes through if the place is merged into another."""
+        """All blocks that a token passes if the place is merged into another."""
         found = {self._net.owner[place], *self._within.get(place, ())}
         for transition in self._after(place):
             found |= self._passed(transition)
@@ -329,20 +329,20 @@ class _Reducer:
         self._all[number] = msgspec.structs.replace(before, passes=before.passes.union(blocks))
 
     def _slow(self, places: Iterable[str]) -> None:
-        """Tokens may stay in these from now on."""
+        """Mark places in which tokens may stay."""
         for place in self._instant.intersection(places):
             self._instant.discard(place)
             self._wake(o for t in self._before(place) for o in t.outputs)
 
     def _forget(self, place: str, twin: str) -> None:
-        """Takes a place out of all that leads to it; its twin stands for it."""
+        """Removes a place from all transitions that lead to it; its twin represents it."""
         self._enclose(twin, self._within.get(place, ()))
         for number in self._into[place]:
             self._rewrite(number, place, ())
         self._remove(place)
 
     def _lengthen(self, place: str, path: tuple[str, ...]) -> None:
-        """What leads to the place has this on its way, too."""
+        """Adds a path to the transitions that lead to a place."""
         for number in self._into[place]:
             before = self._all[number]
             self._all[number] = msgspec.structs.replace(before, path=before.path + path)
@@ -358,7 +358,7 @@ class _Reducer:
     def _redirect(
         self, place: str, target: str, path: tuple[str, ...] = (), passes: Collection[str] = ()
     ) -> None:
-        """Whatever led to the one leads to the other, by this path; the place is gone."""
+        """Redirect all transitions from one place to the other, with this path; remove the place."""
         for number in self._into[place]:
             self._rewrite(number, place, (target,), path)
             self._hide(number, passes)
@@ -408,7 +408,7 @@ class _Reducer:
         self._from[place].clear()
 
     def _wake(self, places: Iterable[str]) -> None:
-        """Looks at these again: what leads to them has changed, or what follows."""
+        """Queues places for another check: their inputs or outputs have changed."""
         for place in places:
             if place not in self._queued and place not in self._gone:
                 self._queued.add(place)
@@ -416,7 +416,7 @@ class _Reducer:
 
 
 def _reachable(net: Net) -> list[Transition]:
-    """Transitions that a token may come to: the blocks of the others are dead, and must not seem alive."""
+    """Transitions that a token can reach; the blocks of the others are dead."""
     waits: dict[str, list[int]] = {}
     missing: list[int] = []
     for number, transition in enumerate(net.transitions):

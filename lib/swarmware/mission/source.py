@@ -199,7 +199,7 @@ class _Walk:
             return "", len(self._text)
         try:
             return str(json.loads(found[0], strict=False)), found.end()
-        except ValueError:  # the parser has stopped before it, so nobody has looked at its escapes yet
+        except ValueError:  # the parser has stopped before it, so its escapes were not checked
             return found[0][1:-1], found.end()
 
     def _object(self, at: int, pointer: str, depth: int) -> int:

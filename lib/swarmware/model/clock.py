@@ -32,5 +32,5 @@ class Clock:
 
 
 def utc_ns() -> int:
-    """Wall-clock time, for the edges only: logs for people, exports, boot ids."""
+    """Wall-clock time, only for display, exports and boot ids."""
     return time.time_ns()

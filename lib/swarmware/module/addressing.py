@@ -22,7 +22,7 @@ class Address:
         self._table = participant.node.table
 
     def mismatch(self) -> str:
-        """Why a local address cannot take this type; empty when it can, or nobody serves it yet."""
+        """Why a local address does not accept this type; empty when it does, or is not served yet."""
         if self.platform is not None:
             return ""
         self._table.refresh()

@@ -79,7 +79,7 @@ class Module:
         """Effective configuration of the service; None for a module without one."""
         self.log = logging.getLogger(f"swarm.{name}")
         self.lateness = Lateness()
-        """How late this module's tickers were woken."""
+        """Lateness of this module's tickers."""
         self._given_node = node
         self._given_instance = instance
         self._config_dir = config_dir
@@ -128,7 +128,7 @@ class Module:
             raise InvalidInput(f"module {self.name}: not on a node; expected use inside `async with`")
         return self._membership
 
-    # -- about itself
+    # -- identity
 
     @property
     def id(self) -> str:
@@ -137,7 +137,7 @@ class Module:
 
     @property
     def entry(self) -> AppEntry:
-        """What the application file says."""
+        """Content of the application file."""
         return self._member.participant.entry
 
     @property
@@ -184,14 +184,14 @@ class Module:
         return Ticker(self.clock, period_s, self.lateness, stage=stage, phase_ns=phase_ns)
 
     def start(self, coroutine: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
-        """Run it beside the module, until the module ends; an error in it ends the module."""
+        """Run a coroutine until the module ends; an error in it ends the module."""
         task = self._member.tasks.create_task(coroutine, name=f"{self.name}: {name}")
         self._running.add(task)
         task.add_done_callback(self._running.discard)
         return task
 
     def keep_boards(self, keep: bool = True) -> None:
-        """Leave the newest values readable at the end: this module will be back in a moment."""
+        """Keep the newest values readable after the end, because the module will be restarted."""
         self._keep_boards = keep
 
     def _track(self, reader: C) -> C:
@@ -199,11 +199,11 @@ class Module:
         return reader
 
     def provide(self, resource: Resource) -> None:
-        """State a resource of this application in its file, where the tree finds it."""
+        """Add a resource of this application to its file, from which the tree reads it."""
         self._member.participant.provide(resource)
 
     def withdraw(self, path: str) -> None:
-        """Take a resource back."""
+        """Remove a resource from the application file."""
         self._member.participant.withdraw(path)
 
     # -- boards, events, streams
@@ -363,10 +363,10 @@ class Module:
         urgent: bool = False,
         kind: FrameKind = FrameKind.MESSAGE,
     ) -> Outcome:
-        """Send a message to an address here or (`/uav3/cmd/goto`) on another platform; what became of it.
+        """Send a message to an address here or (`/uav3/cmd/goto`) on another platform; returns its outcome.
 
-        `kind`: how urgent it is on a link; what is no command goes as notify, event, stream or file,
-        behind all commands.
+        `kind`: its priority on a link; a message that is not a command has kind notify, event, stream or
+        file, with a lower priority than commands.
         Raises: InvalidInput for a kind that no inbox takes.
         """
         if kind not in ADDRESSED:
@@ -374,13 +374,13 @@ class Module:
             raise InvalidInput(f"{path}: a message of kind {kind.name.lower()}; expected one of {taken}")
         member = self._member
         address = Address(member.participant, path, type(value))
-        if wrong := address.mismatch():
-            return Outcome(Status.REFUSED, self.platform, wrong)
+        if error_text := address.mismatch():
+            return Outcome(Status.REFUSED, self.platform, error_text)
         frame = member.addressing.frame(kind, address, value, timeout_s)
         frame.flags = Flag.WANTS_ACK | (Flag.URGENT if urgent else 0)
         outcome = await self.node.post.send(frame, timeout_s)
-        if outcome.status is Status.REFUSED and (wrong := address.mismatch()):
-            return msgspec.structs.replace(outcome, detail=wrong)  # its owner came while we waited
+        if outcome.status is Status.REFUSED and (error_text := address.mismatch()):
+            return msgspec.structs.replace(outcome, detail=error_text)  # its owner came while we waited
         return outcome
 
     # -- requests
@@ -418,18 +418,18 @@ class Module:
     ) -> Coroutine[Any, Any, R]:
         """Ask an address here or on another platform; the question leaves now, the coroutine has the answer.
 
-        Raises: the error of the handler as its own class; NoAnswer in time; NotFound when nobody serves it;
+        Raises: the error of the handler as its own class; NoAnswer in time; NotFound for an unserved address;
         TypeMismatch when it takes another type.
         """
         member = self._member
         address = Address(member.participant, path, type(value))
 
         def mismatch() -> str:
-            wrong = address.mismatch()
-            return wrong and f"{wrong}, not {registry.type_name(type(value))}"
+            error_text = address.mismatch()
+            return error_text and f"{error_text}, not {registry.type_name(type(value))}"
 
-        if wrong := mismatch():
-            raise TypeMismatch(wrong)
+        if error_text := mismatch():
+            raise TypeMismatch(error_text)
         frame = member.addressing.frame(FrameKind.REQUEST, address, value, timeout_s)
         frame.flags = Flag.URGENT if urgent else 0
         return answer(path, self.node.post.request(frame, timeout_s), reply, mismatch)

@@ -34,7 +34,7 @@ class ProcessHandle:
                 signal.pidfd_send_signal(self._fd, number)
 
     def close(self) -> None:
-        """Close the descriptor; the process goes on."""
+        """Close the descriptor; the process continues."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1

@@ -136,7 +136,7 @@ class ServiceHost:
 
     async def _run_once(self, item: PreparedService, restarts: int) -> None:
         async with Module(item.name, node=self.node, config=item.config) as module:
-            module.keep_boards()  # readable while the service comes back; `stop` undoes this
+            module.keep_boards()  # readable while the service restarts; `stop` undoes this
             service = item.cls(module, item.config)
             reporter = self._reporters[item.name] = Reporter.open(module, restarts)
             self._running[item.name] = service

@@ -1,4 +1,4 @@
-"""How bytes get from one application to another: shared memory, messages, their delivery, keys.
+"""Transport of bytes between applications: shared memory, messages, their delivery, keys.
 
-What a process holds once of these is its node's; what a datum means is its type's.
+The node has what a process holds once of these; payload types are in `swarmware.types`.
 """

@@ -1,7 +1,7 @@
-"""Who belongs to the swarm and how its datagrams are sealed.
+"""Membership of the swarm, and the sealing of its datagrams.
 
 A node's identity is one Ed25519 seed; its X25519 form is the node's CURVE key. The swarm's root
-signs the roster, the list of members; the group key seals datagrams, with a key of its own per
+signs the roster, the list of members; the group key seals datagrams, with a derived key per
 sender and session.
 """
 
@@ -31,11 +31,11 @@ SEED_BYTES: Final = 32
 KEY_BYTES: Final = 32
 TAG_BYTES: Final = 16
 REPLAY_WINDOW: Final = 64
-"""Datagrams that may overtake each other before a late one is refused."""
+"""Maximum reordering of datagrams; an older one is refused."""
 SESSIONS_MAX: Final = 4
-"""Sessions of one sender that an opener remembers: the present one and those that claim to follow it."""
+"""Maximum sessions of one sender in an opener: the present one and claimed successors."""
 SENDER_LIMIT: Final = 4096
-"""Senders remembered by an opener; only those whose seal was good take a place."""
+"""Maximum senders in an opener; only those with a valid seal are added."""
 EPOCHS: Final = 16
 """Key epochs on the wire: four bits."""
 
@@ -47,7 +47,7 @@ _OPEN_GROUP: Final = b"swarmware: open loopback group"
 
 
 class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One node of the swarm as its root admits it."""
+    """One member of the swarm, admitted by the swarm's root."""
 
     platform: str
     sign_public: bytes
@@ -55,7 +55,7 @@ class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     curve_public: bytes
     """X25519 public key, raw 32 bytes."""
     role: str = "node"
-    """A name of `access.Role`."""
+    """Name of the member's `access.Role`."""
     serial: int = 0
 
 
@@ -65,7 +65,7 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version: int
     members: tuple[RosterMember, ...]
     revoked: tuple[int, ...] = ()
-    """Serials that are members no more."""
+    """Serials of revoked members."""
     key_epoch: int = 0
 
     def valid(self) -> tuple[RosterMember, ...]:
@@ -82,19 +82,19 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class GroupKey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The secret that all members share, with its number."""
+    """The secret of all members, with its number."""
 
     epoch: int
     key: bytes
 
 
 class Keys:
-    """What one node holds: its identity, the roster and the group key."""
+    """Keys of one node: its identity, the roster and the group key."""
 
     def __init__(self, platform: str, seed: bytes, roster: Roster | None, group: GroupKey) -> None:
         self.platform = platform
         self.roster = roster
-        """None: no keys were made; whoever reaches the loopback interface is let in."""
+        """None: no keys were made, and all senders on the loopback interface are accepted."""
         self.group = group
         self._signing = Ed25519PrivateKey.from_private_bytes(seed)
         self.curve_secret = _curve_secret(seed)
@@ -105,7 +105,7 @@ class Keys:
 
     @classmethod
     def load(cls, directory: Path, platform: str) -> "Keys":
-        """The keys in a node's folder.
+        """Load the keys in a node's folder.
 
         Raises: ConfigError when a file is missing or damaged, Denied when others can read the
         seed, the root did not sign the roster, or this platform is not on it.
@@ -129,21 +129,21 @@ class Keys:
 
     @classmethod
     def open(cls, platform: str) -> "Keys":
-        """Keys of a node that has none: an identity for this run, a group key that is no secret."""
+        """Keys of a node without key files: an identity for this run, and a public group key."""
         group = GroupKey(0, blake2b(_OPEN_GROUP, digest_size=KEY_BYTES).digest())
         return cls(platform, os.urandom(SEED_BYTES), None, group)
 
     @property
     def is_open(self) -> bool:
-        """No keys were made for this node."""
+        """Whether no keys were made for this node."""
         return self.roster is None
 
     def by_curve(self, curve_public: bytes) -> RosterMember | None:
-        """The member whose CURVE key this is; None for strangers and the revoked."""
+        """The member with this CURVE key; None for an unknown or revoked one."""
         return self._by_curve.get(curve_public)
 
     def curve_of(self, platform: str) -> bytes | None:
-        """The CURVE key that a platform must have; None when it is no member or nobody says."""
+        """The CURVE key of a platform on the roster; None when it is not a member, or without a roster."""
         return self._curve_of.get(platform)
 
     def sign(self, data: bytes) -> bytes:
@@ -157,19 +157,19 @@ class Refusal(IntEnum):
     EPOCH = 1
     """Sealed with a group key of another number."""
     UNKNOWN = 2
-    """The sender's session has not been heard yet."""
+    """The session of the sender is not known yet."""
     FORGED = 3
-    """The seal is not of our group, or the bytes were changed."""
+    """The seal is not of this group, or the bytes were changed."""
     REPLAYED = 4
-    """Seen before, or too late to tell."""
+    """A duplicate, or too old to detect one."""
 
 
 class Opened(msgspec.Struct, frozen=True, gc=False):
-    """A datagram that a member sealed."""
+    """The content of a datagram that a member sealed."""
 
     body: bytes
     session: int
-    """Of the sender, whose start it names."""
+    """Session of the sender, which identifies its start."""
 
 
 class Sealer:
@@ -222,22 +222,23 @@ class ReceivedSession:
 
 
 class Opener:
-    """Opens what members sealed: each datagram once, of the last few sessions of each sender.
+    """Opens datagrams of members: each once, of the last few sessions of each sender.
 
-    That a seal is good says that a member made it, not when: which session is the present one is
-    for others to find out, and to say by `adopt`.
+    A valid seal proves that a member made the datagram, not when: the caller determines the present
+    session and sets it by `adopt`.
     """
 
     def __init__(self, group: GroupKey) -> None:
         self._group = group
         self._senders: dict[int, list[ReceivedSession]] = {}
-        """The adopted session first, then those heard last."""
+        """Sessions by sender: the adopted one first, then the most recently received."""
         self._adopted: dict[int, int] = {}
 
     def open(
         self, epoch: int, sender_hw: int, session: int | None, sequence: int, clear: bytes, box: bytes
     ) -> Opened | Refusal:
-        """The body, or why not. `session` is None where the datagram leaves it out."""
+        """Open a datagram; returns its content or the reason of the refusal. `session`: None where it is
+        omitted."""
         if epoch != self._group.epoch:
             return Refusal.EPOCH
         known = self._senders.get(sender_hw)
@@ -255,7 +256,7 @@ class Opener:
         return self._open_first(sender_hw, session, sequence, clear, box)
 
     def adopt(self, sender_hw: int, session: int) -> None:
-        """This is the sender's present session: no other takes its place."""
+        """Set the present session of a sender, which other sessions cannot displace."""
         self._adopted[sender_hw] = session
         known = self._senders.get(sender_hw, [])
         known.sort(key=lambda one: one.number != session)
@@ -282,9 +283,9 @@ class Opener:
 
 
 def next_session(path: Path, wanted: int) -> int:
-    """A session number above every earlier one of this node, kept in a file.
+    """A session number above all earlier ones of this node, stored in a file.
 
-    `wanted` is a wall-clock stamp; the file keeps the number rising when that clock went back,
+    `wanted` is a wall-clock stamp; the file ensures that the number increases when that clock is set back,
     because neighbours refuse old sessions and a repeated one would repeat nonces.
     """
     try:
@@ -300,7 +301,7 @@ def next_session(path: Path, wanted: int) -> int:
 def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) -> Roster:
     """Makes a swarm: its root key, and for each platform a folder that `Keys.load` takes.
 
-    A mapping gives each platform its role. The lab uses it; an existing folder is overwritten.
+    A mapping gives each platform its role. An existing folder is overwritten.
     """
     roles = dict(platforms) if isinstance(platforms, Mapping) else dict.fromkeys(platforms, "node")
     root = Ed25519PrivateKey.generate()
@@ -328,13 +329,13 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) ->
 
 
 def sign_roster(roster: Roster, root: Ed25519PrivateKey) -> bytes:
-    """The roster as a file: one line of JSON, one line with the root's signature over the first."""
+    """Encode the roster: one line of JSON, one line with the root's signature of the first."""
     body = msgspec.json.encode(roster)
     return body + b"\n" + root.sign(body).hex().encode() + b"\n"
 
 
 def read_roster(path: Path, root_public: bytes) -> Roster:
-    """The roster in a file.
+    """Read and verify the roster in a file.
 
     Raises: ConfigError when it is damaged, Denied when the root did not sign it.
     """
@@ -393,5 +394,5 @@ def _read(path: Path) -> bytes:
 def _read_secret(path: Path) -> bytes:
     data = _read(path)
     if path.stat().st_mode & 0o077:
-        raise Denied(f"{path}: others can read it; expected mode 0600")
+        raise Denied(f"{path}: other users can read it; expected mode 0600")
     return data

@@ -9,9 +9,9 @@ from swarmware.types.bounds import Seconds
 from swarmware.types.registry import register
 
 Confirm = Annotated[int, msgspec.Meta(ge=1, le=10_000)]
-"""Results that are counted before a state is believed."""
+"""Number of results that confirm a state."""
 Level = Literal["ok", "warn", "error"]
-"""How bad a state is: `warn` an operator should look, `error` missions must not rely on it."""
+"""Severity of a state: `warn`: an operator should check it, `error`: missions must not rely on it."""
 
 WORSE: dict[str, int] = {"ok": 0, "warn": 1, "error": 2}
 """Order of the levels."""
@@ -21,7 +21,7 @@ OK_STATE = "ok"
 
 
 def default_level(state: str) -> Level:
-    """How bad a state is that nobody spoke of: `ok` is fine, `warn` a warning, any other an error."""
+    """Default level of a state: `ok`, `warn` for `warn`, `error` for any other."""
     return "ok" if state == OK_STATE else "warn" if state == "warn" else "error"
 
 
@@ -29,10 +29,10 @@ class Phase(StrEnum):
     """Life of a fault."""
 
     PENDING = "pending"
-    """Seen, not yet often enough to be believed."""
+    """Detected, but not confirmed yet."""
     CONFIRMED = "confirmed"
     HEALED = "healed"
-    """The cause is gone; kept until it stays away."""
+    """The check passes; the fault is stored until the clear time is over."""
     CLEARED = "cleared"
 
 
@@ -43,30 +43,30 @@ class StateRule(msgspec.Struct, frozen=True, array_like=True, gc=False):
     state: str
     level: Level = "error"
     actions: tuple[str, ...] = ()
-    """Names of the actions registered for it; for people, they run where they were registered."""
+    """Names of the actions registered for it, which run in the module that registered them."""
 
 
 @register
 class CheckRegistration(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A check that a module runs itself and reports: S1's triple as the monitor has to know it."""
+    """A check that a module runs itself and reports to the monitor."""
 
     check: str
     """Identity on this platform: `planner/path_age`."""
     app: str
     """Application that runs it: `planner#1`."""
     frequency_hz: Annotated[float, msgspec.Meta(ge=1e-6, le=1e6)]
-    """How often it reports; a check silent for three periods is itself a fault."""
+    """Rate of its reports; a check without a report for three periods is a fault itself."""
     states: tuple[StateRule, ...] = ()
     confirm_n: Confirm = 1
-    """n of the last m results must agree before a state is believed."""
+    """n of the last m results must agree to confirm a state."""
     confirm_m: Confirm = 1
     clear_s: Seconds = 5.0
-    """A healed fault that stays away for so long is cleared."""
+    """Time after which a healed fault is cleared."""
     grace_s: Seconds = 0.0
-    """After start-up nothing is judged for so long."""
+    """Grace time after the start, in which nothing is evaluated."""
     description: str = ""
     withdrawn: bool = False
-    """The module takes its check back."""
+    """The module withdraws its check."""
 
 
 @register
@@ -75,15 +75,15 @@ class CheckReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     check: str
     state: str
-    """Believed: the module's own debounce is behind it."""
+    """Confirmed state, after the module's own debouncing."""
     stamp_ns: int
-    """When the data was looked at."""
+    """When the data was sampled."""
     seen: str = ""
-    """What the last look gave, when it is not believed yet."""
+    """State of the last sample, while it is not confirmed."""
     freeze: str = ""
-    """The data that the criterion saw, as text: the freeze-frame of a fault."""
+    """The evaluated data as text: the freeze frame of a fault."""
     level: Literal["", "ok", "warn", "error"] = ""
-    """How bad the state is; empty: as the registration says."""
+    """Level of the state; empty: as registered."""
 
 
 @register
@@ -97,16 +97,16 @@ class CheckReports(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class Fault(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """One fault and how its life stands."""
+    """One fault and its phase."""
 
     check: str
     state: str
     level: Level
     phase: Phase
     first_ns: int
-    """Hardware clock when it was first seen, in this life of the fault."""
+    """Hardware clock when it was first detected since it was cleared last."""
     last_ns: int
-    """Hardware clock when it was last seen."""
+    """Hardware clock when it was last detected."""
     count: int
     """How often it was confirmed before it was cleared."""
     freeze: str = ""
@@ -115,7 +115,7 @@ class Fault(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     @property
     def what(self) -> str:
-        """For people: what the check is about, and what it saw."""
+        """Text with the description of the check and the freeze frame."""
         return ": ".join(part for part in (self.message, self.freeze) if part)
 
 
@@ -129,7 +129,7 @@ class HealthState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     battery_ratio: float = -1.0
     """Remaining charge, 0–1; negative when unknown."""
     sensors: dict[str, bool] = {}
-    """Validity by resource path: present, fresh and believed."""
+    """Validity by resource path: present, fresh and confirmed."""
     faults: tuple[str, ...] = ()
     """Confirmed faults as `check=state`, worst first, at most 16."""
     fault_count: int = 0
@@ -137,7 +137,7 @@ class HealthState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Checks registered, by modules and by the template."""
     apps_alive: int = 0
     apps_failed: int = 0
-    """Applications dead without goodbye, or hung."""
+    """Applications that died without leaving, or hang."""
     guard: Literal["alive", "hung", "absent"] = "absent"
 
 
@@ -170,12 +170,12 @@ class FaultQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request for the list of faults."""
 
     cleared: bool = False
-    """Also those that are over."""
+    """Also cleared faults."""
 
 
 @register
 class FaultClear(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request to end faults that an operator has seen, and to forget what will not come back."""
+    """Request to clear faults, and to remove checks of applications and platforms that have ended."""
 
     pattern: str
     """Of names of checks: `age/sensor/**`, `platform/uav3`."""
@@ -209,7 +209,7 @@ class WatchedService(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class GuardStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What the guard watches and did."""
+    """Services under the guard, and its actions."""
 
     supervisor: str
     """self | systemd | runner: who starts processes."""

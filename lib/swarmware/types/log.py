@@ -1,4 +1,4 @@
-"""What the logger says about itself and about what it had to leave out."""
+"""Statistics of the logger, and its records of missing entries."""
 
 import msgspec
 
@@ -24,10 +24,10 @@ class LogGap(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class LogStatsRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Asks the logger how it does (`sys/log/stats`)."""
+    """Request for the statistics of the logger (`sys/log/stats`)."""
 
     flush: bool = False
-    """First write out what is still in memory."""
+    """Flush the write buffer before the reply."""
 
 
 @register
@@ -52,4 +52,4 @@ class LogStats(msgspec.Struct, frozen=True):
     mongodb: str = "off"
     """off | connected | away: reason."""
     complete_utc_ns: int = 0
-    """Logger's wall clock: whatever was recorded before is in the local ring."""
+    """Logger's wall clock: all earlier entries are in the local ring."""

@@ -51,7 +51,7 @@ ParamValue = bool | int | float | str | tuple[tuple[float, ...], ...]
 
 @register
 class MissionFile(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """One file of a mission, by content: the one who asks and the one who plays share no disk."""
+    """One file of a mission, by content: issuer and members share no disk."""
 
     name: str
     text: str
@@ -62,18 +62,18 @@ class MissionTask(msgspec.Struct, frozen=True):
     """One instruction to the swarm (`sys/mission/task` at the ground station)."""
 
     name: str = ""
-    """A mission of the ground station's store; or what to call the files."""
+    """Name of a mission in the ground station's store, or a name for the files."""
     files: tuple[MissionFile, ...] = ()
     """The mission by content; empty: the stored one."""
     params: dict[str, ParamValue] = {}
-    """Instead of the defaults in its manifest."""
+    """Parameters that replace the defaults in the manifest."""
     members: tuple[str, ...] = ()
-    """Platforms that take part; empty: all that are known."""
+    """Platforms that take part; empty: all known ones."""
 
 
 @register
 class OrderReceipt(msgspec.Struct, frozen=True):
-    """What became of one platform's order (event `mission/orders`, logged at the ground station)."""
+    """Result of the order to one platform (event `mission/orders`, logged at the ground station)."""
 
     mission: str
     epoch: int
@@ -82,12 +82,12 @@ class OrderReceipt(msgspec.Struct, frozen=True):
     sent_ns: int
     """Ground station's hardware clock when the order left."""
     acked_ns: int
-    """Ground station's hardware clock when the answer had come; 0: none came."""
+    """Ground station's hardware clock when the reply arrived; 0: there was none."""
     received_ns: int
     """The platform's own hardware clock when its broker took the order off the link; 0: none is known."""
     accepted: bool
     reasons: tuple[str, ...] = ()
-    """Why not."""
+    """Reasons of a refusal."""
 
 
 @register
@@ -101,7 +101,7 @@ class Member(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class LeftOut(msgspec.Struct, frozen=True):
-    """A known platform that would take no part."""
+    """A known platform without a part in the mission."""
 
     platform: str
     why: str
@@ -109,69 +109,69 @@ class LeftOut(msgspec.Struct, frozen=True):
 
 @register
 class MissionPlan(msgspec.Struct, frozen=True):
-    """Who would play what if an instruction were given now (`sys/mission/plan`); nothing is ordered."""
+    """Assignment of roles for an instruction, without an order (`sys/mission/plan`)."""
 
     mission: str
     hash: str
     members: tuple[Member, ...]
     left_out: tuple[LeftOut, ...] = ()
-    """Empty as well where the instruction itself names who takes part."""
+    """Known platforms without a part; empty where the instruction names the members."""
     warnings: tuple[str, ...] = ()
-    """What the check says against the mission, although it may be flown."""
+    """Warnings of the check."""
 
 
 @register
 class TaskAnswer(msgspec.Struct, frozen=True):
-    """What became of an instruction."""
+    """Result of an instruction."""
 
     mission: str
     hash: str
     epoch: int
     accepted: bool
-    """All members accepted; otherwise nobody started."""
+    """Whether all members accepted; otherwise the mission was not started."""
     orders: tuple[OrderReceipt, ...]
     left_out: tuple[LeftOut, ...] = ()
-    """Known platforms that take no part, and why."""
+    """Known platforms without a part, with the reason."""
     instructed_ns: int = 0
     """Ground station's hardware clock when the instruction was given there, or arrived from elsewhere."""
     warnings: tuple[str, ...] = ()
-    """What the check says against the mission, although it may be flown."""
+    """Warnings of the check."""
 
 
 @register
 class MissionOrder(msgspec.Struct, frozen=True, array_like=True):
-    """The order to one platform (`cmd/mission`): its own part, and who else takes part."""
+    """The order to one platform (`cmd/mission`): its part, and all members."""
 
     mission: str
     """Name."""
     hash: str
     """BLAKE2b-128 of all files of the mission, hex: the same at every member."""
     epoch: int
-    """Distinguishes this run from every other one of this ground station."""
+    """Number of the run, unique at this ground station."""
     role: str
     file: str
     """Name of the role's file, for errors."""
     text: str
-    """The role's BDL."""
+    """BDL text of the role."""
     text_hash: str
     """BLAKE2b-128 of the text, hex."""
     members: tuple[Member, ...]
-    """In the order that decides who opens a barrier."""
+    """Members in the order that determines which one opens a barrier."""
     params: dict[str, ParamValue]
     issuer: str
     issued_ns: int
-    """Issuer's hardware clock."""
+    """Time of the order on the issuer's hardware clock."""
     expires_ns: int
-    """Issuer's hardware clock; an order that comes later is refused."""
+    """Expiry on the issuer's hardware clock; an order that arrives later is refused."""
 
 
 @register
 class MissionReceipt(msgspec.Struct, frozen=True, array_like=True):
-    """Answer to an order: the mission stands ready, or why not."""
+    """Reply to an order: whether it is accepted, with the reasons of a refusal."""
 
     accepted: bool
     received_ns: int
-    """Receiver's hardware clock when its broker took the order off the link, before it was looked at."""
+    """Receiver's hardware clock when its broker received the order from the link, before its check."""
     reasons: tuple[str, ...] = ()
 
 
@@ -183,7 +183,7 @@ class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
     then: str = ""
     """Built-in mission that takes over: land | hold | return; empty: the mission's own `on_failure`."""
     epoch: int = 0
-    """Only this run; 0: whatever runs."""
+    """Run to be aborted; 0: any."""
 
 
 @register
@@ -218,16 +218,16 @@ class BarrierResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class MissionState(msgspec.Struct, frozen=True, array_like=True):
-    """What a platform's mission does now (board `mission/state`, 10 Hz at most, on change, else 1 Hz).
+    """State of a platform's mission (board `mission/state`, on change at most 10 Hz, else 1 Hz).
 
-    Barriers work through it: an arrival is a state that the others see.
+    Barriers use it: an arrival is a state that the other members receive.
     """
 
     epoch: int
     hash: str
     """First eight digits; empty without a mission."""
     state: str
-    """One of STATES."""
+    """State of the mission, one of STATES."""
     active: tuple[str, ...] = ()
     """Blocks that hold a token."""
     arrivals: tuple[Arrival, ...] = ()
@@ -237,18 +237,18 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     progress_ratio: float = 0.0
     """Share of the mission's blocks that were entered, or what the moving block reports."""
     text: str = ""
-    """For people."""
+    """Text for operators."""
     mission: str = ""
-    """What is played: the mission, or the built-in one that brings the vehicle to safety."""
+    """Name of the played mission, or of the built-in one that brings the vehicle to safety."""
     kind: str = ""
-    """Kind of the platform, one of KINDS: whoever hands out roles needs it."""
+    """Kind of the platform, one of KINDS, for the assignment of roles."""
 
     forms: ClassVar[tuple[Form, ...]] = (
         Form("always", _HEAD_PARTS, "MessagePack array of active, arrivals, meetings, text and mission"),
     )
 
     def pack(self) -> bytes:
-        """The short form for the beacon."""
+        """Encode the quantised form for the beacon."""
         head = _HEAD.pack(
             self.epoch,
             int(self.hash or "0", 16),
@@ -262,9 +262,9 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
 
     @classmethod
     def unpack(cls, data: bytes | memoryview) -> Self:
-        """The state in the short form.
+        """Decode the quantised form.
 
-        Raises: WireError when it is none.
+        Raises: WireError for invalid bytes.
         """
         if len(data) < _HEAD.size:
             raise WireError(f"packed MissionState of {len(data)} bytes: expected {_HEAD.size} at least")
@@ -308,19 +308,19 @@ class MissionProgress(msgspec.Struct, frozen=True):
     mission: str
     epoch: int
     block: str
-    """Empty: the mission as a whole."""
+    """Id of the block; empty: the mission as a whole."""
     type: str
     """Type of the block; of the whole: Mission."""
     event: str
     """started | ok | timeout | error:<kind> | cancelled | abandoned | state:<state>."""
     at_ns: int
-    """Own hardware clock."""
+    """Instant on the own hardware clock."""
     text: str = ""
 
 
 @register
 class MissionStatus(msgspec.Struct, frozen=True):
-    """A platform's mission as an operator sees it (`sys/mission/status`)."""
+    """State of a platform's mission for operators (`sys/mission/status`)."""
 
     platform: str
     state: MissionState
@@ -329,7 +329,7 @@ class MissionStatus(msgspec.Struct, frozen=True):
     """Own hardware clock when the state was entered."""
     members: tuple[Member, ...] = ()
     others: dict[str, MissionState] = {}
-    """States of the other members, as heard here."""
+    """States of the other members, as received here."""
     unmet: tuple[str, ...] = ()
     """Requirements that do not hold now."""
 

@@ -1,4 +1,4 @@
-"""What the broker says about links, neighbours, routes and traffic, and what it is asked to carry."""
+"""Reports of the broker on links, neighbours, routes and traffic, and its subscriptions and limits."""
 
 import msgspec
 
@@ -11,66 +11,66 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """A node that is received directly."""
 
     platform: str
-    """Empty as long as it has not said its name."""
+    """Name of its platform; empty until its first hello."""
     unit: str
     hardware: int
     kind: str
     """uav | ugv | usv | gcs | other."""
     state: str
-    """heard (one way so far) | up | half_open (does not hear us) | down."""
+    """heard (received, not bidirectional yet) | up | half_open (it does not receive us) | down."""
     address: str
-    """Where its datagrams come from, `host:port`."""
+    """Source address of its datagrams, `host:port`."""
     since_ns: int
-    """Our clock when it came into this state."""
+    """Own clock when it entered this state."""
     silent_s: float
-    """Since its newest datagram."""
+    """Time since its newest datagram."""
     tick_hz: float
     loss_in_ratio: float
     """Share of its last 16 datagrams that did not arrive here."""
     loss_out_ratio: float
-    """Share of our datagrams that did not arrive there, as it says."""
+    """Share of our datagrams that did not arrive there, as it reports."""
     rtt_ms: float | None
     """Round trip of datagrams, without the time they were held; None: not measured yet."""
     cost: int
-    """Expected transmissions in 1/256; 65535: no use."""
+    """Link cost, expected transmissions in 1/256; 65535: not usable."""
     tree_version: int
     mission: int
     boot_id: int
     transport: str
-    """How messages go there: `tcp` (connected), `tcp connecting`, `tcp denied`, `idle` (nothing to send).
-    Of its two connections, for commands and for data, the worse one."""
+    """State of its connections: `tcp` (connected), `tcp connecting`, `tcp denied`, `idle` (nothing to send);
+    of the two, for commands and for data, the worse one."""
     multicast: bool
-    """False: it is reached by unicast datagrams, as a seed or because it wrote to us."""
+    """False: it is reached by unicast datagrams, as a seed or because it sends unicast."""
 
 
 @register
 class Neighbours(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All nodes heard within the last minutes (board `net/neighbours`)."""
+    """All nodes received within the last minutes (board `net/neighbours`)."""
 
     neighbours: tuple[NeighbourState, ...] = ()
 
 
 @register
 class RouteState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """How another node is reached."""
+    """Route to another node."""
 
     platform: str
-    """Its name, or its hardware id in hex as long as nobody said the name."""
+    """Its name, or its hardware id in hex while the name is unknown."""
     hardware: int
     via: str
-    """Neighbour that leads there; the platform itself when it is one."""
+    """Next hop; the platform itself when it is a neighbour."""
     metric: int
     """256 for each hop without loss."""
     hops: int
     """Estimated from the metric; 1: direct."""
     tree_version: int
     since_ns: int
-    """Our clock when the next hop was chosen."""
+    """Own clock when the next hop was selected."""
 
 
 @register
 class Routes(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All nodes that can be reached (board `net/routes`)."""
+    """All nodes with a route (board `net/routes`)."""
 
     routes: tuple[RouteState, ...] = ()
 
@@ -81,20 +81,20 @@ class LinkTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     connections, which `Traffic.tcp_sent_bytes` has as the kernel counts them."""
 
     platform: str
-    """Neighbour; `*` for what is sent to all."""
+    """Neighbour; `*` for multicast."""
     transport: str
-    """udp | tcp."""
+    """Transport of the link: udp | tcp."""
     sent_frames: int = 0
     sent_bytes: int = 0
     received_frames: int = 0
     received_bytes: int = 0
     lost: int = 0
-    """Datagrams that never came."""
+    """Datagrams that did not arrive."""
     late: int = 0
     """Datagrams overtaken by a later one."""
     duplicates: int = 0
     dropped: int = 0
-    """Frames that we threw away: no room in the queue, or too old."""
+    """Frames that were dropped: the queue was full, or they were too old."""
 
 
 @register
@@ -102,36 +102,36 @@ class ChannelTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Frames and payload bytes of one channel since the start."""
 
     channel: str
-    """Resource path, or kind of a frame whose path nobody here knows."""
+    """Resource path, or kind of a frame whose path is unknown here."""
     offered_frames: int = 0
-    """Values that were there to be sent."""
+    """Values that were offered for sending."""
     offered_bytes: int = 0
     sent_frames: int = 0
     sent_bytes: int = 0
     received_frames: int = 0
     received_bytes: int = 0
     dropped: int = 0
-    """Frames given up: no room in the queue, too old, denied."""
+    """Frames that were dropped: full queue, too old, denied."""
     late: int = 0
-    """Older than what we had."""
+    """Values older than the cached one."""
     duplicates: int = 0
     max_hz: float | None = None
-    """Limit in force."""
+    """Rate limit in force."""
     held_back: int = 0
-    """Values that the limit kept from being sent before a newer one came."""
+    """Values that the limit delayed until a newer one replaced them."""
 
 
 @register
 class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What came from outside and was not taken, since the start."""
+    """Counters of refused input from outside since the start."""
 
     forged: int = 0
-    """Datagrams not sealed by our swarm."""
+    """Datagrams without a valid seal of this swarm."""
     replayed: int = 0
     old_session: int = 0
-    """Datagrams of a session before the one that is believed."""
+    """Datagrams of a session before the accepted one."""
     unknown_session: int = 0
-    """The sender's start was not heard yet: normal at the beginning."""
+    """Datagrams of a session that is not known yet, which is normal at the start."""
     other_epoch: int = 0
     malformed: int = 0
     spoofed: int = 0
@@ -139,37 +139,37 @@ class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
     denied_connections: int = 0
     """Incoming TCP connections that ended before they proved a key of the roster."""
     looped: int = 0
-    """Frames that came round again."""
+    """Frames that returned in a loop."""
     no_route: int = 0
     hop_limit: int = 0
     unheard: int = 0
-    """Datagrams of platforms that `hear_only` leaves out; not counted as received."""
+    """Datagrams of platforms that `hear_only` excludes; not counted as received."""
     expired: int = 0
-    """Frames of others whose lifetime was over here: they are not passed on."""
+    """Frames of others whose lifetime was over here, which are not forwarded."""
     no_room: int = 0
     """Datagrams of senders beyond the limit of the neighbour table."""
     failed: int = 0
-    """Datagrams on which this broker's own code failed; the log has the place."""
+    """Datagrams on which this broker failed by a defect; the log has the place."""
     denied: int = 0
     """Messages and requests whose sender's role may not send them."""
     unproven: int = 0
-    """Datagrams whose sender had not yet answered us, or not proven that it started again."""
+    """Datagrams whose session was not confirmed by an answer, or after a restart by a proof, yet."""
     flooded: int = 0
-    """Datagrams left out before their seal was looked at: of strangers, or from where too many bad ones
-    came; not counted as received."""
+    """Datagrams dropped before their seal was checked: of unknown senders, or from addresses with too many
+    invalid ones; not counted as received."""
 
 
 @register
 class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A member asked for what its role may not (event `net/denials`)."""
+    """A request that the role of its sender does not permit (event `net/denials`)."""
 
     platform: str
-    """Who asked, as its connection proved."""
+    """Authenticated platform of the sender."""
     role: str
     verb: str
     path: str
     count: int
-    """How often since the last report of the same."""
+    """Number since the last report of the same refusal."""
     reason: str
 
 
@@ -192,29 +192,29 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     received_datagrams: int
     lost_datagrams: int
     sent_frames: int
-    """Over ZeroMQ, forwarded ones included."""
+    """Frames sent over ZeroMQ, including forwarded ones."""
     received_frames: int
     forwarded_frames: int
     requests: int
     """Requests from here that other platforms answered, each counted once."""
     notifications: int
-    """Values of other platforms' resources that came here: by beacon for subscribed boards, in a tree's
+    """Received values of other platforms' resources: by beacon for subscribed boards, in a tree's
     notifications, or as a message of kind notify, event or stream."""
     tick_hz: float
     refused: Refused
     links: tuple[LinkTraffic, ...] = ()
     channels: tuple[ChannelTraffic, ...] = ()
     failed_ticks: int = 0
-    """Beacons that could not be composed or encoded and were left out; the log has the place."""
+    """Beacons that could not be composed or encoded and were skipped; the log has the place."""
     slowed_ticks: int = 0
-    """Beacons that were due later than wanted, because the processor was overloaded."""
+    """Beacons that were delayed because the processor was overloaded."""
     slowdown: float = 1.0
     """Factor by which beacons are sent less often because the processor is overloaded; 1: it keeps up."""
 
 
 @register
 class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Clock differences read off one datagram, theirs minus ours."""
+    """Clock differences measured from one datagram, theirs minus ours."""
 
     platform: str
     unit: str
@@ -224,11 +224,11 @@ class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
     received_ns: Instant
     """Our clock at its arrival."""
     lower_ns: Instant
-    """Their send time minus our receive time: their clock is at least so far ahead."""
+    """Their send time minus our receive time: lower bound of the offset of their clock."""
     sent_ns: Instant = 0
     """Our clock when the datagram that they echo left."""
     upper_ns: Instant | None = None
-    """Their receive time minus our send time of that one; None: no echo in this datagram."""
+    """Their receive time minus our send time of that one: upper bound; None: no echo in this datagram."""
 
 
 @register
@@ -240,19 +240,19 @@ class TimingBatch(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class BoardPublication(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A board of this platform that others want."""
+    """A board of this platform with remote subscribers."""
 
     path: str
     """Local path."""
     data_id: Uint32
     type: str
     min_interval_ms: Count = 0
-    """Not more often than this; 0: every beacon."""
+    """Minimum interval of its values; 0: every beacon."""
 
 
 @register
 class BoardSubscription(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A board of another platform that somebody here reads."""
+    """A board of another platform with readers here."""
 
     platform: str
     path: str
@@ -265,14 +265,15 @@ class BoardSubscription(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class TreePlan(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What the beacon shall carry: written by the tree, read by the broker (board `tree/plan`)."""
+    """Publications and subscriptions of the beacon: written by the tree, read by the broker (board
+    `tree/plan`)."""
 
     tree_version: Uint32
-    """Version of this platform's tree, told to all others."""
+    """Version of this platform's tree, which the beacon announces."""
     offers: tuple[BoardPublication, ...] = ()
     wants: tuple[BoardSubscription, ...] = ()
     mission: Uint32 = 0
-    """Digest of the active mission, told to neighbours; 0: none."""
+    """Digest of the active mission, announced to neighbours; 0: none."""
 
 
 @register
@@ -280,11 +281,11 @@ class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Limits the rate of all own boards whose path matches (`sys/broker/set_channel`)."""
 
     pattern: str
-    """Of local paths: `nav/*`."""
+    """Pattern of local paths: `nav/*`."""
     max_hz: float | None = None
-    """0: nothing is sent; None: the limit is taken away."""
+    """Maximum rate; 0: nothing is sent; None: the limit is removed."""
     for_s: float = 0.0
-    """How long; 0: until it is changed or the broker ends."""
+    """Duration of the limit; 0: until it is changed or the broker ends."""
 
 
 @register
@@ -294,13 +295,13 @@ class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
     pattern: str
     max_hz: float
     remaining_s: float | None = None
-    """None: no end."""
+    """Time until its end; None: no end."""
 
 
 @register
 class ChannelLimits(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All limits in force, the newest first: the first that matches counts (board `net/limits`)."""
+    """All limits in force, the newest first: the first that matches applies (board `net/limits`)."""
 
     limits: tuple[ChannelLimit, ...] = ()
     unlimited: tuple[str, ...] = ()
-    """Answer to a change: streams and events that match and go on as before, each item is promised."""
+    """In the reply to a change: matching streams and events, which are not limited."""

@@ -1,4 +1,4 @@
-"""Quantised forms as tables: what codes them and what documents them follow from the same rows."""
+"""Quantised forms as tables, from which codec and documentation are derived."""
 
 import struct
 from typing import Final
@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 CODES: Final = {"u8": "B", "i16": "h", "u16": "H", "i32": "i", "u32": "I"}
-"""Wire type → code of the struct module; `i24` has none and is coded by hand."""
+"""Wire type → code of the struct module; `i24` has none and is coded separately."""
 
 
 class Part(msgspec.Struct, frozen=True):
@@ -24,15 +24,15 @@ class Part(msgspec.Struct, frozen=True):
 
 
 class Form(msgspec.Struct, frozen=True):
-    """One layout of a quantised type: its parts without gaps, then perhaps more."""
+    """One layout of a quantised type: its parts without gaps, then an optional rest."""
 
     when: str
-    """What tells a reader that it is this one."""
+    """Condition by which a reader recognises this layout."""
     parts: tuple[Part, ...]
     rest: str = ""
-    """What follows the parts to the end of the payload; empty: nothing."""
+    """Content after the parts up to the end of the payload; empty: none."""
 
 
 def packer(parts: tuple[Part, ...]) -> struct.Struct:
-    """What packs these parts, of which none is an i24."""
+    """The codec of these parts, none of which is an i24."""
     return struct.Struct("<" + "".join(CODES[part.wire] for part in parts))

@@ -1,4 +1,4 @@
-"""Application register: who runs where, on this platform and on all others (S1.51–55)."""
+"""Application register: the applications of this platform and of all others (S1.51–55)."""
 
 import msgspec
 
@@ -15,7 +15,7 @@ class Application(msgspec.Struct, frozen=True, array_like=True, gc=False):
     started_ns: int
     """Hardware clock of its start."""
     endpoint: str = ""
-    """Where its messages go; means something on its own computer only."""
+    """Address of its messages, valid on its own computer only."""
     provides: int = 0
     """Number of resources it provides."""
     serves: tuple[str, ...] = ()
@@ -38,12 +38,12 @@ class ApplicationTable(msgspec.Struct, frozen=True, array_like=True, gc=False):
     stamp_ns: int
     applications: tuple[Application, ...] = ()
     omitted: int = 0
-    """Applications that did not fit."""
+    """Applications for which the table had no room."""
 
 
 @register
 class KnownUnit(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Register of one hardware unit as it is known here."""
+    """Register of one hardware unit, as known here."""
 
     table: ApplicationTable
     hops: int

@@ -1,4 +1,4 @@
-"""Type names, and how values become payload bytes and values again."""
+"""Registry of payload types, and the codec of their values."""
 
 import struct
 from collections.abc import Callable
@@ -51,7 +51,7 @@ def type_name(cls: type[msgspec.Struct]) -> str:
 
 
 def known(cls: type[msgspec.Struct]) -> bool:
-    """Whether it is a payload type, not a part of the code that makes one."""
+    """Whether a class is a registered payload type."""
     return _TYPES.get(cls.__name__) is cls
 
 
@@ -94,7 +94,7 @@ def pack(value: msgspec.Struct) -> tuple[bytes, Codec]:
         try:
             return value.pack(), Codec.PACKED
         except (ValueError, ArithmeticError, struct.error):
-            pass  # a number that the quantised form cannot say, such as NaN: MessagePack says it
+            pass  # a number that the quantised form cannot represent, such as NaN: MessagePack does
     return encode(value), Codec.NONE
 
 
@@ -118,7 +118,7 @@ def decode(cls: type[T], data: bytes | memoryview, codec: Codec = Codec.NONE) ->
 
 
 def messagepack(type_name: str, data: bytes | memoryview, codec: Codec) -> bytes:
-    """A payload as MessagePack, whatever its codec.
+    """A payload of any codec as MessagePack.
 
     Raises: NotFound when a coded payload has an unknown type, WireError when it is damaged.
     """
@@ -156,7 +156,7 @@ def _unzstd(data: bytes | memoryview) -> bytes:
     import zstandard
 
     try:
-        # memory is taken for the size that a frame states, before anything of it is looked at
+        # zstd allocates the stated size before it checks the data
         stated = zstandard.frame_content_size(data)
         if stated <= PAYLOAD_LIMIT:
             return zstandard.ZstdDecompressor().decompress(data, max_output_size=PAYLOAD_LIMIT)

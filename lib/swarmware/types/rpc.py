@@ -1,4 +1,4 @@
-"""Answers: of a request to its caller, of a message to its sender."""
+"""Answers to requests and messages."""
 
 import msgspec
 
@@ -7,7 +7,7 @@ from swarmware.types.registry import register
 
 @register
 class Empty(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Nothing to say beyond that it is said."""
+    """A request or reply without content."""
 
 
 @register
@@ -20,12 +20,12 @@ class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     kind: str = ""
     """Class name of the error, when not ok."""
     error: str = ""
-    """What was wrong, where, and what was expected."""
+    """Message of the error: what was invalid, where, and what was expected."""
 
 
 @register
 class Ack(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What became of a message."""
+    """Outcome of a message."""
 
     status: int
     """`delivery.Status` value."""

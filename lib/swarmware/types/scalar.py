@@ -35,6 +35,6 @@ class Text(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class Blob(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Bytes that nobody between writer and reader looks into, such as a lidar packet."""
+    """Opaque bytes, such as a lidar packet."""
 
     value: bytes

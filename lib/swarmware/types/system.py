@@ -1,4 +1,4 @@
-"""What a node says about itself."""
+"""Reports of a node about itself."""
 
 import msgspec
 
@@ -7,19 +7,19 @@ from swarmware.types.registry import register
 
 @register
 class AppStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """One application's own report, once a second: its beat."""
+    """Report of an application, once a second: its heartbeat."""
 
     pid: int
     state: str
     """starting | running | restarting | stopping."""
     beat: int
-    """Counts up; a beat that stands still is a hung event loop."""
+    """Heartbeat count; it does not change while the event loop hangs."""
     restarts: int = 0
     cpu_percent: float = 0.0
     """Of one core, of the whole process."""
     rss_mb: float = 0.0
     loop_lag_ms: float = 0.0
-    """Worst lateness of the event loop since the last report."""
+    """Maximum lateness of the event loop since the last report."""
     note: str = ""
 
 
@@ -36,7 +36,7 @@ class SystemLoad(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class NodeInfo(msgspec.Struct, frozen=True):
-    """Who a node is."""
+    """Identity of a node."""
 
     platform: str
     unit: str

@@ -21,13 +21,13 @@ a link have heavier tails than a normal distribution, of which four would do."""
 
 
 SKEW_LIMIT: Final = 0.01
-"""Of a clock that works: quartz is off by 1e-4 at most; simulated ones by more."""
+"""Maximum skew of a working clock: quartz has at most 1e-4, simulated clocks more."""
 
 LINK_SKEW_LIMIT: Final = 1e-3
 """Skew over one link of which no oscillator is capable: quartz keeps ±100 ppm, the lab simulates ±500."""
 
 HOPS_LIMIT: Final = 24
-"""More links than the diameter of any simulated swarm: a composition that circles ends here."""
+"""Maximum links of a composition, more than the diameter of any simulated swarm: it ends a loop."""
 
 INSTANT_LIMIT_NS: Final = 1 << 61
 """73 years: no clock reading, offset or bound is larger, and sums of two still fit 64 bits."""
@@ -41,29 +41,29 @@ class Order(StrEnum):
 
     BEFORE = "before"
     AFTER = "after"
-    UNDECIDED = "cannot tell"
+    UNDECIDED = "undecided"
 
 
 @register
 class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """How the clock of another hardware unit reads, as a function of this unit's clock.
+    """The clock of another hardware unit as a function of this unit's clock.
 
     remote(t) = t + offset_ns + skew · (t − t0_ns), with t on the local clock.
     """
 
     platform: str
-    """Whose clock it is."""
+    """Platform of the clock."""
     unit: str
     hardware: int
     """`names.hardware_id(platform, unit)`."""
     boot_id: int
-    """Start of that unit for which this holds; another boot is another clock."""
+    """Boot of that unit for which this holds; another boot is another clock."""
     offset_ns: Instant
     """Remote minus local at t0: positive when theirs is ahead."""
     skew: Annotated[float, msgspec.Meta(ge=-SKEW_LIMIT, le=SKEW_LIMIT)]
-    """How much faster their clock runs, as a ratio: 1e-6 is one ppm."""
+    """Relative rate of their clock minus 1, as a ratio: 1e-6 is one ppm."""
     t0_ns: Instant
-    """Local instant for which the offset was found."""
+    """Local instant for which the offset was estimated."""
     bound_ns: Count
     """Hard bound of the error at t0; always holds, also for asymmetric links."""
     sigma_ns: Count
@@ -77,14 +77,14 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     via: str = ""
     """Platform over which it was composed; empty when measured directly."""
     samples: int = 0
-    """Exchanges behind it; a first value from a partner has none."""
+    """Exchanges of its estimation; an initial value from a partner has none."""
     rtt_ns: int = 0
     """Smallest round trip seen in the window; 0 when composed."""
     suspect: bool = False
     """A partner's function contradicts it beyond both bounds (S1.70)."""
 
     def plausible(self) -> bool:
-        """Whether two real clocks can stand like this: every number finite and in its range."""
+        """Whether two real clocks can have this relation: all numbers finite and in range."""
         try:
             names.check_platform(self.platform)
             names.check_platform(self.unit)
@@ -118,7 +118,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         return self.t0_ns + since_ns - round(since_ns * self.skew / (1.0 + self.skew))
 
     def age_s(self, now_ns: int) -> float:
-        """Time since the newest exchange behind it."""
+        """Time since the newest exchange of its estimation."""
         return max(0.0, (now_ns - self.t0_ns) / 1e9)
 
     def bound_at_ns(self, local_ns: int) -> int:
@@ -127,7 +127,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         return self.bound_ns + round((self.skew_bound * away_s + AGEING * away_s * math.sqrt(away_s)) * 1e9)
 
     def agrees(self, other: "Conversion", local_ns: int) -> bool:
-        """Whether both can be true of the same clock at an instant of ours."""
+        """Whether both can hold for the same clock at an instant of ours."""
         apart_ns = abs(self.to_remote(local_ns) - other.to_remote(local_ns))
         return apart_ns <= self.bound_at_ns(local_ns) + other.bound_at_ns(local_ns)
 
@@ -191,7 +191,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
 def compare(a_ns: int, a: Conversion | None, b_ns: int, b: Conversion | None) -> Order:
     """Which of two stamps came first, each with the conversion of the clock that made it.
 
-    None stands for our own clock. When the bounds overlap, nobody can tell; two stamps of one
+    None means our own clock. When the bounds overlap, the result is UNDECIDED; two stamps of one
     clock always compare exactly.
     """
     same = a is b or (a is not None and b is not None and (a.hardware, a.boot_id) == (b.hardware, b.boot_id))
@@ -213,7 +213,7 @@ class TimeFunctions(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """All conversion functions of one hardware unit, sorted by hardware unit (S1.69)."""
 
     platform: str
-    """Whose functions they are: their `local` is this unit's clock."""
+    """Platform of the functions: their `local` is this unit's clock."""
     unit: str
     boot_id: int
     stamp_ns: Instant
@@ -221,7 +221,7 @@ class TimeFunctions(msgspec.Struct, frozen=True, array_like=True, gc=False):
     functions: tuple[Conversion, ...] = ()
 
     def of(self, platform: str, unit: str = "main") -> Conversion | None:
-        """The function of one unit, or None when it was never heard of."""
+        """The function of one unit; None when it is unknown."""
         for function in self.functions:
             if function.platform == platform and function.unit == unit:
                 return function

@@ -8,7 +8,7 @@ from swarmware.types.bounds import Count, Finite, Hertz, Instant, PathText, Seco
 from swarmware.types.registry import register
 
 PATTERNS_LIMIT: Final = 1000
-"""Of one subscription: ten times what all modules of a node ask of one platform."""
+"""Maximum patterns of one subscription: ten times those of all modules of a node."""
 RULES_LIMIT: Final = 200
 BOARD_LIMITS_LIMIT: Final = 64
 """Limits of rates that concern one subscriber; an operator sets a handful."""
@@ -18,17 +18,17 @@ BOARD_LIMITS_LIMIT: Final = 64
 
 @register
 class TreeGet(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request of `sys/tree/get`: the newest value of a resource here or anywhere."""
+    """Request of `sys/tree/get`: the newest value of a resource of any platform."""
 
     path: str
     """`/uav3/nav/pose`, or `nav/pose` on the platform that is asked."""
     fresh: bool = False
-    """Ask the owner even if a mirror here is young enough."""
+    """Query the owner even if there is a fresh mirror."""
 
 
 @register
 class TreeValue(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A value with everything known about it; answer of `sys/tree/get`."""
+    """A value with its quality and metadata; answer of `sys/tree/get`."""
 
     path: str
     """Global: `/uav3/nav/pose`."""
@@ -47,7 +47,7 @@ class TreeValue(msgspec.Struct, frozen=True, array_like=True, gc=False):
     unit: str = ""
     owner: str = ""
     source: str = "own"
-    """own | mirror | asked: where the answer came from."""
+    """Source of the value: own | mirror | asked."""
 
 
 @register
@@ -63,7 +63,7 @@ class TreeSet(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class TreeUndo(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request of `sys/tree/undo`: back to the value before the last change of a setting."""
+    """Request of `sys/tree/undo`: restore the value before the last change of a setting."""
 
     path: str
 
@@ -74,7 +74,7 @@ class TreeSetDone(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     path: str
     version: int
-    """Version of the value now set; 0 when it was handed to an application, which versions it itself."""
+    """Version of the value now set; 0 when it was forwarded to an application, which versions it itself."""
     type: str
     data: bytes
     """MessagePack of the value now set."""
@@ -88,7 +88,7 @@ class TreeList(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """`/uav*/nav/**`; without a leading slash on the platform that is asked."""
     limit: int = 2000
     after: str = ""
-    """Go on behind this path: the last one of the answer before."""
+    """Continue after this path, the last one of the previous answer."""
 
 
 @register
@@ -108,19 +108,19 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     age_s: float | None = None
     """None: no value here, or the owner's clock is not known."""
     quality: str = "none"
-    """live | stale | lost | none (no value has been seen here)."""
+    """live | stale | lost | none (no value was received here)."""
     range: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
     log: str = "none"
     reply: str = ""
     description: str = ""
     confirm: str = ""
-    """What will happen when it is set; an operator is asked before."""
+    """Effect of setting it, which an operator must confirm; empty: no confirmation."""
 
 
 @register
 class TreePlatform(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What is known of one platform's tree."""
+    """State of the replica of one platform's tree."""
 
     platform: str
     reachable: bool
@@ -135,7 +135,7 @@ class TreeListing(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     entries: tuple[TreeEntry, ...]
     more: int = 0
-    """Resources that match too, behind the last one given."""
+    """Number of further matching resources, after the last one in the answer."""
     platforms: tuple[TreePlatform, ...] = ()
     """Every platform whose tree is known here, whether it matches or not."""
 
@@ -146,12 +146,12 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     path: str
     by: str
-    """`role@platform` as the connection proved, or `application@platform` on the platform itself."""
+    """Authenticated `role@platform`, or `application@platform` on the platform itself."""
     before: str
-    """As text; empty when it was not known."""
+    """Former value as text; empty when it is unknown."""
     after: str
     refused: str = ""
-    """Why it was not done; empty when it was."""
+    """Reason of a refusal; empty when it was executed."""
 
 
 @register
@@ -162,40 +162,40 @@ class TreeStats(msgspec.Struct, frozen=True, array_like=True, gc=False):
     platforms: int = 0
     """Other platforms whose structure is known."""
     requests_sent: int = 0
-    """To other platforms: structures, subscriptions, values."""
+    """Requests to other platforms: structures, subscriptions, values."""
     requests_answered: int = 0
     subscribers: int = 0
-    """Platforms that hold a subscription here."""
+    """Platforms with a subscription here."""
     feeds: int = 0
     """Pairs of subscriber and resource that are served by notification."""
     notifications_sent: int = 0
     """Messages acknowledged by their receivers."""
     values_sent: int = 0
-    """Values in them."""
+    """Values in acknowledged notifications."""
     notifications_received: int = 0
     values_received: int = 0
     notify_failures: int = 0
-    """Messages that were not acknowledged; what they held was sent again."""
+    """Messages that were not acknowledged; their content was sent again."""
     events_dropped: int = 0
-    """Events for which a subscriber's queue had no room any more."""
+    """Events that were dropped from a subscriber's full queue."""
     refused: int = 0
-    """Items from others, and steps of our own work, that failed and were left out."""
+    """Items of other platforms, and own operations, that failed and were skipped."""
 
 
 @register
 class StreamLoss(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Items of one stream or event that one subscriber will never get."""
+    """Items of one stream or event that were lost for one subscriber."""
 
     path: str
     platform: str
-    """The subscriber."""
+    """Platform of the subscriber."""
     items: int
-    """Since the tree service started."""
+    """Number of items since the tree service started."""
 
 
 @register
 class StreamLosses(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What subscribers were too slow for, or too far away (board `tree/losses`)."""
+    """Items that were lost because a subscriber or its link was too slow (board `tree/losses`)."""
 
     losses: tuple[StreamLoss, ...] = ()
 
@@ -205,15 +205,15 @@ class StreamLosses(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class StructureRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request of `sys/tree/structure`: step 2 of S0.55, in as few bytes as there is news."""
+    """Request of `sys/tree/structure`: step 2 of S0.55."""
 
     platform: str
-    """Who asks."""
+    """Platform of the requester."""
     epoch: Count
     digest: int
-    """Epoch and digest of the asker's own tree: a hint for the other direction."""
+    """Epoch and digest of the requester's own tree, for the other direction."""
     held: int = 0
-    """Digest of the structure that the asker already has; 0: none."""
+    """Digest of the structure that the requester already has; 0: none."""
     full: bool = False
     """The template named in an answer is not known: send everything."""
 
@@ -225,7 +225,7 @@ class StructureReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     epoch: Count
     """Changes with each start of the owner's tree service."""
     digest: int
-    """Of the owner's structure; what the asker must have after applying `data`."""
+    """Digest of the owner's structure, which the requester has after applying `data`."""
     form: int
     """0 unchanged, 1 changes to the held structure, 2 changes to a template, 3 everything."""
     base: int = 0
@@ -237,10 +237,10 @@ class StructureReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class Rule(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """When the values of some resources are worth a notification."""
+    """Notification rule of some resources."""
 
     pattern: PathText
-    """Local paths it holds for."""
+    """Pattern of the local paths to which it applies."""
     deadband: Finite = 0.0
     """A number must differ by more than this from the value sent last; 0: any change."""
     min_interval_s: Seconds = 0.0
@@ -250,23 +250,23 @@ class Rule(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class SubscribeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request of `sys/tree/subscribe`: everything one platform wants of another, or a renewal of it."""
+    """Request of `sys/tree/subscribe`: the subscription of one platform at another, or its renewal."""
 
     platform: str
-    """Who subscribes."""
+    """Platform of the subscriber."""
     epoch: Count
-    """Of the subscriber's tree service: with another one it has forgotten what it was sent."""
+    """Epoch of the subscriber's tree service: after a restart it has lost its values."""
     set_digest: int
-    """Of `patterns` and `rules`."""
+    """Digest of `patterns` and `rules`."""
     lease_s: Seconds
     held: int = 0
     """Digest of the structure that the subscriber has."""
     renew: bool = False
-    """Patterns and rules are left out: the owner should have them."""
+    """Patterns and rules are omitted, because the owner should have them."""
     patterns: Annotated[tuple[PathText, ...], msgspec.Meta(max_length=PATTERNS_LIMIT)] = ()
     """Local paths and patterns; they may match nothing yet."""
     rules: Annotated[tuple[Rule, ...], msgspec.Meta(max_length=RULES_LIMIT)] = ()
-    """The first that matches a path holds for it."""
+    """Rules; the first that matches a path applies."""
 
 
 @register
@@ -280,7 +280,7 @@ class BoardLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 BoardLimits = Annotated[tuple[BoardLimit, ...], msgspec.Meta(max_length=BOARD_LIMITS_LIMIT)]
-"""The first that matches a path holds for it."""
+"""Rules; the first that matches a path applies."""
 
 
 @register
@@ -291,7 +291,7 @@ class SubscribeReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     digest: int
     """Epoch and digest of the owner's tree."""
     unknown: bool = False
-    """A renewal of something that is not held here: send it whole."""
+    """The renewed subscription is unknown here: send it completely."""
     limits: BoardLimits = ()
     """Limits in force of what is subscribed: its values come less often than their rate."""
 
@@ -318,7 +318,7 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Message to `sys/tree/notify`: changed values, and the change of the structure (S0.59)."""
 
     platform: str
-    """The owner."""
+    """Platform of the owner."""
     epoch: Count
     serial: Count
     """Counts the notifications of one lane in one epoch, without gaps: the receiver takes them in order."""
@@ -331,8 +331,8 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
     lane: Annotated[int, msgspec.Meta(ge=0, le=1)] = 0
     """0: boards, events and the structure; 1: streams. Each counts its own serials."""
     first: Count = 0
-    """Oldest serial of the lane that the owner still sends: what is older came or never will. 0: this one."""
+    """Oldest serial of the lane that the owner still retransmits; 0: this one."""
     lapsed: bool = False
-    """The owner holds no subscription of the receiver any more: nothing but this is in here."""
+    """The owner has no subscription of the receiver any more; all other fields are empty."""
     limits: BoardLimits | None = None
     """Limits now in force of what is subscribed; None: they have not changed."""

@@ -106,7 +106,7 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
     def pack(self) -> bytes:
         """The quantised form; values beyond its range are clipped to it.
 
-        Raises: InvalidInput when the attitude is no unit quaternion.
+        Raises: InvalidInput when the attitude is not a unit quaternion.
         """
         place = (_clip32(self.x_m * _MM), _clip32(self.y_m * _MM), _clip32(self.z_m * _MM))
         if max(place) <= _NEAR_MAX and min(place) >= -_NEAR_MAX:
@@ -227,7 +227,7 @@ class VehicleState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     @property
     def resting(self) -> bool:
-        """Disarmed and on the ground: nothing about it changes fast."""
+        """Whether the vehicle is disarmed and on the ground."""
         return self.landed and not self.armed
 
 
@@ -243,7 +243,7 @@ class KillRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Stop the motors now, also in the air, where the vehicle then falls (`sys/vehicle/kill`)."""
 
     platform: str
-    """Name of the vehicle that is meant: a request that went astray stops nobody."""
+    """Name of the vehicle; a request with another name is refused."""
     reason: str = ""
 
 
@@ -254,12 +254,12 @@ class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     what: str
     """arm | disarm | kill."""
     by: str
-    """`operator@gcs` where the connection proved it, else the platform that its frames name."""
+    """Authenticated sender, `operator@gcs`, else the platform in its frames."""
     height_m: float
-    """Above the map's origin, when it came."""
+    """Height above the map's origin when the request arrived."""
     reason: str = ""
     refused: str = ""
-    """Why it was not done; empty when it was."""
+    """Reason of a refusal; empty when it was executed."""
 
 
 GOAL_KINDS: Final = ("hold", "goto", "takeoff", "land", "formation")
@@ -267,60 +267,61 @@ NAV_STATES: Final = ("idle", "moving", "arrived", "holding", "blocked")
 
 
 class NavError(StrEnum):
-    """What keeps a navigator from its goal."""
+    """Error that prevents a navigator from reaching its goal."""
 
     NONE = ""
     DISARMED = "disarmed"
     """The motors are off."""
     LEADER_LOST = "leader_lost"
-    """No pose of the formation's leader for too long."""
+    """The pose of the formation's leader is missing for too long."""
     NO_POSITION = "no_position"
-    """It does not know where it is."""
+    """The position of the vehicle is not known."""
     NO_WAY = "no_way"
-    """There should be progress, and there is none."""
+    """The vehicle makes no progress."""
     BAD_GOAL = "bad_goal"
-    """A goal that this vehicle can never reach."""
+    """The goal is invalid for this vehicle."""
 
 
 @register
 class Goal(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What the navigator shall reach or keep: the mission's only wish to it (board `nav/goal`)."""
+    """Goal that the navigator reaches or keeps, set by the mission (board `nav/goal`)."""
 
     seq: int
-    """Counts up with each new goal; NavStatus answers with it."""
+    """Number of the goal, which NavStatus repeats."""
     kind: str
     """hold | goto | takeoff | land | formation: one of GOAL_KINDS."""
     x_m: Finite = 0.0
     y_m: Finite = 0.0
     z_m: Finite = 0.0
-    """goto: where to; takeoff: only the height; land: where it is."""
+    """Position of goto; takeoff uses only the height."""
     yaw_rad: Finite | None = None
-    """goto: heading at the end; without it the vehicle arrives as it comes."""
+    """goto: heading at the end; without it any heading."""
     speed_m_s: Finite = 1.5
     leader: str = ""
-    """Formation: platform that leads."""
+    """Formation: platform of the leader."""
     offset_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-    """Formation: my slot seen from the leader, forward, left, up."""
+    """Formation: slot relative to the leader: forward, left, up."""
     course: tuple[tuple[Finite, Finite], ...] = ()
     """Formation: waypoints of the leader; every member knows them."""
     advance: bool = False
-    """Formation: drive along the course; False: take the slots and stay."""
+    """Formation: move along the course; False: keep the slots at rest."""
 
 
 @register
 class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """The navigator's answer to the goal (board `nav/status`)."""
+    """Status of the navigator for its goal (board `nav/status`)."""
 
     goal_seq: int
     state: str
     """idle | moving | arrived | holding | blocked: one of NAV_STATES."""
     distance_m: Finite = 0.0
-    """To the goal; in a formation to the own slot, of an advancing leader to the end of the course."""
+    """Distance to the goal; in a formation to the own slot, of an advancing leader to the end of the
+    course."""
     formation_error_m: Finite = 0.0
     note: str = ""
-    """For people."""
+    """Text for operators."""
     error: NavError = NavError.NONE
-    """Why it does not get on; a mission decides by it how the motion ends."""
+    """Error that determines how the motion of a mission ends."""
 
 
 @register
@@ -328,7 +329,7 @@ class Collision(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Collision of the vehicle (event `sim/collision`)."""
 
     other: str
-    """Obstacle or platform."""
+    """Name of the obstacle or platform."""
     x_m: float
     y_m: float
     z_m: float
@@ -337,16 +338,16 @@ class Collision(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class DriverStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """How well one driver of the hardware abstraction keeps its period."""
+    """Timing statistics of one driver of the hardware abstraction."""
 
     name: str
     state: str
     """running | waiting (for its device) | failed."""
     asked_hz: float
     real_hz: float
-    """Over the last report's interval."""
+    """Achieved rate over the interval of the report."""
     worst_late_ms: float
-    """Latest start of a read after its due time, over the last report's interval."""
+    """Maximum lateness of a read over the interval of the report."""
     reads: int
     errors: int
     missed: int = 0

@@ -102,7 +102,7 @@ def test_the_sender_is_told_when_the_receiver_is_killed_in_the_middle(config_dir
             await receiver.kill()
             outcome = await waiting
             assert outcome.status is Status.UNREACHABLE
-            assert (outcome.where, outcome.detail) == ("uav1", "the receiver has gone without an answer")
+            assert (outcome.where, outcome.detail) == ("uav1", "the receiver has ended without an answer")
             assert time.monotonic() - began_s < 20, "told long before its time is over"
 
     asyncio.run(run())

@@ -107,7 +107,7 @@ class WatchedApps:
             return False  # left in shared memory by a process that has ended
         first, app.beats = not app.beats, True
         if first:
-            # of a service that left its process running, the count goes on; a new process begins at 0
+            # the count continues after a restart of the service in its process; a new process begins at 0
             app.restarts = min(self._restarts.get(app.id, status.restarts), status.restarts)
         self._restarts[app.id] = status.restarts
         if status.beat != app.beat:

@@ -362,7 +362,7 @@ class MissionExecutor:
             self._recover(recovery, reason, now_ns)
             return
         if recovering and result is not PlayResult.DONE:
-            # the vehicle could not be brought to safety, whatever ended the mission before
+            # the vehicle could not be brought to safety
             self._verdict, self._reason = (
                 PhaseEvent.FAILED,
                 f"{self._playing}: {reason}; before: {self._reason}",

@@ -123,7 +123,7 @@ class LeaderCandidate:
         if self._closed or self.holding:
             return
         if not self.preferred and self._requested() and self.holder.pid == 0:
-            # it was given back for the preferred process: the next in line only if that one dies meanwhile
+            # it was released for the preferred process: take it only if that one dies meanwhile
             self._mark = self._file.mark()
             self._watch(*self._file.requested_by())
         elif try_lock(self._file.fd):

@@ -1,4 +1,4 @@
-"""What an application file says, and how it stands in the file."""
+"""Content of an application file, and its encoding."""
 
 import zlib
 from typing import Any, Final, Literal
@@ -11,21 +11,21 @@ from swarmware.model import document, names
 from swarmware.model.resource import Resource
 
 _MARK: Final = "# crc32 "
-"""Last line: the file is rewritten in place, and a reader must know a half-written one."""
+"""Mark of the last line: the file is rewritten in place, and a reader must detect a partial one."""
 
 
 class Served(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """An address of the application that takes messages or requests."""
+    """An address of the application for messages or requests."""
 
     path: str
-    """Local path."""
+    """Local path of the address."""
     type: str
     """Name of the payload type."""
     kind: Literal["message", "request"]
 
     @property
     def data_id(self) -> int:
-        """Identity in frame headers."""
+        """Id in frame headers."""
         return names.data_id(self.path, self.type)
 
 
@@ -36,7 +36,7 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     instance: int
     pid: int
     pid_start: int
-    """Start of the process in clock ticks since boot: another process with the same pid has another one."""
+    """Start of the process in clock ticks since boot: distinguishes processes with the same pid."""
     endpoint: str
     """ZeroMQ address of its process."""
     started_ns: int
@@ -44,9 +44,9 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     provides: tuple[Resource, ...] = ()
     serves: tuple[Served, ...] = ()
     reads: tuple[str, ...] = ()
-    """Paths and patterns of other platforms' resources that it wants."""
+    """Paths and patterns of other platforms' resources that it subscribes to."""
     config: dict[str, Any] = {}
-    """Effective configuration of the service, as it would stand in TOML."""
+    """Effective configuration of the service, as TOML values."""
 
     @property
     def id(self) -> str:
@@ -55,20 +55,20 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def app_id(self) -> int:
-        """Identity in frame headers."""
+        """Id in frame headers."""
         return names.application_id(self.name, self.instance)
 
 
 def encode(entry: AppEntry) -> bytes:
-    """The content of the file."""
+    """Encode the content of the file."""
     text = tomli_w.dumps(_plain(msgspec.to_builtins(entry)))
     return f"{text}{_MARK}{zlib.crc32(text.encode()):08x}\n".encode()
 
 
 def decode(data: bytes, source: str) -> AppEntry:
-    """The entry in a file.
+    """Decode the content of a file.
 
-    Raises: WireError when it is incomplete or no application file.
+    Raises: WireError when it is incomplete or not an application file.
     """
     try:
         text, mark, check = data.decode().rpartition(_MARK)
@@ -76,12 +76,12 @@ def decode(data: bytes, source: str) -> AppEntry:
         if whole:
             return msgspec.convert(document.toml(text, source, finite=False), AppEntry)
     except (ValueError, msgspec.ValidationError) as error:
-        raise WireError(f"{source}: no application file: {error}") from error
+        raise WireError(f"{source}: not an application file: {error}") from error
     raise WireError(f"{source}: incomplete; expected a last line with the checksum of the others")
 
 
 def _plain(value: Any) -> Any:
-    """The value without None, for which TOML has no word."""
+    """The value without None, which TOML cannot represent."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items() if item is not None}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""This application's own file: claimed for its life, rewritten in place, gone with it."""
+"""The file of this application: locked while it runs, rewritten in place, removed at its end."""
 
 import contextlib
 import os
@@ -18,16 +18,16 @@ from swarmware.transport.shm.lock import RETRY_S, lock_within, stands_at, try_lo
 from swarmware.transport.shm.ticks import start_ticks
 
 LOCK_WAIT_S = 0.1
-"""Others hold the lock of a free file only to probe it, some 10 µs."""
+"""Wait for the lock of a free file, which others hold for some 10 µs to probe it."""
 INSTANCES = 64
-"""Instances of one application that look for a number before it is a mistake."""
+"""Maximum number of instances of one application."""
 
 
 class AppFile:
     """The locked file of one application.
 
-    `announce` is called after each change. `config` stands there from the beginning: whoever finds the file
-    of a guard decides by it who starts the next one.
+    `announce` is called after each change. `config` is in the file from the beginning: a process that finds
+    the file of a guard decides by it which process starts the next one.
     Raises: Conflict when the instance, or every instance, is taken.
     """
 
@@ -84,7 +84,7 @@ class AppFile:
         return self._fd < 0
 
     def _touch(self) -> None:
-        # a file rewritten in place does not change its folder: this is what `AppTable.refresh` looks at
+        # a file rewritten in place does not change its folder: `AppTable.refresh` checks this time
         now_ns = utc_ns()
         with contextlib.suppress(FileNotFoundError):
             try:
@@ -93,7 +93,7 @@ class AppFile:
                 _touch_anothers(self._folder)
 
     def close(self) -> None:
-        """Leave: the file goes, then its lock."""
+        """Leave the node: remove the file, then release its lock."""
         if self._fd < 0:
             return
         with contextlib.suppress(FileNotFoundError):
@@ -104,7 +104,7 @@ class AppFile:
 
 
 def _touch_anothers(folder: Path) -> None:
-    """With the kernel's stamp, which stands still for some 4 ms: any other is for the owner to give."""
+    """Touches a folder of another user, with the kernel's time, whose resolution is some 4 ms."""
     before_ns = folder.stat().st_mtime_ns
     while folder.stat().st_mtime_ns == before_ns:
         time.sleep(RETRY_S)
@@ -112,9 +112,9 @@ def _touch_anothers(folder: Path) -> None:
 
 
 def _open(path: Path) -> int:
-    """Descriptor of the file, made if it is missing.
+    """Descriptor of the file, which is created if it is missing.
 
-    Never both in one call: Linux refuses O_CREAT on the file of another user in a sticky folder.
+    Not in one call: Linux refuses O_CREAT on the file of another user in a sticky folder.
     """
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
     while True:
@@ -127,7 +127,7 @@ def _open(path: Path) -> int:
 
 
 def _lock(path: Path) -> int | None:
-    """Descriptor of the locked file; None when a living application has it, or one of another user had it."""
+    """Descriptor of the locked file; None when a living application, or another user, holds it."""
     while True:
         try:
             fd = _open(path)

@@ -14,7 +14,7 @@ _Stamp = tuple[int, int, int]
 
 
 class AppTable:
-    """The application files, read again only when something has changed."""
+    """Table of the application files, which reads only changed ones."""
 
     def __init__(self, run_dir: Path) -> None:
         self._folder = paths.applications(run_dir)
@@ -26,9 +26,9 @@ class AppTable:
         self._served: dict[int, tuple[AppEntry, Served]] = {}
         self._by_id: dict[int, AppEntry] = {}
         self.version = 0
-        """Changes so far, for those who share the table."""
+        """Number of changes so far."""
         self.on_change: Callable[[], None] | None = None
-        """Called after every change, whoever had the table refreshed."""
+        """Called after every change that any refresh found."""
 
     def __iter__(self) -> Iterator[AppEntry]:
         return iter(self._by_id.values())
@@ -37,7 +37,7 @@ class AppTable:
         return len(self._by_id)
 
     def refresh(self, *, probe: bool = False) -> None:
-        """Look for changes; with `probe` also for applications that died."""
+        """Check for changes; with `probe` also for applications that died."""
         try:
             folder_ns = os.stat(self._folder_name).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
         except FileNotFoundError:
@@ -67,9 +67,9 @@ class AppTable:
             try:
                 fd = os.open(self._folder / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
             except FileNotFoundError:
-                continue  # it left a moment ago
+                continue  # it has just left
             except OSError:
-                # no descriptor is free, or it is no file: whoever was known is not dead for that
+                # no free descriptor, or not a file: a known application is not removed for that
                 self._folder_ns = 0
                 if known is not None:
                     yield name, known
@@ -84,7 +84,7 @@ class AppTable:
                     continue
                 yield name, (stamp, decode(os.pread(fd, status.st_size, 0), name))
             except WireError:
-                # being written this moment: its writer announces the end of that
+                # it is being written: its writer announces when it is complete
                 self._folder_ns = 0
                 if known is not None:
                     yield name, known
@@ -92,17 +92,17 @@ class AppTable:
                 os.close(fd)
 
     def serving(self, data_id: int) -> AppEntry | None:
-        """The application that takes messages or requests of this data id."""
+        """The application that serves messages or requests of this data id."""
         found = self._served.get(data_id)
         return None if found is None else found[0]
 
     def path_of(self, data_id: int) -> str | None:
-        """The local path at which messages or requests of this data id are taken."""
+        """The local path of an address with this data id."""
         found = self._served.get(data_id)
         return None if found is None else found[1].path
 
     def serving_path(self, path: str) -> tuple[AppEntry, Served] | None:
-        """The application that takes messages or requests at this local path, whatever their type."""
+        """The application that serves messages or requests of any type at this local path."""
         for entry in self:
             for item in entry.serves:
                 if item.path == path:
@@ -119,7 +119,7 @@ class AppTable:
 
 
 def scan(run_dir: Path) -> list[AppEntry]:
-    """The applications that live on the node of this run directory."""
+    """The applications that run on the node of this run directory."""
     table = AppTable(run_dir)
     table.refresh(probe=True)
     return list(table)

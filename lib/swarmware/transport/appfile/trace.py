@@ -1,6 +1,6 @@
-"""What the file of an application says after its end: one that left took it away, one that died could not.
+"""Detects how an application ended: one that left has removed its file, one that died has not.
 
-The master sets the files of the dead aside, so that the name is free and the trace stays.
+The master moves the files of dead applications aside, which frees the name and keeps the trace.
 """
 
 import contextlib
@@ -15,12 +15,12 @@ from swarmware.transport.shm.lock import lock_within
 
 DEAD_SUFFIX: Final = ".dead"
 MOMENT_S: Final = 0.02
-"""A living application holds its file for good, everybody else for some ten microseconds."""
+"""A living application holds its lock permanently, other processes for some ten microseconds."""
 
 
 def forget(path: Path) -> None:
     """Removes the trace of the application that had this file before."""
-    with contextlib.suppress(PermissionError):  # of another user; told apart by its process
+    with contextlib.suppress(PermissionError):  # of another user; distinguished by its process
         path.with_suffix(DEAD_SUFFIX).unlink(missing_ok=True)
 
 
@@ -30,7 +30,7 @@ def set_aside(path: Path) -> None:
 
 
 def died(run_dir: Path, entry: AppEntry) -> bool:
-    """Whether this very application ended without taking its file away; to be asked when it is gone."""
+    """Whether this application ended without removing its file; call it after the end."""
     return any(
         (found.pid, found.pid_start) == (entry.pid, entry.pid_start)
         for found in _left(run_dir, f"{entry.name}#{entry.instance}")
@@ -38,12 +38,12 @@ def died(run_dir: Path, entry: AppEntry) -> bool:
 
 
 def last_of(run_dir: Path, name: str) -> AppEntry | None:
-    """The first instance of an application that died and has not been followed by another yet."""
+    """The first instance of an application that died and has not been replaced yet."""
     return next(iter(_left(run_dir, f"{name}#1")), None)
 
 
 def _left(run_dir: Path, stem: str) -> list[AppEntry]:
-    """Entries that nobody holds."""
+    """Entries whose lock no process holds."""
     found = []
     for suffix in (".toml", DEAD_SUFFIX):
         path = paths.applications(run_dir) / f"{stem}{suffix}"
@@ -52,7 +52,7 @@ def _left(run_dir: Path, stem: str) -> list[AppEntry]:
         except OSError:
             continue
         try:
-            # the master may hold it for the moment in which it sets the file aside
+            # the master may hold it while it moves the file aside
             if lock_within(fd, MOMENT_S):
                 found.append(decode(os.pread(fd, os.fstat(fd).st_size, 0), path.name))
         except WireError:

@@ -1,4 +1,4 @@
-"""Delivery of messages and requests, as decisions only: what to send, what to answer, what became of it.
+"""Delivery of messages and requests: decisions on transmissions, answers and outcomes.
 
-Sans-io: time is an argument, no sockets, no clock. `transport.messaging` carries out what comes back.
+Sans-io: time is an argument, no sockets, no clock. `transport.messaging` executes the actions.
 """

@@ -10,14 +10,14 @@ from swarmware.types.rpc import Ack
 from swarmware.types.time import Conversion
 
 BOUND_SHARE: Final = 4
-"""An error bound takes at most this part of a lifetime."""
+"""An error bound counts for at most this fraction of a lifetime."""
 _LIFETIME_TAG = 1
 _LIFETIME = struct.Struct("<BBI")
 """Element of a header extension: tag, length of what follows, lifetime in ms from the header's stamp."""
 
 
 def answerable(frame: Frame) -> bool:
-    """Whether its sender waits to be told what became of it."""
+    """Whether the sender of a frame waits for its outcome."""
     if frame.kind in {FrameKind.MESSAGE, FrameKind.REQUEST}:
         return True
     return frame.kind in ADDRESSED and bool(frame.flags & Flag.WANTS_ACK)
@@ -37,7 +37,7 @@ def answer(
 
 
 def reply(question: Frame, kind: FrameKind, payload: bytes, stamp_ns: int) -> Frame:
-    """The frame that goes back: sender and receiver swapped, data id and sequence of the question."""
+    """The frame of an answer: sender and receiver swapped, data id and sequence of the question."""
     return Frame(
         kind,
         question.data_id,
@@ -59,7 +59,7 @@ def with_lifetime(timeout_s: float) -> bytes:
 
 
 def lifetime_ns(extension: bytes) -> int | None:
-    """Lifetime in a header extension; None when it holds none, or is no list of tagged elements."""
+    """Lifetime in a header extension; None without one, or when it is not a list of tagged elements."""
     at = 0
     while at + 2 <= len(extension):
         tag, length = extension[at], extension[at + 1]
@@ -70,20 +70,20 @@ def lifetime_ns(extension: bytes) -> int | None:
 
 
 def expired(frame: Frame, sender_now_ns: int) -> bool:
-    """Whether the lifetime of a message is over; the time is that of the clock that stamped it."""
+    """Whether the lifetime of a message is over, at a time of the clock that stamped it."""
     lifetime = lifetime_ns(frame.extension)
     return lifetime is not None and sender_now_ns > frame.stamp_ns + lifetime
 
 
 def expired_here(frame: Frame, now_ns: int, conversion: Conversion | None) -> bool:
-    """Whether the lifetime of another unit's message may be over; the time is that of our clock.
+    """Whether the lifetime of another unit's message may be over, at a time of the own clock.
 
-    Its sender says `expired` at that instant, so whoever has it then must not hand it on: the error bound of
-    the conversion counts against the message. None: the clock is not known, nobody can tell.
+    Its sender reports `expired` at that instant, so a later hop must not deliver it: the error bound of
+    the conversion counts against the message. None: the clock of the sender is not known.
     """
     lifetime = lifetime_ns(frame.extension)
     if lifetime is None or conversion is None or conversion.suspect:
         return False
     over_ns = conversion.to_local(frame.stamp_ns + lifetime)
-    # a bound as long as the lifetime says nothing of the message: not all are refused for a bad clock
+    # a bound as large as the lifetime must not expire all messages of a unit with an inaccurate clock
     return now_ns > over_ns - min(conversion.bound_at_ns(over_ns), lifetime // BOUND_SHARE)

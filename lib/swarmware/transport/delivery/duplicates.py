@@ -1,22 +1,22 @@
-"""The receiver's side: filters duplicates, and repeats the answers that were given to them."""
+"""The receiver's side: filters duplicates, and repeats their former answers."""
 
 from collections import OrderedDict
 from enum import Enum
 from typing import Final
 
 SPAN_BITS: Final = 10
-"""Sequences are remembered as one bit each, 1 024 in a span."""
+"""Sequences are stored as one bit each, 1 024 in a span."""
 SPANS: Final = 1024
-"""Of one sender's hardware: a million messages within the time they are held, or as many restarts."""
+"""Maximum spans of one hardware unit: a million messages within `HOLD_NS`, or 1 024 restarts."""
 SENDERS: Final = 4096
-"""Hardware units; bounds the memory that invented ones can take."""
+"""Maximum hardware units, which bounds the memory that invented ids can take."""
 HOLD_NS: Final = 60_000_000_000
-"""How long a span is kept after its newest message: longer than any message waits for an answer."""
+"""Time for which a span is stored after its newest message: longer than any message waits for an answer."""
 ANSWERS: Final = 32_768
 ANSWER_BYTES: Final = 8 * 1024 * 1024
-"""Cached answers together; beyond either limit the oldest are dropped, the messages stay known."""
+"""Maximum bytes of all cached answers; the oldest are dropped, their messages stay known."""
 IN_WORK: Final = 4096
-"""Requests whose handlers have not answered yet."""
+"""Maximum requests whose handlers have not answered yet."""
 
 Origin = tuple[int, int, int, int]
 """Sender's hardware, sender's application, data id, sequence (each application starts at a random one)."""
@@ -28,7 +28,7 @@ class DuplicateState(Enum):
     IN_WORK = 1
     """The handler has not answered yet."""
     ANSWER_GONE = 2
-    """Answered, but the answer is no longer held."""
+    """Answered, but the answer is no longer cached."""
 
 
 class _Span:
@@ -44,10 +44,10 @@ _Place = tuple[int, int, int]
 
 
 class DuplicateFilter:
-    """Duplicate filter that keeps the answers given, so that a repeated question gets the same one.
+    """Duplicate filter with a cache of answers, so that a duplicate gets the same answer.
 
-    It holds any number of messages for `hold_ns`: one bit each. A sender that starts again begins at a random
-    sequence, so in other spans. Its memory is bounded for each sender and in all: a flood displaces only
+    It stores one bit for each message for `hold_ns`. A restarted sender begins at a random
+    sequence, so in other spans. The memory is bounded for each sender and in total: a flood displaces only
     the oldest of its own sender.
     """
 
@@ -76,11 +76,11 @@ class DuplicateFilter:
 
     @property
     def spans(self) -> int:
-        """Spans held: what its memory grows with."""
+        """Number of stored spans, which determines the memory."""
         return sum(map(len, self._senders.values()))
 
     def lookup(self, origin: Origin) -> bytes | DuplicateState | None:
-        """The answer given to this message, or the state of a duplicate without one; None when it is new."""
+        """The answer to this message, or the state of a duplicate without one; None when it is new."""
         hardware, application, data, sequence = origin
         spans = self._senders.get(hardware)
         place = (application, data, sequence >> SPAN_BITS)
@@ -88,7 +88,7 @@ class DuplicateFilter:
         if spans is None or span is None or not span.bits >> (sequence & _MASK) & 1:
             return None
         self.duplicates += 1
-        # as long as it is repeated it must be known
+        # a message that is still retransmitted must stay known
         self._touch(hardware, spans, place, span)
         if origin in self._in_work:
             return DuplicateState.IN_WORK
@@ -102,7 +102,7 @@ class DuplicateFilter:
             self._in_work.popitem(last=False)
 
     def answered(self, origin: Origin, answer: bytes, now_ns: int) -> None:
-        """This was the answer; a message answered at once needs no `begin`."""
+        """Store the answer; a message answered at once needs no `begin`."""
         self._mark(origin, now_ns)
         self._in_work.pop(origin, None)
         self._answer_bytes += len(answer) - len(self._answers.pop(origin, b""))

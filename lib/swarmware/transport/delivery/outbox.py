@@ -1,4 +1,4 @@
-"""The sender's side: what waits for an answer, when it is retransmitted, and when it is given up."""
+"""The sender's side: pending messages and requests, their retransmissions and time-outs."""
 
 import heapq
 from itertools import count
@@ -12,7 +12,7 @@ from swarmware.transport.delivery.rtt import RetransmitLimits, RttEstimator
 from swarmware.types.rpc import Ack
 
 Key = tuple[int, int, int]
-"""Application, data id, sequence: what an answer repeats of its question."""
+"""Application, data id, sequence: the fields of a question that its answer repeats."""
 
 LOCAL: Final = RetransmitLimits(initial_ns=50_000_000, min_ns=50_000_000, max_ns=400_000_000)
 """Inside a platform a message is lost only with its receiver, or waits for a full inbox."""
@@ -20,7 +20,7 @@ REMOTE: Final = RetransmitLimits(initial_ns=300_000_000, min_ns=100_000_000, max
 """Between platforms, over radio links: 0.3, 0.6, 1.2 s until a round trip was measured."""
 
 GRACE_NS: Final = 1_000_000_000
-"""How long a receiver that is not there may take to appear: there is no start order (S0.37)."""
+"""Time within which an absent receiver may appear: there is no start order (S0.37)."""
 
 
 class Transmit(msgspec.Struct, frozen=True):
@@ -28,7 +28,7 @@ class Transmit(msgspec.Struct, frozen=True):
 
     frame: Frame
     retransmission: bool
-    """Not the first transmission: look the receiver up again, it may have died."""
+    """It is a retransmission: look the receiver up again, because it may have died."""
 
 
 class Complete(msgspec.Struct, frozen=True):
@@ -50,13 +50,13 @@ class _Pending(msgspec.Struct):
     times_sent: int = 1
     absent_since_ns: int | None = None
     reached: bool = False
-    """It was handed to an application; if that is absent later, it has died."""
+    """It was passed to an application, which has died if it is absent later."""
     soft_refusal: Outcome | None = None
-    """Newest refusal that may still be overcome: the outcome if no other comes in time."""
+    """Newest temporary refusal: the outcome if no other follows before the time-out."""
 
 
 class Outbox:
-    """Messages and requests that are on their way."""
+    """Pending messages and requests of an application process."""
 
     def __init__(self, hardware: int, grace_ns: int = GRACE_NS) -> None:
         self._hardware = hardware
@@ -88,7 +88,7 @@ class Outbox:
         return [Transmit(frame, retransmission=False)]
 
     def on_ack(self, key: Key, ack: Ack, now_ns: int) -> list[Action]:
-        """An acknowledgement, or a hop's reason why there is none; unknown keys are duplicates."""
+        """An acknowledgement, or the refusal of a hop; unknown keys are duplicates."""
         pending = self._pending.get(key)
         if pending is None:
             return []
@@ -109,7 +109,7 @@ class Outbox:
                 return [self._give_up(key, pending)]
             return []
         if status is Status.DELIVERED and pending.frame.kind is FrameKind.REQUEST:
-            # the receiver works on it: retransmit at the longest interval, in case the reply is lost
+            # the receiver processes it: retransmit at the longest interval, in case the reply is lost
             pending.wait_ns = pending.limits.max_ns
             pending.absent_since_ns = pending.soft_refusal = None
             return []
@@ -125,18 +125,18 @@ class Outbox:
         return []
 
     def reached(self, key: Key) -> None:
-        """The message was handed to a living application of this platform."""
+        """The message was passed to a living application of this platform."""
         pending = self._pending.get(key)
         if pending is not None:
             pending.reached = True
             pending.absent_since_ns = pending.soft_refusal = None
 
     def drop(self, key: Key) -> None:
-        """Forget it: the sender does not wait any longer."""
+        """Remove it: the sender does not wait any longer."""
         self._pending.pop(key, None)
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """What is due by now."""
+        """Return retransmissions and outcomes that are due."""
         actions: list[Action] = []
         while self._due and self._due[0][0] <= now_ns:
             _, _, key = heapq.heappop(self._due)
@@ -155,7 +155,7 @@ class Outbox:
         return actions
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called, or None."""
+        """When `on_timer` must be called; None: no deadline."""
         while self._due and self._due[0][2] not in self._pending:
             heapq.heappop(self._due)
         return self._due[0][0] if self._due else None
@@ -175,7 +175,7 @@ class Outbox:
 
     def _measure(self, pending: _Pending, now_ns: int) -> None:
         if pending.times_sent != 1 or pending.frame.kind is FrameKind.REQUEST:
-            return  # Karn: nobody knows which copy was answered; a request's time is its handler's
+            return  # Karn: the answered copy is unknown; the time of a request includes its handler
         way = _way(pending.frame)
         self._rtt.setdefault(way, RttEstimator()).add(now_ns - pending.sent_ns)
 
@@ -184,7 +184,7 @@ class Outbox:
 
 
 def _way(frame: Frame) -> tuple[int, bool]:
-    """What shares one round-trip time: commands do not wait behind notifications and streams."""
+    """Key of a shared round-trip time: commands do not wait behind notifications and streams."""
     return frame.receiver_hw, frame.kind in {FrameKind.MESSAGE, FrameKind.REQUEST}
 
 
@@ -194,6 +194,6 @@ def _given_up(pending: _Pending) -> Outcome:
         return Outcome(Status.EXPIRED, detail=f"no answer after {pending.times_sent} tries")
     if trouble.status is Status.ABSENT:
         if pending.reached:
-            return Outcome(Status.UNREACHABLE, trouble.where, "the receiver has gone without an answer")
+            return Outcome(Status.UNREACHABLE, trouble.where, "the receiver has ended without an answer")
         return Outcome(Status.REFUSED, trouble.where, trouble.detail)
     return trouble

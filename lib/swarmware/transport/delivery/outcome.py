@@ -1,4 +1,4 @@
-"""What became of a message, as its sender is told."""
+"""The outcome of a message, as reported to its sender."""
 
 from enum import IntEnum
 
@@ -11,17 +11,17 @@ class Status(IntEnum):
     DELIVERED = 0
     """It is in the inbox of the receiver."""
     REFUSED = 1
-    """The receiver is there and will not have it: no such inbox, or the payload does not fit its type."""
+    """The receiver refuses it: it has no such inbox, or the payload does not match its type."""
     EXPIRED = 2
-    """Nobody answered in time."""
+    """There was no answer before the time-out."""
     UNREACHABLE = 3
-    """There was no way to the receiver, or the receiver has died."""
+    """There was no route to the receiver, or the receiver has died."""
     ABSENT = 4
-    """On the wire only: nobody has such an inbox yet. After the grace time the sender sees REFUSED."""
+    """On the wire only: there is no such inbox yet. After the grace time the sender gets REFUSED."""
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """What became of one message."""
+    """Outcome of one message."""
 
     status: Status
     where: str = ""

@@ -1,4 +1,4 @@
-"""What the broker that let a frame in says of it: who sent it, and when it arrived."""
+"""Sender and time of arrival of a frame, added by the broker that received it from a link."""
 
 import struct
 from typing import Final
@@ -15,9 +15,9 @@ _OWN_TAGS: Final = frozenset({_SENDER_TAG, _ARRIVAL_TAG})
 
 
 def with_sender(extension: bytes, sender: Sender | None, arrived_ns: int | None = None) -> bytes:
-    """The extension with this sender and arrival; whatever it said of them before is taken out.
+    """The extension with this sender and arrival; former elements of that kind are removed.
 
-    Raises: WireError when it is no list of tagged elements.
+    Raises: WireError when it is not a list of tagged elements.
     """
     kept = b""
     at = 0
@@ -28,13 +28,13 @@ def with_sender(extension: bytes, sender: Sender | None, arrived_ns: int | None 
         if extension[at] not in _OWN_TAGS:
             kept += extension[at:end]
         at = end
-    said = b"" if arrived_ns is None else _ARRIVAL.pack(_ARRIVAL_TAG, 8, arrived_ns)
+    elements = b"" if arrived_ns is None else _ARRIVAL.pack(_ARRIVAL_TAG, 8, arrived_ns)
     if sender is not None:
         name = sender.platform.encode()
-        said += bytes((_SENDER_TAG, 1 + len(name), sender.role)) + name
-    if len(kept) + len(said) > 255:
+        elements += bytes((_SENDER_TAG, 1 + len(name), sender.role)) + name
+    if len(kept) + len(elements) > 255:
         raise WireError(f"header extension of {len(extension)} bytes: no room for the sender")
-    return kept + said
+    return kept + elements
 
 
 def sender_of(extension: bytes) -> Sender | None:
@@ -49,7 +49,7 @@ def sender_of(extension: bytes) -> Sender | None:
 
 
 def arrival_ns(extension: bytes) -> int | None:
-    """When this platform's broker took the frame off its link, on our clock; None: it crossed no link."""
+    """When this platform's broker received the frame from a link, on the own clock; None: from no link."""
     at = 0
     while at + 2 <= len(extension):
         if extension[at] == _ARRIVAL_TAG and extension[at + 1] == 8 and at + 10 <= len(extension):

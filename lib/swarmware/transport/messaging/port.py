@@ -12,9 +12,9 @@ import zmq
 from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT
 
 TURN: Final = 64
-"""Messages taken before the event loop gets its turn: about 1 ms of handlers."""
+"""Messages processed before control returns to the event loop: about 1 ms of handlers."""
 HIGH_WATER: Final = 64
-"""Messages inside libzmq per peer; the rest waits in queues of ours, where it can be counted."""
+"""Messages inside libzmq per peer; the rest waits in our own queues, where it is counted."""
 EXTENSION_LIMIT: Final = 255
 IO_NICE: Final = -10
 """Nice value of libzmq's own threads, where the host allows one below zero."""
@@ -25,7 +25,7 @@ _THREADS: Final = Path("/proc/self/task")
 def make_context(max_sockets: int | None = None) -> zmq.Context[zmq.Socket[bytes]]:
     """A context with one I/O thread that is scheduled ahead of the Python code of busy processes.
 
-    A frame passes two of these threads on its way; each would wait its turn behind all that computes.
+    A frame passes two of these threads; each would wait for the processor behind all computing threads.
     """
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context(io_threads=1)
     if max_sockets is not None:
@@ -33,19 +33,19 @@ def make_context(max_sockets: int | None = None) -> zmq.Context[zmq.Socket[bytes
     before = set(_THREADS.iterdir())
     context.socket(zmq.PAIR).close(0)  # libzmq starts its threads with the first socket
     for thread in set(_THREADS.iterdir()) - before:
-        # without CAP_SYS_NICE or RLIMIT_NICE it stays as it is: slower under load, nothing else
+        # without CAP_SYS_NICE or RLIMIT_NICE the value is unchanged: only slower under load
         with contextlib.suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, int(thread.name), IO_NICE)
     return context
 
 
 def make_socket(context: zmq.Context[zmq.Socket[bytes]], kind: int) -> zmq.Socket[bytes]:
-    """A socket with the options that keep libzmq from waiting, hoarding and dropping."""
+    """A socket with options against blocking, unbounded queues and silent drops."""
     socket = context.socket(kind)
     socket.setsockopt(zmq.LINGER, 0)
     socket.setsockopt(zmq.SNDHWM, HIGH_WATER)
     socket.setsockopt(zmq.RCVHWM, HIGH_WATER)
-    # with IMMEDIATE a disconnected DEALER drops what it has received but not handed out yet: the last
+    # with IMMEDIATE a disconnected DEALER drops messages that it has received but not returned yet: the last
     # acknowledgements of a process that ends (libzmq session_base.cpp, reconnect; measured)
     socket.setsockopt(zmq.IMMEDIATE, 0)
     socket.setsockopt(zmq.RECONNECT_IVL, 20)
@@ -58,10 +58,10 @@ def make_socket(context: zmq.Context[zmq.Socket[bytes]], kind: int) -> zmq.Socke
 
 
 class Port:
-    """One socket on the loop.
+    """One socket on the event loop.
 
     Its descriptor is edge-triggered: after every wake-up, and after every send, the socket is read until
-    it has nothing more, or the wake-up for what is left never comes.
+    it is empty, or the wake-up for the remaining messages does not occur.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Port:
         on_parts: Callable[[list[bytes]], None],
         on_writable: Callable[[], bool],
     ) -> None:
-        """`on_writable` sends what waits and tells whether it sent anything."""
+        """`on_writable` sends waiting messages and returns whether it sent any."""
         self.socket = socket
         self._loop = loop
         self._on_parts = on_parts
@@ -79,10 +79,10 @@ class Port:
         self._turn_comes = False
         self._fd = int(socket.getsockopt(zmq.FD))
         loop.add_reader(self._fd, self._turn)
-        self.again()  # what came before the descriptor was watched
+        self.again()  # messages that arrived before the descriptor was watched
 
     def again(self) -> None:
-        """Look at the socket in the next turn of the loop."""
+        """Check the socket in the next iteration of the loop."""
         if not self._turn_comes:
             self._turn_comes = True
             self._loop.call_soon(self._turn)
@@ -108,7 +108,7 @@ class Port:
             self.again()
 
     def close(self, linger_ms: int = 0) -> None:
-        """Close the socket; what libzmq has taken is still sent for so long."""
+        """Close the socket; libzmq still sends its queue for `linger_ms`."""
         if not self.socket.closed:
             self._loop.remove_reader(self._fd)
             self.socket.close(linger=linger_ms)

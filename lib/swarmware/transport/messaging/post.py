@@ -1,4 +1,4 @@
-"""The post: routes frames between applications of this process, of this node, and the gateway to others."""
+"""Message router: routes frames between applications of this process and node, and the gateway to others."""
 
 import asyncio
 from collections import Counter
@@ -91,7 +91,7 @@ class Post:
         self._apps.add(app_id)
 
     def remove_application(self, app_id: int) -> None:
-        """It left; what it served is served no more."""
+        """The application has left: remove its handlers."""
         self._apps.discard(app_id)
         self._served = {data_id: one for data_id, one in self._served.items() if one.app_id != app_id}
 
@@ -104,7 +104,7 @@ class Post:
         self._served[data_id] = _Served(app_id, None, handler)
 
     def unserve(self, data_id: int) -> None:
-        """Nobody takes this data id any more."""
+        """Remove the handler of this data id."""
         self._served.pop(data_id, None)
 
     def add_clocks(self, clocks: Clocks) -> None:
@@ -135,7 +135,7 @@ class Post:
     # -- sending
 
     def send(self, frame: Frame, timeout_s: float) -> asyncio.Future[Outcome]:
-        """A message; the future tells what became of it and never fails."""
+        """Send a message; the future has its outcome and never fails."""
         future: asyncio.Future[Outcome] = self._loop.create_future()
         window = (frame.receiver_hw, frame.data_id)
         if self._windows[window] >= WINDOW:
@@ -162,11 +162,11 @@ class Post:
         self._route(frame, None)
 
     def refuse(self, frame: Frame, status: Status, detail: str) -> None:
-        """Tell the sender of a message or request why it does not get further: called by any hop."""
+        """Report to the sender of a message or request why it is not forwarded; called by any hop."""
         self._answer(frame, status, detail, None)
 
     def deny(self, frame: Frame, reason: str) -> None:
-        """Tell the sender that it has no right: called by the broker."""
+        """Report to the sender that it has no permission; called by the broker."""
         if frame.kind is FrameKind.REQUEST:
             payload = registry.encode(Reply(False, kind=Denied.__name__, error=reason))
             self._give_back(frame, FrameKind.REPLY, payload, None)
@@ -299,7 +299,7 @@ class Post:
         if seen is not None:
             self._answer_again(frame, seen, via)
         elif self.expired(frame):
-            self.counts["expired"] += 1  # its sender has been told, it must not be delivered any more
+            self.counts["expired"] += 1  # its sender has got an outcome, so it must not be delivered any more
         elif frame.kind is not FrameKind.REQUEST and served.message is not None:
             outcome = served.message(frame)
             if outcome is not None:
@@ -370,7 +370,7 @@ class Post:
             future.set_result(answer_)
 
     def close(self) -> None:
-        """Close the sockets; whoever still waits is told that this end has gone."""
+        """Close the sockets; pending requests get the error that this application ends."""
         self._closed = True
         self._driver.stop()
         gone = Outcome(Status.UNREACHABLE, self.platform, "this application ends")

@@ -1,4 +1,4 @@
-"""The sockets of a process: one ROUTER where others reach it, one DEALER to each process it writes to."""
+"""The sockets of a process: a ROUTER for incoming frames, a DEALER to each other process."""
 
 import asyncio
 import contextlib
@@ -17,19 +17,20 @@ from swarmware.transport.shm.access import make_folder, share
 IPC_PATH_LIMIT: Final = 107
 """Longest path of a Unix socket, without its final zero byte. Source: unix(7)."""
 QUEUE_LIMIT: Final = 1024
-"""Frames that wait for one peer; what comes on top is dropped and counted, and sent again by `delivery`."""
+"""Maximum frames that wait for one peer; further ones are dropped, counted, and retransmitted by
+`delivery`."""
 LINGER_MS: Final = 500
-"""At the end of the process: the acknowledgement of a message just taken must still leave. Only a living peer
-that does not take it is waited for."""
+"""Linger time at the end of the process, to send the last acknowledgements. Only a living peer
+that does not read them causes a wait."""
 FORGET_S: Final = 1.0
-"""After a process has gone, what it had acknowledged may still be on its way up through libzmq."""
+"""Delay after the end of a process, whose last acknowledgements may still be in libzmq."""
 
 Identity = bytes
-"""Of a connection at our ROUTER: the way back for answers."""
+"""Identity of a connection at our ROUTER, for answers."""
 
 
 class _Peer:
-    """The way to one other process."""
+    """The connection to one other process."""
 
     def __init__(self, wire: "Wire", endpoint: str) -> None:
         self._wire = wire
@@ -73,7 +74,7 @@ class _Peer:
 
 
 class Wire:
-    """Bytes to and from the other processes of this node."""
+    """Sends and receives frames of the other processes of this node."""
 
     def __init__(self, socket_path: Path, on_data: Callable[[bytes, Identity | None], None]) -> None:
         if len(os.fsencode(socket_path)) > IPC_PATH_LIMIT:
@@ -97,7 +98,7 @@ class Wire:
         self._router = Port(router, self.loop, self._on_router_parts, _nothing_waits)
 
     def received(self, parts: list[bytes], identity: Identity | None) -> None:
-        """One message from a socket: a frame is one part, anything else is none of ours."""
+        """One message from a socket: a frame has one part, any other message is invalid."""
         if len(parts) == 1:
             self._on_data(parts[0], identity)
 
@@ -115,7 +116,7 @@ class Wire:
         return False
 
     def send_back(self, identity: Identity, data: bytes) -> bool:
-        """Send along the connection by which something came; False when it is gone or full."""
+        """Send on the connection of a received frame; False when it is closed or full."""
         try:
             self._router.socket.send_multipart((identity, data), zmq.NOBLOCK)
         except zmq.ZMQError as error:
@@ -126,7 +127,7 @@ class Wire:
         return True
 
     def keep_only(self, endpoints: Collection[str]) -> None:
-        """Close the ways to processes that are gone, a moment later."""
+        """Close the connections to processes that have ended, after a delay."""
         for endpoint in self._peers.keys() - self._leaving.keys() - set(endpoints):
             self._leaving[endpoint] = self.loop.call_later(FORGET_S, self._forget, endpoint)
         for endpoint in self._leaving.keys() & set(endpoints):
@@ -138,11 +139,11 @@ class Wire:
 
     @property
     def waiting(self) -> int:
-        """Frames that wait for a peer to take them."""
+        """Number of frames in the queues of all peers."""
         return sum(peer.waiting for peer in self._peers.values())
 
     def close(self) -> None:
-        """Close all sockets and remove ours from the run directory."""
+        """Close all sockets and remove our socket file from the run directory."""
         for timer in self._leaving.values():
             timer.cancel()
         for peer in self._peers.values():
@@ -155,5 +156,5 @@ class Wire:
 
 
 def _nothing_waits() -> bool:
-    """A ROUTER's answers go out at once or take the other way; it has no queue."""
+    """Called when the ROUTER is writable: it has no queue."""
     return False

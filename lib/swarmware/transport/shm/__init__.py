@@ -1,4 +1,4 @@
-"""Shared memory inside one platform: rings, doorbells, and the removal of what the dead left.
+"""Shared memory inside one platform: rings, doorbells, and the removal of files of dead processes.
 
-Here live files that are mapped, locked or rung. What the bytes of a slot mean (frames, types) lives above.
+It has files that are mapped, locked or rung. Higher layers interpret the bytes of a slot (frames, types).
 """

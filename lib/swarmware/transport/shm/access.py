@@ -1,8 +1,8 @@
-"""Who may use a node's folders: its own user alone, or the members of a group, too.
+"""Access to a node's folders: by its own user only, or by the members of a group, too.
 
-The mode of the run directory decides: the group that may read it may join. Members then have application
+The mode of the run directory decides: the group that may read it may join. Members then create application
 files, sockets and doorbells beside those of the node's own user, read its boards and write their own. Folders
-are sticky: nobody removes the file of another, but the owner of the folder whatever the dead left. No bit is
+are sticky: only its owner, or the owner of the folder, can remove a file. No bit is
 set that makes files inherit the group: the hardened units may not set it.
 """
 
@@ -17,7 +17,7 @@ _PRIVATE_FOLDER: Final = 0o700
 
 
 def make_folder(path: Path, like: Path) -> None:
-    """Make the folder, if it is missing, open to the same group as another one.
+    """Create the folder, if it is missing, with the group of another one.
 
     Raises: PermissionError.
     """
@@ -29,17 +29,17 @@ def make_folder(path: Path, like: Path) -> None:
 
 
 def share_folder(path: Path, like: Path) -> None:
-    """Open a folder that we made to the group of another one.
+    """Give a folder that this process created the group of another one.
 
-    That of a guest is not sticky: the owner of the node could not take away what stays in it.
+    That of a guest is not sticky, so that the owner of the node can remove files from it.
     """
     share(path, like, _GUEST_FOLDER if is_guest(like) else _SHARED_FOLDER)
 
 
 def share(target: Path | int, folder: Path, mode: int) -> None:
-    """Give a file that we made to the group of the folder, with this mode; in a private folder leave it.
+    """Give a file that this process created the group of its folder and this mode; not in a private folder.
 
-    What root makes belongs to the owner of the folder, whose processes could not use it otherwise.
+    A file of root is given to the owner of the folder, whose processes could not use it otherwise.
     """
     theirs, ours = folder.stat(), os.stat(target)  # noqa: PTH116 - of a descriptor, too
     shared = theirs.st_mode & _GROUP_READS == _GROUP_READS
@@ -51,9 +51,9 @@ def share(target: Path | int, folder: Path, mode: int) -> None:
         if shared:
             os.chmod(target, mode)  # noqa: PTH101 - of a descriptor, too
     except PermissionError:
-        return  # not a member of that group: the file stays for ourselves
+        return  # not a member of that group: the file stays private
 
 
 def is_guest(run_dir: Path) -> bool:
-    """Whether the node belongs to another user: its roles, and the remains of its dead, are not ours then."""
+    """Whether the node belongs to another user: then this process is not its master and removes no files."""
     return run_dir.stat().st_uid != os.geteuid()

@@ -1,6 +1,6 @@
 """The doorbell: a named FIFO that wakes one process; and the descriptors by which other processes ring it.
 
-The owner opens it for reading and writing, so it never sees an end of file. Others write one byte without
+The owner opens it for reading and writing, so it never gets an end of file. Others write one byte without
 waiting: EAGAIN means that it is ringing already, ENXIO or EPIPE that it has no owner.
 """
 
@@ -21,18 +21,18 @@ from swarmware.transport.shm.access import make_folder, share
 from swarmware.transport.shm.lock import lock_within
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,47}\Z")
-"""No dot and no slash: a name from the table never leads out of the folder."""
+"""Pattern of names, without dot and slash: a name cannot leave the folder."""
 FOLDER_WAIT_S = 1.0
-"""The folder is locked while one FIFO is made or removed, some 50 µs."""
+"""Maximum wait for the lock of the folder, which is held for some 50 µs while a FIFO is made or removed."""
 _PIPE_BYTES = 4096
-"""The smallest pipe: one page holds 4096 unanswered rings, more are the same as one."""
+"""Size of the pipe: one page holds 4096 unread rings, and further ones add no information."""
 
 
 @contextlib.contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
     """Exclude other processes from making or removing a doorbell.
 
-    Without it `reap` could take a FIFO between its making and its opening for one of a dead process.
+    Without it `reap` could remove a FIFO between its creation and its opening.
     """
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -77,7 +77,7 @@ class Doorbell:
             self._capacity_bytes = fcntl.fcntl(self.fd, fcntl.F_GETPIPE_SZ)
 
     def _make(self) -> str:
-        """A FIFO of a name that no living process has: the number of this one and that of the bell."""
+        """Create a FIFO with an unused name: the pid and a number."""
         ordinal = 0
         while True:
             name = f"{os.getpid()}-{ordinal}"
@@ -86,7 +86,7 @@ class Doorbell:
                 os.mkfifo(path, 0o600)
             except FileExistsError:
                 owned = open_sender(path)
-                if owned is None:  # left by a dead process that had our number
+                if owned is None:  # left by a dead process with the same pid
                     with contextlib.suppress(PermissionError):  # of another user: the next name is free
                         path.unlink()
                         continue
@@ -98,7 +98,7 @@ class Doorbell:
             return name
 
     def drain(self) -> bool:
-        """Empty the FIFO; read the rings after it, not before. True: it had rung."""
+        """Empty the FIFO; read the rings after it, not before. Returns whether it had rung."""
         try:
             return bool(os.read(self.fd, self._capacity_bytes))
         except BlockingIOError:
@@ -129,7 +129,7 @@ class Doorbell:
 
 
 class DoorbellSenders:
-    """Rings the doorbells of other processes: one descriptor each, however many rings use it."""
+    """Rings the doorbells of other processes, with one descriptor for each doorbell."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -166,6 +166,6 @@ class DoorbellSenders:
         return True
 
     def close(self) -> None:
-        """Close all; they are opened again when needed."""
+        """Close all descriptors, which are reopened when needed."""
         while self._fds:
             os.close(self._fds.popitem()[1])

@@ -1,4 +1,4 @@
-"""The memory fence: keeps one process's loads and stores in order, as other processors see them."""
+"""The memory fence: orders the loads and stores of one process for other processors."""
 
 import threading
 

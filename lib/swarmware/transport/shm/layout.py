@@ -1,13 +1,13 @@
-"""The layout of a ring file: where each word stands, and which sizes are allowed.
+"""The layout of a ring file: offsets of its words, and permitted sizes.
 
 All words are unsigned 64-bit, native order, aligned to 8 bytes, read and written one at a time through a
-memoryview cast to 'Q': that is one machine instruction, so a word is never seen in half. (`struct` with '<Q'
-writes byte by byte and would break this.)
+memoryview cast to 'Q': that is one machine instruction, so a word is never read partially. (`struct` with
+'<Q' writes byte by byte and would break this.)
 
     header   256 bytes, words as below
     slots    `slots` times `stride` bytes: word BEFORE, word AFTER, word META, one spare word, then the bytes
 
-A writer of sequence n sets BEFORE = n, the bytes, META, AFTER = n, and last NEWEST = n. A reader looks in the
+A writer of sequence n sets BEFORE = n, the bytes, META, AFTER = n, and last NEWEST = n. A reader reads in the
 opposite order: AFTER, the bytes, BEFORE. Both are n, or the bytes are torn.
 """
 
@@ -26,14 +26,14 @@ HEADER_BYTES = 256
 # header words; MAGIC, VERSION and MOVED keep their places in every later version
 W_MAGIC, W_VERSION = 0, 1
 W_MOVED = 2
-"""Not 0: this file is no longer, or not for long, the one at its path; open the path again."""
+"""Not 0: this file is being or was replaced at its path; reopen the path."""
 W_SLOTS, W_SLOT_BYTES = 3, 4
 W_NONCE = 5
-"""Random, one per file: who can read it back shares this memory with the writer."""
+"""Random number of the file, which proves that a process shares this memory with the writer."""
 W_EPOCH = 6
 """Random; a file that replaces another inherits it: sequences of one epoch never start again."""
 W_FIRST = 7
-"""Sequences up to this one were never in this file."""
+"""Sequence before the first one in this file."""
 W_STATIC_CRC = 8
 W_PID, W_START, W_BOOT_LOW, W_BOOT_HIGH = 9, 10, 11, 12
 W_NEWEST = 16
@@ -44,14 +44,14 @@ _STATIC_WORDS = (W_MAGIC, W_VERSION, W_SLOTS, W_SLOT_BYTES, W_NONCE, W_EPOCH, W_
 # slot words, counted from the slot's start
 S_BEFORE, S_AFTER, S_META = range(3)
 SLOT_HEADER_BYTES = 32
-"""Keeps the frame aligned to 32, and a payload behind a 48-byte frame header to 16."""
+"""Size of a slot's header: it aligns the frame to 32 bytes, and a payload behind a frame header to 16."""
 LINE_BYTES = 64
 """Cache line: two slots never share one."""
 
 CHECKED_SLOT_BYTES = 64 * 1024
 """Up to this size a slot carries a CRC-32 of its bytes; above, it would take longer than the copy."""
 MIN_SLOTS = 4
-"""A reader that starts on the newest frame has three writes' time to finish."""
+"""Minimum slots: a reader of the newest frame has the time of three writes."""
 MAX_SLOTS = 1 << 16
 MAX_SLOT_BYTES = 64 << 20
 """Eight uncompressed camera frames of 1920 × 1080 pixels and 4 bytes."""
@@ -59,7 +59,7 @@ MAX_RING_BYTES = 1 << 30
 LENGTH_MASK = 0xFFFF_FFFF
 """META: length of the frame in the lower half, its checksum in the upper."""
 SEED_MASK = 0xFFFF_FFFF
-"""The checksum starts from the sequence, so that bytes of another round never fit."""
+"""The checksum starts with the sequence, so that bytes of another round do not match."""
 
 RING_SUFFIX = ".ring"
 READERS_SUFFIX = ".readers"
@@ -71,7 +71,7 @@ class RingBusy(Conflict):
 
 
 class RingFull(SwarmError):
-    """No room: the file system of the shared memory is full, or the table of readers is."""
+    """The file system of the shared memory, or the table of readers, is full."""
 
 
 class Geometry(msgspec.Struct, frozen=True):
@@ -79,7 +79,7 @@ class Geometry(msgspec.Struct, frozen=True):
 
     slots: int
     slot_bytes: int
-    """Longest frame."""
+    """Maximum size of a frame."""
 
     def check(self, where: Path) -> None:
         """Check the geometry against the limits of a ring.
@@ -114,7 +114,7 @@ def static_crc(words: memoryview) -> int:
 
 
 def write_header(words: memoryview, geometry: Geometry, *, nonce: int, epoch: int, first: int) -> None:
-    """Fill in the header of a file that nobody else can see yet; its first frame will be first + 1."""
+    """Write the header of a file that is not visible to others yet; its first frame will be first + 1."""
     words[W_MAGIC] = MAGIC
     words[W_VERSION] = VERSION
     words[W_SLOTS] = geometry.slots
@@ -129,7 +129,7 @@ def write_header(words: memoryview, geometry: Geometry, *, nonce: int, epoch: in
 def read_header(words: memoryview, file_bytes: int, where: Path) -> Geometry:
     """Check the header of a file from outside.
 
-    Raises: WireError, whatever the bytes are.
+    Raises: WireError for any invalid bytes.
     """
     if words[W_MAGIC] != MAGIC:
         raise WireError(f"{where}: not a ring, expected a file that starts with SWARMRNG")
@@ -148,14 +148,14 @@ def read_header(words: memoryview, file_bytes: int, where: Path) -> Geometry:
 
 
 def read_owner(words: memoryview) -> Owner:
-    """The owner in the header; nobody while it is being written."""
+    """The owner in the header; pid 0 while it is being written."""
     pid = words[W_PID]
     owner = Owner(pid, words[W_START], words[W_BOOT_HIGH] << 64 | words[W_BOOT_LOW])
     return owner if words[W_PID] == pid else Owner(0, 0, 0)
 
 
 def write_owner(words: memoryview, owner: Owner) -> None:
-    """Replace the owner; a kill in the middle leaves nobody, never a mixture."""
+    """Replace the owner; a kill in between leaves pid 0, never a mixture."""
     words[W_PID] = 0
     words[W_START] = owner.start_ticks
     words[W_BOOT_LOW] = owner.boot_id & 0xFFFF_FFFF_FFFF_FFFF
@@ -164,16 +164,16 @@ def write_owner(words: memoryview, owner: Owner) -> None:
 
 
 def ring_file(shm_dir: Path, local_path: str, platform: str | None = None) -> Path:
-    """Where the ring of a resource lies: `nav/pose` → `nav.pose.ring`; of another platform, in its folder."""
+    """Path of a resource's ring: `nav/pose` → `nav.pose.ring`; of another platform, in its folder."""
     folder = shm_dir if platform is None else shm_dir / platform
     return folder / (local_path.replace("/", ".") + RING_SUFFIX)
 
 
 def ring_path(ring: Path) -> str:
-    """Local path of the resource whose ring lies there: the inverse of `ring_file`."""
+    """Local path of the resource of a ring file: the inverse of `ring_file`."""
     return ring.name.removesuffix(RING_SUFFIX).replace(".", "/")
 
 
 def readers_folder(ring: Path) -> Path:
-    """Where the readers of a ring are entered; it may exist before the ring."""
+    """Folder of the readers of a ring; it may exist before the ring."""
     return ring.with_suffix(READERS_SUFFIX)

@@ -1,6 +1,6 @@
-"""The file lock: whoever holds the `flock` of a file that still stands at its path may change it.
+"""The file lock: the holder of the `flock` of a file that is still at its path may change it.
 
-The kernel drops the lock with the last descriptor, however the process ends. Readers never need it.
+The kernel releases the lock with the last descriptor, for any end of the process. Readers do not need it.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 RETRY_S = 0.0005
-"""Pause between two tries. Every holder but the owner of a ring keeps a lock for some ten microseconds."""
+"""Pause between two attempts. All holders but the owner of a ring keep a lock for some ten microseconds."""
 
 
 def try_lock(fd: int) -> bool:
-    """Take the exclusive lock if nobody else has it."""
+    """Take the exclusive lock if it is free; returns whether it was."""
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -28,9 +28,9 @@ def try_lock(fd: int) -> bool:
 
 
 def lock_within(fd: int, timeout_s: float) -> bool:
-    """Take the exclusive lock, waiting out those who hold it for a moment; never longer than the timeout.
+    """Take the exclusive lock, waiting for short holders, at most for the time-out.
 
-    A plain blocking `flock` would wait for ever for a holder that was stopped (SIGSTOP, debugger).
+    A blocking `flock` would wait without limit for a stopped holder (SIGSTOP, debugger).
     """
     deadline_s = time.monotonic() + timeout_s
     while not try_lock(fd):
@@ -61,5 +61,5 @@ def stands_at(fd: int, path: Path) -> bool:
 
 
 def is_regular(fd: int) -> bool:
-    """Whether it is an ordinary file; anything else at our paths is somebody's mistake, or an attack."""
+    """Whether it is a regular file; anything else at these paths is an error, or an attack."""
     return stat.S_ISREG(os.fstat(fd).st_mode)

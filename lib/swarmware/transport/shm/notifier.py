@@ -33,7 +33,7 @@ class ReaderNotifier:
 
         Raises: Denied, WireError, RingFull; only when the folder is missing.
         """
-        self._fence()  # the frame must be visible before the folder is looked at, or a new reader misses both
+        self._fence()  # the frame must be visible before the folder is read, or a new reader misses both
         if self._folder is None or self._folder.changed():
             self._look()
         ring = self._doorbells.ring
@@ -60,7 +60,7 @@ class ReaderNotifier:
                 if self._crowded(folder):
                     folder.remove(name)
                     raise RingFull(
-                        f"{self.path}: {ENTRIES} processes of this user read this ring, expected no more"
+                        f"{self.path}: {ENTRIES} processes of this user read this ring, which is the limit"
                     )
         self._fence()
 
@@ -88,7 +88,7 @@ class ReaderNotifier:
         return self._folder
 
     def _look(self) -> None:
-        """List the folder; if it was removed, open the one that is at the path now."""
+        """List the folder; if it was removed, open the one at the path."""
         if self._folder is not None and self._folder.gone:
             self.close()
         self._names = self._open().names()

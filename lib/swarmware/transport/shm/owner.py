@@ -1,4 +1,4 @@
-"""The owner of a ring: one process of one boot, told apart from a later process with the same number."""
+"""The owner of a ring: one process of one boot, distinguished from a later process with the same pid."""
 
 import functools
 import os
@@ -18,10 +18,10 @@ def boot_id() -> int:
 
 
 class Owner(msgspec.Struct, frozen=True):
-    """Who writes a ring."""
+    """The process that writes a ring."""
 
     pid: int
-    """0: nobody."""
+    """pid of the owner; 0: none."""
     start_ticks: int
     boot_id: int
 

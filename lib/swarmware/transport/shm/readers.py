@@ -1,8 +1,8 @@
-"""The readers of a ring: a folder beside it with an empty file for each doorbell to be rung.
+"""The readers of a ring: a folder beside it with an empty file for each doorbell.
 
-Nothing is mapped and nothing is locked: an entry is there or not, whoever is killed when. The folder is
-sticky: who may read the ring may add an entry, and take away only his own. It may be there before the ring:
-so a reader waits for a writer to come.
+Nothing is mapped or locked: an entry exists or not, whichever process is killed. The folder is
+sticky: readers may add entries, and remove only their own. It may exist before the ring:
+so a reader waits for a writer.
 """
 
 import contextlib
@@ -20,14 +20,14 @@ from swarmware.transport.shm.doorbell import NAME
 from swarmware.transport.shm.ringfile import file_errors
 
 MODE: Final = 0o1770
-"""The one place in shared memory that readers write."""
+"""Mode of the folder, the only place in shared memory that readers write."""
 ENTRIES: Final = 64
-"""Doorbells of one user that are rung; more are a mistake, or an attack."""
+"""Maximum doorbells of one user; more are an error, or an attack."""
 GRANULE_NS: Final = 20_000_000
-"""Two changes of a folder may bear the same time if they are closer: twice the longest tick of a kernel."""
+"""Two changes within this time may have the same time stamp: twice the longest tick of a kernel."""
 
 ATTEMPTS: Final = 100
-"""Each one is lost to another process that made or removed the folder meanwhile."""
+"""Maximum attempts: each fails when another process has made or removed the folder meanwhile."""
 
 _MAKE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 _FLAGS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | os.O_NOFOLLOW
@@ -43,7 +43,7 @@ class ReadersFolder:
         """Whether the last listing found more entries of this user than are rung."""
         status = os.fstat(self._fd)
         if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) | stat.S_ISVTX != MODE:
-            os.fchmod(self._fd, MODE)  # just made: the umask has its say in mkdir
+            os.fchmod(self._fd, MODE)  # new: the umask applies to mkdir
 
     def changed(self) -> bool:
         """Whether it has to be listed (again)."""
@@ -51,11 +51,11 @@ class ReadersFolder:
 
     @property
     def gone(self) -> bool:
-        """Whether it has left its path."""
+        """Whether it is not at its path any more."""
         return os.fstat(self._fd).st_nlink == 0
 
     def names(self, limit: int = ENTRIES) -> tuple[str, ...]:
-        """The doorbells in it; what cannot be one, or is beyond the limit of one user, is passed over."""
+        """The doorbells in it; invalid names, and those beyond the limit of a user, are ignored."""
         at_ns = os.fstat(self._fd).st_mtime_ns
         found = []
         of_user: Counter[int] = Counter()
@@ -68,7 +68,7 @@ class ReadersFolder:
                         if of_user[user] <= limit:
                             found.append(entry.name)
         self.crowded = of_user[os.geteuid()] > ENTRIES
-        # one that is added in this very moment may not change the time: look again next time
+        # one that is added now may not change the time: list it again next time
         self._seen_ns = at_ns if utc_ns() - at_ns > GRANULE_NS else -1
         return tuple(found)
 
@@ -77,23 +77,23 @@ class ReadersFolder:
         try:
             with contextlib.suppress(FileExistsError):
                 os.close(os.open(name, _MAKE, 0o600, dir_fd=self._fd))
-            os.utime(self._fd)  # also when the entry was there: the writer may have dropped it
+            os.utime(self._fd)  # also when the entry existed: the writer may have dropped it
         except FileNotFoundError:
             return False
         return True
 
     def remove(self, name: str) -> None:
-        """Take an entry away, if it is ours to take."""
+        """Remove an entry, if this process may."""
         with contextlib.suppress(FileNotFoundError, PermissionError):
             os.unlink(name, dir_fd=self._fd)
 
     def close(self) -> None:
-        """Let go of the folder."""
+        """Close the descriptor of the folder."""
         os.close(self._fd)
 
 
 def open_readers(path: Path, *, create: bool) -> ReadersFolder | None:
-    """The folder at the path, made if it is missing, or None; what else stands there gives way to it.
+    """The folder at the path, created if it is missing, or None; any other file at the path is replaced.
 
     Raises: Denied, WireError, RingFull.
     """
@@ -109,7 +109,7 @@ def open_readers(path: Path, *, create: bool) -> ReadersFolder | None:
                 if error.errno not in {errno.ENOTDIR, errno.ELOOP} or not path.parent.is_dir():
                     raise
                 with contextlib.suppress(FileNotFoundError):
-                    path.unlink()  # a file or a link: nothing of ours
+                    path.unlink()  # a file or a link, which is not expected here
     raise WireError(f"{path}: other processes keep making and removing it")
 
 
@@ -121,7 +121,7 @@ def _make(path: Path) -> None:
 
 
 def remove_readers(path: Path) -> bool:
-    """Removes the folder with what is in it; False when a reader has come meanwhile."""
+    """Removes the folder with its entries; False when a reader was added meanwhile."""
     for entry in list(path.iterdir()):
         entry.unlink(missing_ok=True)
     try:

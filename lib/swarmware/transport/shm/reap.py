@@ -1,7 +1,7 @@
-"""Reaping: removes from a node's folders what dead processes left, never what a living one uses.
+"""Reaping: removes files of dead processes from a node's folders, never those of living ones.
 
-The lock decides, not the process number: the kernel drops it with its holder, in any PID namespace. Rings
-of dead writers go too: do this when a node starts or ends, not while a killed service is coming back.
+The lock decides, not the pid: the kernel releases it with its holder, in any PID namespace. Rings
+of dead writers are removed, too: do this when a node starts or ends, not while a service restarts.
 """
 
 import contextlib
@@ -23,11 +23,11 @@ _MARK = layout.MAGIC.to_bytes(8, "little")
 
 
 class Reaped(msgspec.Struct, frozen=True):
-    """What was removed, and what could not be."""
+    """Removed files, and those that could not be removed."""
 
     removed: tuple[Path, ...]
     denied: tuple[Path, ...]
-    """Left by the dead, but owned by a user whose files are not ours to remove."""
+    """Files of dead processes that belong to another user."""
 
 
 def reap(shm_dir: Path, run_dir: Path) -> Reaped:
@@ -40,7 +40,7 @@ def remove_all(shm_dir: Path, run_dir: Path) -> Reaped:
     bells_dir = paths.doorbells(run_dir)
     reaped = _sweep(shm_dir, bells_dir, even_used=True)
     for folder in (*_folders(shm_dir)[1:], shm_dir, bells_dir):
-        with contextlib.suppress(OSError):  # it holds something that is not ours, or is gone
+        with contextlib.suppress(OSError):  # it has other files, or was removed
             folder.rmdir()
     return reaped
 
@@ -53,7 +53,7 @@ def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
     tables = [path for path in found if _is_table(path)]
     removed: list[Path] = []
     denied: list[Path] = []
-    # tables after rings: a ring still there then has a living writer
+    # tables after rings: a remaining ring has a living writer
     for path in (*rings, *tables, *_fifos(bells_dir)):
         try:
             if path in rings:
@@ -63,10 +63,10 @@ def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
             else:
                 gone = _remove_bell(path, even_used=even_used)
         except (PermissionError, Denied):
-            # the node ends and the folder is ours: what a member of its group left goes, too
+            # the node ends and the folder is ours: files of members of its group are removed, too
             (removed if even_used and _unlinked(path) else denied).append(path)
         except (FileNotFoundError, NotFound, Conflict, WireError):
-            continue  # another process removed it or uses it at this moment, or it is no file of ours
+            continue  # another process has removed it or uses it now, or it is not one of our files
         else:
             if gone:
                 removed.append(path)
@@ -112,7 +112,7 @@ def _fifos(bells_dir: Path) -> list[Path]:
 
 
 def reap_ring(path: Path) -> bool:
-    """Remove one ring that no living process writes; whether it is gone now."""
+    """Remove one ring without a living writer; returns whether it was removed."""
     try:
         return _remove_ring(path, even_used=False)
     except (FileNotFoundError, PermissionError, Denied):
@@ -142,7 +142,7 @@ def _remove_table(path: Path, bells_dir: Path, *, even_used: bool) -> bool:
             alive = True
     if alive or path.with_suffix(layout.RING_SUFFIX).exists():
         return False
-    with contextlib.suppress(OSError):  # a reader has come meanwhile
+    with contextlib.suppress(OSError):  # a reader was added meanwhile
         path.rmdir()
         return True
     return False

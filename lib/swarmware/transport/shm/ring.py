@@ -25,10 +25,10 @@ Bytes = bytes | bytearray | memoryview
 _Taken = TypeVar("_Taken")
 
 TORN_TRIES = 1000
-"""Times in a row that a frame may be overwritten while it is copied. Three in a row were never seen with four
-slots and a writer in a tight loop; a thousand mean that somebody else writes into the file."""
+"""Maximum consecutive overwrites of a frame during its copy. Three never occurred with four
+slots and a writer in a tight loop; a thousand mean that another process writes to the file."""
 SKIP_TRIES = 64
-"""Times that `next()` tries a slot the writer has not come round to before it counts the frame as lost."""
+"""Attempts of `next()` at a slot that is being written before it counts the frame as lost."""
 
 _HEADER_BYTES, _SLOT_HEADER_BYTES = layout.HEADER_BYTES, layout.SLOT_HEADER_BYTES
 _NEWEST, _MOVED = layout.W_NEWEST, layout.W_MOVED
@@ -38,8 +38,9 @@ _LENGTH_MASK, _SEED_MASK = layout.LENGTH_MASK, layout.SEED_MASK
 class RingWriter:
     """The one writer of a ring.
 
-    An existing ring of the same slots goes on where its dead owner stopped, and its readers notice nothing.
-    A ring of another layout is replaced by a new file: its readers see `moved`. Notify them either way.
+    It continues an existing ring of the same slots whose owner is dead, without effect on readers.
+    A ring of another layout is replaced by a new file, which readers detect by `moved`. Notify them in both
+    cases.
     Raises: RingBusy when a living process writes it, RingFull without room, OutOfRange beyond the limits.
     """
 
@@ -59,7 +60,7 @@ class RingWriter:
         self._map, self.taken_over = ringfile.claim(path, geometry, mode, resume)
         self._words = memoryview(self._map).cast("Q")
         self._lineage = self._words[layout.W_EPOCH]
-        self._name = str(path)  # a look once a second by this costs a third of one by `Path`
+        self._name = str(path)  # a check by this takes a third of the time of one by `Path`
         self._file = path.lstat()
         self._stride = geometry.stride
         self._checked = geometry.checked
@@ -94,7 +95,7 @@ class RingWriter:
             words[slot + 2] = crc32(data, sequence & _SEED_MASK) << 32 | length
             words[slot + 1] = sequence
         else:
-            self._fence()  # without a checksum the order of the stores is all a reader has
+            self._fence()  # without a checksum readers rely on the order of the stores
             self._map[start : start + length] = data
             words[slot + 2] = length
             self._fence()
@@ -103,9 +104,9 @@ class RingWriter:
         return sequence
 
     def loan(self, length: int) -> memoryview:
-        """The bytes of the next slot, to be filled in place and given back by `publish`.
+        """The bytes of the next slot, to be filled in place and published by `publish`.
 
-        Nothing is visible before. The view is dead afterwards. Raises: as `write`.
+        Nothing is visible before. The view is invalid afterwards. Raises: as `write`.
         """
         if length > self.slot_bytes or length < 0 or self._loan is not None:
             self._refuse(length)
@@ -145,7 +146,7 @@ class RingWriter:
         return sequence
 
     def abandon(self) -> None:
-        """Give the slot on loan back unpublished; its bytes are never seen."""
+        """Return the slot on loan without publishing it."""
         if self._loan is not None:
             self._loan.release()
             self._loan = None
@@ -156,7 +157,7 @@ class RingWriter:
         raise OutOfRange(f"{self.path}: a frame of {length} bytes, expected 0 to {self.slot_bytes}")
 
     def intact(self) -> bool:
-        """Whether the file at the path is still this one, whole, with our header: nobody damaged it."""
+        """Whether the file at the path is still this one, complete and with a valid header."""
         if self._map.closed:
             return True
         found = self._found()
@@ -171,12 +172,12 @@ class RingWriter:
         )
 
     def _cut(self) -> bool:
-        """Whether the file at the path has lost pages: to touch the map of such a file ends a process."""
+        """Whether the file was truncated: access to the map of such a file ends the process."""
         found = self._found()
         return found is not None and found.st_size != len(self._map)
 
     def _found(self) -> os.stat_result | None:
-        """The file at the path if it is still ours."""
+        """Status of the file at the path if it is still this one."""
         try:
             found = os.lstat(self._name)
         except OSError:
@@ -184,10 +185,12 @@ class RingWriter:
         return found if os.path.samestat(found, self._file) else None
 
     def discard(self) -> ringfile.EpochPosition:
-        """Let go of a damaged file; what a new writer in its place needs to go on."""
+        """Close a damaged file; returns the position from which a new writer continues."""
         self.abandon()
         if not self._cut():
-            self._words[_MOVED] = 1  # no longer at its path: readers that have it mapped must open again
+            self._words[_MOVED] = (
+                1  # it is no longer at its path: readers that have mapped it must reopen the path
+            )
         self._words.release()
         _close(self._map)
         return self._lineage, self._sequence
@@ -207,7 +210,7 @@ class RingWriter:
         with contextlib.suppress(FileNotFoundError):
             fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:
-                # the lock is ours if it is our file: its nonce tells, and `unlink_ring` looks at the inode
+                # the nonce shows whether it is our file, whose lock we have; `unlink_ring` checks the inode
                 if os.pread(fd, 8, layout.W_NONCE * 8) == bytes(
                     self._words[layout.W_NONCE : layout.W_NONCE + 1]
                 ):
@@ -227,9 +230,9 @@ class RingWriter:
 class RingReader:
     """One reader of a ring; the file is mapped read-only.
 
-    `after`: `next()` begins behind this sequence and counts as lost what is gone by now; 0 suits a reader
-    that waited for the ring to appear. None: it begins with the first frame written from now on.
-    Raises: NotFound, Denied, WireError when the file is no ring.
+    `after`: `next()` begins after this sequence and counts overwritten frames as lost; use 0 for a reader
+    that waited for the ring. None: it begins with the first frame written from now on.
+    Raises: NotFound, Denied, WireError when the file is not a ring.
     """
 
     def __init__(self, path: Path, *, after: int | None = None) -> None:
@@ -254,34 +257,35 @@ class RingReader:
         self._fence = Fence()
         self.nonce = self._words[layout.W_NONCE]
         self.epoch = self._words[layout.W_EPOCH]
-        """Identity over replacements of the file: sequences of one epoch never start again."""
+        """Epoch, equal for replacements of the file: the sequences of one epoch are continuous."""
         self.seen = 0
-        """Sequence of the frame that `newest()` or `view()` gave last."""
+        """Sequence of the frame that `newest()` or `view()` returned last."""
         self.lost = 0
-        """Frames that `next()` could not give because the writer had overwritten them."""
+        """Frames that were overwritten before `next()` could return them."""
         self.position = self._words[_NEWEST] if after is None else after
-        """Sequence that `next()` has come to."""
+        """Sequence of the last frame that `next()` returned or skipped."""
 
     @property
     def sequence(self) -> int:
-        """Sequence of the newest frame; compare with `seen` to know whether `newest()` has something new."""
+        """Sequence of the newest frame; `newest()` has a new frame when it differs from `seen`."""
         return self._words[_NEWEST]
 
     @property
     def unchanged(self) -> bool:
-        """Whether `newest()` has given the newest frame, and the path has no other file."""
+        """Whether `newest()` has returned the newest frame, and the path has no other file."""
         words = self._words
         return words[_NEWEST] == self.seen and not words[_MOVED]
 
     @property
     def moved(self) -> bool:
-        """Whether the path has, or soon will have, another file or none: read to the end, then `reopen()`."""
+        """Whether the file at the path was or is being replaced or removed: read to the end, then
+        `reopen()`."""
         return self._words[_MOVED] != 0
 
     def reopen(self) -> "RingReader":
-        """A reader of the file that is at the path now, and goes on where this one stands; closes this one.
+        """A reader of the file at the path, which continues at the position of this one; closes this one.
 
-        Frames never seen are counted in its `lost`. Raises: as the constructor; this reader then stays open.
+        Missed frames are counted in its `lost`. Raises: as the constructor; this reader then stays open.
         """
         fresh = RingReader(self.path)
         fresh.lost = self.lost
@@ -290,16 +294,16 @@ class RingReader:
         return fresh
 
     def same_epoch(self, former: "RingReader") -> bool:
-        """Whether its sequences go on from those of a former file at the path; else they start again."""
+        """Whether its sequences continue those of a former file at the path."""
         return self.epoch == former.epoch
 
     @property
     def owner(self) -> Owner:
-        """Who writes, or wrote; pid 0 after an orderly end."""
+        """The present or last writer; pid 0 after an orderly end."""
         return layout.read_owner(self._words)
 
     def owner_alive(self) -> bool:
-        """Whether somebody writes the ring. A process of another PID namespace is known by its lock."""
+        """Whether the ring has a writer. One of another PID namespace is detected by its lock."""
         if self.owner.alive():
             return True
         try:
@@ -312,7 +316,7 @@ class RingReader:
             os.close(fd)
 
     def in_place(self) -> bool:
-        """Whether the mapped file still is the one at the path; slower than `moved`, but certain."""
+        """Whether the mapped file is still at the path; slower than `moved`, but certain."""
         try:
             return os.path.samestat(self.path.lstat(), self._file)
         except OSError:
@@ -323,18 +327,19 @@ class RingReader:
         return self._latest(self._copy)
 
     def view(self) -> View | None:
-        """The newest frame where it lies, without a copy; None before the first."""
+        """The newest frame in place, without a copy; None before the first."""
         return self._latest(self._look)
 
     def next(self) -> bytes | None:
         """A copy of the next frame in order; None when there is none yet.
 
-        What was overwritten is skipped and counted in `lost`: every sequence is either given once or counted.
+        Overwritten frames are skipped and counted in `lost`: every sequence is either returned once or
+        counted.
         """
         return self._following(self._copy)
 
     def next_view(self) -> View | None:
-        """The next frame in order where it lies, without a copy; otherwise as `next()`."""
+        """The next frame in order in place, without a copy; otherwise as `next()`."""
         return self._following(self._look)
 
     def _latest(self, take: Callable[[int], _Taken | None]) -> _Taken | None:
@@ -347,7 +352,7 @@ class RingReader:
             if taken is not None:
                 self.seen = sequence
                 return taken
-        raise WireError(f"{self.path}: frame {words[_NEWEST]} is never whole, expected one writer only")
+        raise WireError(f"{self.path}: frame {words[_NEWEST]} is never complete, expected one writer only")
 
     def _following(self, take: Callable[[int], _Taken | None]) -> _Taken | None:
         words = self._words
@@ -359,7 +364,7 @@ class RingReader:
                 return None
             oldest = newest - self.slots + 1
             if wanted < oldest or wanted <= self._first:
-                # to the oldest but one: the oldest slot is what the writer fills next
+                # to the second oldest: the writer fills the oldest slot next
                 self._skip_to(max(oldest, self._first) + 1)
                 tries = 0
                 continue
@@ -368,7 +373,7 @@ class RingReader:
                 self.position = wanted
                 return taken
             tries += 1
-            if wanted == oldest or tries > SKIP_TRIES:  # being overwritten right now; or damaged from outside
+            if wanted == oldest or tries > SKIP_TRIES:  # being overwritten now, or damaged from outside
                 self._skip_to(wanted + 1)
                 tries = 0
 
@@ -377,7 +382,7 @@ class RingReader:
         self.position = wanted - 1
 
     def _copy(self, sequence: int) -> bytes | None:
-        """The bytes of one frame; None when it is not there, or was overwritten during the copy."""
+        """The bytes of one frame; None when it is missing, or was overwritten during the copy."""
         words = self._words
         base = _HEADER_BYTES + sequence % self.slots * self._stride
         slot = base >> 3
@@ -419,7 +424,7 @@ class RingReader:
         return None
 
     def close(self) -> None:
-        """Unmap the file, or leave that to the last view of it."""
+        """Unmap the file, or let the last view of it do so."""
         self._words.release()
         _close(self._map)
 
@@ -433,6 +438,6 @@ class RingReader:
 
 
 def _close(ring: mmap.mmap) -> None:
-    """Unmap; memory that a view still shows is unmapped with the view."""
+    """Unmap the file; memory with a view is unmapped with the view."""
     with contextlib.suppress(BufferError):
         ring.close()

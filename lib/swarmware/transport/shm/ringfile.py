@@ -1,8 +1,9 @@
-"""The ring file: claimed by one writer, replaced, removed; always whole at its path.
+"""The ring file: claimed by one writer, replaced, removed; always complete at its path.
 
-Three rules make `kill -9` harmless at every instruction. A file is made and filled under `<name>.new`, whose
-lock is held, and renamed when complete. Whoever changes a file holds its lock and has seen that it still
-stands at its path. Before a file leaves its path its header says MOVED, so that readers open the path again.
+Three rules make `kill -9` harmless at every instruction. A file is created and filled under `<name>.new`,
+whose lock is held, and renamed when complete. A process that changes a file holds its lock and has checked
+that it is at its path. Before a file is removed from its path its header gets MOVED, so that readers reopen
+the path.
 """
 
 import contextlib
@@ -22,14 +23,14 @@ from swarmware.transport.shm.lock import is_regular, lock_within, stands_at, try
 from swarmware.transport.shm.owner import Owner
 
 LOCK_WAIT_S = 0.25
-"""How long a lock without a living owner in the header is waited for: others probe it for microseconds."""
+"""Wait for a lock without a living owner in the header: others probe it for microseconds."""
 ATTEMPTS = 100
 """Each one is lost to another process that made or removed the file meanwhile."""
 
 
 @contextlib.contextmanager
 def file_errors(path: Path) -> Iterator[None]:
-    """Turn what the operating system says into errors that name the path."""
+    """Convert errors of the operating system to errors that name the path."""
     try:
         yield
     except FileNotFoundError as error:
@@ -38,22 +39,22 @@ def file_errors(path: Path) -> Iterator[None]:
         raise Denied(f"{path}: no permission") from error
     except OSError as error:
         if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
-            raise RingFull(f"{path}: no room on the file system of the shared memory") from error
+            raise RingFull(f"{path}: the file system of the shared memory is full") from error
         if error.errno in {errno.ELOOP, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENXIO}:
             raise WireError(f"{path}: not a regular file in a folder") from error
         raise
 
 
 def open_reading(path: Path) -> int:
-    """Descriptor for reading; a FIFO or a link at the path is an error, not a trap."""
+    """Descriptor for reading; a FIFO or a link at the path is refused."""
     with file_errors(path):
         return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 def absent(path: str) -> bool:
-    """Whether there is nothing at a path: what readers that wait for a writer ask at each look.
+    """Whether there is nothing at a path, for readers that wait for a writer.
 
-    Anything else, an error included, is for `open_reading`, which costs five times as much to find nothing.
+    `open_reading` handles all other cases, but takes five times as long to find nothing.
     """
     try:
         os.lstat(path)  # no Path object
@@ -65,15 +66,15 @@ def absent(path: str) -> bool:
 
 
 EpochPosition = tuple[int, int]
-"""Epoch and newest sequence of a ring, with which its replacement goes on."""
+"""Epoch and newest sequence of a ring, from which its replacement continues."""
 
 
 def claim(
     path: Path, geometry: Geometry, mode: int, resume: EpochPosition | None = None
 ) -> tuple[mmap.mmap, bool]:
-    """Become the one writer of the ring at the path; True: an earlier ring goes on in place.
+    """Become the only writer of the ring at the path; True: an earlier ring is continued in place.
 
-    The lock belongs to the map and goes with it. `resume`: where the writer of a damaged ring goes on.
+    The lock is held by the map. `resume`: position from which the writer of a damaged ring continues.
     Raises: RingBusy, RingFull, Denied.
     """
     geometry.check(path)
@@ -92,7 +93,7 @@ def claim(
                     return ring, False
             finally:
                 if old_fd is not None:
-                    os.close(old_fd)  # a map keeps the open file, and so the lock, by a descriptor of its own
+                    os.close(old_fd)  # the map keeps the open file, and so the lock, by its own descriptor
     raise RingBusy(f"{path}: other processes keep making and removing it")
 
 
@@ -135,7 +136,7 @@ def _map(fd: int, file_bytes: int) -> mmap.mmap:
 
 
 def _take_over(fd: int, path: Path, geometry: Geometry) -> mmap.mmap | None:
-    """Go on with a ring whose owner is gone; None when it has another layout or is damaged."""
+    """Continue a ring whose owner has ended; None when it has another layout or is damaged."""
     file_bytes = os.fstat(fd).st_size
     if file_bytes != geometry.file_bytes:
         return None
@@ -161,7 +162,7 @@ def _take_over(fd: int, path: Path, geometry: Geometry) -> mmap.mmap | None:
 
 
 def _newest_complete(ring: mmap.mmap, words: memoryview, geometry: Geometry) -> bool:
-    """Whether the newest frame is what the index says; always, unless the file was damaged from outside."""
+    """Whether the newest frame matches the index: false only if the file was damaged from outside."""
     newest, first = words[layout.W_NEWEST], words[layout.W_FIRST]
     if newest == first:
         return True
@@ -181,7 +182,7 @@ def _newest_complete(ring: mmap.mmap, words: memoryview, geometry: Geometry) -> 
 def _make(
     path: Path, geometry: Geometry, mode: int, old_fd: int | None, resume: EpochPosition | None
 ) -> mmap.mmap | None:
-    """A new ring at the path, or in the place of the locked old one; None: somebody was faster."""
+    """Create a ring at the path, or replace the locked old one; None: another process was faster."""
     unfinished = path.with_name(path.name + layout.UNFINISHED_SUFFIX)
     fd = os.open(unfinished, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, mode)
     try:
@@ -197,7 +198,9 @@ def _make(
                 resume = (secrets.randbits(64), 0) if old_fd is None else _inherited_epoch(old_fd)
             ring = _fill(fd, path, geometry, mode, resume)
             if old_fd is not None:
-                os.pwrite(old_fd, b"\1", layout.W_MOVED * 8)  # damaged or not: its readers must open again
+                os.pwrite(
+                    old_fd, b"\1", layout.W_MOVED * 8
+                )  # damaged or not: its readers must reopen the path
             unfinished.rename(path)
         except OSError:
             unfinished.unlink()
@@ -212,7 +215,7 @@ def _vacant(path: Path, old_fd: int | None) -> bool:
 
 
 def _fill(fd: int, path: Path, geometry: Geometry, mode: int, resume: EpochPosition) -> mmap.mmap:
-    os.ftruncate(fd, 0)  # what a maker killed here before left behind
+    os.ftruncate(fd, 0)  # content of a process that was killed here before
     os.posix_fallocate(fd, 0, geometry.file_bytes)  # a full file system is an error now, not a SIGBUS later
     os.fchmod(fd, mode)
     share(fd, path.parent, mode)
@@ -226,7 +229,7 @@ def _fill(fd: int, path: Path, geometry: Geometry, mode: int, resume: EpochPosit
 
 
 def _inherited_epoch(old_fd: int) -> EpochPosition:
-    """Epoch and newest sequence of the ring that is replaced; a new epoch if it is none or damaged."""
+    """Epoch and newest sequence of the replaced ring; a new epoch if it is missing or damaged."""
     header = os.pread(old_fd, layout.HEADER_BYTES, 0)
     words = memoryview(header.ljust(layout.HEADER_BYTES, b"\0")).cast("Q")
     with contextlib.suppress(WireError):
@@ -237,7 +240,7 @@ def _inherited_epoch(old_fd: int) -> EpochPosition:
 
 
 def mark_moved(fd: int) -> None:
-    """Tell the readers that have the file mapped to open its path again."""
+    """Mark the file, so that readers that have mapped it reopen the path."""
     if (
         os.pread(fd, 8, 0) == layout.MAGIC.to_bytes(8, "little")
         and os.fstat(fd).st_size >= layout.HEADER_BYTES
@@ -246,7 +249,7 @@ def mark_moved(fd: int) -> None:
 
 
 def unlink_ring(fd: int, path: Path) -> bool:
-    """Remove the ring whose lock is held; False when another file stands at the path by now."""
+    """Remove the ring whose lock is held; False when another file is at the path."""
     if not stands_at(fd, path):
         return False
     mark_moved(fd)

@@ -1,10 +1,10 @@
-"""When a process started: tells it apart from a later one with the same number."""
+"""Start time of a process, which distinguishes it from a later one with the same pid."""
 
 _STATE, _START = 0, 19
 """Positions of state (field 3) and starttime (field 22) behind the command name. Source: proc_pid_stat(5)."""
 
 _DEAD_STATES = frozenset("ZXx")
-"""A zombie runs no code any more; it only waits for its parent to ask for the exit status."""
+"""States of a process that executes no code any more, such as a zombie."""
 
 
 def start_ticks(pid: int) -> int:

@@ -1,4 +1,4 @@
-"""The view: one frame of a ring, read where it lies in shared memory."""
+"""The view: one frame of a ring, read in place in shared memory."""
 
 from types import TracebackType
 from typing import Self
@@ -9,7 +9,7 @@ from swarmware.transport.shm.layout import SEED_MASK
 
 
 class View:
-    """Work on `data`, then ask `still_valid()`: False means throw the result away.
+    """A view of one frame: process `data`, then call `still_valid()`; if it is False, discard the result.
 
     `words`: BEFORE and AFTER of the slot. `crc`: None where the slots carry none.
     """
@@ -18,21 +18,21 @@ class View:
 
     def __init__(self, data: memoryview, words: memoryview, sequence: int, crc: int | None) -> None:
         self.data = data
-        """The bytes, read-only; they change when the writer has come round."""
+        """The bytes, read-only; they change when the writer reuses the slot."""
         self.sequence = sequence
         self._words = words
         self._crc = crc
         self._fence = Fence()
 
     def still_valid(self) -> bool:
-        """Whether `data` has been the frame, whole, from the beginning until now."""
+        """Whether `data` has been the complete frame from the beginning until now."""
         if self._crc is not None and crc32(self.data, self.sequence & SEED_MASK) != self._crc:
             return False
         self._fence()
         return self._words[0] == self.sequence == self._words[1]
 
     def release(self) -> None:
-        """Let go of the memory; `data` is dead afterwards."""
+        """Release the memory; `data` is invalid afterwards."""
         self.data.release()
         self._words.release()
 
