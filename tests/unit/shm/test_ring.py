@@ -168,7 +168,7 @@ def test_damage_from_outside_is_an_error_for_a_board_and_a_loss_for_a_stream(tmp
             found = file.read().index(b"second")
             file.seek(found)
             file.write(b"S")
-        with pytest.raises(WireError, match="frame 2 is never whole"):
+        with pytest.raises(WireError, match="frame 2 is never complete"):
             reader.newest()
         assert [reader.next(), reader.next()] == [b"first", None]
         assert reader.lost == 1
