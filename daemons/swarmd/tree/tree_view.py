@@ -204,5 +204,5 @@ class TreeView:
 
 
 def json_text(data: bytes) -> str:
-    """MessagePack as JSON, for people."""
+    """MessagePack as JSON text, for display."""
     return msgspec.json.encode(msgspec.msgpack.decode(data)).decode()
