@@ -63,10 +63,10 @@ def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
 
 @cmd.command()
 @click.argument("key", shell_complete=completion.live_settings)
-@click.option("--yes", is_flag=True, help="Do not ask where the setting wants it.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def undo(ctx: click.Context, key: str, yes: bool) -> None:
-    """Take back the last change of a live setting; a second time brings it back.
+    """Undo the last change of a live setting; a second call restores it.
 
     Example: swarmctl config undo navigator/altitude_kp --node uav1
     """
