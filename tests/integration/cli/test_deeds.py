@@ -195,7 +195,7 @@ def test_a_mission_is_started_watched_and_aborted(lab: Lab, ctl: Ctl) -> None:
             started.kill()
     states += [json.loads(line) for line in rest.splitlines()]
     assert started.returncode == 1
-    assert "ended badly at" in err
+    assert "unsuccessful at" in err
     last = {one["platform"]: one["state"]["state"] for one in states}
     assert last == dict.fromkeys(["gcs", "uav1", "uav2", "ugv1"], "aborted")
     assert {one["state"]["epoch"] for one in states} == {states[0]["state"]["epoch"]}

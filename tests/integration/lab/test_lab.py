@@ -102,6 +102,6 @@ def test_what_cannot_be_is_refused_before_anything_starts(ctl: Ctl, labs_folder:
     assert "expected 3..200" in ctl("lab", "up", "formation", "--nodes", "2", code=7).stderr
     assert "usv1" in ctl("lab", "up", "formation", "--nodes", "3", "--per-daemon", "usv1", code=7).stderr
     assert "--net moon" in ctl("lab", "up", "formation", "--net", "moon", code=7).stderr
-    assert "not there" in ctl("lab", "down", "nothing", code=6).stderr
+    assert "no such lab" in ctl("lab", "down", "nothing", code=6).stderr
     assert "lab up" in ctl("lab", "logs", code=6).stderr
     assert list(labs_folder.iterdir()) == []
