@@ -9,7 +9,7 @@ from swarmctl.session import Session
 from swarmctl.values import decoded, decoded_payload, field, typed
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
-from swarmware.types.tree import TreeGet, TreeSet, TreeSetDone, TreeUndo, TreeValue
+from swarmware.types.tree import Quality, TreeGet, TreeSet, TreeSetDone, TreeUndo, TreeValue, ValueSource
 
 FRESH_S: Final = 1.0
 """Maximum age of a mirror that is used without a query; an older one may be of a rarely changing value, or
@@ -30,7 +30,7 @@ class ResourceReading(msgspec.Struct, frozen=True):
     """None: the owner's clock is not known here."""
     sequence: int
     version: int
-    quality: str
+    quality: Quality
     """live | stale | lost."""
     owner: str
     source: str
@@ -39,7 +39,7 @@ class ResourceReading(msgspec.Struct, frozen=True):
     @property
     def warning(self) -> str:
         """Warning to print with the value; empty: none."""
-        if self.quality != "lost":
+        if self.quality is not Quality.LOST:
             return ""
         age = "of unknown age" if self.age_s is None else f"{self.age_s:.0f} s old"
         return f"{self.path}: lost; this is the last value, {age}"
@@ -61,7 +61,11 @@ async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeVal
     """
     ask = f"/{session.here}/sys/tree/get"
     found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about=path)
-    if found.source != "mirror" or found.quality == "lost" or (found.age_s or FRESH_S) < FRESH_S:
+    if (
+        found.source is not ValueSource.MIRROR
+        or found.quality is Quality.LOST
+        or (found.age_s or FRESH_S) < FRESH_S
+    ):
         return found
     try:
         return await session.ask(ask, TreeGet(path, True), TreeValue, about=path)

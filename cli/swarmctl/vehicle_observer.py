@@ -12,12 +12,12 @@ from swarmctl.vehicles import STATION
 from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
-from swarmware.types.mission import INACTIVE, MissionState
-from swarmware.types.vehicle import NavStatus, Pose, VehicleState
+from swarmware.types.mission import INACTIVE, MissionPhase, MissionState
+from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 
-STANDING: Final = frozenset({"holding", "arrived", "idle"})
+STANDING: Final = frozenset({NavState.HOLDING, NavState.ARRIVED, NavState.IDLE})
 """States of a navigator that holds its position."""
 STILL_M_S: Final = 0.5
 """Speed below which a vehicle counts as holding: wind and noise cause small motions."""
@@ -224,7 +224,7 @@ class ManoeuvreProgress:
             return None
         if snapshot.kind == STATION:
             return True
-        if mission.state != "failed" and self._done(snapshot):
+        if mission.state is not MissionPhase.FAILED and self._done(snapshot):
             return True
         self._ended_ns = now_ns if self._ended_ns is None else self._ended_ns
         over = now_ns - self._ended_ns > GRACE_S * 1e9

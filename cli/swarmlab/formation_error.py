@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmlab.measure import Floats, VehicleTrack, resample, resample_yaw
 from swarmware.geometry.formation import FormationSlots
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.vehicle import Goal, GoalKind, Pose
 
 Goals = Sequence[tuple[float, Goal]]
 """Goals of one vehicle with their instants, in order."""
@@ -38,21 +38,23 @@ def goal_at(goals: Goals, t_s: float) -> Goal | None:
 
 
 def _advances(goal: Goal | None) -> bool:
-    return goal is not None and goal.kind == "formation" and goal.advance
+    return goal is not None and goal.kind is GoalKind.FORMATION and goal.advance
 
 
 def leader_of(goals: Mapping[str, Goals]) -> str:
     """Name of the leader; empty without a formation."""
     for known in goals.values():
         for _, goal in known:
-            if goal.kind == "formation" and goal.leader:
+            if goal.kind is GoalKind.FORMATION and goal.leader:
                 return goal.leader
     return ""
 
 
 def course_of(goals: Mapping[str, Goals]) -> tuple[tuple[float, float], ...]:
     """Waypoints of the formation; empty without a course."""
-    courses = [goal.course for known in goals.values() for _, goal in known if goal.kind == "formation"]
+    courses = [
+        goal.course for known in goals.values() for _, goal in known if goal.kind is GoalKind.FORMATION
+    ]
     return max(courses, key=len, default=())
 
 
@@ -67,7 +69,7 @@ def errors(track: VehicleTrack, leader: VehicleTrack, goals: Goals, times_s: Flo
     formations: dict[tuple[tuple[float, float], ...], FormationSlots] = {}
     for i, t_s in enumerate(times_s):
         goal = goal_at(goals, float(t_s))
-        if goal is None or goal.kind != "formation" or goal.leader in {"", track.platform}:
+        if goal is None or goal.kind is not GoalKind.FORMATION or goal.leader in {"", track.platform}:
             continue
         if not (np.isfinite(own[i, 0]) and np.isfinite(lead[i, 0])):
             continue

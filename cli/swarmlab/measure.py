@@ -155,12 +155,6 @@ def slots(leader_xyz_m: Floats, leader_yaw_rad: Floats, offset_m: tuple[float, f
     return result
 
 
-def distances(positions_m: Floats, targets_m: Floats) -> Floats:
-    """Distance of each position from its target. Shapes: (T, 3) → (T,)."""
-    result: Floats = np.linalg.norm(positions_m - targets_m, axis=1)
-    return result
-
-
 def within(times_s: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_]:
     """Whether each instant lies in any of the spans, ends included. Shapes: (T,) → (T,)."""
     inside = np.zeros(len(times_s), dtype=np.bool_)

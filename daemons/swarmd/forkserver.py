@@ -21,7 +21,7 @@ import msgspec
 
 from swarmware.errors import SwarmError
 from swarmware.service.find import find, installed
-from swarmware.service.fork import FOLDER, MESSAGE_BYTES, SOCKET, exit_text
+from swarmware.service.fork import FOLDER, MESSAGE_BYTES, SOCKET, exit_status_of
 from swarmware.service.notify import Notifier
 from swarmware.service.starting import environment
 
@@ -164,7 +164,7 @@ class ForkServer:
                 return
             if (status := self._status.pop(result.si_pid, None)) is not None:
                 with status, suppress(OSError):  # the requester may have died, too
-                    status.send(exit_text(result).encode())
+                    status.send(str(exit_status_of(result)).encode())
 
 
 def _closed(asking: socket.socket) -> bool:

@@ -20,6 +20,7 @@ from swarmd.words import Words
 from swarmware.errors import SwarmError
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.restart_policy import RestartPolicy
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import ENDED_S, StartedProcess
 from swarmware.service.notify import RECEIVE_BYTES, Notifier
 from swarmware.service.starting import (
@@ -116,7 +117,6 @@ class Parent:
         self._process: ProcessHandle | None = None
         self._child: StartedProcess | None = None
         """The newest process that this one started: only of that the exit code is known."""
-        self._started_ns = 0
         self._beat_ns = 0
         self._ready = False
         self._was_ready = False
@@ -246,33 +246,33 @@ class Parent:
         self._pid = pid
         self._due_ns = None
         self._ready = self._leaving = False
-        self._beat_ns = self._started_ns = time.monotonic_ns()
+        self._beat_ns = time.monotonic_ns()
         return True
 
     def _ended(self) -> int | None:
         """The process has ended: returns the node's exit code unless the process is restarted."""
         pid, was_ready, leaving = self._pid, self._ready, self._leaving
-        how = "gone"
+        how = ExitStatus()
         if self._child is not None and self._child.pid == pid:
             how = self._child.exit_status(ENDED_S)
         self._forget()
-        peaceful = how == "exit 0" or (how == "gone" and leaving)
-        kind, _, number = how.partition(" ")
-        if peaceful or (self._asked and how in {"gone", f"signal {int(signal.SIGTERM)}"}):
+        peaceful = how.code == 0 or (not how.known and leaving)
+        if peaceful or (self._asked and (not how.known or how.signal == signal.SIGTERM)):
             return 0  # the signal may have come before the process could handle it
-        if self._asked:
-            return int(number) if kind == "exit" else 128 + int(number)
-        if kind == "exit" and not self._was_ready:
-            return int(
-                number
-            )  # it failed at its start and has reported why: a second start would fail in the same way
+        if self._asked and how.signal is not None:
+            return 128 + how.signal
+        if how.code is not None and (self._asked or not self._was_ready):
+            # what fails at its start has reported why: a second one would fail in the same way
+            return how.code
         now_ns = time.monotonic_ns()
-        pause_s = self._lives.on_end(now_ns, killed=was_ready and how in {"signal 9", "gone"})
+        pause_s = self._lives.on_end(
+            now_ns, killed=was_ready and (not how.known or how.signal == signal.SIGKILL)
+        )
         if pause_s is None:
             self._log(f"ended: {how}; given up after {self._lives.restarts} restarts")
             return SwarmError.exit_code
         self._log(f"ended: {how}; starts again (restart {self._lives.restarts})")
-        self._above.restarted(self._lives.restarts, how)
+        self._above.restarted(self._lives.restarts, str(how))
         self._due_ns = now_ns + round(pause_s * _NS)
         return None
 

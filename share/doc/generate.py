@@ -10,6 +10,7 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -143,7 +144,7 @@ readers cannot take is a new name.
 | `[T, U]` | array of just these |
 | `{T: U}` | map |
 | `T?` | T or nil |
-| `"a" \\| "b"` | string, one of these |
+| `"a" \\| "b"` | string; another value is kept as it came, but for levels and phases of health |
 
 Units are SI. Instants end in `_ns` and are readings of a hardware clock, or of the wall clock where they end
 in `utc_ns`. World coordinates are east, north, up; body coordinates forward, left, up (REP-103).
@@ -186,20 +187,20 @@ def _cell(text: str) -> str:
 
 
 def field_docs(module: ModuleType) -> dict[tuple[str, str], str]:
-    """The docstrings below the fields of a module's classes, by class and field."""
+    """The docstrings below fields and members of enumerations of a module's classes, by class and name."""
     found = {}
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if not isinstance(node, ast.ClassDef):
             continue
         for field, below in zip(node.body, node.body[1:], strict=False):
-            if (
-                isinstance(field, ast.AnnAssign)
-                and isinstance(field.target, ast.Name)
-                and isinstance(below, ast.Expr)
-                and isinstance(below.value, ast.Constant)
-                and isinstance(below.value.value, str)
-            ):
-                found[node.name, field.target.id] = below.value.value
+            match field:
+                case ast.AnnAssign(target=ast.Name(id=name)) | ast.Assign(targets=[ast.Name(id=name)]):
+                    pass
+                case _:
+                    continue
+            match below:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    found[node.name, name] = text
     return found
 
 
@@ -283,6 +284,8 @@ def struct_section(cls: type[msgspec.Struct], docs: dict[tuple[str, str], str], 
     for number, field in enumerate(info.fields):
         wire = _wire_type(field.type)
         doc = docs.get((cls.__name__, field.name), "")
+        if isinstance(field.type, msgspec.inspect.EnumType):
+            doc = " ".join([doc, *_meanings(field.type.cls, docs)]).strip()
         cells = (
             str(number), f"`{field.encode_name}`", wire, _unit(field.name, wire), _default(field), doc,
         )  # fmt: skip
@@ -290,6 +293,12 @@ def struct_section(cls: type[msgspec.Struct], docs: dict[tuple[str, str], str], 
     forms: tuple[Form, ...] = getattr(cls, "forms", ())
     out += [_form_table(cls.__name__, form) for form in forms]
     return "".join(out)
+
+
+def _meanings(vocabulary: type[Enum], docs: dict[tuple[str, str], str]) -> list[str]:
+    """What those values of a vocabulary mean that do not say it themselves."""
+    known = ((one.value, docs.get((vocabulary.__name__, one.name))) for one in vocabulary)
+    return [f"`{value}`: {text[:1].lower()}{text[1:].rstrip('.')}." for value, text in known if text]
 
 
 def _form_table(name: str, form: Form) -> str:

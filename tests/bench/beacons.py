@@ -41,7 +41,7 @@ from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.security import Keys, Opened, Opener, Sealer
-from swarmware.types.mission import MissionState
+from swarmware.types.mission import MissionPhase, MissionState
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.registry import pack
 from swarmware.types.vehicle import Pose
@@ -106,7 +106,9 @@ class LinkPeer:
         boards = protocol.published.boards
         boards[POSE].put(Pose.planar(turn / 10, self.hw % 100, 0.1 * turn).pack(), True, now_ns - 3_000_000)
         if turn % 10 == 0:
-            state = MissionState(turn, "01234567", "active", ("goto",), progress_ratio=turn % 100 / 100)
+            state = MissionState(
+                turn, "01234567", MissionPhase.RUNNING, ("goto",), progress_ratio=turn % 100 / 100
+            )
             boards[STATE].put(pack(state)[0], True, now_ns - 5_000_000)
         outgoing = protocol.compose(now_ns)
         beacon = msgspec.structs.replace(outgoing.beacon, checks=self.sessions.due(now_ns))

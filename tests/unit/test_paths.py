@@ -35,7 +35,5 @@ def test_the_page_of_the_protocol_names_the_same_places() -> None:
 
 
 def test_a_file_is_in_the_folder_of_its_kind(tmp_path: Path) -> None:
-    assert paths.application_file(tmp_path, "planner", 2).parent == paths.applications(tmp_path)
-    assert paths.application_file(tmp_path, "planner", 2).match(paths.APPLICATION_PATTERN)
     assert paths.socket(tmp_path, "17-0").parent == paths.sockets(tmp_path)
     assert paths.socket(tmp_path, "17-0").match(paths.SOCKET_PATTERN)

@@ -10,7 +10,7 @@ import pytest
 
 from swarmware.model.frame import Codec
 from swarmware.types import registry
-from swarmware.types.mission import STATES, Arrival, BarrierResult, MissionState
+from swarmware.types.mission import PHASES, Arrival, BarrierResult, MissionPhase, MissionState
 from swarmware.types.vehicle import Pose
 
 PAGE = (Path(__file__).parents[2] / "share" / "doc" / "types.md").read_text("utf-8")
@@ -62,14 +62,20 @@ def test_a_pose_coded_by_the_table_of_the_page_is_the_pose(title: str, x_mm: int
 def test_a_mission_state_coded_by_the_table_of_the_page_is_the_state() -> None:
     head = coded(
         "MissionState",
-        {"epoch": 77, "hash": 0x0BADCAFE, "state": STATES.index("running"), "kind": 1, "progress": 51},
+        {
+            "epoch": 77,
+            "hash": 0x0BADCAFE,
+            "state": PHASES.index(MissionPhase.RUNNING),
+            "kind": 1,
+            "progress": 51,
+        },
     )
     rest = msgspec.msgpack.encode([["a"], [["gate", 1]], [["@start", 1, 5, 0]], "flying", "formation"])
     state = registry.decode(MissionState, head + rest, Codec.PACKED)
     assert state == MissionState(
         77,
         "0badcafe",
-        "running",
+        MissionPhase.RUNNING,
         ("a",),
         (Arrival("gate", 1),),
         (BarrierResult("@start", 1, 5, 0),),

@@ -7,22 +7,11 @@ import msgspec
 
 from swarmd.guard.config import Config
 from swarmware.runtime.restart_policy import RestartPolicy
-from swarmware.types.health import GuardStatus, WatchedService
+from swarmware.service.exit_status import ExitStatus
+from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 
 HEARTBEAT_NS: Final = 1_000_000_000
 """Period of reading heartbeats: that of writing them, at the instants of all periodic work of a process."""
-
-
-class ServiceState(StrEnum):
-    """State of a supervised service."""
-
-    WAITING = "waiting"
-    STARTING = "starting"
-    RUNNING = "running"
-    BACK_OFF = "back-off"
-    FAILED = "failed"
-    STOPPING = "stopping"
-    STOPPED = "stopped"
 
 
 class ServiceEvent(StrEnum):
@@ -132,13 +121,13 @@ class SupervisedService(msgspec.Struct):
     def status(self) -> WatchedService:
         """State for the status board and the events."""
         return WatchedService(
-            self.name, self.state.value, self.pid, self.restarts, self.since_ns, self.adopted, self.reason
+            self.name, self.state, self.pid, self.restarts, self.since_ns, self.adopted, self.reason
         )
 
 
-def exit_reason(how: str) -> str:
+def exit_reason(how: ExitStatus) -> str:
     """Reason of a restart; only the parent of a process learns its exit status."""
-    return "died" if how == "gone" else f"died: {how}"
+    return f"died: {how}" if how.known else "died"
 
 
 class GuardCore:
@@ -147,7 +136,7 @@ class GuardCore:
     def __init__(
         self,
         services: tuple[str, ...],
-        supervisor: str,
+        supervisor: SupervisorKind,
         config: Config,
     ) -> None:
         self._services = {
@@ -254,8 +243,8 @@ class GuardCore:
         self._expect_heartbeat(watched, now_ns)
         return [ReportRestart(watched.status())]
 
-    def on_exit(self, name: str, pid: int, how: str, now_ns: int) -> list[Action]:
-        """A process ended; `how`: `signal 9`, `exit 1`, or `gone` when the exit status is unknown."""
+    def on_exit(self, name: str, pid: int, how: ExitStatus, now_ns: int) -> list[Action]:
+        """A process ended; `how`: its exit status, as far as it is known."""
         watched = self._services[name]
         if watched.pid != pid or (watched.state, ServiceEvent.EXIT) not in TRANSITIONS:
             return []

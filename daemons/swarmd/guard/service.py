@@ -11,7 +11,6 @@ from swarmd.guard.core import (
     Kill,
     ReadHeartbeats,
     ReportRestart,
-    ServiceState,
     Spawn,
     Terminate,
     WatchProcess,
@@ -21,8 +20,9 @@ from swarmware.errors import NotFound
 from swarmware.model import paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.service import Service
-from swarmware.types.health import GuardStatus, RestartOrder, WatchedService
+from swarmware.types.health import GuardStatus, RestartOrder, ServiceState, WatchedService
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
 
@@ -124,7 +124,7 @@ class Guard(Service):
                     actions += self._core.on_restarted(name, status.restarts, now_ns)
         self._driver.feed(actions + self._core.on_heartbeats_read(now_ns))
 
-    def _on_exit(self, name: str, pid: int, how: str) -> None:
+    def _on_exit(self, name: str, pid: int, how: ExitStatus) -> None:
         self._table.refresh(probe=True)  # else the ended process would be found and adopted
         self._driver.feed(self._core.on_exit(name, pid, how, self.module.now_ns()))
         self._read_heartbeats()  # the refresh may have found other changes
@@ -142,7 +142,7 @@ class Guard(Service):
                 self._supervisor.joined(name)
             case WatchProcess(name, pid):
                 if not self._supervisor.watch(name, pid):
-                    self._on_exit(name, pid, "gone")
+                    self._on_exit(name, pid, ExitStatus())
             case Terminate(name, pid):
                 self._supervisor.terminate(name, pid)
             case Kill(name, pid, reason):

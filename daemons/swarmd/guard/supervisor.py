@@ -9,20 +9,22 @@ from pathlib import Path
 from typing import Protocol
 
 from swarmware.errors import NotFound
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import StartedProcess
 from swarmware.service.starting import clear_start_record, spawn, starting_pid
 from swarmware.service.supervised_process import SupervisedProcess
+from swarmware.types.health import SupervisorKind
 
 log = logging.getLogger("swarm.guard")
 
-OnExit = Callable[[str, int, str], None]
-"""Name of the service, pid, and exit status as text."""
+OnExit = Callable[[str, int, ExitStatus], None]
+"""Name of the service, pid, and exit status of its process."""
 
 
 class Supervisor(Protocol):
     """Starts, watches and ends services; never waits."""
 
-    kind: str
+    kind: SupervisorKind
     """Name of this kind of supervisor in the status board."""
     stops_services: bool
     """Whether the guard stops the services when it stops itself."""
@@ -59,7 +61,7 @@ class Supervisor(Protocol):
 class ProcessSupervisor:
     """Starts services as processes of its own."""
 
-    kind = "self"
+    kind = SupervisorKind.SELF
     stops_services = True
 
     def __init__(self, config_dir: Path, run_dir: Path, on_exit: OnExit) -> None:
@@ -91,7 +93,7 @@ class ProcessSupervisor:
             return True
         return False
 
-    def _ended(self, name: str, pid: int, how: str) -> None:
+    def _ended(self, name: str, pid: int, how: ExitStatus) -> None:
         self._children.pop(name, None)
         clear_start_record(name, self._run_dir)
         self._on_exit(name, pid, how)
@@ -123,7 +125,7 @@ class ProcessSupervisor:
 class SystemdSupervisor(ProcessSupervisor):
     """Requests starts and restarts from systemd, which runs each service as a unit."""
 
-    kind = "systemd"
+    kind = SupervisorKind.SYSTEMD
     stops_services = False
 
     def __init__(
@@ -185,7 +187,7 @@ class SystemdSupervisor(ProcessSupervisor):
 class InProcessSupervisor:
     """Restarts services that run as tasks in the process of the guard."""
 
-    kind = "runner"
+    kind = SupervisorKind.RUNNER
     stops_services = False
 
     def __init__(self, restart: Callable[[str], None]) -> None:

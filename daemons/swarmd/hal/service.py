@@ -11,7 +11,7 @@ from swarmd.hal.driver import DeviceError, Driver, Site
 from swarmware.errors import SwarmError
 from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service.service import Service
-from swarmware.types.vehicle import DriverTable
+from swarmware.types.vehicle import DriverState, DriverTable
 
 STAGE: Final = 1
 """Stage of an instant at which drivers read: after the simulation has written, before consumers compute."""
@@ -51,7 +51,8 @@ class Hal(Service):
                 log.info("driver %s: open, %g Hz", driver.name, 1 / driver.period_s)
                 await self._read(driver, schedule)
             except (DeviceError, OSError) as error:
-                schedule.closed("failed" if isinstance(error, DeviceError) else "waiting", str(error))
+                failed = isinstance(error, DeviceError)
+                schedule.closed(DriverState.FAILED if failed else DriverState.WAITING, str(error))
                 log.warning("driver %s: %s; again in %g s", driver.name, error, self.config.retry_s)
             finally:
                 await driver.close()

@@ -45,14 +45,15 @@ from swarmware.types.health import (
     HealthReport,
     HealthState,
     Phase,
+    ServiceState,
 )
 from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
-from swarmware.types.system import AppStatus
+from swarmware.types.system import AppState, AppStatus
 
 ROUTES_S = 5.0
 """Maximum age of the table of routes, which is written every second."""
-ENDING = frozenset({"stopping", "stopped"})
+ENDING = frozenset({ServiceState.STOPPING, ServiceState.STOPPED})
 """States of a service in the guard's board when the node stops."""
 
 
@@ -173,7 +174,7 @@ class Health(Service):
         """An application ended: it left if it removed its file or announced its stop, else it died."""
         del self._entries[entry.id]
         status = self._status(entry.name)
-        announced = status is not None and status.pid == entry.pid and status.state == "stopping"
+        announced = status is not None and status.pid == entry.pid and status.state is AppState.STOPPING
         if announced or not died(self.module.node.run_dir, entry):
             return self._core.on_left(entry.id, now_ns)
         return self._core.on_died(entry.id, now_ns)

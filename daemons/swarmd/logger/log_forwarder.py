@@ -8,9 +8,8 @@ from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.ring import segments
 from swarmware.recorder.segment import SegmentReader
 from swarmware.types import registry
-from swarmware.types.log import LogGap
+from swarmware.types.log import GapCause, LogGap
 
-OVERWRITTEN: Final = "ring overwritten"
 BATCH_BYTES: Final = 4 << 20
 """Maximum payload of a batch of several entries: bounds the memory that a slow database takes."""
 
@@ -82,7 +81,8 @@ class LogForwarder:
                 entries, complete = [], True  # the ring deleted the segment while it was read
             if entries:
                 sequences = dict(cursor.sequences)
-                documents = self._with_gaps(entries, sequences, "damaged" if reader.damaged else OVERWRITTEN)
+                where = GapCause.DAMAGED if reader.damaged else GapCause.OVERWRITTEN
+                documents = self._with_gaps(entries, sequences, where)
                 moved = Cursor(number, reader.offset, sequences)
                 self._write(documents, moved)
                 self._cursor = moved
@@ -126,7 +126,9 @@ class LogForwarder:
         paths = segments(self._directory)
         return bool(paths) and int(paths[-1].stem) > number
 
-    def _with_gaps(self, entries: list[LogEntry], sequences: dict[str, int], where: str) -> list[LogEntry]:
+    def _with_gaps(
+        self, entries: list[LogEntry], sequences: dict[str, int], where: GapCause
+    ) -> list[LogEntry]:
         out: list[LogEntry] = []
         for entry in entries:
             expected = sequences.get(entry.queue, 0) + 1
@@ -136,7 +138,7 @@ class LogForwarder:
             out.append(entry)
         return out
 
-    def _gap(self, entry: LogEntry, expected: int, sequences: dict[str, int], where: str) -> LogEntry:
+    def _gap(self, entry: LogEntry, expected: int, sequences: dict[str, int], where: GapCause) -> LogEntry:
         missing = entry.sequence - expected
         self.gaps += missing
         queue = f"{self._platform}:upload:gaps"

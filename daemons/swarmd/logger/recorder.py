@@ -12,7 +12,7 @@ from swarmware.model.frame import Frame
 from swarmware.recorder.ring import LogRing, Repairs
 from swarmware.recorder.segment import BufferFull, LogChannel
 from swarmware.types import registry
-from swarmware.types.log import LogGap
+from swarmware.types.log import GapCause, LogGap
 
 GAPS = "log/gaps"
 
@@ -102,7 +102,7 @@ class Recorder:
             _, frame, utc_ns, _ = batch.frames[-1]
             lost, self._lost = self._lost, Counter()
             for (queue, path), count in lost.items():
-                self._append_gap(LogGap("disk", queue, path, count), frame.stamp_ns, utc_ns)
+                self._append_gap(LogGap(GapCause.DISK, queue, path, count), frame.stamp_ns, utc_ns)
             self._ring.flush()
 
     def _append_gap(self, gap: LogGap, stamp_ns: int, utc_ns: int) -> None:

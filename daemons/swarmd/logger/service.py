@@ -23,7 +23,7 @@ from swarmware.recorder.address import password_in
 from swarmware.recorder.ring import Repairs
 from swarmware.service.service import Service
 from swarmware.transport.delivery.sender import sender_of
-from swarmware.types.log import LogGap, LogStats, LogStatsRequest
+from swarmware.types.log import GapCause, LogGap, LogStats, LogStatsRequest
 
 log = logging.getLogger("swarm.logger")
 
@@ -124,11 +124,11 @@ class Logger(Service):
     def _record_damage(self, repairs: Repairs) -> None:
         now_ns, wall_ns = self.module.now_ns(), utc_ns()
         for hole in repairs.holes:
-            gap = LogGap("damaged", hole.queue, "", hole.last - hole.first + 1, hole.first, hole.last)
+            gap = LogGap(GapCause.DAMAGED, hole.queue, "", hole.last - hole.first + 1, hole.first, hole.last)
             self._batch.gaps.append((gap, now_ns, wall_ns))
         for path in repairs.set_aside:
             log.warning("%s: no readable record; the segment was set aside", path)
-            self._batch.gaps.append((LogGap("damaged", "", path.name, 0), now_ns, wall_ns))
+            self._batch.gaps.append((LogGap(GapCause.DAMAGED, "", path.name, 0), now_ns, wall_ns))
 
     def _close(self, recorder: Recorder) -> None:
         try:
@@ -205,7 +205,7 @@ class Logger(Service):
         ]
         if lost:
             assert self._recorder is not None
-            gap = LogGap("ring", self._recorder.queue(tap.resource), tap.resource.path, lost)
+            gap = LogGap(GapCause.RING, self._recorder.queue(tap.resource), tap.resource.path, lost)
             self._batch.gaps.append((gap, self.module.now_ns(), wall_ns))
 
     def _sender(self, resource: LoggedResource, frame: Frame) -> str:

@@ -11,7 +11,7 @@ from swarmware.mission.plugin import BlockError
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.types.vehicle import ArmRequest, Goal, NavError, NavStatus, Pose, VehicleState
+from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, NavError, NavStatus, Pose, VehicleState
 
 Settled = Callable[[NavStatus], bool]
 Progress = Callable[[NavStatus], None]
@@ -104,14 +104,14 @@ class VehicleClient:
         except SwarmError as error:
             raise BlockError("refused", f"{type(error).__name__}: {error}") from error
 
-    def command(self, kind: str, **fields: Any) -> int:
+    def command(self, kind: GoalKind, **fields: Any) -> int:
         """Sends the navigator a new goal; returns its number."""
         self._seq += 1
         self._goal.write(Goal(self._seq, kind, **fields))
         return self._seq
 
     async def move(
-        self, kind: str, settled: Settled, progress: Progress, *, settle_s: float = 0.0, **fields: Any
+        self, kind: GoalKind, settled: Settled, progress: Progress, *, settle_s: float = 0.0, **fields: Any
     ) -> None:
         """Sends a goal and waits until it is reached and kept; any other end commands hold.
 
@@ -125,7 +125,7 @@ class VehicleClient:
         finally:
             # the vehicle must not continue without a block, unless another motion has replaced the goal
             if not reached and self._seq == seq:
-                self.command("hold")
+                self.command(GoalKind.HOLD)
 
     async def _reach(self, seq: int, settled: Settled, progress: Progress, settle_s: float) -> None:
         timeouts = NavFaultTimeouts(self._limits_s)

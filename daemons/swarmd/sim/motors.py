@@ -11,7 +11,7 @@ from swarmware.errors import Denied
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, VehicleState
+from swarmware.types.vehicle import ArmRequest, KillRequest, MotorAction, MotorOrder, VehicleState
 
 OrderMotors = Callable[[], tuple[VehicleState, list[Action]]]
 
@@ -52,18 +52,18 @@ class Motors:
         )
 
     def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
-        what = "arm" if request.armed else "disarm"
+        what = MotorAction.ARM if request.armed else MotorAction.DISARM
         return self._done(what, "", meta, lambda: self._core.on_arm(request.armed, self._module.now_ns()))
 
     def _kill(self, request: KillRequest, meta: Meta) -> VehicleState:
-        return self._done("kill", request.reason, meta, lambda: self._killed(request.platform))
+        return self._done(MotorAction.KILL, request.reason, meta, lambda: self._killed(request.platform))
 
     def _killed(self, named: str) -> tuple[VehicleState, list[Action]]:
         if named != self._module.platform:
             raise Denied(f"kill of {named!r}: this is {self._module.platform}; expected its own name")
         return self._core.on_kill(self._module.now_ns())
 
-    def _done(self, what: str, reason: str, meta: Meta, order_motors: OrderMotors) -> VehicleState:
+    def _done(self, what: MotorAction, reason: str, meta: Meta, order_motors: OrderMotors) -> VehicleState:
         by = self._sender(meta)
         order = MotorOrder(what, by, round(self._vehicle.pose().z_m, 2), reason)
         try:
@@ -74,7 +74,7 @@ class Motors:
             raise
         self._feed(actions)
         self._orders.write(order)
-        level = logging.WARNING if what == "kill" else logging.INFO
+        level = logging.WARNING if what is MotorAction.KILL else logging.INFO
         self._module.log.log(level, "%s by %s %s", what, by, reason)
         return state
 

@@ -74,7 +74,6 @@ class ClockEstimator:
         self.boot_id = boot_id
         self.conversion: Conversion | None = None
         self.steps = 0
-        self.outliers = 0
         self._window_s = window_s
         self._pause_s = pause_s
         self.conv_epoch = conv_epoch
@@ -109,7 +108,6 @@ class ClockEstimator:
             exchange = msgspec.structs.replace(exchange, upper_ns=None)
         direction = self._violates(exchange)
         if direction == 0:
-            self.outliers += len(self._violations)
             self._violations.clear()
             self._take(exchange)
             return False

@@ -8,7 +8,6 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.action import Action
-from swarmd.tree.core.quality import Quality
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.settings import Settings
@@ -24,6 +23,7 @@ from swarmware.module.writer import BoardWriter
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types import registry
 from swarmware.types.tree import (
+    Quality,
     TreeChange,
     TreeEntry,
     TreeGet,
@@ -33,6 +33,7 @@ from swarmware.types.tree import (
     TreeSetDone,
     TreeUndo,
     TreeValue,
+    ValueSource,
 )
 
 LIMIT: Final = 5000
@@ -100,7 +101,7 @@ class OperatorApi:
         )
         stamp_ns = self._module.remote_clocks.to_local(names.hardware_id(platform), found.stamp_ns)
         age_s = found.age_s if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
-        return msgspec.structs.replace(found, source="asked", age_s=age_s)
+        return msgspec.structs.replace(found, source=ValueSource.ASKED, age_s=age_s)
 
     # -- changes
 

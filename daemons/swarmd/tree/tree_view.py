@@ -15,7 +15,7 @@ from swarmware.model.frame import Frame
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
 from swarmware.types import registry
-from swarmware.types.tree import TreeEntry, TreePlatform, TreeValue
+from swarmware.types.tree import Quality, TreeEntry, TreePlatform, TreeValue, ValueSource
 
 _VALUELESS: Final = frozenset({Kind.BRANCH, Kind.COMMAND, Kind.FILE})
 
@@ -133,7 +133,7 @@ class TreeView:
         frame = self._peek.frame(resource.path)
         if frame is None:
             raise NotFound(f"{path}: no value yet; expected one from {resource.owner or 'its provider'}")
-        return self._value(self._own, leaf, frame, "own", version)
+        return self._value(self._own, leaf, frame, ValueSource.OWN, version)
 
     def mirrored_value(self, platform: str, local: str) -> TreeValue | None:
         """The mirrored value, if it is kept up to date or the only one available."""
@@ -144,7 +144,7 @@ class TreeView:
         if replica.up and not replica.receives(leaf):
             return None  # left from a former subscription
         frame = self._peek.frame(local, platform)
-        return None if frame is None else self._value(platform, leaf, frame, "mirror", None)
+        return None if frame is None else self._value(platform, leaf, frame, ValueSource.MIRROR, None)
 
     def own_frame(self, resource: Resource) -> Frame | None:
         """The newest frame of a resource of this platform."""
@@ -163,7 +163,9 @@ class TreeView:
     def _frame(self, platform: str, local: str) -> Frame | None:
         return self._peek.frame(local, None if platform == self._own else platform)
 
-    def _value(self, platform: str, leaf: Leaf, frame: Frame, source: str, version: int | None) -> TreeValue:
+    def _value(
+        self, platform: str, leaf: Leaf, frame: Frame, source: ValueSource, version: int | None
+    ) -> TreeValue:
         resource = leaf.resource
         age_s = self._age_s(platform, frame)
         return TreeValue(
@@ -191,7 +193,7 @@ class TreeView:
         # its clock is unknown: the value is at least as old as the loss
         return None if replica is None or replica.up else (now_ns - replica.gone_ns) / 1e9
 
-    def _quality(self, platform: str, leaf: Leaf, age_s: float | None, *, known: bool) -> str:
+    def _quality(self, platform: str, leaf: Leaf, age_s: float | None, *, known: bool) -> Quality:
         replica = self._tree.replicas.get(platform)
         return quality(
             leaf,

@@ -1,4 +1,8 @@
-"""Strict JSON with the line of every value: duplicate keys, NaN and trailing text are refused."""
+"""Strict JSON with the line of every value: duplicate keys, NaN and trailing text are refused.
+
+`json` keeps no position of what it has parsed, and msgspec names a path but no line. A finding about a
+mission names both, so the text is scanned a second time when there is something to report.
+"""
 
 import json
 import re

@@ -19,11 +19,6 @@ def applications(run_dir: Path) -> Path:
     return run_dir / "apps"
 
 
-def application_file(run_dir: Path, name: str, instance: int) -> Path:
-    """Application file of one instance."""
-    return applications(run_dir) / f"{name}#{instance}.toml"
-
-
 def sockets(run_dir: Path) -> Path:
     """Folder of the sockets of all processes."""
     return run_dir / "p"

@@ -1,4 +1,8 @@
-"""Reports steps that block the event loop too long: they delay all services of the process."""
+"""Reports steps that block the event loop too long: they delay all services of the process.
+
+`slow_callback_duration` of asyncio and uvloop works in their debug mode only, which records a stack for each
+callback and task. This reads the clock twice for each step.
+"""
 
 import asyncio
 import logging

@@ -13,6 +13,8 @@ import socket
 import struct
 from contextlib import suppress
 
+from swarmware.service.exit_status import ExitStatus
+
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
     from typing import Final
@@ -48,16 +50,16 @@ class StartedProcess:
         self.pid = pid
         self.status = status
 
-    def exit_status(self, timeout_s: float = 0.0) -> str:
-        """Exit status as text: `signal 9`, `exit 1`; `gone` if it is unknown."""
+    def exit_status(self, timeout_s: float = 0.0) -> ExitStatus:
+        """How the process ended, as far as it is known now."""
         if self.status is None:
             return _collected(self.pid)
         poller = select.poll()
         poller.register(self.status, select.POLLIN)
         if poller.poll(timeout_s * 1000):
             with suppress(OSError):  # the fork server was killed: the exit status is lost
-                return self.status.recv(MESSAGE_BYTES).decode("ascii") or "gone"
-        return "gone"
+                return ExitStatus.parse(self.status.recv(MESSAGE_BYTES).decode("ascii", "replace"))
+        return ExitStatus()
 
     def close(self) -> None:
         """Discard the exit status."""
@@ -96,14 +98,16 @@ def _end_server(asking: socket.socket) -> None:
             os.kill(pid, signal.SIGKILL)
 
 
-def _collected(pid: int) -> str:
+def _collected(pid: int) -> ExitStatus:
     try:
         result = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG)
     except ChildProcessError:
-        return "gone"  # a child of another process, which receives its exit status
-    return "gone" if result is None else exit_text(result)
+        return ExitStatus()  # a child of another process, which receives its exit status
+    return ExitStatus() if result is None else exit_status_of(result)
 
 
-def exit_text(result: os.waitid_result) -> str:
-    """Exit status as text, from the result of `waitid`."""
-    return f"{'exit' if result.si_code == os.CLD_EXITED else 'signal'} {result.si_status}"
+def exit_status_of(result: os.waitid_result) -> ExitStatus:
+    """The exit status in a result of `waitid`."""
+    if result.si_code == os.CLD_EXITED:
+        return ExitStatus(code=result.si_status)
+    return ExitStatus(signal=result.si_status)

@@ -9,6 +9,7 @@ from swarmware.errors import NotFound, SwarmError
 from swarmware.node.node import Node
 from swarmware.runtime.processes import process_end
 from swarmware.runtime.restart_policy import PAUSES_S, RestartPolicy
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
 from swarmware.service.supervised_process import SupervisedProcess
 from swarmware.transport.appfile.entry import AppEntry
@@ -93,7 +94,7 @@ class GuardWatchdog:
             with suppress(NotFound, SwarmError):
                 self._process = SupervisedProcess(started, self._ended)
 
-    def _ended(self, how: str) -> None:
+    def _ended(self, how: ExitStatus) -> None:
         self._process = None
         log.warning("guard: ended: %s", how)
         self._changed.set()

@@ -14,6 +14,7 @@ from swarmware.module.module import Module
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.reason import reason
 from swarmware.service.status import Reporter, beat
+from swarmware.types.system import AppState
 
 if TYPE_CHECKING:
     from swarmware.node.node import Node
@@ -100,7 +101,7 @@ class ServiceHost:
                 continue
             service.module.keep_boards(False)
             if reporter := self._reporters.get(name):
-                reporter.state = "stopping"
+                reporter.state = AppState.STOPPING
                 reporter.report()  # it leaves the node, it does not die
             try:
                 await asyncio.wait_for(service.stop(), service.stop_s)
@@ -146,7 +147,7 @@ class ServiceHost:
                 await asyncio.sleep(0)
                 if task.done():
                     await task  # it failed at once: do not report it as running
-                reporter.state = "running"
+                reporter.state = AppState.RUNNING
                 reporter.report()  # before the next heartbeat
                 self._started[item.name].set()
                 await asyncio.wait([task])

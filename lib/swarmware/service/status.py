@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from swarmware.errors import SwarmError
 from swarmware.model import paths
 from swarmware.module.ticker import Lateness, Ticker
-from swarmware.types.system import AppStatus
+from swarmware.types.system import AppState, AppStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -50,7 +50,7 @@ class Reporter:
     """Writes the board `app/<name>/status`; a hyphen of the name is an underscore there."""
 
     def __init__(self, module: Module, writer: BoardWriter[AppStatus], restarts: int) -> None:
-        self.state = "starting"
+        self.state = AppState.STARTING
         self._module = module
         self._writer = writer
         self._restarts = restarts

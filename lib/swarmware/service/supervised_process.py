@@ -6,13 +6,14 @@ from collections.abc import Callable
 
 from swarmware.errors import NotFound
 from swarmware.runtime.processes import WatchedProcess
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import ENDED_S, StartedProcess
 
 
 class SupervisedProcess:
-    """Watches one process; `on_exit` is called once, with `signal 9`, `exit 1`, or `gone` (unknown)."""
+    """Watches one process; `on_exit` is called once, with its exit status as far as it is known."""
 
-    def __init__(self, started: StartedProcess, on_exit: Callable[[str], None]) -> None:
+    def __init__(self, started: StartedProcess, on_exit: Callable[[ExitStatus], None]) -> None:
         """Raises: NotFound if there is no such process."""
         self._started = started
         self.pid = started.pid

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from swarmware.types.bounds import Seconds
+from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
 
 Confirm = Annotated[int, msgspec.Meta(ge=1, le=10_000)]
@@ -190,13 +191,37 @@ class FaultList(msgspec.Struct, frozen=True, array_like=True, gc=False):
     faults: tuple[Fault, ...] = ()
 
 
+class ServiceState(OpenEnum):
+    """State of a supervised service."""
+
+    WAITING = "waiting"
+    """Not looked at yet."""
+    STARTING = "starting"
+    RUNNING = "running"
+    BACK_OFF = "back-off"
+    """It ended and is started again after a pause."""
+    FAILED = "failed"
+    """Given up: it ended too often."""
+    STOPPING = "stopping"
+    STOPPED = "stopped"
+
+
+class SupervisorKind(OpenEnum):
+    """Who starts the processes of services."""
+
+    SELF = "self"
+    """The guard."""
+    SYSTEMD = "systemd"
+    RUNNER = "runner"
+    """No other process: they share that of the guard."""
+
+
 @register
 class WatchedService(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One service under the guard."""
 
     name: str
-    state: str
-    """starting | running | back-off | failed | stopping | stopped."""
+    state: ServiceState
     pid: int = 0
     restarts: int = 0
     since_ns: int = 0
@@ -211,8 +236,8 @@ class WatchedService(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class GuardStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Services under the guard, and its actions."""
 
-    supervisor: str
-    """self | systemd | runner: who starts processes."""
+    supervisor: SupervisorKind
+    """Who starts processes."""
     services: tuple[WatchedService, ...] = ()
     restarts: int = 0
 

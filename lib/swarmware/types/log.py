@@ -2,15 +2,28 @@
 
 import msgspec
 
+from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
+
+
+class GapCause(OpenEnum):
+    """Why entries are missing."""
+
+    RING = "ring"
+    """They were overwritten in shared memory before they were read."""
+    DISK = "disk"
+    """The disk was full."""
+    DAMAGED = "damaged"
+    """They could not be read from the disk."""
+    OVERWRITTEN = "ring overwritten"
+    """The local ring overwrote them before they were forwarded."""
 
 
 @register
 class LogGap(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Entries that are missing: a gap is a row of the log, never silence (event `log/gaps`)."""
 
-    where: str
-    """ring (shared memory overran) | disk (full) | damaged (on the disk) | ring overwritten."""
+    where: GapCause
     queue: str
     """Queue that misses them."""
     path: str

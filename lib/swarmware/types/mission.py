@@ -1,16 +1,16 @@
 """Missions between processes and platforms: order and receipt, and the state that barriers work through."""
 
-from enum import StrEnum
 from typing import ClassVar, Final, Self
 
 import msgspec
 
 from swarmware.errors import WireError
+from swarmware.types.open_enum import OpenEnum
 from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
 
 
-class MissionPhase(StrEnum):
+class MissionPhase(OpenEnum):
     """Phase of a platform's mission; the values are the states of its board."""
 
     IDLE = "idle"
@@ -26,8 +26,8 @@ class MissionPhase(StrEnum):
     ABORTED = "aborted"
 
 
-STATES: Final = tuple(phase.value for phase in MissionPhase)
-"""States of a mission, in the order in which they are numbered on the wire."""
+PHASES: Final = tuple(MissionPhase)
+"""In the order in which they are numbered on the wire."""
 NOT_STARTED: Final = MissionPhase.IDLE
 """State of a member whose order was withdrawn before the mission began."""
 INACTIVE: Final = frozenset({NOT_STARTED, MissionPhase.DONE, MissionPhase.FAILED, MissionPhase.ABORTED})
@@ -39,7 +39,7 @@ HASH_DIGITS: Final = 8
 _HEAD_PARTS: Final = (
     Part("epoch", "u32", "epoch"),
     Part("hash", "u32", f"the {HASH_DIGITS} hexadecimal digits of the hash as a number; 0 without a mission"),
-    Part("state", "u8", "place of the state in " + ", ".join(STATES)),
+    Part("state", "u8", "place of the state in " + ", ".join(PHASES)),
     Part("kind", "u8", "place of the kind in none, " + ", ".join(KINDS[1:])),
     Part("progress", "u8", "progress_ratio in 1/255"),
 )
@@ -226,8 +226,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     epoch: int
     hash: str
     """First eight digits; empty without a mission."""
-    state: str
-    """State of the mission, one of STATES."""
+    state: MissionPhase
     active: tuple[str, ...] = ()
     """Blocks that hold a token."""
     arrivals: tuple[Arrival, ...] = ()
@@ -252,7 +251,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
         head = _HEAD.pack(
             self.epoch,
             int(self.hash or "0", 16),
-            STATES.index(self.state),
+            PHASES.index(self.state),
             KINDS.index(self.kind),
             round(min(max(self.progress_ratio, 0.0), 1.0) * 255),
         )
@@ -269,7 +268,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
         if len(data) < _HEAD.size:
             raise WireError(f"packed MissionState of {len(data)} bytes: expected {_HEAD.size} at least")
         epoch, digest, state, kind, ratio = _HEAD.unpack_from(data)
-        if state >= len(STATES) or kind >= len(KINDS):
+        if state >= len(PHASES) or kind >= len(KINDS):
             raise WireError(f"packed MissionState: state {state}, kind {kind}: expected known ones")
         try:
             tail = _tail_decoder.decode(data[_HEAD.size :])
@@ -278,7 +277,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
         return cls(
             epoch,
             f"{digest:0{HASH_DIGITS}x}" if epoch else "",
-            STATES[state],
+            PHASES[state],
             tail.active,
             tail.arrivals,
             tail.meetings,

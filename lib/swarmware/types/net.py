@@ -3,7 +3,29 @@
 import msgspec
 
 from swarmware.types.bounds import Count, Instant, Uint32
+from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
+
+
+class LinkStatus(OpenEnum):
+    """State of the two directions of a link."""
+
+    RECEIVED = "heard"
+    """One way so far."""
+    UP = "up"
+    HALF_OPEN = "half_open"
+    """It does not receive us."""
+    DOWN = "down"
+
+
+class ConnectionStatus(OpenEnum):
+    """State of the TCP connections to a neighbour."""
+
+    IDLE = "idle"
+    """Nothing to send."""
+    CONNECTED = "tcp"
+    CONNECTING = "tcp connecting"
+    DENIED = "tcp denied"
 
 
 @register
@@ -16,8 +38,7 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     hardware: int
     kind: str
     """uav | ugv | usv | gcs | other."""
-    state: str
-    """heard (received, not bidirectional yet) | up | half_open (it does not receive us) | down."""
+    state: LinkStatus
     address: str
     """Source address of its datagrams, `host:port`."""
     since_ns: int
@@ -36,9 +57,8 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     tree_version: int
     mission: int
     boot_id: int
-    transport: str
-    """State of its connections: `tcp` (connected), `tcp connecting`, `tcp denied`, `idle` (nothing to send);
-    of the two, for commands and for data, the worse one."""
+    transport: ConnectionStatus
+    """State of its connections: of the two, for commands and for data, the worse one."""
     multicast: bool
     """False: it is reached by unicast datagrams, as a seed or because it sends unicast."""
 
@@ -76,7 +96,7 @@ class Routes(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
-class LinkTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
     """Bytes of one link since the start; udp: with IP headers, tcp: of the frames alone, without those of
     connections, which `Traffic.tcp_sent_bytes` has as the kernel counts them."""
 
@@ -98,7 +118,7 @@ class LinkTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
-class ChannelTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class ChannelTraffic(msgspec.Struct, array_like=True, gc=False):
     """Frames and payload bytes of one channel since the start."""
 
     channel: str
@@ -122,7 +142,7 @@ class ChannelTraffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
-class Refused(msgspec.Struct, frozen=True, array_like=True, gc=False):
+class Refused(msgspec.Struct, array_like=True, gc=False):
     """Counters of refused input from outside since the start."""
 
     forged: int = 0

@@ -2,7 +2,17 @@
 
 import msgspec
 
+from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
+
+
+class AppState(OpenEnum):
+    """State of an application."""
+
+    STARTING = "starting"
+    RUNNING = "running"
+    RESTARTING = "restarting"
+    STOPPING = "stopping"
 
 
 @register
@@ -10,8 +20,7 @@ class AppStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Report of an application, once a second: its heartbeat."""
 
     pid: int
-    state: str
-    """starting | running | restarting | stopping."""
+    state: AppState
     beat: int
     """Heartbeat count; it does not change while the event loop hangs."""
     restarts: int = 0

@@ -5,6 +5,7 @@ from typing import Annotated, Final
 import msgspec
 
 from swarmware.types.bounds import Count, Finite, Hertz, Instant, PathText, Seconds, Uint16, Uint32
+from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
 
 PATTERNS_LIMIT: Final = 1000
@@ -12,6 +13,30 @@ PATTERNS_LIMIT: Final = 1000
 RULES_LIMIT: Final = 200
 BOARD_LIMITS_LIMIT: Final = 64
 """Limits of rates that concern one subscriber; an operator sets a handful."""
+
+
+class Quality(OpenEnum):
+    """How far a resource's value can be trusted as it is seen here."""
+
+    LIVE = "live"
+    STALE = "stale"
+    """Older than it may be, or of unknown age."""
+    LOST = "lost"
+    """Its owner has gone, or its platform cannot be reached."""
+    NONE = "none"
+    """No value has been seen here."""
+
+
+class ValueSource(OpenEnum):
+    """Where a value comes from."""
+
+    OWN = "own"
+    """This platform has the resource."""
+    MIRROR = "mirror"
+    """The copy of another platform's resource that is kept here."""
+    ASKED = "asked"
+    """The owner, by a request."""
+
 
 # -- for operators: sys/tree/get, set, undo, list
 
@@ -42,12 +67,11 @@ class TreeValue(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """For compare-and-set: of a setting its count of changes, of anything else its sequence."""
     age_s: float | None
     """None: the owner's clock is not known here."""
-    quality: str
-    """live | stale | lost."""
+    quality: Quality
+    """`live`, `stale` or `lost`."""
     unit: str = ""
     owner: str = ""
-    source: str = "own"
-    """Source of the value: own | mirror | asked."""
+    source: ValueSource = ValueSource.OWN
 
 
 @register
@@ -107,8 +131,7 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     owner: str = ""
     age_s: float | None = None
     """None: no value here, or the owner's clock is not known."""
-    quality: str = "none"
-    """live | stale | lost | none (no value was received here)."""
+    quality: Quality = Quality.NONE
     range: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
     log: str = "none"

@@ -1,13 +1,13 @@
 """What vehicles measure, want and do: SI units, ENU world, FLU body (REP-103)."""
 
 import math
-from enum import StrEnum
 from typing import ClassVar, Final, Self
 
 import msgspec
 
 from swarmware.errors import InvalidInput, WireError
 from swarmware.types.bounds import Finite
+from swarmware.types.open_enum import OpenEnum
 from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
 
@@ -216,14 +216,20 @@ class Setpoint(msgspec.Struct, frozen=True, array_like=True, gc=False):
     wz_rad_s: Finite = 0.0
 
 
+class VehicleMode(OpenEnum):
+    """Who controls the vehicle."""
+
+    AUTO = "auto"
+    MANUAL = "manual"
+
+
 @register
 class VehicleState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The vehicle's logical state."""
 
     armed: bool
     landed: bool
-    mode: str = "auto"
-    """auto | manual."""
+    mode: VehicleMode = VehicleMode.AUTO
 
     @property
     def resting(self) -> bool:
@@ -247,12 +253,19 @@ class KillRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     reason: str = ""
 
 
+class MotorAction(OpenEnum):
+    """What a request wants of the motors."""
+
+    ARM = "arm"
+    DISARM = "disarm"
+    KILL = "kill"
+
+
 @register
 class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Audit of one request to the motors (event `vehicle/orders`)."""
 
-    what: str
-    """arm | disarm | kill."""
+    what: MotorAction
     by: str
     """Authenticated sender, `operator@gcs`, else the platform in its frames."""
     height_m: float
@@ -262,11 +275,29 @@ class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Reason of a refusal; empty when it was executed."""
 
 
-GOAL_KINDS: Final = ("hold", "goto", "takeoff", "land", "formation")
-NAV_STATES: Final = ("idle", "moving", "arrived", "holding", "blocked")
+class GoalKind(OpenEnum):
+    """What a navigator can be ordered to do."""
+
+    HOLD = "hold"
+    GOTO = "goto"
+    TAKEOFF = "takeoff"
+    LAND = "land"
+    FORMATION = "formation"
 
 
-class NavError(StrEnum):
+class NavState(OpenEnum):
+    """State of the vehicle's motion."""
+
+    IDLE = "idle"
+    """No goal, or the motors are off and stay so."""
+    MOVING = "moving"
+    ARRIVED = "arrived"
+    HOLDING = "holding"
+    BLOCKED = "blocked"
+    """`NavStatus.error` says by what."""
+
+
+class NavError(OpenEnum):
     """Error that prevents a navigator from reaching its goal."""
 
     NONE = ""
@@ -288,8 +319,7 @@ class Goal(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     seq: int
     """Number of the goal, which NavStatus repeats."""
-    kind: str
-    """hold | goto | takeoff | land | formation: one of GOAL_KINDS."""
+    kind: GoalKind
     x_m: Finite = 0.0
     y_m: Finite = 0.0
     z_m: Finite = 0.0
@@ -312,8 +342,7 @@ class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Status of the navigator for its goal (board `nav/status`)."""
 
     goal_seq: int
-    state: str
-    """idle | moving | arrived | holding | blocked: one of NAV_STATES."""
+    state: NavState
     distance_m: Finite = 0.0
     """Distance to the goal; in a formation to the own slot, of an advancing leader to the end of the
     course."""
@@ -336,13 +365,21 @@ class Collision(msgspec.Struct, frozen=True, array_like=True, gc=False):
     speed_m_s: float
 
 
+class DriverState(OpenEnum):
+    """State of a driver of the hardware abstraction."""
+
+    RUNNING = "running"
+    WAITING = "waiting"
+    """For its device."""
+    FAILED = "failed"
+
+
 @register
 class DriverStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Timing statistics of one driver of the hardware abstraction."""
 
     name: str
-    state: str
-    """running | waiting (for its device) | failed."""
+    state: DriverState
     asked_hz: float
     real_hz: float
     """Achieved rate over the interval of the report."""

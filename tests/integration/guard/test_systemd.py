@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 
 from swarmd.guard.supervisor import SystemdSupervisor
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.starting import spawn, starting_pid
 from swarmware.service.supervised_process import SupervisedProcess
 from swarmware.testing.leaks import no_leaks
@@ -54,8 +55,8 @@ async def test_a_child_is_found_again_by_its_note_until_it_has_joined_or_ended(t
     with no_leaks():
         started = spawn("nosuch", config, run_dir)
         assert starting_pid("nosuch", run_dir) == started.pid
-        ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        ended: asyncio.Future[ExitStatus] = asyncio.get_running_loop().create_future()
         child = SupervisedProcess(started, ended.set_result)
-        assert await asyncio.wait_for(ended, 20.0) == "exit 6"
+        assert await asyncio.wait_for(ended, 20.0) == ExitStatus(code=6)
         child.close()
         assert starting_pid("nosuch", run_dir) == 0

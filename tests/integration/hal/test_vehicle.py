@@ -25,6 +25,7 @@ from swarmware.types.vehicle import (
     DriverTable,
     GnssFix,
     Goal,
+    GoalKind,
     Imu,
     NavStatus,
     Pose,
@@ -70,14 +71,14 @@ def test_a_multirotor_takes_off_and_lands(tmp_path: Path) -> None:
             await pose.changed(timeout_s=10.0)
             with pytest.raises(Denied, match="in the air"):
                 assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
-                goals.write(Goal(1, "takeoff", z_m=3.0, speed_m_s=1.5))
+                goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
                 await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
                 await m.request(ARM, ArmRequest(False), VehicleState)
             assert truth.value is not None
             assert pose.value is not None
             assert truth.value.z_m == pytest.approx(3.0, abs=0.5)
             assert pose.value.x_m == pytest.approx(truth.value.x_m, abs=0.2)
-            goals.write(Goal(2, "land"))
+            goals.write(Goal(2, GoalKind.LAND))
             await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
             assert (await m.request(ARM, ArmRequest(False), VehicleState)).landed
 
@@ -94,7 +95,7 @@ def test_a_surface_vessel_goes_where_it_is_sent(tmp_path: Path) -> None:
             truth = m.reader("sim/truth", Pose)
             start = await truth.changed(timeout_s=10.0)
             assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
-            goals.write(Goal(1, "goto", x_m=start.x_m + 6.0, y_m=start.y_m + 2.0, speed_m_s=2.0))
+            goals.write(Goal(1, GoalKind.GOTO, x_m=start.x_m + 6.0, y_m=start.y_m + 2.0, speed_m_s=2.0))
             await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
             here = truth.value
             assert here is not None
@@ -140,7 +141,7 @@ def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> No
             async with spawn(config_dir, "sim") as sim:
                 start = await truth.changed(timeout_s=10.0)
                 await m.request(ARM, ArmRequest(True), VehicleState)
-                goals.write(Goal(1, "goto", x_m=start.x_m + 6.0, y_m=start.y_m, speed_m_s=2.0))
+                goals.write(Goal(1, GoalKind.GOTO, x_m=start.x_m + 6.0, y_m=start.y_m, speed_m_s=2.0))
                 await until(status, lambda s: s.goal_seq == 1 and 0 < s.distance_m < 4.0)
                 await sim.kill()
             before = truth.value

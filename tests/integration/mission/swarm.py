@@ -29,7 +29,16 @@ from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionProgress, MissionState, MissionStatus, OrderReceipt
 from swarmware.types.rpc import Empty
 from swarmware.types.time import Conversion, TimeFunctions
-from swarmware.types.vehicle import ArmRequest, BatteryState, Goal, NavError, NavStatus, Pose, VehicleState
+from swarmware.types.vehicle import (
+    ArmRequest,
+    BatteryState,
+    Goal,
+    NavError,
+    NavState,
+    NavStatus,
+    Pose,
+    VehicleState,
+)
 
 T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")
@@ -103,12 +112,12 @@ class FakeVehicle:
         goal = await goals.changed()
         while True:
             self.goals.append(goal)
-            self._status.write(NavStatus(goal.seq, "moving", 5.0, 3.0))
+            self._status.write(NavStatus(goal.seq, NavState.MOVING, 5.0, 3.0))
             await asyncio.sleep(self.took_s)
             usual = "holding" if goal.kind == "hold" else "arrived"
             state, error, note, *_ = [*self.answers.get(goal.kind, usual).split(":"), "", ""]
             seq = goal.seq + 5 if state == "elsewhere" else goal.seq
-            goal = await self._repeat(NavStatus(seq, state, 0.0, 0.1, note, NavError(error)), goals)
+            goal = await self._repeat(NavStatus(seq, NavState(state), 0.0, 0.1, note, NavError(error)), goals)
 
     async def _repeat(self, status: NavStatus, goals: BoardReader[Goal]) -> Goal:
         """Says so ten times a second until there is another goal."""

@@ -10,7 +10,7 @@ from swarmware.errors import NotFound
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.types.scalar import Int, Text
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.vehicle import Goal, GoalKind, Pose
 
 
 def say(*words: object) -> None:
@@ -72,7 +72,7 @@ async def flood(config_dir: str, count: str) -> None:
     """Sends many messages at once and says what became of them."""
     async with Module("flooder", config_dir=config_dir) as m:
         outcomes = await asyncio.gather(
-            *(m.send("cmd/goto", Goal(number, "goto"), timeout_s=20) for number in range(int(count)))
+            *(m.send("cmd/goto", Goal(number, GoalKind.GOTO), timeout_s=20) for number in range(int(count)))
         )
         say("delivered", sum(outcome.delivered for outcome in outcomes))
 

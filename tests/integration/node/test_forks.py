@@ -15,6 +15,7 @@ from typing import TypeVar
 import pytest
 
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import FOLDER, SOCKET, request_fork
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
@@ -173,7 +174,7 @@ def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_par
         # asked later, answered later: what comes before was looked at
         started = request_fork(["nosuch"], config, run_dir, notifies=False)
         assert started is not None
-        assert started.exit_status(PATIENCE_S) == "exit 6"
+        assert started.exit_status(PATIENCE_S) == ExitStatus(code=6)
         started.close()
         assert not Path(f"/proc/{server.pid}/task/{server.pid}/children").read_text().split()
         server.stdin.close()

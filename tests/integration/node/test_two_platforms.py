@@ -20,7 +20,7 @@ from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
 from swarmware.types.scalar import Float, Int
 from swarmware.types.time import Conversion, TimeFunctions
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.vehicle import Goal, GoalKind, Pose
 
 
 class Pair(NamedTuple):
@@ -56,7 +56,7 @@ def test_messages_and_requests_cross_between_platforms(tmp_path: Path) -> None:
             inbox = far.inbox("cmd/goto", Goal)
             far.serve("sys/double", Int, lambda request, meta: Int(request.value * 2))
             for number in range(10):
-                outcome = await near.send("/uav2/cmd/goto", Goal(number, "goto"))
+                outcome = await near.send("/uav2/cmd/goto", Goal(number, GoalKind.GOTO))
                 assert outcome.delivered
                 assert outcome.where == "uav2:far#1"
                 assert (await inbox.next(1)).seq == number
@@ -68,11 +68,11 @@ def test_messages_and_requests_cross_between_platforms(tmp_path: Path) -> None:
 
             refused = await near.send("/uav2/cmd/goto", Pose(0, 0), timeout_s=1.5)
             assert (refused.status, refused.where) == (Status.REFUSED, "uav2")
-            nobody = await near.send("/uav7/cmd/goto", Goal(1, "goto"), timeout_s=0.5)
+            nobody = await near.send("/uav7/cmd/goto", Goal(1, GoalKind.GOTO), timeout_s=0.5)
             assert (nobody.status, nobody.where, nobody.detail) == (Status.UNREACHABLE, "uav1", "no route")
 
             cut()
-            lost = await near.send("/uav2/cmd/goto", Goal(1, "goto"), timeout_s=0.5)
+            lost = await near.send("/uav2/cmd/goto", Goal(1, GoalKind.GOTO), timeout_s=0.5)
             assert lost.status is Status.UNREACHABLE
             with pytest.raises(NoAnswer, match="no route"):
                 await near.request("/uav2/sys/double", Int(4), Int, timeout_s=0.5)
@@ -85,11 +85,11 @@ def test_a_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
     async def run() -> None:
         async with pair(tmp_path) as (near, far, _):
             inbox = far.inbox("cmd/goto", Goal, limit=1)
-            first = await near.send("/uav2/cmd/goto", Goal(1, "goto"))
+            first = await near.send("/uav2/cmd/goto", Goal(1, GoalKind.GOTO))
             assert first
-            expired = await near.send("/uav2/cmd/goto", Goal(2, "goto"), timeout_s=0.7)
+            expired = await near.send("/uav2/cmd/goto", Goal(2, GoalKind.GOTO), timeout_s=0.7)
             assert expired.status is Status.EXPIRED
-            waiting = asyncio.create_task(near.send("/uav2/cmd/goto", Goal(3, "goto"), timeout_s=10))
+            waiting = asyncio.create_task(near.send("/uav2/cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=10))
             await asyncio.sleep(0.05)
             assert [(await inbox.next(1)).seq, (await inbox.next(5)).seq] == [1, 3]
             assert (await waiting).delivered
@@ -213,7 +213,7 @@ def test_garbage_at_the_socket_is_counted_and_dropped(tmp_path: Path) -> None:
                     node.hardware,
                     1,
                     node.hardware,
-                    payload=registry.encode(Goal(5, "goto")),
+                    payload=registry.encode(Goal(5, GoalKind.GOTO)),
                 )
                 socket.send(encode(good))
                 assert (await inbox.next(5)).seq == 5

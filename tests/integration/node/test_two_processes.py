@@ -15,7 +15,7 @@ from swarmware.testing.process import Process, run_python
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.scalar import Float, Int, Text
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.vehicle import Goal, GoalKind, Pose
 
 ACTORS = str(Path(__file__).with_name("actors.py"))
 EXAMPLES = Path(__file__).parents[3] / "share/swarm/examples"
@@ -79,9 +79,9 @@ def test_a_message_is_delivered_and_acknowledged(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m, actor("receive", config_dir) as receiver:
             # sent before the receiver is there
-            outcome = await m.send("cmd/goto", Goal(7, "goto"), timeout_s=20)
+            outcome = await m.send("cmd/goto", Goal(7, GoalKind.GOTO), timeout_s=20)
             while not outcome:
-                outcome = await m.send("cmd/goto", Goal(7, "goto"), timeout_s=20)
+                outcome = await m.send("cmd/goto", Goal(7, GoalKind.GOTO), timeout_s=20)
             assert outcome.where == "uav1:receiver#1"
             assert abs(outcome.received_ns - m.now_ns()) < 10e9
             assert [await receiver.line(), await receiver.line()] == ["ready", "goal 7"]
@@ -94,8 +94,8 @@ def test_the_sender_is_told_when_the_receiver_is_killed_in_the_middle(config_dir
         async with Module("test", config_dir=config_dir) as m, actor("hoard", config_dir) as receiver:
             await receiver.line()
             for number in range(2):
-                assert await m.send("cmd/goto", Goal(number, "goto"))
-            waiting = asyncio.create_task(m.send("cmd/goto", Goal(3, "goto"), timeout_s=30))
+                assert await m.send("cmd/goto", Goal(number, GoalKind.GOTO))
+            waiting = asyncio.create_task(m.send("cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=30))
             await asyncio.sleep(0.1)
             assert not waiting.done(), "a full inbox is waited for"
             began_s = time.monotonic()
@@ -114,8 +114,8 @@ def test_a_receiver_restarted_within_the_time_gets_the_message(config_dir: Path)
             async with actor("hoard", config_dir) as receiver:
                 await receiver.line()
                 for number in range(2):
-                    assert await m.send("cmd/goto", Goal(number, "goto"))
-                waiting = asyncio.create_task(m.send("cmd/goto", Goal(3, "goto"), timeout_s=30))
+                    assert await m.send("cmd/goto", Goal(number, GoalKind.GOTO))
+                waiting = asyncio.create_task(m.send("cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=30))
                 await asyncio.sleep(0.05)
                 await receiver.kill()
             async with actor("receive", config_dir) as receiver:
@@ -181,7 +181,7 @@ def test_requests_are_answered_and_errors_keep_their_class(config_dir: Path) -> 
 def test_another_platform_is_unreachable_without_a_broker(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m:
-            outcome = await m.send("/uav9/cmd/goto", Goal(1, "goto"), timeout_s=0.5)
+            outcome = await m.send("/uav9/cmd/goto", Goal(1, GoalKind.GOTO), timeout_s=0.5)
             assert outcome.status is Status.UNREACHABLE
             assert "no broker" in outcome.detail
             with pytest.raises(NoAnswer, match="no broker"):
@@ -198,7 +198,7 @@ def test_the_smallest_module_of_the_examples_works(config_dir: Path) -> None:
             pose.write(Pose(0.0, 8.0))
             path = m.stream_reader("plan/path", Pose)
             async with run_python(example, env={"SWARM_CONFIG": str(config_dir)}) as hello:
-                while not await m.send("cmd/goto", Goal(1, "goto", x_m=4.0), timeout_s=10):
+                while not await m.send("cmd/goto", Goal(1, GoalKind.GOTO, x_m=4.0), timeout_s=10):
                     assert hello.returncode is None, hello.stderr()
                 steps = [await path.next(5) for _ in range(4)]
             assert [(step.x_m, step.y_m) for step in steps] == [(1, 6), (2, 4), (3, 2), (4, 0)]

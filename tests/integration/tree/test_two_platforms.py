@@ -23,7 +23,7 @@ from swarmware.model.resource import Kind, Resource
 from swarmware.types.net import ChannelLimits, SetChannel
 from swarmware.types.scalar import Blob, Float, Int, Text
 from swarmware.types.tree import StreamLosses, TreeChange, TreeSet, TreeSetDone, TreeUndo
-from swarmware.types.vehicle import Goal, Pose, VehicleState
+from swarmware.types.vehicle import Goal, GoalKind, Pose, VehicleState
 
 SPEED = Resource(
     path="config/planner/speed_m_s",
@@ -221,7 +221,7 @@ async def test_a_command_is_handed_to_its_application_and_so_is_a_board_that_tak
         uav.probe.serve("sys/double", Int, lambda request, _: Int(request.value * 2), reply=Int)
         await gcs.until_listed("/uav1/sys/double", lambda entry: entry is not None)
         await gcs.set("/uav1/cmd/goto", {"seq": 3, "kind": "goto", "x_m": 5})
-        assert (await inbox.next(PATIENCE_S)) == Goal(3, "goto", 5.0)
+        assert (await inbox.next(PATIENCE_S)) == Goal(3, GoalKind.GOTO, 5.0)
         with pytest.raises(TypeMismatch, match="no field 'colour' in Goal"):
             await gcs.set("/uav1/cmd/goto", {"seq": 3, "kind": "goto", "colour": 5})
         with pytest.raises(TypeMismatch, match="field 'kind' of Goal is missing"):

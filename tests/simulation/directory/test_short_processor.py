@@ -16,7 +16,7 @@ from swarmd.broker.core.beacon_rate import Slowdown
 from swarmd.broker.core.link import LinkEvent
 from swarmware.model.names import data_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
-from swarmware.types.net import BoardPublication, TreePlan
+from swarmware.types.net import BoardPublication, ConnectionStatus, TreePlan
 
 SECOND: Final = 1_000_000_000
 MS: Final = SECOND // 1000
@@ -78,7 +78,9 @@ class Processor(VirtualSwarm[str]):
         return sum(
             neighbour.state == "up"
             for node in self.brokers
-            for neighbour in node.core.report.neighbours(lambda hw: "", self.now_ns).neighbours
+            for neighbour in node.core.report.neighbours(
+                lambda hw: ConnectionStatus.IDLE, self.now_ns
+            ).neighbours
         )
 
     def rates_hz(self) -> list[float]:

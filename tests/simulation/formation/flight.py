@@ -16,7 +16,7 @@ from swarmd.sim.core.simulation import Simulation
 from swarmware.geometry.formation import FormationSlots, place
 from swarmware.geometry.world import World
 from swarmware.model.config import load
-from swarmware.types.vehicle import Collision, Goal, NavStatus, Pose
+from swarmware.types.vehicle import Collision, Goal, GoalKind, NavState, NavStatus, Pose
 
 ROOT = Path(__file__).parents[3]
 COURSE = ((0.0, 0.0), (32.0, 0.0), (62.0, 20.0), (95.0, 20.0))
@@ -50,7 +50,7 @@ class Vehicle:
         self.navigator = NavigatorCore(nav, name, where.origin, pilot)
         self.collisions: list[Collision] = []
         self.stalls_hz = 0.0
-        self.status = NavStatus(0, "idle")
+        self.status = NavStatus(0, NavState.IDLE)
         self.truth = start
         self.told: Pose | None = None
         # services of a node do not run in step with each other
@@ -206,7 +206,9 @@ class Flight:
         for vehicle in self.vehicles:
             vehicle.simulation.on_arm(True)
         self.order(
-            lambda v: Goal(0, "takeoff" if v.kind == "uav" else "hold", z_m=v.offset_m[2], speed_m_s=2.0)
+            lambda v: Goal(
+                0, GoalKind.TAKEOFF if v.kind == "uav" else GoalKind.HOLD, z_m=v.offset_m[2], speed_m_s=2.0
+            )
         )
         if not self.until(lambda: self.all_say("arrived", "holding"), 30):
             return False
@@ -226,7 +228,7 @@ class Flight:
         return self.result.arrived
 
     def land(self) -> bool:
-        self.order(lambda v: Goal(0, "land", speed_m_s=1.5))
+        self.order(lambda v: Goal(0, GoalKind.LAND, speed_m_s=1.5))
         landed = self.until(lambda: self.all_say("arrived"), 40)
         self.result.completed = landed and self.result.arrived
         return landed
@@ -234,7 +236,7 @@ class Flight:
     def formation(self, vehicle: Vehicle, *, advance: bool) -> Goal:
         return Goal(
             0,
-            "formation",
+            GoalKind.FORMATION,
             speed_m_s=SPEED_M_S,
             leader="ugv1",
             offset_m=vehicle.offset_m,

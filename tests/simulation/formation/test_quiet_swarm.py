@@ -16,8 +16,8 @@ from swarmd.sim.core.vehicle_core import Action, PublishOutput, ReadBoards, Vehi
 from swarmware.geometry.world import Bounds, World
 from swarmware.model.names import data_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
-from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
-from swarmware.types.vehicle import Goal, Pose, Setpoint
+from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, TreePlan
+from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
@@ -107,7 +107,7 @@ class Platform:
 
     def links_up(self) -> list[str]:
         """Neighbours with a link in both directions."""
-        table = self.broker.core.report.neighbours(lambda hw: "", self.air.now_ns)
+        table = self.broker.core.report.neighbours(lambda hw: ConnectionStatus.IDLE, self.air.now_ns)
         return [neighbour.platform for neighbour in table.neighbours if neighbour.state == "up"]
 
 
@@ -133,7 +133,7 @@ def test_a_swarm_that_stands_still_is_quiet_and_its_first_motion_is_heard_at_onc
 
     mover, witness = platforms[0], platforms[1]
     mover.arm()
-    mover.navigator.on_goal(Goal(1, "takeoff", z_m=5.0), air.now_ns)
+    mover.navigator.on_goal(Goal(1, GoalKind.TAKEOFF, z_m=5.0), air.now_ns)
     parked = mover.stated
     while mover.stated == parked:
         air.run_for(0.005)

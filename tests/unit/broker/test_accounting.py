@@ -1,11 +1,14 @@
 """Bytes and values of frames are counted where they belong: at the resource."""
 
+import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core.accounting import NOTIFY_ID, shares, values_in
+from swarmd.broker.core.traffic import Counters
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.types import registry
+from swarmware.types.net import ChannelTraffic
 from swarmware.types.tree import TreeItem, TreeNotify
 
 PATHS = {5: "cmd/goto", NOTIFY_ID: "sys/tree/notify"}
@@ -48,3 +51,20 @@ def test_any_payload_is_counted_whole(kind: FrameKind, data_id: int, payload: by
     frame = Frame(kind, data_id, payload=payload)
     assert sum(size for _, size in shares(frame, PATHS.get)) == len(payload)
     assert values_in(frame) >= 0
+
+
+def test_a_table_of_counters_stays_as_it_was_made() -> None:
+    counters = Counters()
+    counters.datagram_sent(100, "uav2")
+    counters.channel("nav/pose").sent(24)
+    counters.refused.forged = 1
+    links, channels, refused = counters.link_table(), counters.channel_table(), counters.refused_table()
+    counters.datagram_sent(100, "uav2")
+    counters.channel("nav/pose").sent(24)
+    counters.refused.forged = 2
+    assert [(link.platform, link.transport, link.sent_frames) for link in links] == [("uav2", "udp", 1)]
+    assert [(channel.channel, channel.sent_bytes) for channel in channels] == [("nav/pose", 24)]
+    assert refused.forged == 1
+    assert msgspec.msgpack.encode(channels[0]) == msgspec.msgpack.encode(
+        ChannelTraffic("nav/pose", sent_frames=1, sent_bytes=24)
+    )

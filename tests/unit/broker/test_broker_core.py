@@ -23,7 +23,7 @@ from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import data_id
 from swarmware.model.resource import Kind, Resource
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
-from swarmware.types.net import BoardPublication, BoardSubscription, SetChannel, TreePlan
+from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, SetChannel, TreePlan
 
 SECOND: Final = 1_000_000_000
 POSE: Final = data_id("nav/pose", "Pose")
@@ -39,7 +39,9 @@ def pair(seed: int = 0) -> tuple[VirtualSwarm[str], BrokerNode, BrokerNode]:
 def up(node: BrokerNode) -> list[str]:
     return [
         neighbour.platform
-        for neighbour in node.core.report.neighbours(lambda hw: "none", node.clock.now_ns()).neighbours
+        for neighbour in node.core.report.neighbours(
+            lambda hw: ConnectionStatus.IDLE, node.clock.now_ns()
+        ).neighbours
         if neighbour.state == "up"
     ]
 
@@ -51,6 +53,17 @@ def test_two_nodes_ask_for_each_others_session_and_are_up_within_a_second() -> N
     assert up(other) == ["uav1"]
     assert one.core.counters.refused.unproven > 0, "a session counts after it has answered"
     assert [route.platform for route in one.core.report.routes().routes] == ["uav2"]
+
+
+@pytest.mark.parametrize("hundredths", range(0, 60, 7))
+def test_a_node_at_rest_that_ends_is_missed_after_1_3_s_at_most(hundredths: int) -> None:
+    air, one, other = pair(hundredths)
+    air.run_for(20.0 + hundredths / 100)
+    other.stop()
+    air.run_for(0.7)
+    assert up(one) == ["uav2"], "one lost beacon is no lost node"
+    air.run_for(0.6)
+    assert up(one) == []
 
 
 def test_what_is_due_is_judged_only_after_the_inputs_were_read() -> None:

@@ -27,7 +27,7 @@ from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderRece
 from swarmware.types.net import Neighbours, Routes, RouteState
 from swarmware.types.register import Register
 from swarmware.types.system import NodeInfo
-from swarmware.types.tree import TreeEntry, TreeListing, TreeSetDone, TreeValue
+from swarmware.types.tree import Quality, TreeEntry, TreeListing, TreeSetDone, TreeValue
 
 R = TypeVar("R", bound=msgspec.Struct)
 GET, SET, UNDO, LIST = (f"/gcs/sys/tree/{verb}" for verb in ("get", "set", "undo", "list"))
@@ -145,7 +145,9 @@ async def test_a_topology_with_a_silent_platform_is_printed_and_partial() -> Non
 
 async def test_a_value_is_printed_with_its_unit_and_a_lost_one_with_a_warning() -> None:
     path = "/uav1/height"
-    session = ScriptedSession({f"{GET} {path}": value(path, 1.5, quality="lost", age_s=9.0)}, node="uav1")
+    session = ScriptedSession(
+        {f"{GET} {path}": value(path, 1.5, quality=Quality.LOST, age_s=9.0)}, node="uav1"
+    )
     await print_values(session, "height", fresh=False)
     assert session.stdout.getvalue() == "1.5 m\n"
     assert "lost; this is the last value, 9 s old" in session.stderr.getvalue()

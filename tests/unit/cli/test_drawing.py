@@ -6,14 +6,14 @@ import msgspec
 
 from swarmctl.commands.topo.graph import edges, to_dot, to_png
 from swarmctl.commands.tree.drawing import tree
-from swarmware.types.net import Neighbours, NeighbourState
-from swarmware.types.tree import TreeEntry
+from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState
+from swarmware.types.tree import Quality, TreeEntry
 
 
 def heard(platform: str, *, loss_in: float = 0.0, loss_out: float = 0.0, state: str = "up") -> NeighbourState:
     return NeighbourState(
-        platform, "main", 1, "uav", state, "127.0.0.1:1", 0, 0.0, 10.0, loss_in, loss_out, 0.2, 256, 0, 0, 1,
-        "tcp", True,
+        platform, "main", 1, "uav", LinkStatus(state), "127.0.0.1:1", 0, 0.0, 10.0, loss_in, loss_out, 0.2,
+        256, 0, 0, 1, ConnectionStatus.CONNECTED, True,
     )  # fmt: skip
 
 
@@ -23,7 +23,7 @@ def said(**neighbours: list[NeighbourState]) -> dict[str, Neighbours]:
 
 def test_a_tree_is_drawn_in_the_order_of_people() -> None:
     entries = [
-        TreeEntry("/uav10/nav/pose", "board", "Pose", rate_hz=20.0, quality="live"),
+        TreeEntry("/uav10/nav/pose", "board", "Pose", rate_hz=20.0, quality=Quality.LIVE),
         TreeEntry("/uav2/nav", "branch", "", description="Where it is"),
         TreeEntry("/uav2/nav/pose", "board", "Pose"),
         TreeEntry("/uav2/power/voltage", "board", "Float", unit="V"),

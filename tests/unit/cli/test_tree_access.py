@@ -7,7 +7,7 @@ from swarmctl.session import Session
 from swarmctl.tree_access import read
 from swarmware.types import registry
 from swarmware.types.scalar import Float
-from swarmware.types.tree import TreeGet, TreeValue
+from swarmware.types.tree import Quality, TreeGet, TreeValue, ValueSource
 
 
 class Node:
@@ -15,7 +15,9 @@ class Node:
 
     def __init__(self, quality: str, age_s: float | None) -> None:
         data = registry.encode(Float(0.5))
-        self.value = TreeValue("/uav3/power/fuel", "Float", data, 1, 1, 1, age_s, quality, source="mirror")
+        self.value = TreeValue(
+            "/uav3/power/fuel", "Float", data, 1, 1, 1, age_s, Quality(quality), source=ValueSource.MIRROR
+        )
         self.asked: list[bool] = []
 
     async def ask(self, _path: str, request: TreeGet, _reply: type[Any], about: str) -> TreeValue:

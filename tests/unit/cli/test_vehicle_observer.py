@@ -12,13 +12,13 @@ from swarmctl.vehicle_observer import (
     raise_failures,
 )
 from swarmware.errors import NoAnswer, Partial, SwarmError
-from swarmware.types.mission import MissionState
-from swarmware.types.vehicle import NavStatus, Pose, VehicleState
+from swarmware.types.mission import MissionPhase, MissionState
+from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState
 
 S = 1_000_000_000
 DOWN = VehicleState(False, True)
 UP = VehicleState(True, False)
-HOLDING = NavStatus(3, "holding")
+HOLDING = NavStatus(3, NavState.HOLDING)
 
 
 def sight(
@@ -29,7 +29,7 @@ def sight(
     pose: Pose | None = Pose.planar(0.0, 0.0),  # noqa: B008 - frozen
     home: Pose | None = None,
 ) -> VehicleSnapshot:
-    return VehicleSnapshot(kind, MissionState(7, "00112233", state), vehicle, nav, pose, home)
+    return VehicleSnapshot(kind, MissionState(7, "00112233", MissionPhase(state)), vehicle, nav, pose, home)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def sight(
         ("land", sight(kind="ugv"), True),
         ("hold", sight(vehicle=UP), True),
         ("hold", sight(vehicle=UP, pose=None), False),
-        ("hold", sight(vehicle=UP, nav=NavStatus(3, "moving")), False),
+        ("hold", sight(vehicle=UP, nav=NavStatus(3, NavState.MOVING)), False),
         ("hold", sight(vehicle=UP, pose=Pose.planar(0, 0, 5, velocity_m_s=(2.0, 0.0, 0.0))), False),
         ("hold", sight(), True),
         ("return", sight(home=Pose.planar(1.0, 0.0)), True),
@@ -92,7 +92,7 @@ def test_a_vehicle_is_described_as_it_is_seen() -> None:
     assert sight().words() == "landed 0.0 m disarmed"
     high = Pose.planar(0, 0, 8.04)
     assert sight(vehicle=UP, pose=high).words() == "holding 8.0 m armed"
-    assert sight(vehicle=UP, pose=high, nav=NavStatus(3, "moving")).words() == "flying 8.0 m armed"
+    assert sight(vehicle=UP, pose=high, nav=NavStatus(3, NavState.MOVING)).words() == "flying 8.0 m armed"
     assert sight(kind="ugv").words() == "stopped 0.0 m disarmed"
     assert sight(vehicle=None).words() == "unknown"
     assert math.isinf(sight(pose=None).speed_m_s)

@@ -16,13 +16,13 @@ from swarmd.guard.core import (
     ReadHeartbeats,
     ReportRestart,
     ServiceEvent,
-    ServiceState,
     Spawn,
     Terminate,
     WatchProcess,
 )
+from swarmware.service.exit_status import ExitStatus
 from swarmware.testing.virtual import VirtualTime
-from swarmware.types.health import GuardStatus, WatchedService
+from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 
 SECOND = 1_000_000_000
 
@@ -36,7 +36,7 @@ def guard(*services: str, **changes: Any) -> GuardCore:
         "restart_limit": 4,
         "stop_s": 3.0,
     }
-    return GuardCore(services or ("tree", "health"), "self", Config(**(numbers | changes)))
+    return GuardCore(services or ("tree", "health"), SupervisorKind.SELF, Config(**(numbers | changes)))
 
 
 def running(core: GuardCore, now_ns: int = 0) -> None:
@@ -91,7 +91,7 @@ def test_a_process_that_was_just_started_by_a_former_guard_is_waited_for() -> No
 def test_a_dead_service_is_started_again_at_once() -> None:
     core = guard()
     running(core)
-    actions = core.on_exit("tree", 10, "signal 9", SECOND)
+    actions = core.on_exit("tree", 10, ExitStatus(signal=9), SECOND)
     assert without_tell(actions) == [Spawn("tree")]
     assert isinstance(actions[0], ReportRestart)
     assert actions[0].service.reason == "died: signal 9"
@@ -104,7 +104,7 @@ def test_one_that_dies_again_and_again_waits_longer_and_longer_and_is_given_up()
     now_ns, pauses = SECOND, []
     for attempt in range(1, 6):
         pid = 10 if attempt == 1 else 100 + attempt - 1
-        actions = without_tell(core.on_exit("tree", pid, "exit 1", now_ns))
+        actions = without_tell(core.on_exit("tree", pid, ExitStatus(code=1), now_ns))
         if not actions:
             if service(core, "tree").state == "failed":
                 break
@@ -122,18 +122,18 @@ def test_one_that_dies_again_and_again_waits_longer_and_longer_and_is_given_up()
 def test_one_that_ran_for_long_is_started_without_a_pause_again() -> None:
     core = guard()
     running(core)
-    core.on_exit("tree", 10, "exit 1", SECOND)
+    core.on_exit("tree", 10, ExitStatus(code=1), SECOND)
     core.on_spawned("tree", 11, 0)
     core.on_joined("tree", 11, 2 * SECOND)
-    assert without_tell(core.on_exit("tree", 11, "exit 1", 13 * SECOND)) == [Spawn("tree")]
+    assert without_tell(core.on_exit("tree", 11, ExitStatus(code=1), 13 * SECOND)) == [Spawn("tree")]
 
 
 def test_an_operator_can_revive_one_that_was_given_up() -> None:
     core = guard(restart_limit=1)
     running(core)
-    core.on_exit("tree", 10, "exit 1", SECOND)
+    core.on_exit("tree", 10, ExitStatus(code=1), SECOND)
     core.on_spawned("tree", 11, 0)
-    core.on_exit("tree", 11, "exit 1", SECOND)
+    core.on_exit("tree", 11, ExitStatus(code=1), SECOND)
     assert service(core, "tree").state == "failed"
     assert core.on_restart_order("tree", 2 * SECOND) == [Spawn("tree")]
 
@@ -148,7 +148,7 @@ def test_a_beat_that_stands_still_is_a_hang_and_is_killed() -> None:
         assert core.on_heartbeats_read(second * SECOND) == []
     core.on_heartbeat("tree", 3, 8 * SECOND)
     assert core.on_heartbeats_read(8 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.0 s")]
-    core.on_exit("tree", 10, "signal 9", 8 * SECOND)
+    core.on_exit("tree", 10, ExitStatus(signal=9), 8 * SECOND)
     assert service(core, "tree").reason == "hung: no beat for 5.0 s"
 
 
@@ -175,14 +175,14 @@ def test_a_restart_on_request_asks_first_and_kills_later() -> None:
     assert core.on_restart_order("tree", SECOND) == [Terminate("tree", 10)]
     core.on_heartbeat("tree", 99, 2 * SECOND)
     assert core.on_heartbeats_read(4 * SECOND) == [Kill("tree", 10, "restarted on request")]
-    assert without_tell(core.on_exit("tree", 10, "signal 9", 4 * SECOND)) == [Spawn("tree")]
+    assert without_tell(core.on_exit("tree", 10, ExitStatus(signal=9), 4 * SECOND)) == [Spawn("tree")]
     assert service(core, "tree").reason == "restarted on request"
 
 
 def test_the_end_of_another_process_of_the_same_name_means_nothing() -> None:
     core = guard()
     running(core)
-    assert core.on_exit("tree", 99, "signal 9", SECOND) == []
+    assert core.on_exit("tree", 99, ExitStatus(signal=9), SECOND) == []
     assert service(core, "tree").state == "running"
 
 
@@ -190,19 +190,19 @@ def test_one_that_dies_while_others_are_stopped_is_not_started_again() -> None:
     core = guard("broker", "tree", "sim")
     running(core)
     assert core.on_stop(0) == [Terminate("sim", 30)]
-    assert core.on_exit("tree", 20, "signal 9", 1) == []
-    assert core.on_exit("sim", 30, "exit 0", 2) == [Terminate("broker", 10)]
+    assert core.on_exit("tree", 20, ExitStatus(signal=9), 1) == []
+    assert core.on_exit("sim", 30, ExitStatus(code=0), 2) == [Terminate("broker", 10)]
     assert not core.stopped
-    core.on_exit("broker", 10, "exit 0", 3)
+    core.on_exit("broker", 10, ExitStatus(code=0), 3)
     assert core.stopped
 
 
 def test_one_that_waits_for_its_next_start_is_not_started_by_a_stop() -> None:
     core = guard("tree")
     running(core)
-    core.on_exit("tree", 10, "exit 1", SECOND)
+    core.on_exit("tree", 10, ExitStatus(code=1), SECOND)
     core.on_spawned("tree", 11, 0)
-    assert without_tell(core.on_exit("tree", 11, "exit 1", SECOND)) == []
+    assert without_tell(core.on_exit("tree", 11, ExitStatus(code=1), SECOND)) == []
     core.on_stop(SECOND)
     assert core.stopped
     assert core.on_heartbeats_read(9 * SECOND) == []
@@ -219,7 +219,7 @@ def test_stopping_is_complete_and_nothing_is_started_again() -> None:
         action = actions[0]
         assert isinstance(action, Terminate)
         asked.append(action.service)
-        actions = core.on_exit(action.service, action.pid, "exit 0", 1)
+        actions = core.on_exit(action.service, action.pid, ExitStatus(code=0), 1)
     assert asked == ["sim", "tree", "broker"]
     assert core.stopped
 
@@ -229,14 +229,16 @@ def test_one_that_does_not_end_when_asked_is_killed() -> None:
     running(core)
     core.on_stop(0)
     assert core.on_heartbeats_read(3 * SECOND) == [Kill("tree", 10, "did not end when asked")]
-    core.on_exit("tree", 10, "signal 9", 3 * SECOND)
+    core.on_exit("tree", 10, ExitStatus(signal=9), 3 * SECOND)
     assert core.stopped
 
 
 def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> None:
     core = guard()
     before = GuardStatus(
-        "self", (WatchedService("tree", "running", restarts=3, reason="died: signal 11"),), 3
+        SupervisorKind.SELF,
+        (WatchedService("tree", ServiceState.RUNNING, restarts=3, reason="died: signal 11"),),
+        3,
     )
     core.restore(before)
     core.on_start({"tree": 5, "health": 6}, {}, 0)
@@ -246,7 +248,7 @@ def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> N
 
 def test_one_that_died_while_there_was_no_guard_is_counted_and_told() -> None:
     core = guard()
-    core.restore(GuardStatus("self", (WatchedService("tree", "running", pid=5),), 0))
+    core.restore(GuardStatus(SupervisorKind.SELF, (WatchedService("tree", ServiceState.RUNNING, pid=5),), 0))
     tell, *spawns = core.on_start({}, {}, 0)
     assert isinstance(tell, ReportRestart)
     assert (tell.service.name, tell.service.reason) == ("tree", "died while no guard ran")
@@ -289,7 +291,7 @@ def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) 
         now_ns += value * SECOND
         match what:
             case "exit":
-                carry_out(core.on_exit("tree", pids["tree"], "exit 1", now_ns))
+                carry_out(core.on_exit("tree", pids["tree"], ExitStatus(code=1), now_ns))
             case "beat":
                 core.on_heartbeat("tree", value, now_ns)
             case "timer":
@@ -300,7 +302,7 @@ def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) 
                 carry_out(core.on_restart_order("tree", now_ns))
     core.on_stop(now_ns)
     if not core.stopped:
-        core.on_exit("tree", core.pid("tree"), "exit 0", now_ns)
+        core.on_exit("tree", core.pid("tree"), ExitStatus(code=0), now_ns)
     assert core.stopped
     assert core.deadline_ns() is None
 
@@ -342,9 +344,9 @@ class Watching:
                 self.driver.feed(self.core.on_spawned(name, self.pids[name], now_ns))
             case WatchProcess(name, pid) if name in self.fails_to_start:
                 self.fails_to_start.discard(name)
-                self.driver.feed(self.core.on_exit(name, pid, "gone", now_ns))
+                self.driver.feed(self.core.on_exit(name, pid, ExitStatus(), now_ns))
             case Kill(name, pid):
-                self.driver.feed(self.core.on_exit(name, pid, "signal 9", now_ns))
+                self.driver.feed(self.core.on_exit(name, pid, ExitStatus(signal=9), now_ns))
 
 
 def test_a_guard_looks_once_a_second_and_kills_what_does_not_beat_only_that() -> None:
@@ -380,7 +382,7 @@ def test_a_guard_whose_services_have_all_been_stopped_looks_no_more() -> None:
     watching.time.run_for(5)
     for name, pid in (("sim", 10), ("tree", 10)):
         watching.driver.feed(watching.core.on_stop(watching.time.now_ns))
-        watching.driver.feed(watching.core.on_exit(name, pid, "exit 0", watching.time.now_ns))
+        watching.driver.feed(watching.core.on_exit(name, pid, ExitStatus(code=0), watching.time.now_ns))
     assert watching.core.stopped
     looks = watching.looks
     watching.time.run_for(5)

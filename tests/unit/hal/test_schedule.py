@@ -1,6 +1,7 @@
 """A driver's schedule: absolute instants, rate and lateness."""
 
 from swarmd.hal.core.schedule import Schedule
+from swarmware.types.vehicle import DriverState
 
 MS = 1_000_000
 
@@ -66,7 +67,7 @@ def test_the_state_is_that_of_the_device() -> None:
     assert schedule.report(MS).state == "waiting"
     schedule.opened(MS)
     assert schedule.report(2 * MS).state == "running"
-    schedule.closed("failed", "unplugged")
+    schedule.closed(DriverState.FAILED, "unplugged")
     status = schedule.report(3 * MS)
     assert (status.state, status.note) == ("failed", "unplugged")
 

@@ -19,7 +19,7 @@ from swarmd.health.core.monitor import (
 )
 from swarmware.model.resource import Resource
 from swarmware.types.health import CheckRegistration, CheckReport, CheckReports, Fault, Phase, StateRule
-from swarmware.types.system import AppStatus
+from swarmware.types.system import AppState, AppStatus
 
 SECOND = 1_000_000_000
 POSE = Resource(path="nav/pose", type="Pose", rate_hz=20, critical=True)
@@ -70,7 +70,7 @@ def beat(
 ) -> None:
     found = core.apps.get(f"{app}#1")
     assert found is not None
-    core.on_status(found, AppStatus(pid, "running", number, restarts), now_ns)
+    core.on_status(found, AppStatus(pid, AppState.RUNNING, number, restarts), now_ns)
 
 
 def cleared(core: Monitor, pattern: str, now_ns: int) -> tuple[Fault, ...]:
@@ -462,7 +462,7 @@ def test_a_guard_that_hangs_is_reported_once_and_stated() -> None:
     beat(core, 1, 0, app="guard")
     assert core.state().guard == "alive"
     found = core.apps.get("guard#1")
-    status = AppStatus(7, "running", 1, 0)
+    status = AppStatus(7, AppState.RUNNING, 1, 0)
     assert GuardHung(7) in core.on_status(found, status, 5 * SECOND)
     assert core.on_status(found, status, 6 * SECOND) == []
     assert core.state().guard == "hung"

@@ -15,11 +15,11 @@ from swarmlab.report import ExperimentReport, MeanMax
 from swarmlab.run_metadata import NodeMetadata, RunMetadata
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
-from swarmware.types.log import LogGap
+from swarmware.types.log import GapCause, LogGap
 from swarmware.types.mission import MissionProgress, OrderReceipt
 from swarmware.types.net import LinkTraffic, Refused, Traffic
 from swarmware.types.time import Conversion, TimeFunctions
-from swarmware.types.vehicle import Collision, Goal, Pose
+from swarmware.types.vehicle import Collision, Goal, GoalKind, Pose
 
 ORIGIN_NS = 7_000_000_000_000
 CLOCKS = {"gcs": ClockTruth(2.0, 10.0), "ugv1": ClockTruth(-4.0, -30.0), "uav1": ClockTruth(0.5, 45.0)}
@@ -117,11 +117,11 @@ def write_logs(logs: Path) -> None:
                 log.add("net/traffic", t_s, traffic(platform, t_s))
                 log.add("time/functions", t_s, functions(platform, t_s, 10.0 if platform == "gcs" else -40.0))
         if platform != "gcs":
-            goal = Goal(1, "formation", leader="ugv1", course=COURSE)
+            goal = Goal(1, GoalKind.FORMATION, leader="ugv1", course=COURSE)
             offset = (0.0, 0.0, 0.0) if platform == "ugv1" else SLOT
             log.add("nav/goal", 1.0, msgspec.structs.replace(goal, offset_m=offset))
             log.add("nav/goal", 5.0, msgspec.structs.replace(goal, seq=2, offset_m=offset, advance=True))
-            log.add("nav/goal", 18.0, Goal(3, "land"))
+            log.add("nav/goal", 18.0, Goal(3, GoalKind.LAND))
             ended = MissionProgress("formation", 77, "", "Mission", "state:done", 0)
             log.add("mission/progress", END_S if platform == "uav1" else 19.0, ended)
         log.close()
@@ -229,7 +229,7 @@ def test_collisions_and_gaps_are_counted(tmp_path: Path) -> None:
     log.add("sim/collision", 7.0, Collision("boulder_right", 0, 0, 0, 1))
     log.add("sim/collision", 7.4, Collision("boulder_right", 0, 0, 0, 1))
     log.add("sim/collision", 30.0, Collision("boulder_left", 0, 0, 0, 1))
-    log.add("log/gaps", 8.0, LogGap("ring", "q", "sim/truth", 12))
+    log.add("log/gaps", 8.0, LogGap(GapCause.RING, "q", "sim/truth", 12))
     log.close()
     (tmp_path / "ugv1" / "more" / "000001.mcap").rename(tmp_path / "ugv1" / "000002.mcap")
     found, _ = analysis.analyse(facts(), tmp_path)

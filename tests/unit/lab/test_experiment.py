@@ -12,7 +12,7 @@ from swarmlab.notify import Restarts
 from swarmlab.run_metadata import NodeMetadata, failure
 from swarmlab.watch import MissionMembers, MissionOutcome
 from swarmware.mission.folder import from_files
-from swarmware.types.mission import MissionState, OrderReceipt, TaskAnswer
+from swarmware.types.mission import MissionPhase, MissionState, OrderReceipt, TaskAnswer
 
 
 def test_an_older_report_goes_and_whatever_else_is_there_stays(tmp_path: Path) -> None:
@@ -29,7 +29,7 @@ def test_an_older_report_goes_and_whatever_else_is_there_stays(tmp_path: Path) -
 
 
 def state(name: str, *active: str) -> MissionState:
-    return msgspec.structs.replace(MissionState(1, "", name), active=active)
+    return msgspec.structs.replace(MissionState(1, "", MissionPhase(name)), active=active)
 
 
 def test_the_phase_is_what_most_platforms_do() -> None:
@@ -65,7 +65,7 @@ def test_the_mission_of_the_experiment_is_sent_with_all_its_files() -> None:
 
 
 def of_epoch(epoch: int, name: str) -> MissionState:
-    return MissionState(epoch, "", name, active=("form",))
+    return MissionState(epoch, "", MissionPhase(name), active=("form",))
 
 
 def test_a_member_that_was_restarted_has_lost_its_mission_and_nobody_waits_for_it() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from swarmlab import formation_error, measure
 from swarmlab.measure import VehicleTrack
-from swarmware.types.vehicle import Goal
+from swarmware.types.vehicle import Goal, GoalKind
 
 COURSE = ((0.0, 0.0), (100.0, 0.0))
 
@@ -20,7 +20,7 @@ def straight(platform: str, x_m: float, y_m: float, z_m: float = 0.0) -> Vehicle
 
 
 def formation(offset: tuple[float, float, float], *, advance: bool = True, seq: int = 1) -> Goal:
-    return Goal(seq, "formation", leader="l", offset_m=offset, course=COURSE, advance=advance)
+    return Goal(seq, GoalKind.FORMATION, leader="l", offset_m=offset, course=COURSE, advance=advance)
 
 
 def test_a_follower_beside_its_slot_on_a_straight_course_has_that_error() -> None:
@@ -33,14 +33,14 @@ def test_a_follower_beside_its_slot_on_a_straight_course_has_that_error() -> Non
 def test_there_is_no_error_before_the_goal_without_a_slot_and_for_the_leader_itself() -> None:
     leader, follower = straight("l", 20, 0), straight("f", 14, 3)
     times = measure.axis(0, 20)
-    goals = [(5.0, formation((-6, 3, 0))), (10.0, Goal(2, "land"))]
+    goals = [(5.0, formation((-6, 3, 0))), (10.0, Goal(2, GoalKind.LAND))]
     found = formation_error.errors(follower, leader, goals, times)
     assert np.isfinite(found).tolist() == [5.0 <= t < 10.0 for t in times]
     assert np.isnan(formation_error.errors(leader, leader, goals, times)).all()
 
 
 def test_it_is_formed_while_all_advance() -> None:
-    wait, go, land = formation((0, 0, 0), advance=False), formation((0, 0, 0)), Goal(3, "land")
+    wait, go, land = formation((0, 0, 0), advance=False), formation((0, 0, 0)), Goal(3, GoalKind.LAND)
     goals = {
         "l": [(1.0, wait), (5.0, go), (9.0, land)],
         "f": [(2.0, wait), (6.0, go), (9.5, land)],
@@ -52,13 +52,13 @@ def test_it_is_formed_while_all_advance() -> None:
 
 
 def test_a_formation_that_is_left_and_taken_again_has_two_spans() -> None:
-    go, hold = formation((0, 0, 0)), Goal(2, "hold")
+    go, hold = formation((0, 0, 0)), Goal(2, GoalKind.HOLD)
     goals = {"l": [(1.0, go), (3.0, go), (4.0, hold), (6.0, go)]}
     assert formation_error.formed_spans(goals, 8.0) == ((1.0, 4.0), (6.0, 8.0))
 
 
 def test_leader_and_course_are_read_from_the_goals() -> None:
-    goals = {"f": [(0.0, Goal(1, "takeoff")), (1.0, formation((-3, 0, 0)))]}
+    goals = {"f": [(0.0, Goal(1, GoalKind.TAKEOFF)), (1.0, formation((-3, 0, 0)))]}
     assert formation_error.leader_of(goals) == "l"
     assert formation_error.course_of(goals) == COURSE
     assert formation_error.leader_of({}) == ""
@@ -67,5 +67,5 @@ def test_leader_and_course_are_read_from_the_goals() -> None:
 
 @pytest.mark.parametrize(("t_s", "seq"), [(0.5, None), (1.0, 1), (1.5, 1), (2.0, 2), (99.0, 2)])
 def test_the_goal_in_force_is_the_newest(t_s: float, seq: int | None) -> None:
-    found = formation_error.goal_at([(1.0, Goal(1, "hold")), (2.0, Goal(2, "hold"))], t_s)
+    found = formation_error.goal_at([(1.0, Goal(1, GoalKind.HOLD)), (2.0, Goal(2, GoalKind.HOLD))], t_s)
     assert (found.seq if found else None) == seq

@@ -102,7 +102,7 @@ def test_a_follower_beside_its_slot_has_that_error() -> None:
     leader, follower = line("l", (0, 0, 0), (1, 0, 0)), line("f", (-3.0, 0.4, 0), (1, 0, 0))
     times = measure.axis(0, 10)
     slot = measure.slots(measure.resample(leader, times), measure.resample_yaw(leader, times), (-3, 0, 0))
-    error = measure.distances(measure.resample(follower, times), slot)
+    error = np.linalg.norm(measure.resample(follower, times) - slot, axis=1)
     assert np.allclose(error, 0.4)
 
 

@@ -10,7 +10,7 @@ from swarmware.model.resource import Kind as ResourceKind
 from swarmware.model.resource import Resource
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.types import registry
-from swarmware.types.log import LogGap
+from swarmware.types.log import GapCause, LogGap
 from swarmware.types.scalar import Int
 
 FRAME = Frame(FrameKind.EVENT, 7, stamp_ns=5, payload=registry.encode(Int(3)))
@@ -28,7 +28,7 @@ def test_a_value_is_in_its_writers_queue_a_command_in_its_takers_and_a_gap_is_an
         )
         assert made is not None
         batch.frames.append((made, FRAME, 9, sender))
-    batch.gaps.append((LogGap("ring", "uav1:planner:out", "test/event", 4), 6, 10))
+    batch.gaps.append((LogGap(GapCause.RING, "uav1:planner:out", "test/event", 4), 6, 10))
     assert batch
     book.write(batch)
     book.close()

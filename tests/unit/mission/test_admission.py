@@ -17,7 +17,7 @@ from swarmware.errors import MissionError, WireError
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.content import content_hash
 from swarmware.types import registry
-from swarmware.types.mission import Arrival, BarrierResult, Member, MissionOrder, MissionState
+from swarmware.types.mission import Arrival, BarrierResult, Member, MissionOrder, MissionPhase, MissionState
 
 TEXT = net(
     s="Start>t",
@@ -28,7 +28,7 @@ S = 1_000_000_000
 STATE = MissionState(
     4_000_000_000,
     "00ab12cd",
-    "running",
+    MissionPhase.RUNNING,
     ("advance",),
     (Arrival("course", 1),),
     (BarrierResult("formed", 1, -5_000_000_000, 0), BarrierResult("airborne", 1, None, 2)),
@@ -134,7 +134,7 @@ def test_a_state_is_the_same_after_the_beacon() -> None:
     back = MissionState.unpack(memoryview(packed))
     assert msgspec.structs.replace(back, progress_ratio=0.5) == STATE
     assert back.progress_ratio == pytest.approx(0.5, abs=0.002)
-    idle = MissionState(0, "", "idle", kind="gcs")
+    idle = MissionState(0, "", MissionPhase.IDLE, kind="gcs")
     assert MissionState.unpack(idle.pack()) == idle
 
 

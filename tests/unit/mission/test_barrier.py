@@ -4,7 +4,7 @@ import pytest
 from tests.unit.mission.results import result
 
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
-from swarmware.types.mission import Arrival, BarrierResult, Member, MissionState
+from swarmware.types.mission import Arrival, BarrierResult, Member, MissionPhase, MissionState
 
 S = 1_000_000_000
 LEAD = S // 4
@@ -23,7 +23,7 @@ class Ensemble:
 
     def board(self, name: str, state: str = "running") -> MissionState:
         barriers = self.of[name]
-        return MissionState(7, "h", state, (), barriers.arrivals, barriers.results)
+        return MissionState(7, "h", MissionPhase(state), (), barriers.arrivals, barriers.results)
 
     def talk(self, now_ns: int, silent: tuple[str, ...] = (), **states: str) -> dict[str, list[Passed]]:
         """Everybody hears everybody; returns who passed."""
@@ -128,14 +128,14 @@ def test_a_member_that_started_anew_breaks_the_barrier() -> None:
     e.talk(S)
     e.arrive("a", "b")
     for name in ("a", "b"):
-        e.of[name].on_state("c", MissionState(0, "", "idle"), (), 2 * S)
+        e.of[name].on_state("c", MissionState(0, "", MissionPhase.IDLE), (), 2 * S)
     assert outcomes({n: e.of[n].advance(2 * S) for n in ("a", "b")}) == dict.fromkeys("ab", "error:broken")
 
 
 def test_the_state_of_another_run_is_no_arrival() -> None:
     e = Ensemble()
     e.arrive("a", "b")
-    old = MissionState(6, "h", "running", (), (Arrival("x", 1),), (BarrierResult("x", 1, 5, 0),))
+    old = MissionState(6, "h", MissionPhase.RUNNING, (), (Arrival("x", 1),), (BarrierResult("x", 1, 5, 0),))
     e.of["a"].on_state("c", old, old.meetings, S)
     e.talk(S, silent=("c",))
     assert e.of["a"].results == ()
@@ -197,7 +197,7 @@ def test_a_member_alone_does_not_wait() -> None:
 def test_a_stranger_is_not_listened_to() -> None:
     e = Ensemble()
     e.arrive("a")
-    e.of["a"].on_state("z", MissionState(7, "h", "running"), (BarrierResult("x", 1, 5, 0),), 5)
+    e.of["a"].on_state("z", MissionState(7, "h", MissionPhase.RUNNING), (BarrierResult("x", 1, 5, 0),), 5)
     assert e.of["a"].advance(6) == []
 
 

@@ -14,7 +14,7 @@ from swarmware.errors import Conflict
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
-from swarmware.types.mission import Member, MissionState
+from swarmware.types.mission import Member, MissionPhase, MissionState
 
 S = 1_000_000_000
 LAND = load(net(s="Start>land", land={"type": "Land", "next": "e"}, e="End"), "land", Binding())
@@ -93,7 +93,7 @@ def test_nobody_begins_before_all_have_accepted() -> None:
     assert m.order(members=(A, B)) == ["state:ready"]
     assert m.core.state().arrivals[0].barrier == "@start"
     assert m.core.missing(0) == ("b",)
-    ready = MissionState(7, "01234567", "ready", (), m.core.state().arrivals)
+    ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
     m.core.on_state("b", ready, (), S)
     deadline = until(m.core, S + S // 4)
     assert words(m.core.on_timer(deadline)) == ["state:running", "start a 1"]
@@ -112,7 +112,7 @@ def test_nobody_begins_when_one_does_not_answer() -> None:
 def test_nobody_begins_when_one_has_aborted() -> None:
     m = Member1()
     m.order(members=(A, B))
-    assert words(m.core.on_state("b", MissionState(7, "", "aborted"), (), S)) == ["state:idle"]
+    assert words(m.core.on_state("b", MissionState(7, "", MissionPhase.ABORTED), (), S)) == ["state:idle"]
 
 
 def test_a_second_mission_is_refused_while_one_runs() -> None:
@@ -192,11 +192,11 @@ def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
     )
     m = Member1("gcs")
     m.order(text, members=(A, B))
-    ready = MissionState(7, "01234567", "ready", (), m.core.state().arrivals)
+    ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
     m.core.on_state("b", ready, (), 0)
     m.core.on_timer(until(m.core, S // 4))
     assert m.phase == "running"
-    m.core.on_state("b", MissionState(7, "01234567", "failed"), (), 2 * S)
+    m.core.on_state("b", MissionState(7, "01234567", MissionPhase.FAILED), (), 2 * S)
     assert m.phase == "failed"
     assert m.core.state().text == "came to f: m ended with timeout: without b"
 
@@ -236,7 +236,7 @@ def test_a_mission_that_fails_when_it_comes_to_a_barrier_waits_there_no_longer()
     m = Member1()
     text = net(s="Start>w", w="Wait>x", x={"type": "Barrier", "id": "x", "quorum": 2, "next": "e"}, e="End")
     m.order(with_requirement(text), members=(A, B))
-    m.core.on_state("b", MissionState(7, "", "ready", (), m.core.state().arrivals), (), 0)
+    m.core.on_state("b", MissionState(7, "", MissionPhase.READY, (), m.core.state().arrivals), (), 0)
     m.core.on_timer(S // 4)
     m.values.battery = 0.1
     assert words(m.core.on_timer(S // 4 + S)) == ["state:ending", "state:recovering", "start land 3"]
@@ -268,10 +268,10 @@ def test_a_broken_barrier_is_a_time_out_that_came_early(edges: dict[str, Any], e
         net(s="Start>x", x={"type": "Barrier", "id": "x", "next": "e", **edges}, t=hold, b=hold, e="End"),
         members=(A, B),
     )
-    m.core.on_state("b", MissionState(7, "", "ready", (), m.core.state().arrivals), (), 0)
+    m.core.on_state("b", MissionState(7, "", MissionPhase.READY, (), m.core.state().arrivals), (), 0)
     m.core.on_timer(S // 4)
     assert m.core.state().active == ("x",)
-    assert expected in words(m.core.on_state("b", MissionState(7, "", "failed"), (), S))
+    assert expected in words(m.core.on_state("b", MissionState(7, "", MissionPhase.FAILED), (), S))
 
 
 def test_progress_is_what_was_entered_and_what_the_moving_block_says() -> None:
@@ -285,10 +285,10 @@ def test_progress_is_what_was_entered_and_what_the_moving_block_says() -> None:
 
 def test_a_change_is_told_at_once_three_times_then_once_a_second() -> None:
     announcer = Announcer()
-    state = MissionState(1, "", "running")
+    state = MissionState(1, "", MissionPhase.RUNNING)
     times = [t for t in range(0, 3 * S, S // 100) if announcer.due(state, t)]
     assert times == [0, S // 10, S // 5, S * 7 // 10, S * 17 // 10, S * 27 // 10]
-    assert not announcer.due(MissionState(1, "", "running", text="far"), 3 * S)
-    assert announcer.due(MissionState(1, "", "done"), 3 * S)
-    assert not announcer.due(MissionState(1, "", "failed"), 3 * S + 1)
+    assert not announcer.due(MissionState(1, "", MissionPhase.RUNNING, text="far"), 3 * S)
+    assert announcer.due(MissionState(1, "", MissionPhase.DONE), 3 * S)
+    assert not announcer.due(MissionState(1, "", MissionPhase.FAILED), 3 * S + 1)
     assert announcer.deadline_ns() == 3 * S + S // 10

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from tests.unit.mission.nets import choice, net
 
-from swarmd.mission.blocks.goto import GotoBlock
+from swarmd.mission.blocks.motions import GotoBlock
 from swarmware.mission import catalogue
 from swarmware.mission.binding import Binding
 from swarmware.mission.check import check_folder, check_text

@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.mission.core.lead import LEAD_MAX_NS, lead_ns, lead_to_ns
-from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState
+from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState, Routes, RouteState
 
 S = 1_000_000_000
 MIN = S // 4
@@ -19,7 +19,7 @@ def neighbour(platform: str, tick_hz: float) -> NeighbourState:
         "main",
         1,
         "uav",
-        "up",
+        LinkStatus.UP,
         "127.0.0.1:1",
         0,
         0.0,
@@ -31,7 +31,7 @@ def neighbour(platform: str, tick_hz: float) -> NeighbourState:
         0,
         0,
         0,
-        "tcp",
+        ConnectionStatus.CONNECTED,
         True,
     )
 

@@ -1,17 +1,18 @@
 """What a navigator says decides by its error's kind how a motion ends; its words are for people."""
 
+import msgspec
 import pytest
 
 from swarmd.mission.core.nav_fault import KINDS, NavFaultTimeouts
 from swarmware.mission.catalogue import BLOCKS
-from swarmware.types.vehicle import NavError, NavStatus
+from swarmware.types.vehicle import NavError, NavState, NavStatus
 
 S = 1_000_000_000
 LIMITS = dict.fromkeys((NavError.NONE, NavError.NO_WAY, NavError.LEADER_LOST, NavError.NO_POSITION), 5.0)
 
 
 def status(error: NavError, note: str = "", state: str = "holding") -> NavStatus:
-    return NavStatus(1, state, note=note, error=error)
+    return NavStatus(1, NavState(state), note=note, error=error)
 
 
 @pytest.mark.parametrize("error", [error for error in NavError if error is not NavError.NONE])
@@ -51,3 +52,11 @@ def test_every_kind_is_one_that_a_motion_names_in_the_catalogue() -> None:
     assert KINDS.keys() == set(NavError)
     named = {kind for block in BLOCKS if block.motion for kind in block.errors}
     assert set(KINDS.values()) <= named
+
+
+def test_an_error_that_a_later_navigator_reports_fails_the_motion_as_one_without_a_cause_does() -> None:
+    timeouts = NavFaultTimeouts(LIMITS)
+    later = status(NavError("gripper_stuck"), "left finger")
+    assert timeouts.lost(later, 0) is None
+    assert timeouts.lost(msgspec.structs.replace(later, error=NavError("gripper_stuck")), 4 * S) is None
+    assert timeouts.lost(later, 5 * S) == ("blocked", "gripper_stuck: left finger")

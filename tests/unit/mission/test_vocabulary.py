@@ -54,6 +54,7 @@ def test_what_can_be_meant_is_sound(condition: str) -> None:
         ("vehicle/state.armed > false", "expected == or !=, not >", 1),
         ("health/state.level < 'error'", "expected == or !=, not <", 1),
         ("health/state.level == 'eror'", "is never 'eror': expected one of ", 1),
+        ("nav/status.state == 'arived'", "is never 'arived': expected one of 'idle', 'moving', 'arrived'", 1),
         ("battery < 80", "is never 80: expected 0 to 1, or 80 %", 1),
         ("altitude > 50 %", "nav/pose.z_m is not a share: expected a number without %", 1),
         ("age(nav/pose) > 5 %", "age(nav/pose) is not a share", 5),

@@ -13,8 +13,10 @@ from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.types.vehicle import (
     GnssFix,
     Goal,
+    GoalKind,
     Imu,
     NavError,
+    NavState,
     NavStatus,
     Pose,
     Range,
@@ -38,7 +40,7 @@ class Rig:
         self.now_ns = 1_000_000_000
         self.gnss = True
         self.held = False
-        self.status = NavStatus(-1, "")
+        self.status = NavStatus(-1, NavState.IDLE)
         self.said: list[NavStatus] = []
         self.last = NavigatorOutput(None, Setpoint(0.0), None)
         self.neighbours: dict[str, Pose] = {}
@@ -95,7 +97,7 @@ def test_without_a_goal_it_is_idle_and_tells_its_pose() -> None:
 
 @pytest.mark.parametrize("kind", ["uav", "ugv"])
 def test_goto_arrives(kind: str) -> None:
-    rig = Rig(kind).goal(Goal(1, "goto", 6.0, 2.0, 8.0, speed_m_s=2.0)).go(1.0)
+    rig = Rig(kind).goal(Goal(1, GoalKind.GOTO, 6.0, 2.0, 8.0, speed_m_s=2.0)).go(1.0)
     assert rig.status.state == "moving"
     assert 0 < rig.status.distance_m < 6.4
     rig.go(15.0)
@@ -105,7 +107,7 @@ def test_goto_arrives(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["uav", "ugv"])
 def test_goto_with_a_heading_arrives_with_it(kind: str) -> None:
-    rig = Rig(kind).goal(Goal(1, "goto", 4.0, 0.0, 8.0, yaw_rad=2.0)).go(25.0)
+    rig = Rig(kind).goal(Goal(1, GoalKind.GOTO, 4.0, 0.0, 8.0, yaw_rad=2.0)).go(25.0)
     assert rig.status.state == "arrived"
     assert rig.truth.yaw_rad == pytest.approx(2.0, abs=0.15)
 
@@ -113,7 +115,7 @@ def test_goto_with_a_heading_arrives_with_it(kind: str) -> None:
 def test_take_off_climbs_straight_with_its_speed() -> None:
     rig = Rig(z_m=0.0)
     rig.vehicle(True, True)
-    rig.go(0.5).goal(Goal(3, "takeoff", z_m=6.0, speed_m_s=1.0))
+    rig.go(0.5).goal(Goal(3, GoalKind.TAKEOFF, z_m=6.0, speed_m_s=1.0))
     rig.vehicle(True, False)
     rig.go(3.0)
     assert rig.truth.z_m == pytest.approx(3.0, abs=0.2)
@@ -124,7 +126,7 @@ def test_take_off_climbs_straight_with_its_speed() -> None:
 
 
 def test_landing_is_over_when_the_vehicle_says_so() -> None:
-    rig = Rig().go(0.5).goal(Goal(4, "land", speed_m_s=1.0)).go(4.0)
+    rig = Rig().go(0.5).goal(Goal(4, GoalKind.LAND, speed_m_s=1.0)).go(4.0)
     assert rig.status.state == "moving"
     assert rig.truth.z_m == pytest.approx(4.0, abs=0.5)
     rig.go(2.8)
@@ -137,7 +139,13 @@ def test_landing_is_over_when_the_vehicle_says_so() -> None:
 
 
 def test_hold_stays_where_the_vehicle_stopped() -> None:
-    rig = Rig().goal(Goal(1, "goto", 50.0, 0.0, 8.0, speed_m_s=3.0)).go(5.0).goal(Goal(2, "hold")).go(6.0)
+    rig = (
+        Rig()
+        .goal(Goal(1, GoalKind.GOTO, 50.0, 0.0, 8.0, speed_m_s=3.0))
+        .go(5.0)
+        .goal(Goal(2, GoalKind.HOLD))
+        .go(6.0)
+    )
     assert rig.status.state == "holding"
     x = rig.truth.x_m
     rig.go(5.0)
@@ -147,7 +155,7 @@ def test_hold_stays_where_the_vehicle_stopped() -> None:
 def test_a_disarmed_vehicle_is_blocked_but_not_at_once() -> None:
     rig = Rig("ugv")
     rig.vehicle(False, True)
-    rig.go(0.5).goal(Goal(1, "goto", 5.0)).go(0.5)
+    rig.go(0.5).goal(Goal(1, GoalKind.GOTO, 5.0)).go(0.5)
     assert rig.status.state == "moving"
     rig.go(1.0)
     assert (rig.status.state, rig.status.error) == ("blocked", NavError.DISARMED)
@@ -157,7 +165,7 @@ def test_a_disarmed_vehicle_is_blocked_but_not_at_once() -> None:
 
 
 def test_without_a_position_it_holds() -> None:
-    rig = Rig().goal(Goal(1, "goto", 50.0, 0.0, 8.0)).go(2.0)
+    rig = Rig().goal(Goal(1, GoalKind.GOTO, 50.0, 0.0, 8.0)).go(2.0)
     rig.gnss = False
     rig.go(1.5)
     assert (rig.status.state, rig.status.error) == ("holding", NavError.NO_POSITION)
@@ -169,7 +177,7 @@ def test_without_a_position_it_holds() -> None:
 
 
 def test_no_progress_is_being_blocked() -> None:
-    rig = Rig().goal(Goal(1, "goto", 50.0, 0.0, 8.0))
+    rig = Rig().goal(Goal(1, GoalKind.GOTO, 50.0, 0.0, 8.0))
     rig.held = True
     rig.go(4.0)
     assert rig.status.state == "moving"
@@ -181,7 +189,7 @@ def test_no_progress_is_being_blocked() -> None:
 
 
 def test_driving_to_and_fro_is_no_progress() -> None:
-    rig = Rig("ugv", "ugv1").goal(Goal(1, "goto", 50.0, 0.0)).go(1.0)
+    rig = Rig("ugv", "ugv1").goal(Goal(1, GoalKind.GOTO, 50.0, 0.0)).go(1.0)
     rig.held = True
     begin = rig.truth
     for step in range(80):
@@ -198,11 +206,11 @@ def test_driving_to_and_fro_is_no_progress() -> None:
 @pytest.mark.parametrize(
     ("goal", "kind", "note"),
     [
-        (Goal(1, "dance"), "uav", "expected one of hold, goto"),
-        (Goal(1, "takeoff", z_m=3.0), "ugv", "does not fly"),
-        (Goal(1, "formation", leader="x", course=((1.0, 1.0),)), "uav", "two different waypoints"),
-        (Goal(1, "formation", leader="x", advance=True), "uav", "expected a course"),
-        (Goal(1, "formation", leader="uav1"), "uav", "expected a course"),
+        (Goal(1, GoalKind("dance")), "uav", "expected one of hold, goto"),
+        (Goal(1, GoalKind.TAKEOFF, z_m=3.0), "ugv", "does not fly"),
+        (Goal(1, GoalKind.FORMATION, leader="x", course=((1.0, 1.0),)), "uav", "two different waypoints"),
+        (Goal(1, GoalKind.FORMATION, leader="x", advance=True), "uav", "expected a course"),
+        (Goal(1, GoalKind.FORMATION, leader="uav1"), "uav", "expected a course"),
     ],
 )
 def test_a_goal_that_makes_no_sense_is_blocked_with_the_reason(goal: Goal, kind: str, note: str) -> None:
@@ -216,7 +224,7 @@ def test_a_goal_that_makes_no_sense_is_blocked_with_the_reason(goal: Goal, kind:
 def formation(seq: int = 1, *, advance: bool = True, leader: str = "ugv1") -> Goal:
     return Goal(
         seq,
-        "formation",
+        GoalKind.FORMATION,
         leader=leader,
         offset_m=(-6.0, 3.0, 8.0),
         course=COURSE,
@@ -254,7 +262,7 @@ def test_a_ground_vehicle_that_overshot_its_slot_drives_back(
 ) -> None:
     rig = Rig("ugv", "ugv2")
     rig.neighbours["ugv1"] = Pose.planar(10.0 - too_far_m, 0.0)
-    goal = Goal(1, "formation", leader="ugv1", offset_m=(-10.0, 0.0, 0.0), course=course)
+    goal = Goal(1, GoalKind.FORMATION, leader="ugv1", offset_m=(-10.0, 0.0, 0.0), course=course)
     rig.go(0.5).goal(goal).go(15.0)
     assert rig.status.state == "arrived"
     assert rig.truth.x_m == pytest.approx(-too_far_m, abs=0.5)
@@ -265,7 +273,7 @@ def test_a_ground_vehicle_that_overshot_its_slot_drives_back(
 def test_a_ground_vehicle_beside_its_slot_comes_from_behind(beside_m: float, behind_m: float) -> None:
     rig = Rig("ugv", "ugv2")
     rig.neighbours["ugv1"] = Pose.planar(20.0 - behind_m, 0.0)
-    goal = Goal(1, "formation", leader="ugv1", offset_m=(-20.0, beside_m, 0.0), course=COURSE)
+    goal = Goal(1, GoalKind.FORMATION, leader="ugv1", offset_m=(-20.0, beside_m, 0.0), course=COURSE)
     rig.go(0.5).goal(goal).go(40.0)
     assert rig.status.state == "arrived"
     assert (rig.truth.x_m, rig.truth.y_m) == pytest.approx((-behind_m, beside_m), abs=0.5)
@@ -301,7 +309,7 @@ def test_the_leader_drives_the_course_and_stops_at_its_end(kind: str) -> None:
 
 
 def test_echoes_are_avoided() -> None:
-    rig = Rig().goal(Goal(1, "goto", 20.0, 0.0, 8.0, speed_m_s=2.0))
+    rig = Rig().goal(Goal(1, GoalKind.GOTO, 20.0, 0.0, 8.0, speed_m_s=2.0))
     nearest = math.inf
     for _ in range(400):
         t = rig.truth
@@ -323,13 +331,13 @@ def test_the_status_comes_at_its_rate_and_at_each_change() -> None:
     rig = Rig().go(2.0)
     before = len(rig.said)
     assert before == pytest.approx(2.0 * Config().status_hz, abs=2)
-    rig.goal(Goal(9, "hold")).go(0.05)
+    rig.goal(Goal(9, GoalKind.HOLD)).go(0.05)
     assert len(rig.said) == before + 1
     assert rig.said[-1].goal_seq == 9
 
 
 def test_the_same_goal_again_changes_nothing() -> None:
-    goal = Goal(1, "goto", 5.0, 0.0, 8.0)
+    goal = Goal(1, GoalKind.GOTO, 5.0, 0.0, 8.0)
     rig = Rig().goal(goal).go(10.0)
     count = len(rig.said)
     rig.goal(goal).go(0.05)

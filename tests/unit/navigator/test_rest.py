@@ -15,7 +15,7 @@ from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import SensorErrors
 from swarmware.geometry.world import Bounds, World
-from swarmware.types.vehicle import Goal, Imu, Pose, VehicleState
+from swarmware.types.vehicle import Goal, GoalKind, Imu, Pose, VehicleState
 
 WORLD = World(description="", bounds=Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0)))
 MS = 1_000_000
@@ -178,7 +178,7 @@ def test_whoever_is_armed_and_climbs_is_not_held_for_one_step() -> None:
     assert len(stated) <= 2
     navigator.on_vehicle(VehicleState(armed=True, landed=True))
     assert step() in stated, "armed without a set-point it still stands"
-    navigator.on_goal(Goal(1, "takeoff", z_m=5.0), parked.ms * MS)
+    navigator.on_goal(Goal(1, GoalKind.TAKEOFF, z_m=5.0), parked.ms * MS)
     step()
     navigator.on_vehicle(VehicleState(armed=True, landed=False))
     moving = [step() for _ in range(4)]

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from swarmware.service import fork, starting
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import FOLDER, SOCKET, StartedProcess, own_folder, request_fork
 from swarmware.service.starting import (
     GUARD,
@@ -117,7 +118,7 @@ def test_a_request_names_the_services_and_its_answer_the_process(tmp_path: Path)
         started = request_fork(["hal", "sim"], "/etc/swarm", tmp_path, notifies=True)
         assert started is not None
         assert started.pid == 4711
-        assert started.exit_status(10.0) == "exit 3"
+        assert started.exit_status(10.0) == ExitStatus(code=3)
         started.close()
         started.close()
     assert asked == [["speaks", "/etc/swarm", "hal", "sim"]]
@@ -165,11 +166,11 @@ def test_a_fork_server_that_hangs_is_killed(tmp_path: Path, monkeypatch: pytest.
 def test_the_exit_status_is_unknown_when_the_fork_server_has_gone(tmp_path: Path) -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     started = StartedProcess(4711, ours)
-    assert started.exit_status() == "gone", "no answer yet"
+    assert started.exit_status() == ExitStatus(), "no answer yet"
     theirs.close()
-    assert started.exit_status(5.0) == "gone"
+    assert started.exit_status(5.0) == ExitStatus()
     started.close()
-    assert StartedProcess(1).exit_status() == "gone", "a child of somebody else"
+    assert StartedProcess(1).exit_status() == ExitStatus(), "a child of somebody else"
 
 
 # -- one start among many

@@ -10,6 +10,7 @@ import pytest
 
 from swarmware.errors import NotFound
 from swarmware.service import supervised_process
+from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import StartedProcess
 from swarmware.service.supervised_process import SupervisedProcess
 
@@ -29,8 +30,8 @@ class Ends:
         self.reported: list[str] = []
         self._event = asyncio.Event()
 
-    def __call__(self, how: str) -> None:
-        self.reported.append(how)
+    def __call__(self, how: ExitStatus) -> None:
+        self.reported.append(str(how))
         self._event.set()
 
     async def wait(self) -> list[str]:

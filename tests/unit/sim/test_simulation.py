@@ -282,7 +282,6 @@ def test_a_long_stall_is_not_simulated_afterwards() -> None:
     run = Run().go(1.0)
     run.now_ns += 60_000_000_000
     run.go(0.02)
-    assert run.simulation.stalls == 1
     assert 0 <= run.now_ns - run.samples[-1].stamp_ns < STEP_NS
 
 

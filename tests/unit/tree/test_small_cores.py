@@ -11,7 +11,7 @@ from swarmware.errors import ConfigError
 from swarmware.model.config import parse
 from swarmware.model.names import hardware_id
 from swarmware.model.resource import Resource
-from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState
+from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState, Routes, RouteState
 from swarmware.types.tree import Rule
 
 
@@ -22,8 +22,8 @@ def route(platform: str, via: str, version: int = 5, hardware: int | None = None
 
 def neighbour(platform: str, state: str, version: int = 5, unit: str = "main") -> NeighbourState:
     return NeighbourState(
-        platform, unit, hardware_id(platform, unit), "uav", state, "127.0.0.1:1", 0, 0.0, 10.0, 0.0, 0.0,
-        None, 256, version, 0, 1, "tcp", True,
+        platform, unit, hardware_id(platform, unit), "uav", LinkStatus(state), "127.0.0.1:1", 0, 0.0, 10.0,
+        0.0, 0.0, None, 256, version, 0, 1, ConnectionStatus.CONNECTED, True,
     )  # fmt: skip
 
 

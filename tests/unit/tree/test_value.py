@@ -11,7 +11,7 @@ from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmware.errors import Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.scalar import Bool, Float, Int, Text
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.vehicle import Goal, GoalKind, Pose
 
 SPEED = Resource(
     path="config/speed_m_s",
@@ -43,12 +43,12 @@ def plain(type_name: str) -> Resource:
         (plain("Bool"), True, Bool(True)),
         (plain("Text"), "x", Text("x")),
         (MODE, "manual", Text("manual")),
-        (GOAL, {"seq": 1, "kind": "goto", "x_m": 2}, Goal(1, "goto", 2.0)),
-        (GOAL, [1, "goto", 2.5], Goal(1, "goto", 2.5)),
+        (GOAL, {"seq": 1, "kind": GoalKind.GOTO, "x_m": 2}, Goal(1, GoalKind.GOTO, 2.0)),
+        (GOAL, [1, GoalKind.GOTO, 2.5], Goal(1, GoalKind.GOTO, 2.5)),
         (
             GOAL,
             {"seq": 1, "kind": "formation", "offset_m": [1.0, 2.0, 0.0]},
-            Goal(1, "formation", offset_m=(1, 2, 0)),
+            Goal(1, GoalKind.FORMATION, offset_m=(1, 2, 0)),
         ),
         (plain("Pose"), {"x_m": 1, "y_m": 2}, Pose(1.0, 2.0)),
     ],
@@ -89,10 +89,10 @@ def test_what_does_not_fit_is_named_with_what_was_expected(
 
 
 def test_one_field_of_a_struct_may_be_set() -> None:
-    fields = with_field(Goal(1, "goto", 2.0), "z_m", 7, "nav/goal")
-    assert typed(GOAL, fields, "nav/goal.z_m") == Goal(1, "goto", 2.0, z_m=7.0)
+    fields = with_field(Goal(1, GoalKind.GOTO, 2.0), "z_m", 7, "nav/goal")
+    assert typed(GOAL, fields, "nav/goal.z_m") == Goal(1, GoalKind.GOTO, 2.0, z_m=7.0)
     with pytest.raises(NotFound, match=r"no field 'q'; expected one of seq, kind"):
-        with_field(Goal(1, "goto"), "q", 7, "nav/goal")
+        with_field(Goal(1, GoalKind.GOTO), "q", 7, "nav/goal")
     with pytest.raises(NotFound, match="no value yet"):
         with_field(None, "z_m", 7, "nav/goal")
 

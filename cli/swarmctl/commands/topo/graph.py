@@ -9,7 +9,7 @@ import msgspec
 
 from swarmware.errors import missing_extra
 from swarmware.model import names
-from swarmware.types.net import Neighbours
+from swarmware.types.net import LinkStatus, Neighbours
 
 
 class TopologyEdge(msgspec.Struct, frozen=True):
@@ -31,7 +31,7 @@ def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
         (platform, one.platform): one
         for platform, answer in answers.items()
         for one in answer.neighbours
-        if one.platform and one.state in {"up", "heard", "half_open"}
+        if one.platform and one.state in {LinkStatus.UP, LinkStatus.RECEIVED, LinkStatus.HALF_OPEN}
     }
     out = []
     pairs = {tuple(sorted(pair, key=names.natural)) for pair in received}
@@ -46,7 +46,7 @@ def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
                 at_b.loss_in_ratio if at_b else (at_a.loss_out_ratio if at_a else 1.0),
                 at_a.loss_in_ratio if at_a else (at_b.loss_out_ratio if at_b else 1.0),
                 one.rtt_ms,
-                all(side is None or side.state == "up" for side in (at_a, at_b)),
+                all(side is None or side.state is LinkStatus.UP for side in (at_a, at_b)),
             )
         )
     return out

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 
 from swarmware.model import names
-from swarmware.types.tree import TreeEntry
+from swarmware.types.tree import Quality, TreeEntry
 
 
 class _Node:
@@ -36,5 +36,5 @@ def _about(entry: TreeEntry | None) -> str:
         return f"  {entry.description}" if entry is not None and entry.description else ""
     unit = f" {entry.unit}" if entry.unit else ""
     rate = f" {entry.rate_hz:g} Hz" if entry.rate_hz else ""
-    quality = "" if entry.quality == "none" else f" [{entry.quality}]"
+    quality = "" if entry.quality is Quality.NONE else f" [{entry.quality}]"
     return f"  {entry.kind} {entry.type}{unit}{rate}{quality}"

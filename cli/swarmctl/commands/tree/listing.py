@@ -4,6 +4,7 @@ from swarmctl.commands.tree.drawing import tree
 from swarmctl.output import Column
 from swarmctl.session import Session
 from swarmctl.tree_listing import listing
+from swarmware.types.tree import Quality
 
 
 async def list_resources(session: Session, pattern: str) -> None:
@@ -21,7 +22,7 @@ async def list_resources(session: Session, pattern: str) -> None:
             e.access,
             f"{e.rate_hz:g}" if e.rate_hz else None,
             None if e.age_s is None else f"{e.age_s:.2f}",
-            None if e.quality == "none" else e.quality,
+            None if e.quality is Quality.NONE else e.quality,
             e.owner,
         )
         for e in found.entries

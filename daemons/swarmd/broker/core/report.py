@@ -9,10 +9,25 @@ from swarmd.broker.core.link import LinkState
 from swarmd.broker.core.neighbour import Neighbour
 from swarmd.broker.core.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmware.types.net import Neighbours, NeighbourState, Routes, RouteState, Traffic
+from swarmware.types.net import (
+    ConnectionStatus,
+    LinkStatus,
+    Neighbours,
+    NeighbourState,
+    Routes,
+    RouteState,
+    Traffic,
+)
 
 _FULL: Final = 255
 """Quality of a link without loss."""
+
+LINK_STATUS: Final = {
+    LinkState.DOWN: LinkStatus.DOWN,
+    LinkState.HEARD: LinkStatus.RECEIVED,
+    LinkState.UP: LinkStatus.UP,
+    LinkState.HALF_OPEN: LinkStatus.HALF_OPEN,
+}
 
 
 class NetReport:
@@ -37,7 +52,7 @@ class NetReport:
         self._by_unicast = by_unicast
         self._since_ns = since_ns
 
-    def neighbours(self, connection_of: Callable[[int], str], now_ns: int) -> Neighbours:
+    def neighbours(self, connection_of: Callable[[int], ConnectionStatus], now_ns: int) -> Neighbours:
         """Table of all nodes received within the last minutes.
 
         `connection_of`: state of the connection to a neighbour.
@@ -49,7 +64,7 @@ class NetReport:
             )
         )
 
-    def _neighbour(self, neighbour: Neighbour, connection: str, now_ns: int) -> NeighbourState:
+    def _neighbour(self, neighbour: Neighbour, connection: ConnectionStatus, now_ns: int) -> NeighbourState:
         member = self._nodes.get(neighbour.hw)
         hello = neighbour.hello
         up = neighbour.state is LinkState.UP
@@ -58,7 +73,7 @@ class NetReport:
             unit=member.unit if member is not None else "",
             hardware=neighbour.hw,
             kind=(hello.kind if hello is not None else PlatformKind.OTHER).name.lower(),
-            state=neighbour.state.name.lower(),
+            state=LINK_STATUS[neighbour.state],
             address=f"{neighbour.address[0]}:{neighbour.address[1]}",
             since_ns=neighbour.since_ns,
             silent_s=round((now_ns - neighbour.received_ns) / 1e9, 3),

@@ -1,8 +1,7 @@
 """Traffic counters by link and channel, and counters of refused input."""
 
+from copy import copy
 from typing import Final
-
-import msgspec
 
 from swarmware.types.net import ChannelTraffic, LinkTraffic, Refused
 
@@ -13,33 +12,8 @@ EVERYBODY: Final = "*"
 """Link of multicast datagrams."""
 
 
-class LinkCounters(msgspec.Struct, gc=False):
-    """Counters of one neighbour and transport."""
-
-    sent_frames: int = 0
-    sent_bytes: int = 0
-    received_frames: int = 0
-    received_bytes: int = 0
-    lost: int = 0
-    late: int = 0
-    duplicates: int = 0
-    dropped: int = 0
-
-
-class ChannelCounters(msgspec.Struct, gc=False):
+class ChannelCounters(ChannelTraffic, gc=False):
     """Counters of one board or kind of frame."""
-
-    offered_frames: int = 0
-    offered_bytes: int = 0
-    sent_frames: int = 0
-    sent_bytes: int = 0
-    received_frames: int = 0
-    received_bytes: int = 0
-    dropped: int = 0
-    late: int = 0
-    duplicates: int = 0
-    max_hz: float | None = None
-    held_back: int = 0
 
     def offered(self, size: int) -> None:
         """Counts a value or frame offered for sending."""
@@ -57,36 +31,13 @@ class ChannelCounters(msgspec.Struct, gc=False):
         self.received_bytes += size
 
 
-class Refusals(msgspec.Struct, gc=False):
-    """Counters of refused input; the fields are those of `Refused`."""
-
-    forged: int = 0
-    replayed: int = 0
-    old_session: int = 0
-    unknown_session: int = 0
-    other_epoch: int = 0
-    malformed: int = 0
-    spoofed: int = 0
-    denied_connections: int = 0
-    looped: int = 0
-    no_route: int = 0
-    hop_limit: int = 0
-    unheard: int = 0
-    expired: int = 0
-    no_room: int = 0
-    failed: int = 0
-    denied: int = 0
-    unproven: int = 0
-    flooded: int = 0
-
-
 class Counters:
-    """All counters of one broker."""
+    """All counters of one broker. The payload types are counted in; the tables are copies of them."""
 
     def __init__(self) -> None:
-        self.links: dict[tuple[str, str], LinkCounters] = {}
+        self.links: dict[tuple[str, str], LinkTraffic] = {}
         self.channels: dict[str, ChannelCounters] = {}
-        self.refused = Refusals()
+        self.refused = Refused()
         self.udp_sent_bytes = 0
         self.udp_received_bytes = 0
         self.tcp_sent_bytes = 0
@@ -100,11 +51,11 @@ class Counters:
         self.notifications = 0
         self.failed_ticks = 0
 
-    def link(self, platform: str, transport: str) -> LinkCounters:
+    def link(self, platform: str, transport: str) -> LinkTraffic:
         """Counters of a link."""
         link = self.links.get((platform, transport))
         if link is None:
-            link = self.links[platform, transport] = LinkCounters()
+            link = self.links[platform, transport] = LinkTraffic(platform, transport)
         return link
 
     def channel(self, name: str) -> ChannelCounters:
@@ -113,7 +64,7 @@ class Counters:
         if channel is None:
             if len(self.channels) >= CHANNEL_LIMIT:
                 name = "other"
-            channel = self.channels.setdefault(name, ChannelCounters())
+            channel = self.channels.setdefault(name, ChannelCounters(name))
         return channel
 
     def datagram_sent(self, size: int, platform: str) -> None:
@@ -125,7 +76,7 @@ class Counters:
         link.sent_frames += 1
         link.sent_bytes += size
 
-    def datagram_received(self, size: int, platform: str) -> LinkCounters:
+    def datagram_received(self, size: int, platform: str) -> LinkTraffic:
         """Counts a received datagram of another node, valid or not."""
         size += IP_UDP_BYTES
         self.received_datagrams += 1
@@ -137,17 +88,12 @@ class Counters:
 
     def link_table(self) -> tuple[LinkTraffic, ...]:
         """Counters of all links."""
-        return tuple(
-            LinkTraffic(platform, transport, *msgspec.structs.astuple(link))
-            for (platform, transport), link in self.links.items()
-        )
+        return tuple(map(copy, self.links.values()))
 
     def channel_table(self) -> tuple[ChannelTraffic, ...]:
         """Counters of all channels."""
-        return tuple(
-            ChannelTraffic(name, *msgspec.structs.astuple(channel)) for name, channel in self.channels.items()
-        )
+        return tuple(map(copy, self.channels.values()))
 
     def refused_table(self) -> Refused:
         """Counters of refused input."""
-        return Refused(*msgspec.structs.astuple(self.refused))
+        return copy(self.refused)

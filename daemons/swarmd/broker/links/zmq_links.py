@@ -18,6 +18,7 @@ from swarmware.errors import ConfigError
 from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
 from swarmware.transport.messaging.port import make_context
 from swarmware.transport.security import Keys
+from swarmware.types.net import ConnectionStatus
 
 SEND_HIGH_WATER: Final = 4
 """Frames inside libzmq per connection; the rest waits in the send queue, which has priorities."""
@@ -147,10 +148,11 @@ class _PeerConnections:
         self._connections = {ConnectionClass.CONTROL: _Connection(self, ConnectionClass.CONTROL)}
 
     @property
-    def state(self) -> str:
+    def status(self) -> ConnectionStatus:
         if self.denied:
-            return "denied"
-        return "connected" if all(one.connected for one in self._connections.values()) else "connecting"
+            return ConnectionStatus.DENIED
+        connected = all(one.connected for one in self._connections.values())
+        return ConnectionStatus.CONNECTED if connected else ConnectionStatus.CONNECTING
 
     def put(self, data: bytes, frame: Frame, now_ns: int) -> list[QueuedFrame]:
         gone = self.queue.put(data, frame, now_ns)
@@ -312,16 +314,10 @@ class ZmqLinks:
         connections = self._peers.pop(hw, None)
         return connections.close() if connections is not None else []
 
-    def state(self, hw: int) -> str:
-        """State of the connections to a neighbour, for `NeighbourState.transport`."""
+    def state(self, hw: int) -> ConnectionStatus:
+        """State of the connections to a neighbour."""
         connections = self._peers.get(hw)
-        return (
-            "idle"
-            if connections is None
-            else "tcp"
-            if connections.state == "connected"
-            else f"tcp {connections.state}"
-        )
+        return ConnectionStatus.IDLE if connections is None else connections.status
 
     # in
 

@@ -36,11 +36,6 @@ class PacketClock:
         self.lost = 0
         """Number of packets lost in stalls."""
 
-    @property
-    def finished(self) -> bool:
-        """Whether the recording is at its end and is not repeated."""
-        return not self._loop and self._sent >= self._count
-
     def _stamp_ns(self, k: int) -> int:
         return self._start_ns + k * _NS * 1_000_000 // self._rate_uhz
 

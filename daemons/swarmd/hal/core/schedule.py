@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from swarmware.types.vehicle import DriverStatus
+from swarmware.types.vehicle import DriverState, DriverStatus
 
 _NS: Final = 1_000_000_000
 
@@ -40,7 +40,7 @@ class Schedule:
         self._reads = self._since_reads = self._errors = self._missed = self._late_ns = 0
         self._failed_in_a_row = 0
         self._first = False
-        self._state = "waiting"
+        self._state = DriverState.WAITING
         self._note = ""
 
     def opened(self, now_ns: int) -> None:
@@ -48,10 +48,10 @@ class Schedule:
 
         Devices are thus read together, and their process wakes less often.
         """
-        self._state, self._note, self._due_ns, self._first = "running", "", now_ns, True
+        self._state, self._note, self._due_ns, self._first = DriverState.RUNNING, "", now_ns, True
         self._failed_in_a_row = 0
 
-    def closed(self, state: str, note: str) -> None:
+    def closed(self, state: DriverState, note: str) -> None:
         """Takes that the device is closed: `waiting` or `failed`, with the reason."""
         self._state, self._note = state, note
 

@@ -1,10 +1,11 @@
 """Formation: keeps a slot beside a leader, at rest or along a course."""
 
 from swarmd.mission.blocks.context import Context, spec
+from swarmd.mission.blocks.motions import arrived
 from swarmd.mission.vehicle import Way
 from swarmware.geometry.formation import place
 from swarmware.mission import catalogue
-from swarmware.types.vehicle import NavStatus
+from swarmware.types.vehicle import GoalKind, NavStatus
 
 
 class FormationBlock:
@@ -25,10 +26,10 @@ class FormationBlock:
 
         def settled(status: NavStatus) -> bool:
             # the navigator reports arrival in the slot; of an advancing member, at the end of the course
-            return status.state == "arrived" and status.formation_error_m < params.tolerance_m
+            return arrived(status) and status.formation_error_m < params.tolerance_m
 
         await context.vehicle.move(
-            "formation",
+            GoalKind.FORMATION,
             settled,
             progress,
             settle_s=params.settle_s,

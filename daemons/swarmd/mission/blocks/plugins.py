@@ -4,13 +4,16 @@ from collections.abc import Mapping
 from importlib.metadata import entry_points
 from typing import Final
 
-from swarmd.mission.blocks.arm import ArmBlock, DisarmBlock
-from swarmd.mission.blocks.back import ReturnBlock
 from swarmd.mission.blocks.formation import FormationBlock
-from swarmd.mission.blocks.goto import GotoBlock
-from swarmd.mission.blocks.hold import HoldBlock
-from swarmd.mission.blocks.land import LandBlock
-from swarmd.mission.blocks.takeoff import TakeoffBlock
+from swarmd.mission.blocks.motions import (
+    ArmBlock,
+    DisarmBlock,
+    GotoBlock,
+    HoldBlock,
+    LandBlock,
+    ReturnBlock,
+    TakeoffBlock,
+)
 from swarmware.mission.catalogue import BLOCKS, GROUP, BlockType, Catalogue
 from swarmware.mission.plugin import FunctionalBlock
 

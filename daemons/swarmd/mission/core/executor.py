@@ -135,7 +135,7 @@ class MissionExecutor:
         return MissionState(
             epoch=run.epoch if run else 0,
             hash=run.hash[:HASH_DIGITS] if run else "",
-            state=self._phase.value,
+            state=self._phase,
             active=player.active if player else (),
             arrivals=barriers.arrivals if barriers else (),
             meetings=barriers.results if barriers else (),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from swarmware.types.vehicle import NavError, NavStatus
+from swarmware.types.vehicle import NavError, NavState, NavStatus
 
 KINDS: Final[dict[NavError, str]] = {
     NavError.NONE: "blocked",
@@ -13,8 +13,12 @@ KINDS: Final[dict[NavError, str]] = {
     NavError.NO_WAY: "blocked",
     NavError.BAD_GOAL: "blocked",
 }
-"""Kind of a block's error, by the navigator's error."""
-DEFAULT_S: Final[dict[NavError, float]] = {NavError.DISARMED: 1.0, NavError.BAD_GOAL: 0.0}
+"""Kind of a block's error, by the navigator's error; one that a later navigator reports is as NONE."""
+DEFAULT_S: Final[dict[NavError, float]] = {
+    NavError.NONE: 0.0,
+    NavError.DISARMED: 1.0,
+    NavError.BAD_GOAL: 0.0,
+}
 """Timeouts where the settings give none: the report of arming may be delayed; an invalid goal stays
 invalid."""
 
@@ -29,12 +33,12 @@ class NavFaultTimeouts:
     def lost(self, status: NavStatus, now_ns: int) -> tuple[str, str] | None:
         """Kind and text of the error when it has lasted longer than its timeout."""
         error = status.error
-        if error is NavError.NONE and status.state != "blocked":
+        if error is NavError.NONE and status.state is not NavState.BLOCKED:
             self._since = None
             return None
-        if self._since is None or self._since[0] is not error:
+        if self._since is None or self._since[0] != error:
             self._since = (error, now_ns)
-        if now_ns - self._since[1] < self._limits_s.get(error, 0.0) * 1e9:
+        if now_ns - self._since[1] < self._limits_s.get(error, self._limits_s[NavError.NONE]) * 1e9:
             return None
         words = [word for word in (error.value, status.note) if word]
-        return KINDS[error], ": ".join(words) or "the navigator makes no progress"
+        return KINDS.get(error, KINDS[NavError.NONE]), ": ".join(words) or "the navigator makes no progress"

@@ -1,4 +1,8 @@
-"""State estimator: position and velocity from GNSS fixes and accelerations, heading from gyro and compass."""
+"""State estimator: position and velocity from GNSS fixes and accelerations, heading from gyro and compass.
+
+A Kalman filter with two states for each axis, written out: libraries for it need numpy, which a node that
+flies does not have, and are slower for matrices of this size.
+"""
 
 import math
 from typing import Final

@@ -12,11 +12,12 @@ from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.errors import InvalidInput
 from swarmware.geometry.geodesy import Origin
 from swarmware.types.vehicle import (
-    GOAL_KINDS,
     GnssFix,
     Goal,
+    GoalKind,
     Imu,
     NavError,
+    NavState,
     NavStatus,
     Pose,
     Range,
@@ -62,7 +63,7 @@ class NavigatorOutput(msgspec.Struct, frozen=True):
 class _Plan(msgspec.Struct, frozen=True):
     """The decision of one control step: the target, and the status to report."""
 
-    state: str
+    state: NavState
     target: Target | None = None
     """None: stop."""
     distance_m: float = 0.0
@@ -95,7 +96,7 @@ class NavigatorCore:
         self._setpoint = _STOP
         self._moved_ns = 0
         self._moved_from: tuple[float, float, float] | None = None
-        self._status = NavStatus(0, "idle")
+        self._status = NavStatus(0, NavState.IDLE)
         self._status_ns = -(1 << 62)
 
     def set_config(self, config: Config) -> None:
@@ -134,11 +135,11 @@ class NavigatorCore:
             return
         self._goal, self._goal_ns, self._moved_ns = goal, now_ns, now_ns
         self._keeper, self._goal_error, self._anchor, self._arrived = None, "", None, False
-        if goal.kind not in GOAL_KINDS:
-            self._goal_error = f"goal {goal.kind!r}: expected one of {', '.join(GOAL_KINDS)}"
-        elif goal.kind == "takeoff" and not self._controller.flies:
+        if not goal.kind.known:
+            self._goal_error = f"goal {str(goal.kind)!r}: expected one of {', '.join(GoalKind)}"
+        elif goal.kind is GoalKind.TAKEOFF and not self._controller.flies:
             self._goal_error = "takeoff: this vehicle does not fly"
-        elif goal.kind == "formation":
+        elif goal.kind is GoalKind.FORMATION:
             try:
                 self._keeper = FormationKeeper(self._config, goal, self._controller.flies)
             except InvalidInput as error:
@@ -179,22 +180,22 @@ class NavigatorCore:
     def _plan(self, pose: Pose | None, now_ns: int) -> _Plan:
         goal = self._goal
         if self._goal_error:
-            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
+            return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
         if pose is None:
-            return _Plan("idle" if goal is None else "holding", error=NavError.NO_POSITION)
+            return _Plan(NavState.IDLE if goal is None else NavState.HOLDING, error=NavError.NO_POSITION)
         if goal is None:
-            return _Plan("idle", self._stay(pose))
-        if goal.kind == "land":
+            return _Plan(NavState.IDLE, self._stay(pose))
+        if goal.kind is GoalKind.LAND:
             return self._land(goal, pose)
-        if goal.kind == "hold":
+        if goal.kind is GoalKind.HOLD:
             standing = math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s) < 2 * _STILL_M_S
-            return _Plan("holding" if standing else "moving", self._stay(pose))
+            return _Plan(NavState.HOLDING if standing else NavState.MOVING, self._stay(pose))
         if self._vehicle is None or not self._vehicle.armed:
             waiting = self._vehicle is None or now_ns - self._goal_ns < _ARM_GRACE_S * 1e9
-            return _Plan("moving" if waiting else "blocked", error=NavError.DISARMED)
-        if goal.kind == "takeoff":
+            return _Plan(NavState.MOVING if waiting else NavState.BLOCKED, error=NavError.DISARMED)
+        if goal.kind is GoalKind.TAKEOFF:
             return self._take_off(goal, pose)
-        if goal.kind == "goto":
+        if goal.kind is GoalKind.GOTO:
             return self._go(goal, pose)
         return self._form(goal, pose, now_ns)
 
@@ -223,12 +224,12 @@ class NavigatorCore:
         stay = self._stay(pose)
         if stay is None:
             standing = math.hypot(pose.vx_m_s, pose.vy_m_s) < _STILL_M_S
-            return _Plan("arrived" if standing or self._controller.flies else "moving")
+            return _Plan(NavState.ARRIVED if standing or self._controller.flies else NavState.MOVING)
         speed = (
             goal.speed_m_s if pose.z_m > _FINAL_M else min(goal.speed_m_s, self._config.air.touch_down_m_s)
         )
         down = msgspec.structs.replace(stay, z_m=pose.z_m - _DEEP_M, climb_m_s=speed)
-        return _Plan("moving", down, distance_m=max(0.0, pose.z_m))
+        return _Plan(NavState.MOVING, down, distance_m=max(0.0, pose.z_m))
 
     def _take_off(self, goal: Goal, pose: Pose) -> _Plan:
         if self._anchor is None:
@@ -256,21 +257,21 @@ class NavigatorCore:
         turned = yaw is None or distance > 2.0 or abs(math.remainder(yaw - pose.yaw_rad, math.tau)) < 0.1
         arrive = self._config.arrive_m if turned else 0.0
         plan = self._reached(target, distance, distance, arrive, blockable=True)
-        if plan.state == "arrived" and not self._controller.flies and goal.yaw_rad is None:
+        if plan.state is NavState.ARRIVED and not self._controller.flies and goal.yaw_rad is None:
             return msgspec.structs.replace(plan, target=None)
         return plan
 
     def _form(self, goal: Goal, pose: Pose, now_ns: int) -> _Plan:
         keeper = self._keeper
         if keeper is None:
-            return _Plan("blocked", self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
+            return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
         leads = goal.leader == self._platform
         if leads:
             place = keeper.lead(pose, now_ns)
         else:
             leader = self._leader(goal.leader, now_ns)
             if leader is None:
-                return _Plan("holding", self._stay(pose), error=NavError.LEADER_LOST, note=goal.leader)
+                return _Plan(NavState.HOLDING, self._stay(pose), error=NavError.LEADER_LOST, note=goal.leader)
             self._anchor = None
             place = keeper.follow(pose, leader)
         arrive = self._config.formation_arrive_m
@@ -287,7 +288,7 @@ class NavigatorCore:
         """Applies the arrival radius with hysteresis: it is left at twice the radius."""
         self._arrived = error_m < (2 * arrive_m if self._arrived else arrive_m)
         return _Plan(
-            "arrived" if self._arrived else "moving",
+            NavState.ARRIVED if self._arrived else NavState.MOVING,
             target,
             distance_m,
             blockable=blockable and not self._arrived,
@@ -356,7 +357,7 @@ class NavigatorCore:
         if moves or not plan.blockable:
             self._moved_ns, self._moved_from = now_ns, here
         if now_ns - self._moved_ns > self._config.blocked_s * 1e9:
-            return msgspec.structs.replace(plan, state="blocked", error=NavError.NO_WAY)
+            return msgspec.structs.replace(plan, state=NavState.BLOCKED, error=NavError.NO_WAY)
         return plan
 
     def _report(self, plan: _Plan, now_ns: int) -> NavStatus | None:

@@ -134,8 +134,6 @@ class Simulation:
         """Pose at which it rests with its motors off: it does not change between samples."""
         self._close: set[str] = set()
         self._near: dict[str, tuple[Pose, int]] = {}
-        self.stalls = 0
-        """Number of stalls longer than `_CATCH_UP_S`."""
         rates = config.sensors
         self._moving = _SamplePeriods(
             self._every(rates.gnss_hz),
@@ -197,7 +195,6 @@ class Simulation:
             return None
         max_steps = round(_CATCH_UP_S / self._dt_s)
         if due > max_steps:
-            self.stalls += 1
             self._steps += due - max_steps
             due = max_steps
         first = self._steps

@@ -1,26 +1,14 @@
 """Quality of a value, from its owner, its age and the reachability of its platform."""
 
-from enum import StrEnum
 from typing import Final
 
 from swarmd.tree.core.index import Leaf
 from swarmware.model.resource import STALE_PERIODS
+from swarmware.types.tree import Quality
 
 BEACON_S: Final = 1.25
 """An unchanged board of another platform is repeated with a beacon each half second; after 2.5 periods
 without a beacon the link is down."""
-
-
-class Quality(StrEnum):
-    """Quality of a resource's value at this node."""
-
-    LIVE = "live"
-    STALE = "stale"
-    """Older than its maximum age, or of unknown age."""
-    LOST = "lost"
-    """Its owner has ended, or its platform cannot be reached."""
-    NONE = "none"
-    """No value was received here."""
 
 
 def quality(

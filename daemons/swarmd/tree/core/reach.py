@@ -3,7 +3,7 @@
 import msgspec
 
 from swarmware.model.names import hardware_id
-from swarmware.types.net import Neighbours, Routes
+from swarmware.types.net import LinkStatus, Neighbours, Routes
 
 
 class Reachability(msgspec.Struct, frozen=True, gc=False):
@@ -23,7 +23,7 @@ def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) ->
         if route.hardware == hardware_id(route.platform):
             found[route.platform] = Reachability(route.tree_version or None, route.via == route.platform)
     for one in neighbours.neighbours if neighbours is not None else ():
-        if one.platform and one.state == "up" and one.hardware == hardware_id(one.platform):
+        if one.platform and one.state is LinkStatus.UP and one.hardware == hardware_id(one.platform):
             found[one.platform] = Reachability(one.tree_version or None, True)
     found.pop(own, None)
     return found

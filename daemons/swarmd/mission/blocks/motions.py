@@ -1,0 +1,137 @@
+"""Blocks that switch the motors, and those that move the vehicle alone."""
+
+import asyncio
+from typing import Final
+
+from swarmd.mission.blocks.context import Context, spec
+from swarmd.mission.vehicle import Progress, Way
+from swarmware.mission import catalogue
+from swarmware.mission.plugin import BlockError
+from swarmware.types.vehicle import GoalKind, NavState, NavStatus
+
+MIN_HEIGHT_M: Final = 2.0
+"""A lower vehicle climbs to this height before it returns: obstacles on the direct way are not known."""
+AT_REST: Final = frozenset({NavState.HOLDING, NavState.ARRIVED, NavState.IDLE})
+
+
+class ArmBlock:
+    """Arms the motors of the vehicle."""
+
+    spec = spec("Arm")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the vehicle reports that it is armed."""
+        await context.vehicle.arm(True)
+
+
+class DisarmBlock:
+    """Disarms the motors of the vehicle."""
+
+    spec = spec("Disarm")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the vehicle reports that it is disarmed."""
+        await context.vehicle.arm(False)
+
+
+class TakeoffBlock:
+    """Climbs straight up to an altitude."""
+
+    spec = spec("Takeoff")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the vehicle has reached the altitude."""
+        params: catalogue.Takeoff = context.params
+        await context.vehicle.move(
+            GoalKind.TAKEOFF,
+            arrived,
+            remaining(context, "m to climb"),
+            z_m=params.altitude_m,
+            speed_m_s=params.speed_m_s,
+        )
+
+
+class LandBlock:
+    """Lands the vehicle at its position; one that does not fly stops."""
+
+    spec = spec("Land")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the vehicle stands on the ground."""
+        params: catalogue.Land = context.params
+        progress = remaining(context, "m above the ground")
+        await context.vehicle.move(GoalKind.LAND, arrived, progress, speed_m_s=params.speed_m_s)
+
+
+class GotoBlock:
+    """Moves the vehicle to a position."""
+
+    spec = spec("Goto")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the vehicle has arrived."""
+        params: catalogue.Goto = context.params
+        vehicle = context.vehicle
+        z_m = params.z_m if params.z_m is not None else vehicle.height_m if vehicle.flies else 0.0
+        await vehicle.move(
+            GoalKind.GOTO,
+            arrived,
+            remaining(context, "m to go"),
+            x_m=params.x_m,
+            y_m=params.y_m,
+            z_m=z_m,
+            yaw_rad=params.yaw_rad,
+            speed_m_s=params.speed_m_s,
+        )
+
+
+class ReturnBlock:
+    """Moves to the place where the vehicle was armed."""
+
+    spec = spec("Return")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the vehicle is above that place."""
+        params: catalogue.Return = context.params
+        vehicle = context.vehicle
+        if vehicle.flies and vehicle.landed:
+            return  # a landed vehicle does not take off for this block
+        home = vehicle.home
+        if home is None:
+            raise BlockError("no_home", "the place where it was armed is not known")
+        await vehicle.move(
+            GoalKind.GOTO,
+            arrived,
+            remaining(context, "m to its start"),
+            x_m=home.x_m,
+            y_m=home.y_m,
+            z_m=max(vehicle.height_m, MIN_HEIGHT_M) if vehicle.flies else home.z_m,
+            speed_m_s=params.speed_m_s,
+        )
+
+
+class HoldBlock:
+    """Holds the position, for a time or without end."""
+
+    spec = spec("Hold")
+
+    async def run(self, context: Context) -> None:
+        """Waits until the vehicle is at rest, then for the time in the mission."""
+        params: catalogue.Hold = context.params
+        await context.vehicle.move(
+            GoalKind.HOLD,
+            lambda status: status.state in AT_REST,
+            lambda status: context.report(0.0, status.state),
+        )
+        await asyncio.sleep(params.s)
+
+
+def arrived(status: NavStatus) -> bool:
+    """Whether the vehicle has reached its goal."""
+    return status.state is NavState.ARRIVED
+
+
+def remaining(context: Context, what: str) -> Progress:
+    """Reports the share of the way that is done, and the distance that remains."""
+    way = Way()
+    return lambda status: context.report(way.ratio(status), f"{status.distance_m:.1f} {what}")

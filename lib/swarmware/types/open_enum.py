@@ -1,0 +1,26 @@
+"""Strings with a vocabulary on the wire."""
+
+from enum import StrEnum
+from typing import Self
+
+
+class OpenEnum(StrEnum):
+    """An enumeration whose vocabulary may grow: a value that is not known here is kept as it came.
+
+    A node of a later version sends values that this one does not know. Such a value equals no member, is
+    shown and passed on as it is, and does not cost the rest of the payload. What is computed with is a
+    closed Literal instead: a payload with another value is refused.
+    """
+
+    @classmethod
+    def _missing_(cls, value: object) -> Self | None:
+        if not isinstance(value, str):
+            return None
+        unknown = str.__new__(cls, value)
+        unknown._name_ = unknown._value_ = value
+        return unknown
+
+    @property
+    def known(self) -> bool:
+        """Whether it is one of the members."""
+        return self._value_ in type(self)._value2member_map_
