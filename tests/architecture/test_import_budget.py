@@ -55,3 +55,13 @@ def test_the_top_level_imports_nothing_heavy(args: list[str]) -> None:
 def test_the_help_of_the_lab_imports_no_plotting_and_no_network() -> None:
     loaded = modules(["lab", "run", "--help"])
     assert not loaded & {"matplotlib", "numpy", "zmq", "pymongo", "psutil", "asyncio", "mcap", "rich"}
+
+
+def test_only_the_broker_loads_libzmq() -> None:
+    code = (
+        "import json, sys; import swarmware.module.module, swarmctl.session, swarmd.tree.service\n"
+        "before = 'zmq' in sys.modules; import swarmd.broker.service\n"
+        "print(before, 'zmq' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True"]

@@ -33,7 +33,7 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.duplicates import HOLD_NS
 from swarmware.transport.delivery.outbox import GRACE_NS, LOCAL, REMOTE
-from swarmware.transport.messaging.post import WINDOW as POST_WINDOW
+from swarmware.transport.messaging.router import WINDOW as MESSAGE_WINDOW
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import readers_folder
 from swarmware.transport.shm.notifier import ReaderNotifier
@@ -269,7 +269,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"To another one: {REMOTE.initial_ns // 10**6} ms as long as no round trip was measured",
         f"{REMOTE.min_ns // 10**6} ms at least; at most {REMOTE.max_ns / 1e9} s",
         f"It goes on for {GRACE_NS // 10**9} s from the first of these",
-        f"{POST_WINDOW} messages of one data id",
+        f"{MESSAGE_WINDOW} messages of one data id",
         f"known for the last {HOLD_NS // 10**9} s",
         f"work on {IN_WORK_LIMIT} requests of one path",
         f"is lost after {tree.lost_s:g} s and removed,",
@@ -300,7 +300,9 @@ async def test_a_request_sent_by_the_page_over_a_bare_socket_is_answered(tmp_pat
             return Text(f"hello {name.value}")
 
         module.serve("cmd/greet", Text, greet, reply=Text)
-        reader, writer = await asyncio.open_unix_connection(module.node.post.endpoint.removeprefix("ipc://"))
+        reader, writer = await asyncio.open_unix_connection(
+            module.node.messaging.address.removeprefix("ipc://")
+        )
         writer.write(b"\xff" + bytes(8) + b"\x7f\3\1NULL" + bytes(16) + b"\0" + bytes(31))
         ready = b"\x05READY\x0bSocket-Type\0\0\0\x06DEALER\x08Identity\0\0\0\0"
         writer.write(bytes((4, len(ready))) + ready)

@@ -22,7 +22,7 @@ from swarmware.model.names import hardware_id
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outcome import Status
-from swarmware.transport.messaging.post import Post
+from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security import Keys
 from swarmware.types.net import Denial
 
@@ -37,7 +37,7 @@ class FrameGateway:
         config: Config,
         keys: Keys,
         clock: Clock,
-        post: Post,
+        messaging: MessageEndpoint,
         table: AppTable,
         core: BrokerCore,
         on_denial: Callable[[Denial], None],
@@ -48,7 +48,7 @@ class FrameGateway:
         self._access_filter = AccessFilter(None if keys.roster is None else keys.roster.roles(), Access())
         self._on_denial = on_denial
         self._clock = clock
-        self._post = post
+        self._messaging = messaging
         self._core = core
         self._counters = core.counters
         self._forwarder = core.forwarder
@@ -173,10 +173,10 @@ class FrameGateway:
             if decision.first:
                 counters.notifications += values_in(frame)
                 counters.requests += frame.kind is FrameKind.REPLY
-            self._post.deliver(frame)
+            self._messaging.deliver(frame)
             return
         if decision.step is ForwardStep.SEND:
-            if self._post.expired(frame):
+            if self._messaging.expired(frame):
                 counters.refused.expired += 1  # a refusal was sent to its sender
                 return
             counters.forwarded_frames += 1
@@ -187,7 +187,7 @@ class FrameGateway:
         path = self._path_of(frame.data_id)
         if path is None and not self._keys.is_open and answerable(frame):
             # also when an application is about to state it: without its path no right can be checked
-            self._post.refuse(frame, Status.ABSENT, "no application here takes this path and type")
+            self._messaging.refuse(frame, Status.ABSENT, "no application here takes this path and type")
             return False
         try:
             self._access_filter.check(frame, platform, path, arrived_ns)
@@ -197,7 +197,7 @@ class FrameGateway:
             return False
         except Denied as error:
             self._counters.refused.denied += 1
-            self._post.deny(frame, str(error))
+            self._messaging.deny(frame, str(error))
             denial = self._access_filter.denied(platform, path or "", str(error), arrived_ns)
             if denial is not None:
                 log.warning("denied: %s", error)
@@ -295,7 +295,7 @@ class FrameGateway:
 
     def _refuse(self, frame: Frame, detail: str) -> None:
         if answerable(frame):
-            self._post.refuse(frame, Status.UNREACHABLE, detail)
+            self._messaging.refuse(frame, Status.UNREACHABLE, detail)
 
     def _shares(self, frame: Frame) -> list[tuple[str, int]]:
         return shares(frame, self._path_of)

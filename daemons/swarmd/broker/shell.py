@@ -66,7 +66,7 @@ class BrokerShell:
             self._transport = BeaconTransport(config, keys, module.clock, core, feed, former_session.keep)
             stack.callback(self._transport.close)
             self._gateway = FrameGateway(
-                config, keys, module.clock, node.post, node.table, core, self._on_denial
+                config, keys, module.clock, node.messaging, node.table, core, self._on_denial
             )
             stack.callback(self._gateway.close)
             self._own = OwnBoards(node, core.published, core.counters)
@@ -80,7 +80,7 @@ class BrokerShell:
 
     async def run(self) -> None:
         """Serves the requests and drives the core until it is cancelled."""
-        module, post = self._module, self._module.node.post
+        module, messaging = self._module, self._module.node.messaging
         module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
         module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
         module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
@@ -90,11 +90,11 @@ class BrokerShell:
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
         log.info("listening: udp %d, tcp %d", self._transport.port, self._gateway.links.port)
-        post.set_gateway(self._gateway.from_here, self._gateway.batch)
+        messaging.set_gateway(self._gateway.from_here, self._gateway.batch)
         try:
             await self._driver.run()
         finally:
-            post.set_gateway(None)
+            messaging.set_gateway(None)
 
     def close(self) -> None:
         """Closes the sockets; mirrors stay readable."""

@@ -84,7 +84,7 @@ class Dispatcher:
             assignment.member_assignments, key=lambda one: one.member.platform == self._module.platform
         )
         orders = [(one.member.platform, self._order(folder, assignment, one, epoch)) for one in members]
-        with self._module.node.post.together():
+        with self._module.node.messaging.batch():
             answers = [self._send(order, platform) for platform, order in orders]
         receipts = await asyncio.gather(*answers)
         accepted = all(receipt.accepted for receipt in receipts)
@@ -115,7 +115,7 @@ class Dispatcher:
         """Sends the abort to all these platforms; returns those that did not acknowledge it."""
         timeout_s, send = self._config.order_timeout_s, self._module.send
         async with asyncio.TaskGroup() as group:
-            with self._module.node.post.together():
+            with self._module.node.messaging.batch():
                 sends = [
                     group.create_task(
                         send(join(platform, ABORT_PATH), order, timeout_s=timeout_s, urgent=True),

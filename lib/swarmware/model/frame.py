@@ -15,6 +15,9 @@ HEADER_BYTES: Final = 48
 PAYLOAD_LIMIT: Final = 4 * 1024 * 1024
 """Largest payload of one frame on a link: libzmq's MAXMSGSIZE follows it; more is refused to its sender."""
 
+EXTENSION_LIMIT: Final = 255
+FRAME_LIMIT: Final = HEADER_BYTES + EXTENSION_LIMIT + PAYLOAD_LIMIT
+
 _HEADER = struct.Struct("<2sBBHBBIIIIIIqII")
 assert _HEADER.size == HEADER_BYTES
 _MOVING = struct.Struct("<IqII")
@@ -160,7 +163,7 @@ def _misfit(frame: Frame) -> str:
         number = getattr(frame, name)
         if not low <= number <= high:
             return f"frame: {name} is {number}: expected {low} to {high}"
-    return f"frame: an extension of {len(frame.extension)} bytes: expected at most 255"
+    return f"frame: an extension of {len(frame.extension)} bytes: expected at most {EXTENSION_LIMIT}"
 
 
 def decode(data: bytes | memoryview) -> Frame:

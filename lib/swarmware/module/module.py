@@ -351,7 +351,7 @@ class Module:
         local = participant.own(path)
         box = Inbox(self.node, self.id, local, cls, limit, acceptance(self.node, local, self._track))
         served = participant.serve(local, cls, "message", description=description)
-        self.node.post.serve_messages(served.data_id, self.app_id, box.put)
+        self.node.messaging.serve_messages(served.data_id, self.app_id, box.put)
         return box
 
     async def send(
@@ -378,7 +378,7 @@ class Module:
             return Outcome(Status.REFUSED, self.platform, error_text)
         frame = member.addressing.frame(kind, address, value, timeout_s)
         frame.flags = Flag.WANTS_ACK | (Flag.URGENT if urgent else 0)
-        outcome = await self.node.post.send(frame, timeout_s)
+        outcome = await self.node.messaging.send(frame, timeout_s)
         if outcome.status is Status.REFUSED and (error_text := address.mismatch()):
             return msgspec.structs.replace(outcome, detail=error_text)  # its owner came while we waited
         return outcome
@@ -404,7 +404,7 @@ class Module:
         reply_name = registry.type_name(reply) if reply is not None else ""
         served = participant.serve(local, cls, "request", reply=reply_name, description=description)
         server = Server(local, cls, handler, self.start, acceptance(self.node, local, self._track))
-        self.node.post.serve_requests(served.data_id, self.app_id, server.on_request)
+        self.node.messaging.serve_requests(served.data_id, self.app_id, server.on_request)
         return server
 
     def request(
@@ -432,4 +432,4 @@ class Module:
             raise TypeMismatch(error_text)
         frame = member.addressing.frame(FrameKind.REQUEST, address, value, timeout_s)
         frame.flags = Flag.URGENT if urgent else 0
-        return answer(path, self.node.post.request(frame, timeout_s), reply, mismatch)
+        return answer(path, self.node.messaging.request(frame, timeout_s), reply, mismatch)

@@ -28,7 +28,7 @@ class NodeParticipant:
         self._file = AppFile(
             node.run_dir,
             name,
-            endpoint=node.post.endpoint,
+            endpoint=node.messaging.address,
             started_ns=node.clock.now_ns(),
             instance=instance,
             config=msgspec.to_builtins(config) if config is not None else None,
@@ -39,8 +39,8 @@ class NodeParticipant:
         self._serves: dict[str, Served] = {}
         self._reads: dict[str, None] = {}
         self._flush_comes = False
-        node.post.add_application(self.app_id)
-        node.post.add_clocks(self.remote_clocks)
+        node.messaging.add_application(self.app_id)
+        node.messaging.add_clocks(self.remote_clocks)
 
     @property
     def entry(self) -> AppEntry:
@@ -149,8 +149,8 @@ class NodeParticipant:
 
     def close(self) -> None:
         """Leave the node and remove the application file."""
-        post = self.node.post
-        post.remove_clocks(self.remote_clocks)
+        messaging = self.node.messaging
+        messaging.remove_clocks(self.remote_clocks)
         self.remote_clocks.close()
-        post.remove_application(self.app_id)
+        messaging.remove_application(self.app_id)
         self._file.close()

@@ -22,7 +22,7 @@ from swarmware.node.publication import Publication
 from swarmware.runtime.grid import next_multiple_ns
 from swarmware.runtime.instant import wait_s
 from swarmware.transport.appfile.table import AppTable
-from swarmware.transport.messaging.post import Post
+from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.notifier import ReaderNotifier
@@ -89,7 +89,7 @@ class Node:
         """The applications of this node, with events for subscribers."""
         self.doorbells = DoorbellSenders(paths.doorbells(self.run_dir))
         self.doorbell = Doorbell(paths.doorbells(self.run_dir))
-        self.post = Post(
+        self.messaging = MessageEndpoint(
             platform=self.platform,
             hardware=self.hardware,
             clock=self.clock,
@@ -236,7 +236,7 @@ class Node:
             self.unlisten(readers)
         self._tending.cancel()
         self._loop.remove_reader(self.doorbell.fd)
-        self.post.close()
+        self.messaging.close()
         self._apps_watchers.close()
         self._mirror_watchers.close()
         self.doorbell.close()

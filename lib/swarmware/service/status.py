@@ -7,6 +7,8 @@ import os
 import time
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+import msgspec
+
 from swarmware.errors import SwarmError
 from swarmware.model import paths
 from swarmware.module.ticker import Lateness, Ticker
@@ -81,6 +83,7 @@ class Reporter:
         now = Load.measured() if load is None else load
         span_s = max(now.at_s - self._before.at_s, 1e-3)
         self._beat += 1
+        counters = self._module.node.messaging.counters()
         self._writer.write(
             AppStatus(
                 os.getpid(),
@@ -90,6 +93,7 @@ class Reporter:
                 round((now.cpu_s - self._before.cpu_s) / span_s * 100, 2),
                 round(now.resident_bytes / _MB, 1),
                 round(late_s * 1000, 1),
+                messages=counters if any(msgspec.structs.astuple(counters)) else None,
             )
         )
         self._before = now

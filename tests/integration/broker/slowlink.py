@@ -23,7 +23,7 @@ from swarmware.types.tree import TreeItem, TreeNotify
 RATE_BYTES_S: Final = 250_000
 NOTE_BYTES: Final = 32_000
 NOTES: Final = 200
-"""Unanswered notifications to one platform, fewer than the post allows."""
+"""Unanswered notifications to one platform, fewer than the message router allows."""
 ABORTS: Final = 5
 
 

@@ -201,7 +201,9 @@ async def test_nothing_is_delivered_to_a_path_that_is_not_stated_yet(tmp_path: P
         await pair["gcs"].until_up("uav1")
         taken: list[Frame] = []
         app = pair["uav1"].app
-        app.node.post.serve_requests(data_id(PATH, "Text"), app.app_id, lambda frame, _: taken.append(frame))
+        app.node.messaging.serve_requests(
+            data_id(PATH, "Text"), app.app_id, lambda frame, _: taken.append(frame)
+        )
         with pytest.raises(NotFound, match="no application here takes this path"):
             await ask(pair["gcs"], "uav1", "land")
         assert taken == []

@@ -47,7 +47,7 @@ async def test_frames_that_are_sent_together_leave_when_all_are_there(tmp_path: 
         app = pair["uav1"].app
         await app.request("/uav2/cmd/echo", Text("connected"), Text)
         before = (await pair["uav1"].traffic()).sent_frames
-        with app.node.post.together(), app.node.post.together():
+        with app.node.messaging.batch(), app.node.messaging.batch():
             asked = [app.request("/uav2/cmd/echo", Text(f"{number}"), Text) for number in range(3)]
             assert (await pair["uav1"].traffic()).sent_frames == before
         assert [text.value for text in await asyncio.gather(*asked)] == [

@@ -226,7 +226,7 @@ async def swarm(root: Path, *names: str, config: Config = FAST, **batteries: flo
         for member in members.values():
             radio = await stack.enter_async_context(Module("radio", node=member.node))
             steps = radio.stream_reader("mission/progress", MissionProgress)
-            member.node.post.set_gateway(partial(_carry, found, by_hardware, steps))
+            member.node.messaging.set_gateway(partial(_carry, found, by_hardware, steps))
             _tell_time(radio, members)
             radio.start(_broadcast(radio, found, member), "broadcast")
             radio.start(_follow(radio, found, member), "follow")
@@ -261,7 +261,7 @@ def _carry(
     elif frame.kind is FrameKind.REPLY and (sender := by_hardware.get(frame.sender_hw)) is not None:
         stated = [step.event for step in iter(steps.take, None)]
         found.answered.setdefault(sender.platform, []).extend(stated)
-    node.post.deliver(frame)
+    node.messaging.deliver(frame)
 
 
 def _tell_time(radio: Module, members: dict[str, Member]) -> None:

@@ -223,8 +223,6 @@ async def test_a_vehicle_under_way_lands_when_its_daemon_comes_back(tmp_path: Pa
         await s.until(lambda: s["uav1"].vehicle.armed and "a" in s["uav1"].passed)
         member = s["uav1"]
         await s.kill("uav1")
-        for served in member.daemon.entry.serves:
-            member.node.post.unserve(served.data_id)
         for writer in list(member.daemon._writers):
             member.daemon.close_writer(writer)
         member.task = asyncio.create_task(Mission(member.daemon, member.daemon.config).run())

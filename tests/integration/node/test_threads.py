@@ -43,7 +43,7 @@ class Worker(threading.Thread):
         async with Module(self.name, config_dir=self._config_dir) as module:
             inbox = module.inbox(f"{self.name}/number", Int)
             board = module.writer(f"{self.name}/double", Int)
-            self.endpoint = module.node.post.endpoint
+            self.endpoint = module.node.messaging.address
             module.start(self._double(inbox, board), "double")
             self.joined.set()
             await self._end.wait()

@@ -37,15 +37,15 @@ async def pair(root: Path) -> AsyncIterator[Pair]:
     def link(here: Node, there: Node) -> Callable[[Frame], None]:
         def carry(frame: Frame) -> None:
             if open_ and frame.receiver_hw == there.hardware:
-                there.post.deliver(decode(encode(frame)))  # as bytes, as between machines
+                there.messaging.deliver(decode(encode(frame)))  # as bytes, as between machines
             else:
-                here.post.refuse(frame, Status.UNREACHABLE, "no route")
+                here.messaging.refuse(frame, Status.UNREACHABLE, "no route")
 
         return carry
 
     async with tmp_node(root, "uav1") as one, tmp_node(root, "uav2", clock={"offset_s": 5.0}) as two:
-        one.post.set_gateway(link(one, two))
-        two.post.set_gateway(link(two, one))
+        one.messaging.set_gateway(link(one, two))
+        two.messaging.set_gateway(link(two, one))
         async with Module("near", node=one) as near, Module("far", node=two) as far:
             yield Pair(near, far, open_.clear)
 
@@ -203,7 +203,7 @@ def test_garbage_at_the_socket_is_counted_and_dropped(tmp_path: Path) -> None:
             inbox = m.inbox("cmd/goto", Goal)
             with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
                 socket.linger = 1000
-                socket.connect(node.post.endpoint)
+                socket.connect(node.messaging.address)
                 for garbage in (b"", b"SW", bytes(48), b"SW\x01\xff" + bytes(44)):
                     socket.send(garbage)
                 socket.send_multipart([b"two", b"parts"])
@@ -217,7 +217,7 @@ def test_garbage_at_the_socket_is_counted_and_dropped(tmp_path: Path) -> None:
                 )
                 socket.send(encode(good))
                 assert (await inbox.next(5)).seq == 5
-            assert node.post.counts["wire_errors"] == 4
+            assert node.messaging.counters().malformed == 5
 
     with no_leaks(tmp_path):
         asyncio.run(run())

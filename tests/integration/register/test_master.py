@@ -108,7 +108,7 @@ async def test_the_register_answers_who_runs_where_and_who_the_node_is(tmp_path:
         assert (unit.table.platform, unit.hops) == ("uav1", 0)
         assert unit.table.master == "register#1"
         me = next(app for app in unit.table.applications if app.name == "probe")
-        assert (me.pid, me.endpoint) == (os.getpid(), module.node.post.endpoint)
+        assert (me.pid, me.endpoint) == (os.getpid(), module.node.messaging.address)
         info = await module.request("sys/node/info", Empty(), NodeInfo)
         assert (info.platform, info.kind, info.boot_id) == ("uav1", "uav", module.clock.boot_id)
         assert set(info.services) == {"register", "probe"}

@@ -134,7 +134,7 @@ class Partner:
         self.asked = 0
         self._module = module
         self._remote = remote
-        module.node.post.set_gateway(self._on_frame)
+        module.node.messaging.set_gateway(self._on_frame)
 
     def _on_frame(self, frame: Frame) -> None:
         if frame.kind is not FrameKind.REQUEST:
@@ -150,7 +150,7 @@ class Partner:
         broken = msgspec.structs.replace(ours, platform="uav9", hardware=9, skew=5e-3)
         told = TimeFunctions("uav2", "main", 1, now_ns, (ours, broken))
         payload = registry.encode(Reply(True, registry.encode(told)))
-        node.post.deliver(reply(frame, FrameKind.REPLY, payload, self._module.now_ns()))
+        node.messaging.deliver(reply(frame, FrameKind.REPLY, payload, self._module.now_ns()))
 
 
 async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measured_yet(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ APP, DATA = 5, 6
 
 
 class Receiving:
-    """The receiving end as `post` does it: an inbox with room for some, emptied by its reader."""
+    """The receiving end as the message router does it: an inbox with room for some, emptied by its reader."""
 
     def __init__(self, net: VirtualSwarm[int], room: int, sender_clock: Conversion | None = None) -> None:
         self.net = net
@@ -55,7 +55,7 @@ class Receiving:
 
 
 class Sending:
-    """The sending end as `post` does it."""
+    """The sending end as the message router does it."""
 
     def __init__(self, net: VirtualSwarm[int], hardware: int = SENDER, ahead_ns: int = 0) -> None:
         """`ahead_ns`: how far the sender's clock is ahead of the receiver's."""

@@ -26,7 +26,7 @@ from swarmware.types.tree import TreeItem, TreeNotify
 
 NOTE_BYTES = 32_000
 IN_FLIGHT = 200
-"""Unanswered messages to one platform, fewer than the post allows."""
+"""Unanswered messages to one platform, fewer than the message router allows."""
 
 
 def note(platform: str, *kinds: FrameKind, digest: int = 0) -> SendNotify:
@@ -39,7 +39,7 @@ def note(platform: str, *kinds: FrameKind, digest: int = 0) -> SendNotify:
 
 
 def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -> SendQueue:
-    """The broker's queue with all that a module of this node gave to its post."""
+    """The broker's queue with all that a module of this node sent."""
     queue = SendQueue()
     came = asyncio.Event()
     seen: set[tuple[int, int, int]] = set()
@@ -53,12 +53,12 @@ def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -
 
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("planner", node=node) as module:
-            node.post.set_gateway(gateway)
+            node.messaging.set_gateway(gateway)
             tasks = send(module)
             while len(seen) < len(tasks):
                 came.clear()
                 await came.wait()
-            node.post.set_gateway(None)
+            node.messaging.set_gateway(None)
 
     with no_leaks(tmp_path):
         asyncio.run(run())

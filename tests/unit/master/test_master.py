@@ -53,7 +53,7 @@ async def test_who_comes_and_who_leaves_is_in_the_next_table_which_is_a_later_on
         assert (alone.platform, alone.boot_id, alone.omitted) == ("uav1", node.clock.boot_id, 0)
         assert not any(app.endpoint or app.serves for app in both.applications), "as it is published"
         (full,) = node.master.table(full=True).applications
-        assert full.endpoint == node.post.endpoint
+        assert full.endpoint == node.messaging.address
 
 
 async def test_what_a_dead_process_left_is_set_aside_and_its_sockets_and_bells_go(tmp_path: Path) -> None:

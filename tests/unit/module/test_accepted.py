@@ -45,7 +45,7 @@ async def test_a_command_that_the_template_logs_is_kept_once_although_it_comes_a
                     payload=registry.encode(MissionAbort(reason=f"no {sequence}")),
                 )
                 frame.extension = with_sender(frame.extension, None, 4_000)
-                node.post.deliver(frame)
+                node.messaging.deliver(frame)
                 await asyncio.sleep(0)
             found = kept(ring)
         assert [(frame.sequence, frame.sender_hw) for frame in found] == [(1, far), (2, far)]

@@ -226,7 +226,7 @@ async def test_a_request_leaves_before_its_answer_is_awaited_and_says_when_it_ca
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         left: list[Frame] = []
-        node.post.set_gateway(left.append)
+        node.messaging.set_gateway(left.append)
         asked = m.request("/uav7/cmd/step", Int(1), Int, timeout_s=0.05)
         assert [frame.receiver_hw for frame in left] == [THERE]
         with pytest.raises(NoAnswer):
@@ -242,7 +242,7 @@ async def test_a_request_leaves_before_its_answer_is_awaited_and_says_when_it_ca
         frame = left[0]
         frame.receiver_hw, frame.sender_hw = node.hardware, THERE
         frame.extension = with_sender(frame.extension, None, 4_000)
-        node.post.deliver(frame)
+        node.messaging.deliver(frame)
         await m.request("cmd/step", Int(3), Int)
         assert [meta.arrived_ns for meta in metas] == [None, 4_000, None]
 

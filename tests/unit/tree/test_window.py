@@ -72,7 +72,7 @@ class Owner:
             self._try(action.notify, self.net.now_ns, 0.15, [False])
 
     def _try(self, notify: TreeNotify, since_ns: int, wait_s: float, done: list[bool]) -> None:
-        """As the post does: again and again until it is acknowledged, or two seconds are over."""
+        """As the message router does: again and again until it is acknowledged, or two seconds are over."""
         net = self.net
         if done[0]:
             return

@@ -13,10 +13,9 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
 from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
-from swarmd.broker.links.zmq_socket import ConnectionMonitor, Socket, ZmqSocket
+from swarmd.broker.links.zmq_socket import ConnectionMonitor, Socket, ZmqSocket, make_context
 from swarmware.errors import ConfigError
-from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame
-from swarmware.transport.messaging.port import make_context
+from swarmware.model.frame import FRAME_LIMIT, Frame
 from swarmware.transport.security import Keys
 from swarmware.types.net import ConnectionStatus
 
@@ -37,7 +36,6 @@ DENIED_NS: Final = 2_000_000_000
 """Pause before the next connection to a neighbour that denied the last one."""
 KEEPALIVE_S: Final = 60
 """Idle time before TCP keep-alive probes; a dead connection is closed after 90 s."""
-_EXTENSION_MAX: Final = 255
 
 OnFrame = Callable[[bytes, str], None]
 """Called with an encoded frame and the platform at the other end; empty without authentication."""
@@ -254,7 +252,7 @@ class ZmqLinks:
         socket.setsockopt(zmq.LINGER, 0)
         socket.setsockopt(zmq.RCVHWM, RECEIVE_HIGH_WATER)
         socket.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
-        socket.setsockopt(zmq.MAXMSGSIZE, PAYLOAD_LIMIT + HEADER_BYTES + _EXTENSION_MAX)
+        socket.setsockopt(zmq.MAXMSGSIZE, FRAME_LIMIT)
         if self._heartbeat_ms:
             socket.setsockopt(zmq.HEARTBEAT_IVL, self._heartbeat_ms)
             socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 3 * self._heartbeat_ms)

@@ -5,6 +5,7 @@ from typing import Final
 
 from swarmware.errors import WireError
 from swarmware.model.access import Role, Sender
+from swarmware.model.frame import EXTENSION_LIMIT
 
 _SENDER_TAG: Final = 2
 """Element of a header extension: tag, length of what follows, role, platform. Never taken from a link."""
@@ -32,7 +33,7 @@ def with_sender(extension: bytes, sender: Sender | None, arrived_ns: int | None 
     if sender is not None:
         name = sender.platform.encode()
         elements += bytes((_SENDER_TAG, 1 + len(name), sender.role)) + name
-    if len(kept) + len(elements) > 255:
+    if len(kept) + len(elements) > EXTENSION_LIMIT:
         raise WireError(f"header extension of {len(extension)} bytes: no room for the sender")
     return kept + elements
 

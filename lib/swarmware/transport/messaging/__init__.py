@@ -1,4 +1,4 @@
-"""The post of a process: messages, requests and their answers, to applications here and on other platforms.
+"""Messages, requests and their answers, to applications of this process, this node and other platforms.
 
-ZeroMQ lives here and in the broker's links, nowhere else.
+Here live the routing of frames and the Unix sockets between processes; the links between nodes do not.
 """

@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 import zmq
 
-from swarmware.transport.messaging.port import IO_NICE, make_context
+from swarmd.broker.links.zmq_socket import IO_NICE, make_context
 
 THREADS = Path("/proc/self/task")
+SOCKETS = 16
 
 
 def nice_of_new_threads(before: set[Path]) -> list[int]:
@@ -26,7 +27,7 @@ def round_trip(context: "zmq.Context[zmq.Socket[bytes]]") -> bytes:
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs the right to a nice value below zero")
 def test_its_threads_are_scheduled_ahead() -> None:
     before = set(THREADS.iterdir())
-    with make_context() as context:
+    with make_context(SOCKETS) as context:
         assert nice_of_new_threads(before) == [IO_NICE, IO_NICE]
         assert round_trip(context) == b"frame"
 
@@ -37,7 +38,7 @@ def test_a_host_that_forbids_it_costs_nothing(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(os, "setpriority", forbidden)
     before = set(THREADS.iterdir())
-    with make_context() as context:
+    with make_context(SOCKETS) as context:
         assert set(nice_of_new_threads(before)) == {os.getpriority(os.PRIO_PROCESS, 0)}
         assert round_trip(context) == b"frame"
 

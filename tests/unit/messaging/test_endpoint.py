@@ -1,4 +1,4 @@
-"""The post of a process: who gets a frame, how often, until when, and what its sender is told."""
+"""The message endpoint of a process: futures, handlers, gateway and clocks around the router."""
 
 import asyncio
 from pathlib import Path
@@ -13,7 +13,7 @@ from swarmware.node.node import Node
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.answer import reply, with_lifetime
 from swarmware.transport.delivery.outcome import Outcome, Status
-from swarmware.transport.messaging.post import WINDOW
+from swarmware.transport.messaging.router import WINDOW
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.time import Conversion
@@ -30,9 +30,9 @@ class Far:
         self.sent: list[Frame] = []
         self.given: list[int] = []
         self.full = False
-        node.post.add_application(APP)
-        node.post.set_gateway(self.sent.append)
-        node.post.serve_messages(DATA, APP, self._take)
+        node.messaging.add_application(APP)
+        node.messaging.set_gateway(self.sent.append)
+        node.messaging.serve_messages(DATA, APP, self._take)
 
     def _take(self, frame: Frame) -> Outcome | None:
         if self.full:
@@ -51,7 +51,7 @@ class Far:
         flags = Flag.WANTS_ACK
         frame = Frame(kind, DATA, THERE, 9, HERE, ANY, sequence, stamp_ns, flags=flags)
         frame.extension = with_lifetime(2.0)
-        self.node.post.deliver(frame)
+        self.node.messaging.deliver(frame)
         await asyncio.sleep(0)
 
     def answers(self) -> list[tuple[int, int]]:
@@ -87,14 +87,14 @@ async def test_a_message_whose_lifetime_is_over_by_its_senders_clock_is_not_give
 ) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
-        node.post.add_clocks(far)
+        node.messaging.add_clocks(far)
         await far.comes(1, age_s=1.0, kind=kind)
         await far.comes(2, age_s=3.0, kind=kind)
         assert far.given == [1]
-        assert node.post.counts["expired"] == 1
+        assert node.messaging.counters().expired == 1
         await far.comes(1, age_s=3.0, kind=kind)
         assert far.answers() == [(1, 0), (1, 0)], "one that was given in time is still acknowledged"
-        node.post.remove_clocks(far)
+        node.messaging.remove_clocks(far)
         await far.comes(3, age_s=3.0, kind=kind)
         assert far.given == [1, 3], "nobody can tell"
 
@@ -102,7 +102,7 @@ async def test_a_message_whose_lifetime_is_over_by_its_senders_clock_is_not_give
 async def test_a_message_that_nobody_takes_is_answered_so(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
-        node.post.unserve(DATA)
+        node.messaging.remove_application(APP)
         await far.comes(1)
         assert far.answers() == [(1, int(Status.ABSENT))]
 
@@ -110,18 +110,18 @@ async def test_a_message_that_nobody_takes_is_answered_so(tmp_path: Path) -> Non
 async def test_an_answer_settles_its_message_and_a_refusal_on_the_way_says_where(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
-        waiting = node.post.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 5.0)
+        waiting = node.messaging.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 5.0)
         (question,) = far.sent
         payload = registry.encode(Ack(int(Status.REFUSED), "uav7:planner#1", "not now"))
-        node.post.deliver(reply(question, FrameKind.ACK, payload, 0))
+        node.messaging.deliver(reply(question, FrameKind.ACK, payload, 0))
         outcome = await waiting
         assert (outcome.status, outcome.where, outcome.detail) == (
             Status.REFUSED,
             "uav7:planner#1",
             "not now",
         )
-        asked = node.post.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 5.0)
-        node.post.deliver(reply(far.sent[-1], FrameKind.REPLY, registry.encode(Reply(True, b"yes")), 0))
+        asked = node.messaging.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 5.0)
+        node.messaging.deliver(reply(far.sent[-1], FrameKind.REPLY, registry.encode(Reply(True, b"yes")), 0))
         assert (await asked).body == b"yes"
 
 
@@ -130,30 +130,38 @@ async def test_more_messages_than_the_window_are_refused_at_once_and_room_comes_
         far = Far(node)
 
         def send(sequence: int) -> asyncio.Future[Outcome]:
-            return node.post.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=sequence), 5.0)
+            return node.messaging.send(
+                Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=sequence), 5.0
+            )
 
         waiting = [send(sequence) for sequence in range(WINDOW)]
         over = await send(WINDOW)
         assert over.status is Status.REFUSED
         assert "wait for an answer" in over.detail
-        node.post.deliver(reply(far.sent[0], FrameKind.ACK, registry.encode(Ack(0)), 0))
+        node.messaging.deliver(reply(far.sent[0], FrameKind.ACK, registry.encode(Ack(0)), 0))
         assert await waiting[0]
         await asyncio.sleep(0)
         assert not send(WINDOW + 1).done()
 
 
-async def test_without_an_answer_in_time_the_sender_is_told(tmp_path: Path) -> None:
+async def test_without_an_answer_in_time_the_sender_learns_it(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         Far(node)
-        outcome = await node.post.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 0.02)
+        outcome = await node.messaging.send(
+            Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 0.02
+        )
         assert outcome.status is Status.EXPIRED
         with pytest.raises(NoAnswer):
-            await node.post.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 0.02)
+            await node.messaging.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 0.02)
 
 
 async def test_an_answer_too_large_for_a_frame_is_an_error_of_its_request(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
-        node.post.add_application(APP)
-        node.post.serve_requests(DATA, APP, lambda frame, respond: respond(Reply(True, bytes(5 * 2**20))))
-        answer = await node.post.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, HERE, sequence=1), 5.0)
+        node.messaging.add_application(APP)
+        node.messaging.serve_requests(
+            DATA, APP, lambda frame, respond: respond(Reply(True, bytes(5 * 2**20)))
+        )
+        answer = await node.messaging.request(
+            Frame(FrameKind.REQUEST, DATA, HERE, APP, HERE, sequence=1), 5.0
+        )
         assert (answer.ok, answer.kind) == (False, "OutOfRange")

@@ -1,0 +1,293 @@
+"""The messages and requests of a process: futures, handlers and sockets around the message router."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Final, Protocol
+
+from swarmware.errors import WireError, from_kind
+from swarmware.model.clock import Clock
+from swarmware.model.frame import Flag, Frame, decode, encode
+from swarmware.runtime.driver import CoreDriver
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.delivery.outbox import Complete, Key, Outbox
+from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.messaging.ipc_transport import IpcConnection, IpcTransport
+from swarmware.transport.messaging.router import (
+    Action,
+    Arrive,
+    HandOver,
+    KeepConnections,
+    MessageRouter,
+    Probe,
+    Repeat,
+    Replied,
+    SendBack,
+    Takes,
+    ToGateway,
+    ToProcess,
+    Via,
+)
+from swarmware.types.rpc import Reply
+from swarmware.types.system import MessageCounters
+from swarmware.types.time import Conversion
+
+BROKER: Final = "broker"
+"""Application to which frames for other platforms go."""
+
+MessageHandler = Callable[[Frame], Outcome | None]
+"""Takes a message; None: no room now, its sender repeats it."""
+RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
+"""Takes a request and, then or later, calls the function with its reply."""
+Gateway = Callable[[Frame], None]
+"""Takes frames for other platforms: the broker, when it is in this process."""
+Batch = Callable[[], AbstractContextManager[None]]
+"""Holds frames for other platforms back until its scope ends."""
+
+
+log = logging.getLogger("swarm.messages")
+
+
+class Clocks(Protocol):
+    """Clock functions of other hardware units."""
+
+    def conversion(self, hardware: int) -> Conversion | None:
+        """The function of one unit's clock; None when it is not known."""
+        ...
+
+
+class MessageEndpoint:
+    """Sends and receives the messages and requests of all applications of this process."""
+
+    def __init__(
+        self, *, platform: str, hardware: int, clock: Clock, socket_path: Path, table: AppTable
+    ) -> None:
+        """Raises: InvalidInput when the socket's path is too long."""
+        self._platform = platform
+        self._clock = clock
+        self._table = table
+        self._table_version: int | None = None
+        self._loop = asyncio.get_running_loop()
+        self._transport = IpcTransport(socket_path, self._on_data, self._on_malformed)
+        self.address = self._transport.address
+        """Where other processes of the node reach this one."""
+        self._gateway: Gateway | None = None
+        self._batch: Batch = nullcontext
+        self._message_handlers: dict[int, MessageHandler] = {}
+        self._request_handlers: dict[int, RequestHandler] = {}
+        self._clocks: dict[Clocks, None] = {}
+        self._messages: dict[Key, asyncio.Future[Outcome]] = {}
+        self._requests: dict[Key, asyncio.Future[Reply]] = {}
+        self._router = MessageRouter(
+            platform=platform, hardware=hardware, address=self.address, conversion=self._conversion
+        )
+        self._driver = CoreDriver(self._router, self._perform, name="messages", clock=clock, loop=self._loop)
+
+    # -- who is here
+
+    def add_application(self, app_id: int) -> None:
+        """An application of this process: answers to it are taken."""
+        self._router.add_application(app_id)
+
+    def remove_application(self, app_id: int) -> None:
+        """It left; what it served is no longer served."""
+        for data_id in self._router.remove_application(app_id):
+            self._message_handlers.pop(data_id, None)
+            self._request_handlers.pop(data_id, None)
+
+    def serve_messages(self, data_id: int, app_id: int, handler: MessageHandler) -> None:
+        """Messages of this data id go to the handler."""
+        self._message_handlers[data_id] = handler
+        self._router.serve(data_id, app_id, Takes.MESSAGES)
+
+    def serve_requests(self, data_id: int, app_id: int, handler: RequestHandler) -> None:
+        """Requests of this data id go to the handler."""
+        self._request_handlers[data_id] = handler
+        self._router.serve(data_id, app_id, Takes.REQUESTS)
+
+    def add_clocks(self, clocks: Clocks) -> None:
+        """Where the clocks of other platforms are known: by them a message is expired."""
+        self._clocks[clocks] = None
+
+    def remove_clocks(self, clocks: Clocks) -> None:
+        """Forget the clocks that `add_clocks` added."""
+        self._clocks.pop(clocks, None)
+
+    def _conversion(self, hardware: int) -> Conversion | None:
+        clocks = next(reversed(self._clocks), None)
+        return None if clocks is None else clocks.conversion(hardware)
+
+    def counters(self) -> MessageCounters:
+        """Frames that went no further, and those sent or received more than once."""
+        counters = self._router.counters()
+        counters.dropped = self._transport.dropped
+        return counters
+
+    # -- sending
+
+    def send(self, frame: Frame, timeout_s: float) -> asyncio.Future[Outcome]:
+        """A message; the future has its outcome and never fails."""
+        future: asyncio.Future[Outcome] = self._loop.create_future()
+        key = Outbox.key(frame)
+        self._messages[key] = future
+        future.add_done_callback(partial(self._message_done, key))
+        self._refresh()
+        now_ns = self._clock.now_ns()
+        self._driver.feed(self._router.on_message(frame, round(timeout_s * 1e9), now_ns))
+        return future
+
+    def request(self, frame: Frame, timeout_s: float) -> asyncio.Future[Reply]:
+        """A request; the future has the reply, or a NoAnswer or NotFound that says where it stopped."""
+        future: asyncio.Future[Reply] = self._loop.create_future()
+        key = Outbox.key(frame)
+        self._requests[key] = future
+        future.add_done_callback(partial(self._request_done, key))
+        self._refresh()
+        now_ns = self._clock.now_ns()
+        self._driver.feed(self._router.on_request(frame, round(timeout_s * 1e9), now_ns))
+        return future
+
+    def _message_done(self, key: Key, future: asyncio.Future[Outcome]) -> None:
+        if self._messages.get(key) is future:
+            del self._messages[key]
+            self._router.cancel(key)
+
+    def _request_done(self, key: Key, future: asyncio.Future[Reply]) -> None:
+        if self._requests.get(key) is future:
+            del self._requests[key]
+            self._router.cancel(key)
+
+    # -- the gateway: called by the broker
+
+    def set_gateway(self, gateway: Gateway | None, batch: Batch = nullcontext) -> None:
+        """Frames for other platforms go to this function."""
+        self._gateway = gateway
+        self._batch = batch
+        self._router.has_gateway = gateway is not None
+
+    def batch(self) -> AbstractContextManager[None]:
+        """Frames for other platforms that are sent in its scope leave at its end, as close as they can."""
+        return self._batch()
+
+    def deliver(self, frame: Frame) -> None:
+        """A frame came from another platform."""
+        self._refresh()
+        self._driver.feed(self._router.on_frame(frame, None, self._clock.now_ns()))
+
+    def refuse(self, frame: Frame, status: Status, detail: str) -> None:
+        """A message or request gets no further: its sender gets the reason."""
+        self._refresh()
+        self._driver.feed(self._router.on_refusal(frame, status, detail, self._clock.now_ns()))
+
+    def deny(self, frame: Frame, reason: str) -> None:
+        """The sender of a message or request has no right to it."""
+        self._refresh()
+        self._driver.feed(self._router.on_denial(frame, reason, self._clock.now_ns()))
+
+    def expired(self, frame: Frame) -> bool:
+        """Whether the lifetime of a message is over, as far as the clock of its sender is known here."""
+        return self._router.expired(frame, self._clock.now_ns())
+
+    # -- events
+
+    def _on_data(self, data: bytes, connection: IpcConnection) -> None:
+        try:
+            frame = decode(data)
+        except WireError as error:
+            self._on_malformed(str(error))
+            return
+        self._refresh()
+        self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))
+
+    def _on_malformed(self, reason: str) -> None:
+        log.debug("from a process of this node: %s", reason)
+        self._router.count_malformed()
+
+    def _refresh(self, *, probe: bool = False) -> None:
+        """Report the applications of the node to the router when they have changed."""
+        table = self._table
+        table.refresh(probe=probe)
+        if table.version == self._table_version:
+            return
+        self._table_version = table.version
+        by_application = {entry.app_id: entry.endpoint for entry in table}
+        by_data_id = {item.data_id: entry.endpoint for entry in table for item in entry.serves}
+        broker = table.named(BROKER)
+        self._driver.feed(
+            self._router.on_applications(
+                by_application,
+                by_data_id,
+                None if broker is None else broker.endpoint,
+                self._clock.now_ns(),
+            )
+        )
+
+    def _on_arrival(self, frame: Frame) -> None:
+        self._driver.feed(self._router.on_arrival(frame, None, self._clock.now_ns()))
+
+    def _on_reply(self, frame: Frame, via: Via, reply: Reply) -> None:
+        self._driver.feed(self._router.on_handler_reply(frame, via, reply, self._clock.now_ns()))
+
+    # -- actions
+
+    def _perform(self, action: Action) -> None:
+        match action:
+            case ToProcess(address, frame):
+                self._transport.send(address, encode(frame), urgent=bool(frame.flags & Flag.URGENT))
+            case SendBack(via, frame):
+                self._send_back(via, frame)
+            case HandOver(frame, via, takes):
+                self._hand_over(frame, via, takes)
+            case Complete(key, outcome):
+                self._complete(key, outcome)
+            case Replied(key, reply):
+                request = self._requests.pop(key, None)
+                if request is not None and not request.done():
+                    request.set_result(reply)
+            case ToGateway(frame):
+                if self._gateway is not None:
+                    self._gateway(frame)
+            case Arrive(frame):
+                self._loop.call_soon(self._on_arrival, frame)
+            case Repeat(frame):
+                self._driver.feed(self._router.on_repeat(frame, self._clock.now_ns()))
+            case Probe():
+                self._refresh(probe=True)
+            case KeepConnections(addresses):
+                self._transport.keep_only(addresses)
+
+    def _send_back(self, via: Via, frame: Frame) -> None:
+        assert isinstance(via, IpcConnection)
+        if not via.send(encode(frame), urgent=bool(frame.flags & Flag.URGENT)):
+            self._refresh()
+            self._driver.feed(self._router.on_connection_closed(frame, self._clock.now_ns()))
+
+    def _hand_over(self, frame: Frame, via: Via, takes: Takes) -> None:
+        if takes is Takes.REQUESTS:
+            if (handle := self._request_handlers.get(frame.data_id)) is not None:
+                handle(frame, partial(self._on_reply, frame, via))
+        elif (take := self._message_handlers.get(frame.data_id)) is not None:
+            outcome = take(frame)
+            self._driver.feed(self._router.on_outcome(frame, via, outcome, self._clock.now_ns()))
+
+    def _complete(self, key: Key, outcome: Outcome) -> None:
+        message = self._messages.pop(key, None)
+        if message is not None:
+            if not message.done():
+                message.set_result(outcome)
+            return
+        request = self._requests.pop(key, None)
+        if request is not None and not request.done():
+            kind = "NotFound" if outcome.status is Status.REFUSED else "NoAnswer"
+            request.set_exception(from_kind(kind, str(outcome)))
+
+    def close(self) -> None:
+        """Close the sockets; whoever still waits gets an outcome: this end has gone."""
+        self._driver.stop()
+        gone = Outcome(Status.UNREACHABLE, self._platform, "this application ends")
+        for key in [*self._messages, *self._requests]:
+            self._complete(key, gone)
+        self._transport.close()

@@ -1,0 +1,430 @@
+"""The Unix sockets of a process: one where others reach it, one connection to each process it writes to."""
+
+import asyncio
+import contextlib
+import os
+import select
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Final
+
+from swarmware.errors import InvalidInput, WireError
+from swarmware.transport.messaging.zmtp import DEALER, ROUTER, ZmtpConnection, message
+from swarmware.transport.shm.access import make_folder, share
+
+IPC_PATH_LIMIT: Final = 107
+"""Longest path of a Unix socket, without its final zero byte. Source: unix(7)."""
+QUEUE_LIMIT: Final = 1024
+"""Frames that wait for one peer; further ones are dropped and counted, and sent again by `delivery`."""
+QUEUE_BYTES: Final = 16 * 1024 * 1024
+TURN: Final = 64
+"""Messages taken before the event loop gets its turn: about 1 ms of handlers."""
+READ_BYTES: Final = 16 * 1024
+"""One read; its memory is there without a system call, unlike that of a longer one."""
+LONG_READ_BYTES: Final = 256 * 1024
+"""One read in the middle of a long message: what the kernel holds of a connection."""
+BACKLOG: Final = 128
+CONNECTIONS_MAX: Final = 512
+"""Connections of other processes; further ones are closed at once."""
+RETRY_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5)
+"""Pauses before the next attempt to connect; the last one from then on."""
+HANDSHAKE_S: Final = 3.0
+"""Time in which a process that connects must have sent its READY."""
+LINGER_S: Final = 0.5
+"""At the end of the process: the acknowledgement of a message just taken must still leave. Only a living peer
+that does not take it is waited for."""
+ACCEPT_PAUSE_S: Final = 1.0
+"""After a connection could not be accepted: no descriptor is free."""
+
+_SCHEME: Final = "ipc://"
+
+
+class _SendQueue:
+    """Messages for one peer, urgent ones first; bounded in number and bytes."""
+
+    def __init__(self) -> None:
+        self._urgent: deque[bytes] = deque()
+        self._normal: deque[bytes] = deque()
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._urgent) + len(self._normal)
+
+    def put(self, data: bytes, *, urgent: bool) -> bool:
+        queue = self._urgent if urgent else self._normal
+        if len(queue) >= QUEUE_LIMIT or self._bytes + len(data) > QUEUE_BYTES:
+            return False
+        queue.append(data)
+        self._bytes += len(data)
+        return True
+
+    def pop(self) -> bytes:
+        data = self._urgent.popleft() if self._urgent else self._normal.popleft()
+        self._bytes -= len(data)
+        return data
+
+    def clear(self) -> None:
+        self._urgent.clear()
+        self._normal.clear()
+        self._bytes = 0
+
+
+class IpcConnection:
+    """A connection to another process: the way back for answers to what came by it."""
+
+    def __init__(
+        self,
+        transport: "IpcTransport",
+        sock: socket.socket,
+        socket_type: bytes,
+        queue: _SendQueue,
+        on_closed: "Callable[[IpcConnection], None]",
+    ) -> None:
+        self._transport = transport
+        self._loop = transport.loop
+        self._socket = sock
+        self._fd = sock.fileno()
+        self._zmtp = ZmtpConnection(socket_type)
+        self._queue = queue
+        self._on_closed = on_closed
+        self._rest: memoryview | bytes = b""
+        """What the kernel had no room for, of the protocol's or of the message sent last."""
+        self._received: deque[bytes] = deque()
+        """Messages whose turn has not come."""
+        self._waits_for_room = False
+        self._is_broken = False
+        """Nothing can be sent any longer; what the peer had sent is still read."""
+        self.is_closed = False
+        self._loop.add_reader(self._fd, self._on_readable)
+        self.flush()
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether messages go out: otherwise they wait for the handshake."""
+        return self._zmtp.is_ready
+
+    @property
+    def waits(self) -> bool:
+        """Whether something is still to be sent, and can be."""
+        return not self.is_closed and not self._is_broken and bool(self._rest or self._queue)
+
+    def fileno(self) -> int:
+        """Descriptor of the socket."""
+        return self._fd
+
+    def send(self, data: bytes, *, urgent: bool) -> bool:
+        """Send or queue a message; False when the queue is full or nothing can be sent any longer."""
+        if self.is_closed or self._is_broken:
+            return False
+        if self._rest or self._queue or not self._zmtp.is_ready:
+            return self._queue.put(data, urgent=urgent)
+        self._write(message(data))
+        return True
+
+    def flush(self) -> None:
+        """Send what waits, as far as the kernel takes it."""
+        while not self._is_broken:
+            if not self._rest:
+                output = self._zmtp.take_output()
+                if not output:
+                    if not self._queue or not self._zmtp.is_ready:
+                        break
+                    output = message(self._queue.pop())
+                self._rest = output
+            self._write(self._rest)
+            if self._rest:
+                return  # it goes on when there is room
+        self._wait_for_room(False)
+
+    def _write(self, data: memoryview | bytes) -> None:
+        try:
+            sent = self._socket.send(data)
+        except (BlockingIOError, InterruptedError):
+            sent = 0
+        except OSError:
+            self._is_broken = True  # the end of the stream follows
+            self._rest = b""
+            return
+        self._rest = b"" if sent == len(data) else memoryview(data)[sent:]
+        if self._rest:
+            self._wait_for_room(True)
+
+    def _wait_for_room(self, wanted: bool) -> None:
+        if wanted is self._waits_for_room or self.is_closed:
+            return
+        self._waits_for_room = wanted
+        if wanted:
+            self._loop.add_writer(self._fd, self.flush)
+        else:
+            self._loop.remove_writer(self._fd)
+
+    def read(self) -> bool:
+        """Take what the kernel holds; False at the end of the stream."""
+        try:
+            data = self._socket.recv(LONG_READ_BYTES if self._zmtp.missing > READ_BYTES else READ_BYTES)
+        except (BlockingIOError, InterruptedError):
+            return True
+        except OSError:
+            return False
+        if not data:
+            return False
+        was_ready = self._zmtp.is_ready
+        ignored = self._zmtp.ignored
+        try:
+            messages = self._zmtp.receive(data)
+        except WireError as error:
+            self._transport.on_malformed(str(error))
+            return False
+        for _ in range(self._zmtp.ignored - ignored):
+            self._transport.on_malformed("a message of several parts")
+        self._received += messages
+        if self._zmtp.has_output or not was_ready:
+            self.flush()  # READY or PONG, and at the end of the handshake what waited for it
+        return True
+
+    def _on_readable(self) -> None:
+        if self._received:
+            return  # read on when they have been taken: a turn for it is on its way
+        if not self.read():
+            self.close()
+        elif self._received:
+            self._deliver()
+
+    def _deliver(self) -> None:
+        """Hand the received messages over, so many in one turn."""
+        received, on_data = self._received, self._transport.on_data
+        try:
+            for _ in range(min(len(received), TURN)):
+                on_data(received.popleft(), self)
+                if self.is_closed:
+                    return
+        finally:
+            if received and not self.is_closed:
+                self._loop.call_soon(self._deliver)
+
+    def close(self) -> None:
+        """Close the socket; what the kernel has taken still arrives."""
+        if self.is_closed:
+            return
+        self._wait_for_room(False)
+        self._loop.remove_reader(self._fd)
+        self.is_closed = True
+        self._received.clear()
+        self._socket.close()
+        self._on_closed(self)
+
+
+class _IpcPeer:
+    """The way to one other process: connects when there is something to send, and again after a failure."""
+
+    def __init__(self, transport: "IpcTransport", address: str) -> None:
+        self.queue = _SendQueue()
+        self.connection: IpcConnection | None = None
+        self._transport = transport
+        self._address = address
+        self._failures = 0
+        self._retry: asyncio.TimerHandle | None = None
+        self._is_leaving = False
+
+    def send(self, data: bytes, *, urgent: bool) -> bool:
+        connection = self.connection
+        if connection is None and self._retry is None:
+            connection = self._connect()
+        if connection is not None:
+            return connection.send(data, urgent=urgent)
+        return self.queue.put(data, urgent=urgent)
+
+    def _connect(self) -> IpcConnection | None:
+        self._retry = None
+        sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        sock.setblocking(False)
+        try:
+            # at once or not at all: a Unix socket has no connection that is being made
+            sock.connect(self._address.removeprefix(_SCHEME))
+        except (OSError, ValueError):
+            sock.close()
+            self._try_again()
+            return None
+        self.connection = IpcConnection(self._transport, sock, DEALER, self.queue, self._on_closed)
+        return self.connection
+
+    def _try_again(self) -> None:
+        pause_s = RETRY_S[min(self._failures, len(RETRY_S) - 1)]
+        self._failures += 1
+        self._retry = self._transport.loop.call_later(pause_s, self._connect)
+
+    def _on_closed(self, connection: IpcConnection) -> None:
+        self.connection = None
+        if connection.is_ready:
+            self._failures = 0
+        if self._is_leaving:
+            self._transport.forget(self._address)
+        elif self.queue and not self._transport.is_closed:
+            self._try_again()
+
+    @property
+    def waits(self) -> bool:
+        return bool(self.queue) or (self.connection is not None and self.connection.waits)
+
+    def keep(self) -> None:
+        """Its process is among the applications of the node."""
+        self._is_leaving = False
+
+    def leave(self) -> None:
+        """Its process has left: what it had sent is still read, no other connection is made."""
+        self._is_leaving = True
+        if self._retry is not None:
+            self._retry.cancel()
+            self._retry = None
+        if self.connection is None:
+            self.queue.clear()
+            self._transport.forget(self._address)
+
+    def close(self) -> None:
+        self.leave()
+        if self.connection is not None:
+            self.connection.close()
+
+
+class IpcTransport:
+    """Messages to and from the other processes of this node."""
+
+    def __init__(
+        self,
+        socket_path: Path,
+        on_data: Callable[[bytes, IpcConnection], None],
+        on_malformed: Callable[[str], None],
+    ) -> None:
+        """`on_malformed`: called with the reason when bytes from another process are not a message."""
+        size = len(os.fsencode(socket_path))
+        if size > IPC_PATH_LIMIT:
+            raise InvalidInput(
+                f"{socket_path}: {size} bytes; a socket's path has {IPC_PATH_LIMIT} at most:"
+                " choose a shorter run_dir"
+            )
+        self.loop = asyncio.get_running_loop()
+        self.on_data = on_data
+        self.on_malformed = on_malformed
+        self.dropped = 0
+        """Frames for which the queue of a peer had no room."""
+        self.is_closed = False
+        self.address = f"{_SCHEME}{socket_path}"
+        self._path = socket_path
+        self._peers: dict[str, _IpcPeer] = {}
+        self._accepted: dict[IpcConnection, asyncio.TimerHandle] = {}
+        self._accept_again: asyncio.TimerHandle | None = None
+        make_folder(socket_path.parent, socket_path.parent.parent)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.setblocking(False)
+        socket_path.unlink(missing_ok=True)
+        self._listener.bind(str(socket_path))
+        share(socket_path, socket_path.parent, 0o660)
+        self._listener.listen(BACKLOG)
+        self.loop.add_reader(self._listener.fileno(), self._accept)
+
+    def send(self, address: str, data: bytes, *, urgent: bool = False) -> bool:
+        """Send to the process at this address; False when its queue is full."""
+        peer = self._peers.get(address)
+        if peer is None:
+            peer = self._peers[address] = _IpcPeer(self, address)
+        if peer.send(data, urgent=urgent):
+            return True
+        self.dropped += 1
+        return False
+
+    def keep_only(self, addresses: Collection[str]) -> None:
+        """Make no new connection to any other process; those to processes that ended close by themselves."""
+        for address, peer in list(self._peers.items()):
+            if address in addresses:
+                peer.keep()
+            else:
+                peer.leave()
+
+    def forget(self, address: str) -> None:
+        """The way to a process that has left is closed; called by itself."""
+        self._peers.pop(address, None)
+
+    @property
+    def peers(self) -> Collection[str]:
+        """Addresses of the processes to which there is a way, or something waits."""
+        return self._peers.keys()
+
+    @property
+    def waits(self) -> bool:
+        """Whether something is still to be sent to a peer."""
+        return any(peer.waits for peer in self._peers.values())
+
+    # -- connections of other processes
+
+    def _accept(self) -> None:
+        for _ in range(TURN):
+            try:
+                sock, _ = self._listener.accept()
+            except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+                return
+            except OSError:  # no descriptor is free: it would fail again at once, without end
+                self.loop.remove_reader(self._listener.fileno())
+                self._accept_again = self.loop.call_later(ACCEPT_PAUSE_S, self._watch_listener)
+                return
+            if len(self._accepted) >= CONNECTIONS_MAX:
+                sock.close()
+                self.on_malformed(f"more than {CONNECTIONS_MAX} connections")
+                continue
+            sock.setblocking(False)
+            connection = IpcConnection(self, sock, ROUTER, _SendQueue(), self._on_accepted_closed)
+            self._accepted[connection] = self.loop.call_later(HANDSHAKE_S, self._check, connection)
+
+    def _watch_listener(self) -> None:
+        self._accept_again = None
+        self.loop.add_reader(self._listener.fileno(), self._accept)
+
+    def _check(self, connection: IpcConnection) -> None:
+        if not connection.is_ready:
+            self.on_malformed(f"no READY within {HANDSHAKE_S} s")
+            connection.close()
+
+    def _on_accepted_closed(self, connection: IpcConnection) -> None:
+        timer = self._accepted.pop(connection, None)
+        if timer is not None:
+            timer.cancel()
+
+    # -- the end
+
+    def close(self) -> None:
+        """Close all sockets and remove ours from the run directory."""
+        if self.is_closed:
+            return
+        self.is_closed = True
+        if self._accept_again is None:
+            self.loop.remove_reader(self._listener.fileno())
+        else:
+            self._accept_again.cancel()
+        self._listener.close()
+        connections = [peer.connection for peer in self._peers.values() if peer.connection is not None]
+        self._linger([*self._accepted, *connections])
+        for connection in list(self._accepted):
+            connection.close()
+        for peer in list(self._peers.values()):
+            peer.close()
+        with contextlib.suppress(FileNotFoundError):
+            self._path.unlink()
+
+    def _linger(self, connections: list[IpcConnection]) -> None:
+        end_s = time.monotonic() + LINGER_S
+        while waiting := [connection for connection in connections if connection.waits]:
+            left_s = end_s - time.monotonic()
+            if left_s <= 0:
+                return
+            poll = select.poll()
+            by_fd = {connection.fileno(): connection for connection in waiting}
+            for connection in waiting:
+                # until the handshake is done there is always room, and nothing to be sent
+                poll.register(connection.fileno(), select.POLLOUT if connection.is_ready else select.POLLIN)
+            for fd, _ in poll.poll(left_s * 1000):
+                if by_fd[fd].is_ready:
+                    by_fd[fd].flush()
+                elif not by_fd[fd].read():
+                    by_fd[fd].close()

@@ -1,0 +1,455 @@
+"""Routing of the frames of a process: to a handler here, to another process, to the gateway, back.
+
+Sans-io: time is an argument, the applications of the node are reported by events.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from enum import Enum
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import Denied, WireError
+from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame, FrameKind
+from swarmware.model.names import ANY
+from swarmware.transport.delivery import outbox
+from swarmware.transport.delivery.answer import answer, answerable, expired, expired_here, reply
+from swarmware.transport.delivery.duplicates import DuplicateFilter, DuplicateState
+from swarmware.transport.delivery.outbox import Complete, Key, Outbox
+from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.types import registry
+from swarmware.types.rpc import Ack, Reply
+from swarmware.types.system import MessageCounters
+from swarmware.types.time import Conversion
+
+WINDOW: Final = 256
+"""Unanswered messages of one data id to one platform; further ones are refused to the sender at once."""
+PROBE_NS: Final = 50_000_000
+"""Minimum time between two searches for applications that died."""
+_ANSWERS: Final = frozenset({FrameKind.ACK, FrameKind.REPLY})
+
+Via = Hashable
+"""The connection by which a frame came: its answer goes back there. None: of this process or another node."""
+
+
+class Takes(Enum):
+    """What an application takes at an address."""
+
+    MESSAGES = "messages"
+    REQUESTS = "requests"
+
+
+class Deliver(msgspec.Struct, frozen=True, gc=False):
+    """It is for the handler of this data id, in this process."""
+
+    frame: Frame
+
+
+class Settle(msgspec.Struct, frozen=True, gc=False):
+    """It answers a message or request of this process."""
+
+    frame: Frame
+
+
+class ToProcess(msgspec.Struct, frozen=True, gc=False):
+    """Send it to the process at this address."""
+
+    address: str
+    frame: Frame
+
+
+class ToGateway(msgspec.Struct, frozen=True, gc=False):
+    """It is for another platform, and the gateway is in this process."""
+
+    frame: Frame
+
+
+class Refuse(msgspec.Struct, frozen=True, gc=False):
+    """It cannot go on: its sender gets the reason."""
+
+    frame: Frame
+    status: Status
+    detail: str
+
+
+class Drop(msgspec.Struct, frozen=True, gc=False):
+    """It cannot go on, and nobody waits for an answer."""
+
+    counter: str
+    """Field of `MessageCounters`."""
+
+
+Decision = Deliver | Settle | ToProcess | ToGateway | Refuse | Drop
+
+
+class Arrive(msgspec.Struct, frozen=True, gc=False):
+    """Call `on_arrival` in a turn of its own: a sender never runs the code of the receiver."""
+
+    frame: Frame
+
+
+class HandOver(msgspec.Struct, frozen=True, gc=False):
+    """Give it to the handler; then `on_outcome` or `on_handler_reply`."""
+
+    frame: Frame
+    via: Via
+    takes: Takes
+
+
+class SendBack(msgspec.Struct, frozen=True, gc=False):
+    """Send an answer along this connection; if that has closed: `on_connection_closed`."""
+
+    via: Via
+    frame: Frame
+
+
+class Replied(msgspec.Struct, frozen=True, gc=False):
+    """The reply to a request of this process."""
+
+    key: Key
+    reply: Reply
+
+
+class Probe(msgspec.Struct, frozen=True, gc=False):
+    """Look for applications that died, then report a change by `on_applications`."""
+
+
+class Repeat(msgspec.Struct, frozen=True, gc=False):
+    """Call `on_repeat`: it is routed by what the probe before it found."""
+
+    frame: Frame
+
+
+class KeepConnections(msgspec.Struct, frozen=True, gc=False):
+    """Close the connections to all other addresses: their processes have left."""
+
+    addresses: frozenset[str]
+
+
+Action = (
+    Arrive
+    | HandOver
+    | ToProcess
+    | ToGateway
+    | SendBack
+    | Complete
+    | Replied
+    | Probe
+    | Repeat
+    | KeepConnections
+)
+
+
+class _Served(msgspec.Struct, frozen=True):
+    app_id: int
+    takes: Takes
+
+
+class MessageRouter:
+    """Messages and requests of all applications of one process, and their answers."""
+
+    def __init__(
+        self,
+        *,
+        platform: str,
+        hardware: int,
+        address: str,
+        conversion: Callable[[int], Conversion | None] = lambda hardware: None,
+    ) -> None:
+        """`conversion`: the clock function of another hardware unit, by which its messages expire."""
+        self.has_gateway = False
+        self._counters = MessageCounters()
+        self._platform = platform
+        self._hardware = hardware
+        self._address = address
+        self._conversion = conversion
+        self._served: dict[int, _Served] = {}
+        self._own_apps: set[int] = set()
+        self._by_application: Mapping[int, str] = {}
+        self._by_data_id: Mapping[int, str] = {}
+        self._broker: str | None = None
+        self._outbox = Outbox(hardware)
+        self._received = DuplicateFilter()
+        self._windows: Counter[tuple[int, int]] = Counter()
+        self._in_window: dict[Key, tuple[int, int]] = {}
+        self._probed_ns = -PROBE_NS
+
+    def counters(self) -> MessageCounters:
+        """Frames that went no further, and those sent or received more than once, since the start."""
+        return msgspec.structs.replace(
+            self._counters, repeated=self._outbox.resent, duplicates=self._received.duplicates
+        )
+
+    # -- who is here
+
+    def add_application(self, app_id: int) -> None:
+        """An application of this process: answers to it are taken."""
+        self._own_apps.add(app_id)
+
+    def remove_application(self, app_id: int) -> list[int]:
+        """It left; the data ids that it served, and that nobody serves now."""
+        self._own_apps.discard(app_id)
+        removed = [data_id for data_id, one in self._served.items() if one.app_id == app_id]
+        for data_id in removed:
+            del self._served[data_id]
+        return removed
+
+    def serve(self, data_id: int, app_id: int, takes: Takes) -> None:
+        """An application of this process takes this data id."""
+        self._served[data_id] = _Served(app_id, takes)
+
+    def on_applications(
+        self,
+        by_application: Mapping[int, str],
+        by_data_id: Mapping[int, str],
+        broker: str | None,
+        now_ns: int,
+    ) -> list[Action]:
+        """The applications of the node have changed: addresses by application and by data id served."""
+        self._by_application = by_application
+        self._by_data_id = by_data_id
+        self._broker = broker
+        return [KeepConnections(frozenset(by_application.values()))]
+
+    # -- the decision
+
+    def route(self, frame: Frame) -> Decision:
+        """Where a frame goes. Changes nothing."""
+        if frame.receiver_hw not in (self._hardware, ANY):
+            return self._route_away(frame)
+        if frame.kind in _ANSWERS:
+            if frame.receiver_app in self._own_apps:
+                return Settle(frame)
+            address = self._by_application.get(frame.receiver_app)
+            return self._to(address, frame) or Drop("unclaimed_answers")  # it left before the answer came
+        if not answerable(frame):
+            return Drop("unanswerable")  # nothing of ours is sent without asking for an answer
+        served = self._served.get(frame.data_id)
+        if served is not None and frame.receiver_app in (ANY, served.app_id):
+            return Deliver(frame)
+        if frame.receiver_app == ANY:
+            address = self._by_data_id.get(frame.data_id)
+        else:
+            address = self._by_application.get(frame.receiver_app)
+        return self._to(address, frame) or Refuse(
+            frame, Status.ABSENT, "no application here takes this path and type"
+        )
+
+    def _route_away(self, frame: Frame) -> Decision:
+        if self.has_gateway:
+            return ToGateway(frame)
+        onward = self._to(self._broker, frame)
+        if onward is not None:
+            return onward
+        if answerable(frame):
+            return Refuse(frame, Status.UNREACHABLE, "no broker runs here")
+        return Drop("unclaimed_answers")
+
+    def _to(self, address: str | None, frame: Frame) -> ToProcess | None:
+        """None also for the own address: what is not served here is served nowhere."""
+        return None if address is None or address == self._address else ToProcess(address, frame)
+
+    # -- own messages and requests
+
+    def on_message(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
+        """An application of this process sends a message: it ends with a Complete."""
+        key = Outbox.key(frame)
+        window = (frame.receiver_hw, frame.data_id)
+        if self._windows[window] >= WINDOW:
+            detail = f"{WINDOW} messages wait for an answer"
+            return [Complete(key, Outcome(Status.REFUSED, self._platform, detail))]
+        self._windows[window] += 1
+        self._in_window[key] = window
+        return self._own(self._outbox.on_submit(frame, timeout_ns, now_ns), now_ns)
+
+    def on_request(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
+        """An application of this process sends a request: it ends with a Replied or a Complete."""
+        return self._own(self._outbox.on_submit(frame, timeout_ns, now_ns), now_ns)
+
+    def cancel(self, key: Key) -> None:
+        """Its sender does not wait any longer."""
+        self._outbox.drop(key)
+        self._leave_window(key)
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """What is to be repeated or given up by now."""
+        return self._own(self._outbox.on_timer(now_ns), now_ns)
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` must be called, or None."""
+        return self._outbox.deadline_ns()
+
+    def on_repeat(self, frame: Frame, now_ns: int) -> list[Action]:
+        """A frame of this process is sent again, and the applications are those of now."""
+        return self._send(frame, now_ns)
+
+    def _own(self, actions: Iterable[outbox.Action], now_ns: int) -> list[Action]:
+        out: list[Action] = []
+        for action in actions:
+            if isinstance(action, Complete):
+                self._leave_window(action.key)
+                out.append(action)
+            elif not action.retransmission:
+                out += self._send(action.frame, now_ns)
+            else:
+                if now_ns - self._probed_ns >= PROBE_NS:
+                    self._probed_ns = now_ns
+                    out.append(Probe())
+                out.append(Repeat(action.frame))
+        return out
+
+    def _leave_window(self, key: Key) -> None:
+        window = self._in_window.pop(key, None)
+        if window is not None:
+            self._windows[window] -= 1
+            if not self._windows[window]:
+                del self._windows[window]
+
+    def _send(self, frame: Frame, now_ns: int) -> list[Action]:
+        decision = self.route(frame)
+        if isinstance(decision, Deliver):
+            return [Arrive(frame)]
+        if isinstance(decision, ToProcess) and frame.receiver_hw in (self._hardware, ANY):
+            self._outbox.reached(Outbox.key(frame))
+        return self._carry_on(decision, None, now_ns)
+
+    # -- frames of others
+
+    def on_frame(self, frame: Frame, via: Via, now_ns: int) -> list[Action]:
+        """A frame came from another process, by the connection `via`, or from the gateway."""
+        decision = self.route(frame)
+        if not isinstance(decision, Deliver):
+            return self._carry_on(decision, via, now_ns)
+        if via is None:
+            return [Arrive(frame)]
+        return self.on_arrival(frame, via, now_ns)
+
+    def on_connection_closed(self, back: Frame, now_ns: int) -> list[Action]:
+        """The connection by which this answer was to go has closed: it goes by the table."""
+        return self._carry_on(self.route(back), None, now_ns)
+
+    def on_refusal(self, frame: Frame, status: Status, detail: str, now_ns: int) -> list[Action]:
+        """A hop outside of this process refuses a message or request: its sender gets the reason."""
+        return self._carry_on(Refuse(frame, status, detail), None, now_ns)
+
+    def on_denial(self, frame: Frame, reason: str, now_ns: int) -> list[Action]:
+        """The broker denies a message or request: its sender has no right to it."""
+        if frame.kind is not FrameKind.REQUEST:
+            return self.on_refusal(frame, Status.REFUSED, reason, now_ns)
+        denied = registry.encode(Reply(False, kind=Denied.__name__, error=reason))
+        return self._give_back(frame, FrameKind.REPLY, denied, None, now_ns)
+
+    def _carry_on(self, decision: Decision, via: Via, now_ns: int) -> list[Action]:
+        """The actions of a decision about a frame that is not delivered in this process.
+
+        The answer to a refused frame is decided about in the same pass; an answer is never refused.
+        """
+        if isinstance(decision, Refuse):
+            refused = decision.frame
+            back = answer(
+                refused, decision.status, where=self._platform, detail=decision.detail, stamp_ns=now_ns
+            )
+            if via is not None:
+                return [SendBack(via, back)]
+            decision = self.route(back)
+        match decision:
+            case ToProcess() | ToGateway():
+                return [decision]
+            case Settle(frame):
+                return self._settle(frame, now_ns)
+            case Drop(counter):
+                setattr(self._counters, counter, getattr(self._counters, counter) + 1)
+        return []
+
+    def count_malformed(self) -> None:
+        """Bytes that are not a frame came from another process."""
+        self._counters.malformed += 1
+
+    def _settle(self, frame: Frame, now_ns: int) -> list[Action]:
+        key = (frame.receiver_app, frame.data_id, frame.sequence)
+        try:
+            if frame.kind is FrameKind.ACK:
+                ack = registry.decode(Ack, frame.payload, frame.codec)
+                return self._own(self._outbox.on_ack(key, ack, now_ns), now_ns)
+            replied = registry.decode(Reply, frame.payload, frame.codec)
+        except WireError:
+            self._counters.malformed += 1
+            return []
+        self._outbox.on_reply(key, now_ns)
+        return [Replied(key, replied)]
+
+    # -- messages and requests to an application of this process
+
+    def on_arrival(self, frame: Frame, via: Via, now_ns: int) -> list[Action]:
+        """A message or request for a handler of this process."""
+        served = self._served.get(frame.data_id)
+        if served is None:
+            return self._refuse(frame, Status.ABSENT, "the inbox was closed", via, now_ns)
+        origin = _origin(frame)
+        seen = self._received.lookup(origin)
+        if seen is not None:
+            return self._answer_duplicate(frame, seen, via, now_ns)
+        if self.expired(frame, now_ns):
+            self._counters.expired += 1  # its sender has had an outcome: it must not be delivered any more
+            return []
+        if (frame.kind is FrameKind.REQUEST) != (served.takes is Takes.REQUESTS):
+            detail = f"this path takes {served.takes.value} only"
+            return self._refuse(frame, Status.REFUSED, detail, via, now_ns)
+        if served.takes is Takes.REQUESTS:
+            self._received.begin(origin, now_ns)
+        return [HandOver(frame, via, served.takes)]
+
+    def expired(self, frame: Frame, now_ns: int) -> bool:
+        """Whether the lifetime of a message is over, as far as the clock of its sender is known here."""
+        if frame.sender_hw == self._hardware:
+            return expired(frame, now_ns)
+        return expired_here(frame, now_ns, self._conversion(frame.sender_hw))
+
+    def _answer_duplicate(
+        self, frame: Frame, seen: bytes | DuplicateState, via: Via, now_ns: int
+    ) -> list[Action]:
+        if isinstance(seen, bytes):
+            kind = FrameKind.REPLY if frame.kind is FrameKind.REQUEST else FrameKind.ACK
+            return self._give_back(frame, kind, seen, via, now_ns)
+        if seen is DuplicateState.IN_WORK or frame.kind is not FrameKind.REQUEST:
+            return self._refuse(frame, Status.DELIVERED, "", via, now_ns)
+        lost = Reply(False, kind="NoAnswer", error="the answer is no longer held")
+        return self.on_handler_reply(frame, via, lost, now_ns)
+
+    def on_outcome(self, frame: Frame, via: Via, outcome: Outcome | None, now_ns: int) -> list[Action]:
+        """What a handler made of a message; None: no room now, so its sender repeats it."""
+        if outcome is None:
+            self._counters.no_room += 1
+            return []
+        payload = registry.encode(
+            Ack(int(outcome.status), outcome.where, outcome.detail, outcome.received_ns)
+        )
+        if outcome.delivered:  # one that is refused is refused again if it comes again
+            self._received.answered(_origin(frame), payload, now_ns)
+        return self._give_back(frame, FrameKind.ACK, payload, via, now_ns)
+
+    def on_handler_reply(self, frame: Frame, via: Via, replied: Reply, now_ns: int) -> list[Action]:
+        """The reply of a handler to a request."""
+        payload = registry.encode(replied)
+        if len(payload) > PAYLOAD_LIMIT - HEADER_BYTES:
+            self._counters.oversized_answers += 1
+            payload = registry.encode(
+                Reply(False, kind="OutOfRange", error=f"answer of {len(payload)} bytes: too large")
+            )
+        self._received.answered(_origin(frame), payload, now_ns)
+        return self._give_back(frame, FrameKind.REPLY, payload, via, now_ns)
+
+    def _refuse(self, frame: Frame, status: Status, detail: str, via: Via, now_ns: int) -> list[Action]:
+        return self._carry_on(Refuse(frame, status, detail), via, now_ns)
+
+    def _give_back(
+        self, frame: Frame, kind: FrameKind, payload: bytes, via: Via, now_ns: int
+    ) -> list[Action]:
+        back = reply(frame, kind, payload, now_ns)
+        back.sender_hw = self._hardware
+        return [SendBack(via, back)] if via is not None else self._carry_on(self.route(back), None, now_ns)
+
+
+def _origin(frame: Frame) -> tuple[int, int, int, int]:
+    return frame.sender_hw, frame.sender_app, frame.data_id, frame.sequence
