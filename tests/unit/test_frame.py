@@ -102,3 +102,9 @@ def test_a_view_is_decoded_without_copying_the_payload() -> None:
     payload = wire.decode(view).payload
     assert isinstance(payload, memoryview)
     assert payload.obj is data
+
+
+@pytest.mark.parametrize("flags", [0, 2, 4, 6, Flag.URGENT, Flag.WANTS_ACK | Flag.URGENT])
+def test_the_flags_of_a_frame_are_readable_as_properties(flags: int) -> None:
+    frame = Frame(FrameKind.MESSAGE, 1, flags=flags)
+    assert (frame.is_urgent, frame.wants_ack) == (bool(flags & Flag.URGENT), bool(flags & Flag.WANTS_ACK))

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from swarmd.broker.config import Config
 from swarmd.broker.core.access_filter import AccessFilter
 from swarmd.broker.core.accounting import shares, values_in
-from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.broker import BrokerCore, LinkTarget
 from swarmd.broker.core.forward import ForwardDecision, ForwardStep
 from swarmd.broker.core.send_queue import QueuedFrame
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
@@ -52,6 +52,8 @@ class FrameGateway:
         self._core = core
         self._counters = core.counters
         self._forwarder = core.forwarder
+        self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
+        """Of neighbours that frames went to, by hardware id; made again when their target changes."""
         self.links = ZmqLinks(
             config,
             keys,
@@ -81,10 +83,10 @@ class FrameGateway:
     def from_here(self, frame: Frame) -> None:
         """Takes a frame of a local application for another platform; called by the message router."""
         decision = self._forwarder.from_here(frame, self._clock.now_ns())
-        if decision.first:
+        self._onward(frame, decision)
+        if decision.first:  # counted when it is on its way
             for name, size in self._shares(frame):
                 self._counters.channel(name).offered(size)
-        self._onward(frame, decision)
 
     @contextmanager
     def batch(self) -> Iterator[None]:
@@ -115,6 +117,7 @@ class FrameGateway:
 
     def neighbour_gone(self, hw: int) -> None:
         """Sends the frames queued for a lost neighbour over another one, or refuses them."""
+        self._peers.pop(hw, None)
         for item in self.links.disconnect(hw):
             decision = self._forwarder.reroute(item.frame, self._clock.now_ns())
             self._onward(item.frame, decision, rerouted=True)
@@ -124,18 +127,17 @@ class FrameGateway:
         frame = self._decoded(data, user)
         if frame is None:
             return
-        if not user and frame.hops_left >= HOPS:
-            # without keys the sender is not authenticated
-            user_name = self._core.nodes.platform(frame.sender_hw)
-        else:
-            user_name = user or "?"
-        link = self._counters.link(user_name, "tcp")
-        link.received_frames += 1
-        link.received_bytes += len(data)
+        # without keys the sender is not authenticated
+        starts_here = not user and frame.hops_left >= HOPS
         if frame.kind is FrameKind.HELLO:
             self._take_proof(frame, user)
-            return
-        self._take(frame, user, arrived_ns)
+        else:
+            self._take(frame, user, arrived_ns)
+        # counted when it is on its way
+        name = self._core.nodes.platform(frame.sender_hw) if starts_here else user or "?"
+        link = self._counters.link(name, "tcp")
+        link.received_frames += 1
+        link.received_bytes += len(data)
 
     def _from_datagram(self, data: bytes, peer: LinkPeer) -> None:
         arrived_ns = self._clock.now_ns()
@@ -168,12 +170,12 @@ class FrameGateway:
         if decision.step is ForwardStep.DELIVER:
             if not self._may_pass(frame, now_ns):
                 return
+            self._messaging.deliver(frame)
             for name, size in self._shares(frame):
                 counters.channel(name).received(size)
             if decision.first:
                 counters.notifications += values_in(frame)
                 counters.requests += frame.kind is FrameKind.REPLY
-            self._messaging.deliver(frame)
             return
         if decision.step is ForwardStep.SEND:
             if self._messaging.expired(frame):
@@ -265,10 +267,13 @@ class FrameGateway:
         target = self._core.link_target(hw)
         if target is None:
             return None
+        known = self._peers.get(hw)
+        if known is not None and known[0] == target:
+            return known[1]
         curve = target.curve_public if self._keys.is_open else self._keys.curve_of(target.platform)
         if not curve:
             return None  # it has the group key, but is not on the roster
-        return LinkPeer(
+        peer = LinkPeer(
             hw,
             target.platform,
             target.host,
@@ -277,6 +282,8 @@ class FrameGateway:
             target.session,
             target.frame_port,
         )
+        self._peers[hw] = target, peer
+        return peer
 
     def update_counters(self) -> None:
         """Brings the traffic counters of the connections up to date."""
@@ -298,7 +305,7 @@ class FrameGateway:
             self._messaging.refuse(frame, Status.UNREACHABLE, detail)
 
     def _shares(self, frame: Frame) -> list[tuple[str, int]]:
-        return shares(frame, self._path_of)
+        return shares(frame, self._table.path_of)
 
     def _path_of(self, data_id: int) -> str | None:
         path = self._table.path_of(data_id)

@@ -53,6 +53,11 @@ class Flag(IntFlag):
     WANTS_ACK = 4
 
 
+_URGENT: Final = int(Flag.URGENT)
+_WANTS_ACK: Final = int(Flag.WANTS_ACK)
+"""As plain numbers: an operator of an enumeration takes ten times as long."""
+
+
 class Codec(IntEnum):
     """Coding of the payload, applied to the MessagePack of its type."""
 
@@ -98,6 +103,16 @@ class Frame(msgspec.Struct, gc=False):
     hops_left: int = HOPS
     extension: bytes = b""
     payload: bytes | memoryview = b""
+
+    @property
+    def is_urgent(self) -> bool:
+        """Whether it goes before all that is not urgent."""
+        return bool(self.flags & _URGENT)
+
+    @property
+    def wants_ack(self) -> bool:
+        """Whether its sender asked for an acknowledgement."""
+        return bool(self.flags & _WANTS_ACK)
 
 
 def encode(frame: Frame) -> bytes:

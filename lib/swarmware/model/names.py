@@ -1,6 +1,7 @@
 """Names of the system: platforms, hardware units, applications, resource paths and patterns."""
 
 import re
+from functools import lru_cache
 from hashlib import blake2b
 from typing import Final
 
@@ -16,6 +17,9 @@ _PLATFORM = re.compile(r"[a-z][a-z0-9_]{0,30}\Z")
 _SEGMENT = re.compile(r"[a-z0-9_]+\Z")
 _APPLICATION = re.compile(r"[a-z][a-z0-9_-]{0,30}\Z")
 _NUMBER = re.compile(r"(\d+)")
+
+_REMEMBERED: Final = 4096
+"""Paths and names whose check or number is kept: they come again with every message."""
 
 PATTERN_LIMIT: Final = 400
 """Longest pattern in characters: a path with room for alternatives."""
@@ -53,6 +57,7 @@ def segment(application: str) -> str:
     return application.replace("-", "_")
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def check_path(path: str) -> str:
     """Check a resource path, local (`nav/pose`) or global (`/uav3/nav/pose`), and return it.
 
@@ -87,6 +92,7 @@ def natural(name: str) -> tuple[str | int, ...]:
     return tuple(int(part) if part.isdigit() else part for part in _NUMBER.split(name))
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def _id(text: str) -> int:
     value = int.from_bytes(blake2b(text.encode(), digest_size=4).digest(), "little")
     return value if value not in (0, ANY) else 1  # 0 means no receiver, all ones means all receivers

@@ -6,7 +6,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self, TypeVar, overload
+from typing import Any, Final, Literal, Protocol, Self, TypeVar, overload
 
 import msgspec
 
@@ -38,6 +38,10 @@ from swarmware.types import registry
 T = TypeVar("T", bound=msgspec.Struct)
 R = TypeVar("R", bound=msgspec.Struct)
 W = TypeVar("W", bound=BoardWriter[Any])
+
+_URGENT: Final = int(Flag.URGENT)
+_ACKED: Final = int(Flag.WANTS_ACK)
+_ACKED_URGENT: Final = _ACKED | _URGENT
 
 
 class _Closes(Protocol):
@@ -377,7 +381,7 @@ class Module:
         if error_text := address.mismatch():
             return Outcome(Status.REFUSED, self.platform, error_text)
         frame = member.addressing.frame(kind, address, value, timeout_s)
-        frame.flags = Flag.WANTS_ACK | (Flag.URGENT if urgent else 0)
+        frame.flags = _ACKED_URGENT if urgent else _ACKED
         outcome = await self.node.messaging.send(frame, timeout_s)
         if outcome.status is Status.REFUSED and (error_text := address.mismatch()):
             return msgspec.structs.replace(outcome, detail=error_text)  # its owner came while we waited
@@ -431,5 +435,5 @@ class Module:
         if error_text := mismatch():
             raise TypeMismatch(error_text)
         frame = member.addressing.frame(FrameKind.REQUEST, address, value, timeout_s)
-        frame.flags = Flag.URGENT if urgent else 0
+        frame.flags = _URGENT if urgent else 0
         return answer(path, self.node.messaging.request(frame, timeout_s), reply, mismatch)

@@ -130,6 +130,29 @@ def test_where_a_frame_goes(frame: Frame, expected: object) -> None:
             assert (type(decision), decision.frame) == (expected, frame)
 
 
+@pytest.mark.parametrize(
+    ("frame", "gateway", "expected"),
+    [
+        (question(MESSAGES), False, False),
+        (question(MESSAGES, ANY), False, False),
+        (question(MESSAGES, app=OTHER_APP), False, True),
+        (question(ELSEWHERE), False, True),
+        (question(MESSAGES, THERE), False, True),
+        (question(MESSAGES, THERE), True, False),
+        (Frame(FrameKind.ACK, MESSAGES, receiver_hw=HERE, receiver_app=OWN_APP), False, False),
+        (Frame(FrameKind.REPLY, MESSAGES, receiver_hw=HERE, receiver_app=OTHER_APP), False, True),
+    ],
+)
+def test_the_applications_of_the_node_are_read_again_only_where_they_decide(
+    frame: Frame, gateway: bool, expected: bool
+) -> None:
+    router = make_router(gateway=gateway)
+    assert router.needs_applications(frame) is expected
+    before = router.route(frame)
+    router.on_applications({}, {}, None, 0)
+    assert expected or router.route(frame) == before
+
+
 @pytest.mark.parametrize("broker", [None, OWN])
 def test_without_a_broker_what_is_for_another_platform_is_refused_and_answers_are_dropped(
     broker: str | None,

@@ -23,6 +23,7 @@ class AccessFilter:
         self._access = access
         self._open = roles is None
         self._roles = roles or {}
+        self._senders: dict[str, Sender] = {}
         self._reported: dict[tuple[str, str], tuple[int, int]] = {}
 
     def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:
@@ -31,11 +32,21 @@ class AccessFilter:
         `path`: resource to which the frame is addressed; None: no application serves it.
         Raises: Denied; WireError for an invalid extension.
         """
-        sender = None if self._open else Sender(platform, self._roles.get(platform, Role.OBSERVER))
+        sender = self._sender(platform)
         asks = answerable(frame)
         frame.extension = with_sender(frame.extension, sender if asks else None, arrived_ns if asks else None)
         if path is not None and asks:
             self._access.check(sender, Verb.CALL, path)
+
+    def _sender(self, platform: str) -> Sender | None:
+        if self._open:
+            return None
+        sender = self._senders.get(platform)
+        if sender is None:
+            sender = Sender(platform, self._roles.get(platform, Role.OBSERVER))
+            if platform in self._roles:
+                self._senders[platform] = sender
+        return sender
 
     def denied(self, platform: str, path: str, reason: str, now_ns: int) -> Denial | None:
         """Records a refusal; returns the report that is due, if any."""

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.model.frame import Flag, Frame, FrameKind
+from swarmware.model.frame import Frame, FrameKind
 
 FRAMES_MAX: Final = 2048
 BYTES_MAX: Final = 8 * 1024 * 1024
@@ -47,7 +47,7 @@ _BY_KIND: Final = {
 
 def priority(frame: Frame) -> Priority:
     """Priority class of a frame."""
-    if frame.flags & Flag.URGENT:
+    if frame.is_urgent:
         return Priority.URGENT
     return _BY_KIND.get(frame.kind, Priority.CONTROL)
 

@@ -80,6 +80,18 @@ class _Connection:
         socket.connect(f"tcp://{peer.host}:{peer.port}")
         self._port = ZmqSocket(socket, links.loop, self._on_wake, self._wants)
 
+    def send_at_once(self, data: bytes, frame: Frame, now_ns: int) -> bool:
+        """Send a frame before which none is queued; False when libzmq has no room for it."""
+        if not self.connected or self._port.is_closed():
+            return False
+        try:
+            self._port.socket.send(data, zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        self._links.sent_one(self._owner.peer, QueuedFrame(data, frame, now_ns))
+        self._port.again()  # as after `flush`
+        return True
+
     def flush(self, now_ns: int) -> None:
         if self._port.is_closed():
             return
@@ -153,11 +165,16 @@ class _PeerConnections:
         return ConnectionStatus.CONNECTED if connected else ConnectionStatus.CONNECTING
 
     def put(self, data: bytes, frame: Frame, now_ns: int) -> list[QueuedFrame]:
+        wanted = connection_class(frame)
+        connection = self._connections.get(wanted)
+        if connection is None:
+            connection = self._connections[wanted] = _Connection(self, wanted)
+        if self.links.defers(self):
+            return self.queue.put(data, frame, now_ns)
+        if not self.queue and connection.send_at_once(data, frame, now_ns):
+            return []
         gone = self.queue.put(data, frame, now_ns)
-        if connection_class(frame) not in self._connections:
-            self._connections[connection_class(frame)] = _Connection(self, connection_class(frame))
-        if not self.links.defers(self):
-            self.flush(now_ns)
+        self.flush(now_ns)
         return gone
 
     def flush(self, now_ns: int) -> None:
@@ -296,7 +313,7 @@ class ZmqLinks:
                 return [QueuedFrame(data, frame, self.now_ns())]
             self._peers.pop(peer.hw).close()
             connections = None
-        if connections is None or connections.peer != peer:
+        if connections is None or (connections.peer is not peer and connections.peer != peer):
             waiting = connections.close() if connections is not None else []
             connections = self._peers[peer.hw] = _PeerConnections(self, peer)
             for item in waiting:
@@ -321,14 +338,17 @@ class ZmqLinks:
 
     def _take(self, socket: Socket) -> bool:
         try:
-            parts = socket.recv_multipart(zmq.NOBLOCK, copy=False)
+            socket.recv(zmq.NOBLOCK)  # the routing id
         except zmq.Again:
             return False
-        if len(parts) == 2:
-            data = parts[1].bytes
-            self.received_frames += 1
-            self.received_bytes += len(data)
-            self._on_frame(data, str(parts[1].get("User-Id")))
+        part = socket.recv(zmq.NOBLOCK, copy=False)
+        if part.more:
+            socket.recv_multipart(zmq.NOBLOCK)  # a frame is one part
+            return True
+        data = part.bytes
+        self.received_frames += 1
+        self.received_bytes += len(data)
+        self._on_frame(data, str(part.get("User-Id")))
         return True
 
     def _on_router_event(self, event: int, value: int) -> None:

@@ -9,6 +9,8 @@ from swarmware.types.registry import encode
 from swarmware.types.rpc import Ack
 from swarmware.types.time import Conversion
 
+_QUESTIONS: Final = frozenset({FrameKind.MESSAGE, FrameKind.REQUEST})
+_URGENT: Final = int(Flag.URGENT)
 BOUND_SHARE: Final = 4
 """An error bound counts for at most this fraction of a lifetime."""
 _LIFETIME_TAG = 1
@@ -18,9 +20,7 @@ _LIFETIME = struct.Struct("<BBI")
 
 def answerable(frame: Frame) -> bool:
     """Whether the sender of a frame waits for its outcome."""
-    if frame.kind in {FrameKind.MESSAGE, FrameKind.REQUEST}:
-        return True
-    return frame.kind in ADDRESSED and bool(frame.flags & Flag.WANTS_ACK)
+    return frame.kind in _QUESTIONS or (frame.kind in ADDRESSED and frame.wants_ack)
 
 
 def answer(
@@ -47,7 +47,7 @@ def reply(question: Frame, kind: FrameKind, payload: bytes, stamp_ns: int) -> Fr
         question.sender_app,
         question.sequence,
         stamp_ns,
-        flags=question.flags & Flag.URGENT,
+        flags=question.flags & _URGENT,
         hops_left=HOPS,
         payload=payload,
     )

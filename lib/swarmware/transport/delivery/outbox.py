@@ -19,6 +19,8 @@ LOCAL: Final = RetransmitLimits(initial_ns=50_000_000, min_ns=50_000_000, max_ns
 REMOTE: Final = RetransmitLimits(initial_ns=300_000_000, min_ns=100_000_000, max_ns=2_400_000_000)
 """Between platforms, over radio links: 0.3, 0.6, 1.2 s until a round trip was measured."""
 
+_COMMANDS: Final = frozenset({FrameKind.MESSAGE, FrameKind.REQUEST})
+
 GRACE_NS: Final = 1_000_000_000
 """Time within which an absent receiver may appear: there is no start order (S0.37)."""
 
@@ -185,7 +187,7 @@ class Outbox:
 
 def _way(frame: Frame) -> tuple[int, bool]:
     """Key of a shared round-trip time: commands do not wait behind notifications and streams."""
-    return frame.receiver_hw, frame.kind in {FrameKind.MESSAGE, FrameKind.REQUEST}
+    return frame.receiver_hw, frame.kind in _COMMANDS
 
 
 def _given_up(pending: _Pending) -> Outcome:

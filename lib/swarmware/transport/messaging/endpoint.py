@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 from swarmware.errors import WireError, from_kind
 from swarmware.model.clock import Clock
-from swarmware.model.frame import Flag, Frame, decode, encode
+from swarmware.model.frame import Frame, decode, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.outbox import Complete, Key, Outbox
@@ -37,6 +37,8 @@ from swarmware.types.time import Conversion
 
 BROKER: Final = "broker"
 """Application to which frames for other platforms go."""
+CONVERSION_NS: Final = 100_000_000
+"""How long the clock function of another unit is used before it is read again: it changes once a second."""
 
 MessageHandler = Callable[[Frame], Outcome | None]
 """Takes a message; None: no room now, its sender repeats it."""
@@ -79,6 +81,8 @@ class MessageEndpoint:
         self._message_handlers: dict[int, MessageHandler] = {}
         self._request_handlers: dict[int, RequestHandler] = {}
         self._clocks: dict[Clocks, None] = {}
+        self._conversions: dict[int, Conversion | None] = {}
+        self._conversions_ns = 0
         self._messages: dict[Key, asyncio.Future[Outcome]] = {}
         self._requests: dict[Key, asyncio.Future[Reply]] = {}
         self._router = MessageRouter(
@@ -111,14 +115,24 @@ class MessageEndpoint:
     def add_clocks(self, clocks: Clocks) -> None:
         """Where the clocks of other platforms are known: by them a message is expired."""
         self._clocks[clocks] = None
+        self._conversions.clear()
 
     def remove_clocks(self, clocks: Clocks) -> None:
         """Forget the clocks that `add_clocks` added."""
         self._clocks.pop(clocks, None)
+        self._conversions.clear()
 
     def _conversion(self, hardware: int) -> Conversion | None:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._conversions_ns > CONVERSION_NS:
+            self._conversions_ns = now_ns
+            self._conversions.clear()
+        elif hardware in self._conversions:
+            return self._conversions[hardware]
         clocks = next(reversed(self._clocks), None)
-        return None if clocks is None else clocks.conversion(hardware)
+        conversion = None if clocks is None else clocks.conversion(hardware)
+        self._conversions[hardware] = conversion
+        return conversion
 
     def counters(self) -> MessageCounters:
         """Frames that went no further, and those sent or received more than once."""
@@ -134,7 +148,7 @@ class MessageEndpoint:
         key = Outbox.key(frame)
         self._messages[key] = future
         future.add_done_callback(partial(self._message_done, key))
-        self._refresh()
+        self._refresh_for(frame)
         now_ns = self._clock.now_ns()
         self._driver.feed(self._router.on_message(frame, round(timeout_s * 1e9), now_ns))
         return future
@@ -145,7 +159,7 @@ class MessageEndpoint:
         key = Outbox.key(frame)
         self._requests[key] = future
         future.add_done_callback(partial(self._request_done, key))
-        self._refresh()
+        self._refresh_for(frame)
         now_ns = self._clock.now_ns()
         self._driver.feed(self._router.on_request(frame, round(timeout_s * 1e9), now_ns))
         return future
@@ -174,7 +188,7 @@ class MessageEndpoint:
 
     def deliver(self, frame: Frame) -> None:
         """A frame came from another platform."""
-        self._refresh()
+        self._refresh_for(frame)
         self._driver.feed(self._router.on_frame(frame, None, self._clock.now_ns()))
 
     def refuse(self, frame: Frame, status: Status, detail: str) -> None:
@@ -199,12 +213,16 @@ class MessageEndpoint:
         except WireError as error:
             self._on_malformed(str(error))
             return
-        self._refresh()
+        self._refresh_for(frame)
         self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))
 
     def _on_malformed(self, reason: str) -> None:
         log.debug("from a process of this node: %s", reason)
         self._router.count_malformed()
+
+    def _refresh_for(self, frame: Frame) -> None:
+        if self._router.needs_applications(frame):
+            self._refresh()
 
     def _refresh(self, *, probe: bool = False) -> None:
         """Report the applications of the node to the router when they have changed."""
@@ -236,7 +254,10 @@ class MessageEndpoint:
     def _perform(self, action: Action) -> None:
         match action:
             case ToProcess(address, frame):
-                self._transport.send(address, encode(frame), urgent=bool(frame.flags & Flag.URGENT))
+                self._transport.send(address, encode(frame), urgent=frame.is_urgent)
+            case ToGateway(frame):
+                if self._gateway is not None:
+                    self._gateway(frame)
             case SendBack(via, frame):
                 self._send_back(via, frame)
             case HandOver(frame, via, takes):
@@ -247,9 +268,6 @@ class MessageEndpoint:
                 request = self._requests.pop(key, None)
                 if request is not None and not request.done():
                     request.set_result(reply)
-            case ToGateway(frame):
-                if self._gateway is not None:
-                    self._gateway(frame)
             case Arrive(frame):
                 self._loop.call_soon(self._on_arrival, frame)
             case Repeat(frame):
@@ -261,7 +279,7 @@ class MessageEndpoint:
 
     def _send_back(self, via: Via, frame: Frame) -> None:
         assert isinstance(via, IpcConnection)
-        if not via.send(encode(frame), urgent=bool(frame.flags & Flag.URGENT)):
+        if not via.send(encode(frame), urgent=frame.is_urgent):
             self._refresh()
             self._driver.feed(self._router.on_connection_closed(frame, self._clock.now_ns()))
 

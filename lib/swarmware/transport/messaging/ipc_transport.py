@@ -161,36 +161,40 @@ class IpcConnection:
         else:
             self._loop.remove_writer(self._fd)
 
-    def read(self) -> bool:
-        """Take what the kernel holds; False at the end of the stream."""
+    def read(self) -> list[bytes] | None:
+        """The messages in what the kernel holds; None at the end of the stream."""
+        zmtp = self._zmtp
         try:
-            data = self._socket.recv(LONG_READ_BYTES if self._zmtp.missing > READ_BYTES else READ_BYTES)
+            data = self._socket.recv(LONG_READ_BYTES if zmtp.missing > READ_BYTES else READ_BYTES)
         except (BlockingIOError, InterruptedError):
-            return True
+            return []
         except OSError:
-            return False
+            return None
         if not data:
-            return False
-        was_ready = self._zmtp.is_ready
-        ignored = self._zmtp.ignored
+            return None
+        was_ready, ignored = zmtp.is_ready, zmtp.ignored
         try:
-            messages = self._zmtp.receive(data)
+            messages = zmtp.receive(data)
         except WireError as error:
             self._transport.on_malformed(str(error))
-            return False
-        for _ in range(self._zmtp.ignored - ignored):
-            self._transport.on_malformed("a message of several parts")
-        self._received += messages
-        if self._zmtp.has_output or not was_ready:
+            return None
+        if zmtp.ignored != ignored:
+            for _ in range(zmtp.ignored - ignored):
+                self._transport.on_malformed("a message of several parts")
+        if zmtp.has_output or not was_ready:
             self.flush()  # READY or PONG, and at the end of the handshake what waited for it
-        return True
+        return messages
 
     def _on_readable(self) -> None:
         if self._received:
             return  # read on when they have been taken: a turn for it is on its way
-        if not self.read():
+        messages = self.read()
+        if messages is None:
             self.close()
-        elif self._received:
+        elif len(messages) == 1:
+            self._transport.on_data(messages[0], self)
+        elif messages:
+            self._received += messages
             self._deliver()
 
     def _deliver(self) -> None:
@@ -426,5 +430,5 @@ class IpcTransport:
             for fd, _ in poll.poll(left_s * 1000):
                 if by_fd[fd].is_ready:
                     by_fd[fd].flush()
-                elif not by_fd[fd].read():
+                elif by_fd[fd].read() is None:
                     by_fd[fd].close()

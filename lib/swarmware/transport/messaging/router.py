@@ -214,6 +214,15 @@ class MessageRouter:
 
     # -- the decision
 
+    def needs_applications(self, frame: Frame) -> bool:
+        """Whether its route depends on the applications of other processes, as they are now."""
+        if frame.receiver_hw not in (self._hardware, ANY):
+            return not self.has_gateway
+        if frame.kind in _ANSWERS:
+            return frame.receiver_app not in self._own_apps
+        served = self._served.get(frame.data_id)
+        return served is None or frame.receiver_app not in (ANY, served.app_id)
+
     def route(self, frame: Frame) -> Decision:
         """Where a frame goes. Changes nothing."""
         if frame.receiver_hw not in (self._hardware, ANY):

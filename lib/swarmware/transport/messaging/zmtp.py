@@ -66,6 +66,11 @@ class ZmtpConnection:
 
         Raises: WireError when the peer does not follow the protocol: the connection is of no further use.
         """
+        if self.is_ready and not self._buffer and not self._in_parts:
+            # nearly always it is one whole message
+            size = len(data)
+            if data[0] == 0 and size > 1 and data[1] == size - 2:
+                return [data[2:]]
         if self._buffer:
             self._buffer += data
             if len(self._buffer) < self._needed:
