@@ -372,7 +372,7 @@ def test_a_receiver_that_was_reached_and_then_died_makes_its_message_unreachable
     assert isinstance(done, Complete)
     assert (done.outcome.status, done.outcome.detail) == (
         Status.UNREACHABLE,
-        "the receiver has gone without an answer",
+        "the receiver has ended without an answer",
     )
 
 

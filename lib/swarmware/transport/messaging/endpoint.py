@@ -303,7 +303,7 @@ class MessageEndpoint:
             request.set_exception(from_kind(kind, str(outcome)))
 
     def close(self) -> None:
-        """Close the sockets; whoever still waits gets an outcome: this end has gone."""
+        """Close the sockets; messages and requests without an outcome end as unreachable."""
         self._driver.stop()
         gone = Outcome(Status.UNREACHABLE, self._platform, "this application ends")
         for key in [*self._messages, *self._requests]:

@@ -136,7 +136,7 @@ class IpcConnection:
                 self._rest = output
             self._write(self._rest)
             if self._rest:
-                return  # it goes on when there is room
+                return  # it continues when there is room
         self._wait_for_room(False)
 
     def _write(self, data: memoryview | bytes) -> None:

@@ -66,7 +66,7 @@ class ToGateway(msgspec.Struct, frozen=True, gc=False):
 
 
 class Refuse(msgspec.Struct, frozen=True, gc=False):
-    """It cannot go on: its sender gets the reason."""
+    """It has no further way: its sender gets the reason."""
 
     frame: Frame
     status: Status
@@ -74,7 +74,7 @@ class Refuse(msgspec.Struct, frozen=True, gc=False):
 
 
 class Drop(msgspec.Struct, frozen=True, gc=False):
-    """It cannot go on, and nobody waits for an answer."""
+    """It has no further way, and no sender waits for an answer."""
 
     counter: str
     """Field of `MessageCounters`."""
@@ -188,7 +188,7 @@ class MessageRouter:
         self._own_apps.add(app_id)
 
     def remove_application(self, app_id: int) -> list[int]:
-        """It left; the data ids that it served, and that nobody serves now."""
+        """It left; the data ids that it served, and that are no longer served."""
         self._own_apps.discard(app_id)
         removed = [data_id for data_id, one in self._served.items() if one.app_id == app_id]
         for data_id in removed:
