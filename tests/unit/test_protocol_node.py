@@ -116,7 +116,7 @@ def test_a_frame_that_is_being_overwritten_is_not_read(tmp_path: Path, at: str) 
     data = page_ring({9: b"nine", 10: b"ten"}, 10)
     data[slot_at(10) + SLOT[at]] ^= 1
     path.write_bytes(data)
-    with RingReader(path) as reader, pytest.raises(WireError, match="never whole"):
+    with RingReader(path) as reader, pytest.raises(WireError, match="never complete"):
         reader.newest()
 
 
