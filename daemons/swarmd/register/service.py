@@ -110,7 +110,3 @@ def _of(tables: BoardSet[ApplicationTable] | None, platform: str) -> Application
     """The table of a platform; None when it names another platform."""
     table = tables[platform].value if tables is not None and platform in tables else None
     return table if table is not None and table.platform == platform else None
-
-
-Register = Registrar
-"""Entry point of installations from before the rename."""
