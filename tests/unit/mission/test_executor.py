@@ -88,6 +88,22 @@ def test_a_mission_alone_begins_at_once_and_ends() -> None:
     assert (state.state, state.progress_ratio, state.mission, state.hash) == ("done", 1.0, "hop", "01234567")
 
 
+def test_a_heartbeat_that_is_due_at_zero_of_the_clock_is_due_then_and_not_at_once() -> None:
+    m = Member1()
+    now_ns = -10 * S
+    m.core.on_timer(now_ns)
+    deadlines = []
+    while now_ns <= S:
+        now_ns = m.core.deadline_ns()
+        deadlines.append(now_ns)
+        m.core.on_timer(now_ns)
+    assert deadlines == sorted(set(deadlines))
+    # a write of a change repeats relative to the first, so one can be due at any instant, zero too
+    at_zero = Member1()
+    at_zero.core.on_timer(-S // 10)
+    assert at_zero.core.deadline_ns() == 0
+
+
 def test_nobody_begins_before_all_have_accepted() -> None:
     m = Member1()
     assert m.order(members=(A, B)) == ["state:ready"]

@@ -230,11 +230,12 @@ class MissionExecutor:
 
     def deadline_ns(self) -> int:
         """When `on_timer` must be called."""
+        announce_ns = self._announcer.deadline_ns()
         instants = [
             self._player.deadline_ns() if self._player else None,
             self._barriers.deadline_ns() if self._barriers else None,
             self._check_ns if self._phase is MissionPhase.RUNNING else None,
-            self._announcer.deadline_ns() or AT_ONCE,
+            AT_ONCE if announce_ns is None else announce_ns,
         ]
         return min(instant for instant in instants if instant is not None)
 
