@@ -399,7 +399,7 @@ def test_a_full_file_system_is_an_error_at_once_and_leaves_nothing(
     path = tmp_path / "a.ring"
     with monkeypatch.context() as patched:
         patched.setattr(os, "posix_fallocate", full)
-        with pytest.raises(RingFull, match=r"a\.ring: no room"):
+        with pytest.raises(RingFull, match=r"a\.ring: the file system of the shared memory is full"):
             RingWriter(path, slots=4, slot_bytes=64)
         assert list(tmp_path.iterdir()) == []
     RingWriter(path, slots=4, slot_bytes=64).close()
