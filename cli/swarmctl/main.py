@@ -6,9 +6,9 @@ from typing import Final
 
 import click
 
-from swarmctl.lazy import Lazy, LazyGroup
-from swarmctl.settings import PREFIX, CliSettings, settings
-from swarmctl.shared_options import shared_options
+from swarmctl.commandline.lazy import Lazy, LazyGroup
+from swarmctl.commandline.settings import PREFIX, CliSettings, settings
+from swarmctl.commandline.shared_options import shared_options
 from swarmware import __version__
 from swarmware.errors import Denied, NotFound, SwarmError
 

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import click
 
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 EXPERIMENTS: Final = ("formation",)
 
@@ -73,9 +73,9 @@ def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: 
 
     Example: swarmctl lab run formation --nodes 16 --json
     """
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
     from swarmlab import experiment
-    from swarmlab.provisioning import LabSpec
+    from swarmlab.provision.provisioning import LabSpec
 
     out = out_dir or Path("report") / f"{spec['experiment']}-{spec['nodes']}"
     ctx.exit(experiment.main(LabSpec(**spec), duration_s, out, Output(settings(ctx)), strict=strict))
@@ -91,7 +91,7 @@ def report(ctx: click.Context, folder: Path, markdown: bool, strict: bool) -> No
 
     Example: swarmctl lab report report/formation-16 --markdown
     """
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
     from swarmlab import experiment
 
     if markdown:
@@ -109,9 +109,9 @@ def up(ctx: click.Context, /, detach: bool, **spec: Any) -> None:
 
     Example: swarmctl lab up formation --nodes 6 --detach
     """
-    from swarmctl.output import Output
-    from swarmlab import lifecycle
-    from swarmlab.provisioning import LabSpec
+    from swarmctl.terminal.output import Output
+    from swarmlab.provision.provisioning import LabSpec
+    from swarmlab.run import lifecycle
 
     lifecycle.main(LabSpec(**spec), Output(settings(ctx)), detach=detach)
 
@@ -123,8 +123,8 @@ def ls(ctx: click.Context) -> None:
 
     Example: swarmctl lab ls
     """
-    from swarmctl.output import Output
-    from swarmlab.listing import list_labs
+    from swarmctl.terminal.output import Output
+    from swarmlab.run.listing import list_labs
 
     list_labs(Output(settings(ctx)))
 
@@ -139,8 +139,8 @@ def logs(ctx: click.Context, platform: str, follow: bool, lines: int) -> None:
 
     Example: swarmctl lab logs uav1 --follow
     """
-    from swarmctl.output import Output
-    from swarmlab.listing import print_logs
+    from swarmctl.terminal.output import Output
+    from swarmlab.run.listing import print_logs
 
     print_logs(platform, lines, Output(settings(ctx)), follow=follow)
 
@@ -155,7 +155,7 @@ def down(ctx: click.Context, name: str, everything: bool, keep: bool) -> None:
 
     Example: swarmctl lab down
     """
-    from swarmctl.output import Output
-    from swarmlab.lifecycle import end_labs
+    from swarmctl.terminal.output import Output
+    from swarmlab.run.lifecycle import end_labs
 
     end_labs(name, Output(settings(ctx)), everything=everything, keep=keep)

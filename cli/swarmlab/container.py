@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from swarmlab.provisioning import LIDAR, STATION, TEMPLATES, VEHICLE
+from swarmlab.provision.provisioning import LIDAR, STATION, TEMPLATES, VEHICLE
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.mission.catalogue import VEHICLES
 from swarmware.transport.security import make_swarm

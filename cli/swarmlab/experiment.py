@@ -9,19 +9,21 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from swarmctl.labs import LabNode, LabState
-from swarmctl.output import Output
-from swarmctl.progress import Progress
-from swarmctl.session import Session, connect
-from swarmlab import database, extras, host, lifecycle, provisioning
-from swarmlab.clocks import ClockTruth
-from swarmlab.host import HostInfo
-from swarmlab.mission_run import MissionRun
-from swarmlab.notify import Restarts
-from swarmlab.provisioning import RADIUS_M, LabSpec
-from swarmlab.run_metadata import NodeMetadata, RunMetadata, failure
-from swarmlab.running import RunningLab, exit_description
-from swarmlab.watch import ENDED, SwarmWatch
+from swarmctl.session.labs import LabNode, LabState
+from swarmctl.session.session import Session, connect
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.progress import Progress
+from swarmlab.measure import host
+from swarmlab.measure.clocks import ClockTruth
+from swarmlab.measure.host import HostInfo
+from swarmlab.provision import prerequisites, provisioning
+from swarmlab.provision.provisioning import RADIUS_M, LabSpec
+from swarmlab.report.run_metadata import NodeMetadata, RunMetadata, failure
+from swarmlab.run import lifecycle
+from swarmlab.run.mission_run import MissionRun
+from swarmlab.run.notify import Restarts
+from swarmlab.run.running import RunningLab, exit_description
+from swarmlab.run.watch import ENDED, SwarmWatch
 from swarmware import __version__
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.mission.folder import MANIFEST
@@ -54,8 +56,8 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
     After the command a report is written in any case.
     Raises: SwarmError when the swarm does not come up, ConfigError without the extra `lab`.
     """
-    extras.require("lab run", extras.REPORT)
-    database.examine(spec.mongodb_uri, out)
+    prerequisites.require_modules("lab run", prerequisites.REPORT)
+    prerequisites.check_database(spec.mongodb_uri, out)
     prepare(out_dir)
     here = host.describe()
     started_utc_ns = time.time_ns()
@@ -84,9 +86,9 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     Raises: NotFound when the folder has no run.json, ConfigError when it is of another version or
         the extra `lab` is not installed.
     """
-    extras.require("lab report", extras.REPORT)
-    from swarmlab import analysis, page, plots
-    from swarmlab import report as figures
+    prerequisites.require_modules("lab report", prerequisites.REPORT)
+    from swarmlab.report import analysis, page, plots
+    from swarmlab.report import report as figures
 
     out.say("computing the report")
     metadata = _read(out_dir / RUN_FILE, RunMetadata)
@@ -124,7 +126,7 @@ def page_table(out_dir: Path, out: Output) -> None:
 
     Raises: NotFound without a report; ConfigError when it is of another version.
     """
-    from swarmlab import report as figures
+    from swarmlab.report import report as figures
 
     out.text(figures.markdown(_read(out_dir / REPORT, figures.ExperimentReport)).rstrip())
 

@@ -23,7 +23,7 @@ import msgspec
 import swarmware.types
 from swarmctl.main import cli
 from swarmd.tree.core import structure
-from swarmlab import report
+from swarmlab.report import report
 from swarmware.model import resource, template
 from swarmware.transport.appfile import entry
 from swarmware.types.quantised import Form

@@ -14,14 +14,14 @@ EXTRA = ("bson", "jsonschema", "matplotlib", "numpy", "pymongo")
 BLOCK = f"import sys; sys.modules.update(dict.fromkeys({EXTRA!r}))\n"
 """None in `sys.modules` makes an import fail as it does where the module is not installed."""
 REPORT = (
-    "analysis",
-    "formation_error",
-    "measure",
-    "plot_data",
-    "page",
-    "plots",
-    "recording",
-    "traffic_totals",
+    "measure.formation_error",
+    "measure.recording",
+    "measure.tracks",
+    "measure.traffic_totals",
+    "report.analysis",
+    "report.page",
+    "report.plot_data",
+    "report.plots",
 )
 NEEDY = {
     "swarmware.recorder.mongo",

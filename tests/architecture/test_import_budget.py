@@ -20,7 +20,7 @@ HEAVY: Final = {
     *("cryptography", "jsonschema", "matplotlib", "mcap", "msgpack", "msgspec", "numpy", "psutil", "pymongo"),
     *("rich", "sortedcontainers", "tomli_w", "uvloop", "zmq", "zstandard"),
     *("swarmware.module", "swarmware.node", "swarmware.types", "swarmware.model.config"),
-    *("swarmctl.output", "swarmlab.command"),
+    *("swarmctl.terminal.output", "swarmlab.command"),
 }
 """None of these may stand between an operator and the list of commands."""
 
@@ -59,7 +59,7 @@ def test_the_help_of_the_lab_imports_no_plotting_and_no_network() -> None:
 
 def test_only_the_broker_loads_libzmq() -> None:
     code = (
-        "import json, sys; import swarmware.module.module, swarmctl.session, swarmd.tree.service\n"
+        "import json, sys; import swarmware.module.module, swarmctl.session.session, swarmd.tree.service\n"
         "before = 'zmq' in sys.modules; import swarmd.broker.service\n"
         "print(before, 'zmq' in sys.modules)"
     )

@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from swarmctl.output import Column, plain_table
+from swarmctl.terminal.output import Column, plain_table
 from swarmlab.experiment import REPORT
-from swarmlab.report import LIMITS, ExperimentReport
+from swarmlab.report.report import LIMITS, ExperimentReport
 
 NODES: Final = 16
 

@@ -18,14 +18,14 @@ import time
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from swarmctl import labs
-from swarmctl.labs import LabState
-from swarmctl.output import Column, plain_table
-from swarmctl.processes import NODE_MARK, by_mark
-from swarmctl.session import connect
-from swarmlab import lifecycle
+from swarmctl.session import labs
+from swarmctl.session.labs import LabState
+from swarmctl.session.processes import NODE_MARK, by_mark
+from swarmctl.session.session import connect
+from swarmctl.terminal.output import Column, plain_table
 from swarmlab.experiment import PLAN, TASK, TASK_S, mission_task
-from swarmlab.watch import SwarmWatch
+from swarmlab.run import lifecycle
+from swarmlab.run.watch import SwarmWatch
 from swarmware.errors import SwarmError
 from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, TaskAnswer
 

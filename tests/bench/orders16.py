@@ -16,14 +16,14 @@ from typing import Final
 
 import numpy as np
 
-from swarmctl import labs
-from swarmctl.labs import LabState
-from swarmctl.session import Session, connect
-from swarmlab import lifecycle
-from swarmlab.clocks import ClockTruth
+from swarmctl.session import labs
+from swarmctl.session.labs import LabState
+from swarmctl.session.session import Session, connect
 from swarmlab.experiment import PLAN, TASK, TASK_S, mission_task
-from swarmlab.report import LIMITS
-from swarmlab.watch import SwarmWatch
+from swarmlab.measure.clocks import ClockTruth
+from swarmlab.report.report import LIMITS
+from swarmlab.run import lifecycle
+from swarmlab.run.watch import SwarmWatch
 from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, TaskAnswer
 
 NODES: Final = 16

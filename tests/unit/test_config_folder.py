@@ -8,8 +8,8 @@ import pytest
 
 import swarmctl.main
 import swarmd.main
-from swarmctl.session import config_dir
-from swarmctl.settings import CliSettings
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.session.session import config_dir
 from swarmware import Module
 from swarmware.errors import ConfigError, NotFound
 from swarmware.testing.tmpnode import make_node
@@ -82,7 +82,7 @@ def test_there_is_no_second_variable(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("swarmware.model.config.DEFAULT_DIR", tmp_path / "usual")
-    monkeypatch.setattr("swarmctl.session.DEFAULT_DIR", tmp_path / "usual")
+    monkeypatch.setattr("swarmctl.session.session.DEFAULT_DIR", tmp_path / "usual")
     monkeypatch.setenv(variable, str(tmp_path / "other"))
     assert start() != 0
     error = capsys.readouterr().err

@@ -13,11 +13,11 @@ import tomli_w
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from swarmctl import labs
 from swarmctl.commands.config import effective
+from swarmctl.session import labs
 from swarmd.health.journal import JournalFile
 from swarmd.tree.store import SettingsStore
-from swarmlab.run_metadata import RunMetadata
+from swarmlab.report.run_metadata import RunMetadata
 from swarmware.errors import ConfigError, SwarmError, WireError
 from swarmware.geometry.world import World
 from swarmware.mission.folder import Manifest

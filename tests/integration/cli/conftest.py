@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from swarmctl import main as swarmctl
-from swarmctl import processes
+from swarmctl.session import processes
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
 

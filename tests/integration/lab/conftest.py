@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import labs, processes
-from swarmctl.labs import LabState
-from swarmlab import provisioning
+from swarmctl.session import labs, processes
+from swarmctl.session.labs import LabState
+from swarmlab.provision import provisioning
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]

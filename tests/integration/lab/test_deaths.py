@@ -13,11 +13,11 @@ import msgspec
 import pytest
 from tests.integration.swarm.swarm import PATIENCE_S
 
-from swarmctl import labs, processes
-from swarmctl.labs import LabNode, LabState
-from swarmctl.processes import NODE_MARK, ProcessIdentity
-from swarmlab.notify import Restarts
-from swarmlab.run_metadata import RunMetadata
+from swarmctl.session import labs, processes
+from swarmctl.session.labs import LabNode, LabState
+from swarmctl.session.processes import NODE_MARK, ProcessIdentity
+from swarmlab.report.run_metadata import RunMetadata
+from swarmlab.run.notify import Restarts
 from swarmware.errors import SwarmError
 from swarmware.module.module import Module
 from swarmware.types.net import Routes

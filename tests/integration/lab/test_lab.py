@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from swarmctl import labs, processes
-from swarmctl.labs import LabState
+from swarmctl.session import labs, processes
+from swarmctl.session.labs import LabState
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]

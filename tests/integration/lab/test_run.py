@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from swarmctl import labs
+from swarmctl.session import labs
 from swarmware.model.config import share_dir
 
 Done = subprocess.CompletedProcess[str]

@@ -9,12 +9,12 @@ from typing import TypeVar
 
 import msgspec
 
-from swarmctl import processes
-from swarmctl.labs import LabState
-from swarmctl.processes import NODE_MARK
-from swarmlab import provisioning
-from swarmlab.provisioning import LabSpec
-from swarmlab.running import RunningLab
+from swarmctl.session import processes
+from swarmctl.session.labs import LabState
+from swarmctl.session.processes import NODE_MARK
+from swarmlab.provision import provisioning
+from swarmlab.provision.provisioning import LabSpec
+from swarmlab.run.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module

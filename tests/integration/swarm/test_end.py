@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from tests.integration.swarm.swarm import PATIENCE_S, remains_of_node, swarm, until_trees_agree
 
-from swarmctl import labs
-from swarmctl.labs import LabState
+from swarmctl.session import labs
+from swarmctl.session.labs import LabState
 
 Gone = Callable[[LabState], None]
 

@@ -19,7 +19,7 @@ from tests.integration.swarm.swarm import (
     up,
 )
 
-from swarmctl.labs import LabState
+from swarmctl.session.labs import LabState
 from swarmware.errors import SwarmError
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module

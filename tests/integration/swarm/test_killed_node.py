@@ -17,7 +17,7 @@ from tests.integration.swarm.swarm import (
     until_trees_agree,
 )
 
-from swarmctl.labs import LabState
+from swarmctl.session.labs import LabState
 from swarmware.module.module import Module
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, Query, stats

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import labs, processes
-from swarmlab import provisioning
+from swarmctl.session import labs, processes
+from swarmlab.provision import provisioning
 
 NOBODY = 65534
 NAME = "k2user"

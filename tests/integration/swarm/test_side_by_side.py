@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from tests.integration.swarm.swarm import NAMES, Swarm, swarm, until, until_trees_agree, up
 
-from swarmctl import labs
-from swarmctl.labs import LabState
+from swarmctl.session import labs
+from swarmctl.session.labs import LabState
 from swarmware.module.module import Module
 from swarmware.types.net import Neighbours, Traffic
 from swarmware.types.rpc import Empty

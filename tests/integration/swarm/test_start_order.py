@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from tests.integration.swarm.swarm import NAMES, PATIENCE_S, Swarm, swarm, until, until_trees_agree
 
-from swarmctl.labs import LabState
+from swarmctl.session.labs import LabState
 from swarmware.types.health import HealthState
 from swarmware.types.system import AppStatus
 from swarmware.types.vehicle import Pose

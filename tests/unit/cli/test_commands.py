@@ -9,6 +9,7 @@ import click
 import msgspec
 import pytest
 
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.app.listing import list_applications
 from swarmctl.commands.config.live import print_settings, undo_setting
 from swarmctl.commands.health.report import clear_faults, list_faults
@@ -17,10 +18,9 @@ from swarmctl.commands.node.overview import show_node
 from swarmctl.commands.topo.topology import show_topology
 from swarmctl.commands.tree.listing import draw_resources, list_resources
 from swarmctl.commands.tree.reading import print_values
-from swarmctl.output import Output
-from swarmctl.session import Session
-from swarmctl.settings import CliSettings
-from swarmctl.tree_set import set_resource
+from swarmctl.resources.access import set_resource
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer

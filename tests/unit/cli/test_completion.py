@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import completion_cache
-from swarmctl.completion_cache import CachedResource, steps
+from swarmctl.commandline import completion_cache
+from swarmctl.commandline.completion_cache import CachedResource, steps
 
 SEEN = [
     CachedResource("/gcs/tree", "branch", "r"),

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import labs
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.config import effective
 from swarmctl.commands.doctor import checks
 from swarmctl.commands.log import sources
-from swarmctl.settings import CliSettings
-from swarmlab.provisioning import LabSpec, make, remove
+from swarmctl.session import labs
+from swarmlab.provision.provisioning import LabSpec, make, remove
 from swarmware.errors import NotFound, Partial
 from swarmware.model.config import load_service
 from swarmware.recorder.query import FolderSource, Query

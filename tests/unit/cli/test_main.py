@@ -10,8 +10,8 @@ import click
 import pytest
 
 from swarmctl import main as swarmctl
-from swarmctl.lazy import Command, Group, Lazy
-from swarmctl.settings import CliSettings, settings
+from swarmctl.commandline.lazy import Command, Group, Lazy
+from swarmctl.commandline.settings import CliSettings, settings
 from swarmware import errors
 
 

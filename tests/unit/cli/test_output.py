@@ -6,8 +6,8 @@ import json
 import msgspec
 import pytest
 
-from swarmctl.output import Column, Output, show
-from swarmctl.settings import CliSettings
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.terminal.output import Column, Output, show
 
 
 class Terminal(io.StringIO):

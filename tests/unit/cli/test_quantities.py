@@ -2,9 +2,9 @@
 
 import pytest
 
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.sources import absolute, instant_ns, iso
-from swarmctl.quantities import rate_hz, span_s, spoken
-from swarmctl.settings import CliSettings
+from swarmctl.terminal.quantities import rate_hz, span_s, spoken
 from swarmware.errors import InvalidInput
 
 NOW_NS = 1_795_244_000_000_000_000

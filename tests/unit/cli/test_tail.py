@@ -5,9 +5,9 @@ import threading
 from itertools import islice
 from pathlib import Path
 
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.interleaving import PATIENCE_NS, Interleaving
 from swarmctl.commands.log.tail import SegmentFollower, follow
-from swarmctl.settings import CliSettings
 from swarmware.model.clock import utc_ns
 from swarmware.module.module import Module
 from swarmware.recorder.entry import LogEntry

@@ -3,8 +3,8 @@
 from types import SimpleNamespace
 from typing import Any, cast
 
-from swarmctl.session import Session
-from swarmctl.tree_access import read
+from swarmctl.resources.access import read
+from swarmctl.session.session import Session
 from swarmware.types import registry
 from swarmware.types.scalar import Float
 from swarmware.types.tree import Quality, TreeGet, TreeValue, ValueSource

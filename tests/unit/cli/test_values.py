@@ -6,8 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from swarmctl.output import named
-from swarmctl.values import brief, decoded_payload, field, single, typed
+from swarmctl.resources.values import brief, decoded_payload, field, single, typed
+from swarmctl.terminal.output import named
 from swarmware.errors import InvalidInput
 from swarmware.types import registry
 from swarmware.types.net import NeighbourState, Routes, RouteState

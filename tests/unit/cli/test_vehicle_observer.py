@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from swarmctl.vehicle_observer import (
+from swarmctl.vehicles.observer import (
     BUILT_IN,
     ManoeuvreProgress,
     VehicleResult,

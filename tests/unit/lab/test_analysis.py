@@ -6,13 +6,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarmlab import analysis, clocks, traffic_totals
-from swarmlab.clocks import ClockTruth
-from swarmlab.host import HostInfo
-from swarmlab.notify import Restarts
-from swarmlab.plot_data import PlotData
-from swarmlab.report import ExperimentReport, MeanMax
-from swarmlab.run_metadata import NodeMetadata, RunMetadata
+from swarmlab.measure import clocks, traffic_totals
+from swarmlab.measure.clocks import ClockTruth
+from swarmlab.measure.host import HostInfo
+from swarmlab.report import analysis
+from swarmlab.report.plot_data import PlotData
+from swarmlab.report.report import ExperimentReport, MeanMax
+from swarmlab.report.run_metadata import NodeMetadata, RunMetadata
+from swarmlab.run.notify import Restarts
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.log import GapCause, LogGap

@@ -2,8 +2,8 @@
 
 import pytest
 
-from swarmlab import capacity
-from swarmlab.host import HostInfo
+from swarmlab.measure.host import HostInfo
+from swarmlab.run import capacity
 
 
 def measured(nodes_percent: float, cores: int = 2) -> HostInfo:

@@ -6,11 +6,11 @@ import msgspec
 import pytest
 
 from swarmlab import experiment
-from swarmlab.clocks import ClockTruth
-from swarmlab.mission_run import MissionRun
-from swarmlab.notify import Restarts
-from swarmlab.run_metadata import NodeMetadata, failure
-from swarmlab.watch import MissionMembers, MissionOutcome
+from swarmlab.measure.clocks import ClockTruth
+from swarmlab.report.run_metadata import NodeMetadata, failure
+from swarmlab.run.mission_run import MissionRun
+from swarmlab.run.notify import Restarts
+from swarmlab.run.watch import MissionMembers, MissionOutcome
 from swarmware.mission.folder import from_files
 from swarmware.types.mission import MissionPhase, MissionState, OrderReceipt, TaskAnswer
 

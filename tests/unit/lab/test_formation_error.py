@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from swarmlab import formation_error, measure
-from swarmlab.measure import VehicleTrack
+from swarmlab.measure import formation_error, tracks
+from swarmlab.measure.tracks import VehicleTrack
 from swarmware.types.vehicle import Goal, GoalKind
 
 COURSE = ((0.0, 0.0), (100.0, 0.0))
@@ -25,14 +25,14 @@ def formation(offset: tuple[float, float, float], *, advance: bool = True, seq: 
 
 def test_a_follower_beside_its_slot_on_a_straight_course_has_that_error() -> None:
     leader, follower = straight("l", 20, 0), straight("f", 14, 3.5, 8.25)
-    times = measure.axis(1, 19)
+    times = tracks.axis(1, 19)
     found = formation_error.errors(follower, leader, [(0.0, formation((-6, 3, 8)))], times)
     assert np.allclose(found, math.hypot(0.5, 0.25))
 
 
 def test_there_is_no_error_before_the_goal_without_a_slot_and_for_the_leader_itself() -> None:
     leader, follower = straight("l", 20, 0), straight("f", 14, 3)
-    times = measure.axis(0, 20)
+    times = tracks.axis(0, 20)
     goals = [(5.0, formation((-6, 3, 0))), (10.0, Goal(2, GoalKind.LAND))]
     found = formation_error.errors(follower, leader, goals, times)
     assert np.isfinite(found).tolist() == [5.0 <= t < 10.0 for t in times]

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmlab import host
-from swarmlab.host import CpuTime, HostInfo
+from swarmlab.measure import host
+from swarmlab.measure.host import CpuTime, HostInfo
 
 
 def test_this_computer_is_described_and_its_processor_time_rises() -> None:

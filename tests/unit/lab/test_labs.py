@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import labs, processes
-from swarmctl.labs import LabNode, LabState
+from swarmctl.session import labs, processes
+from swarmctl.session.labs import LabNode, LabState
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 
 

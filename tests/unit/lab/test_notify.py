@@ -3,7 +3,7 @@
 import socket
 from pathlib import Path
 
-from swarmlab.notify import NotifySocket, Restarts
+from swarmlab.run.notify import NotifySocket, Restarts
 from swarmware.service.notify import variables
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmlab import plan
+from swarmlab.provision import plan
 from swarmware.errors import InvalidInput
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import processes
-from swarmctl.processes import MARK, ProcessIdentity
+from swarmctl.session import processes
+from swarmctl.session.processes import MARK, ProcessIdentity
 
 Popen = subprocess.Popen[bytes]
 

@@ -6,10 +6,11 @@ import msgspec
 import pytest
 from tests.unit.lab.test_analysis import facts, write_logs
 
-from swarmctl.output import Output
-from swarmctl.settings import CliSettings
-from swarmlab import experiment, report
-from swarmlab.report import ExperimentReport
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.terminal.output import Output
+from swarmlab import experiment
+from swarmlab.report import report
+from swarmlab.report.report import ExperimentReport
 from swarmware.errors import InvalidInput, NotFound
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmlab.clocks import ClockTruth
-from swarmlab.recording import TRUTH, Recording
+from swarmlab.measure.clocks import ClockTruth
+from swarmlab.measure.recording import TRUTH, Recording
 from swarmware.model.clock import Clock
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry

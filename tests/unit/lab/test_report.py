@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarmctl.output import plain_table
-from swarmlab import page, plots, report
-from swarmlab.host import HostInfo
-from swarmlab.measure import VehicleTrack
-from swarmlab.plot_data import NodeFigures, ObservedLink, PlotData, TimeSeries
-from swarmlab.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
+from swarmctl.terminal.output import plain_table
+from swarmlab.measure.host import HostInfo
+from swarmlab.measure.tracks import TimeSeries, VehicleTrack
+from swarmlab.report import page, plots, report
+from swarmlab.report.plot_data import NodeFigures, ObservedLink, PlotData
+from swarmlab.report.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
 from swarmware.geometry.world import Box, Circle
 
 GOOD = ExperimentReport(

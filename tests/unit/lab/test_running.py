@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl import labs, processes
-from swarmctl.labs import LabNode, LabState
-from swarmlab import provisioning, running
-from swarmlab.notify import Restarts
-from swarmlab.running import RunningLab
+from swarmctl.session import labs, processes
+from swarmctl.session.labs import LabNode, LabState
+from swarmlab.provision import provisioning
+from swarmlab.run import running
+from swarmlab.run.notify import Restarts
+from swarmlab.run.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.runtime.restart_policy import RestartPolicy
 

@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -23,6 +23,6 @@ def ls(ctx: click.Context, everywhere: bool) -> None:
     Example: swarmctl app ls --node uav1
     """
     from swarmctl.commands.app.listing import list_applications
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_applications, everywhere)

@@ -1,8 +1,8 @@
 """Applications of a platform, or of all platforms, from a register."""
 
-from swarmctl.output import Column
-from swarmctl.quantities import spoken
-from swarmctl.session import Session
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Column
+from swarmctl.terminal.quantities import spoken
 from swarmware.errors import NotFound
 from swarmware.types.register import Register
 from swarmware.types.rpc import Empty

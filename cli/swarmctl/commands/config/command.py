@@ -2,9 +2,9 @@
 
 import click
 
-from swarmctl import completion
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline import completion
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -25,7 +25,7 @@ def show(ctx: click.Context, service: str, changed: bool) -> None:
     Example: swarmctl config show broker
     """
     from swarmctl.commands.config.effective import print_effective
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
 
     chosen = settings(ctx)
     print_effective(chosen, service, Output(chosen), changed=changed)
@@ -40,7 +40,7 @@ def get(ctx: click.Context, key: str) -> None:
     Example: swarmctl config get navigator/altitude_kp --node uav1
     """
     from swarmctl.commands.config.live import print_settings
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), print_settings, key)
 
@@ -55,8 +55,8 @@ def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
 
     Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """
-    from swarmctl.session import run
-    from swarmctl.tree_set import set_resource
+    from swarmctl.resources.access import set_resource
+    from swarmctl.session.session import run
 
     run(settings(ctx), set_resource, f"config/{key}", value, version=None, yes=yes)
 
@@ -71,6 +71,6 @@ def undo(ctx: click.Context, key: str, yes: bool) -> None:
     Example: swarmctl config undo navigator/altitude_kp --node uav1
     """
     from swarmctl.commands.config.live import undo_setting
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), undo_setting, key, yes=yes)

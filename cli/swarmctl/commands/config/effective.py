@@ -6,9 +6,9 @@ from typing import Any
 
 import msgspec
 
-from swarmctl.output import Column, Output
-from swarmctl.session import local_config_dir
-from swarmctl.settings import CliSettings
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.session.session import local_config_dir
+from swarmctl.terminal.output import Column, Output
 from swarmware.errors import NotFound
 from swarmware.model import document
 from swarmware.model.config import NodeConfig, load_node, load_service

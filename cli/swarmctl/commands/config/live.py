@@ -1,11 +1,11 @@
 """Live settings of a platform: the resources below `config/`."""
 
-from swarmctl.confirmation import confirm
-from swarmctl.output import Column
-from swarmctl.session import Session
-from swarmctl.tree_access import read, read_all, undo
-from swarmctl.tree_listing import consequence, is_pattern, valued
-from swarmctl.values import brief
+from swarmctl.resources.access import read, read_all, undo
+from swarmctl.resources.listing import consequence, is_pattern, valued
+from swarmctl.resources.values import brief
+from swarmctl.session.session import Session
+from swarmctl.terminal.confirmation import confirm
+from swarmctl.terminal.output import Column
 from swarmware.errors import NotFound
 
 

@@ -12,7 +12,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from swarmctl import labs
+from swarmctl.session import labs
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.model import paths
 from swarmware.model.config import load_node, load_service, share_dir

@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.lazy import Command
-from swarmctl.settings import settings
+from swarmctl.commandline.lazy import Command
+from swarmctl.commandline.settings import settings
 
 
 @click.command(cls=Command)
@@ -15,6 +15,6 @@ def cmd(ctx: click.Context, fix: bool) -> None:
     Example: swarmctl doctor --fix
     """
     from swarmctl.commands.doctor.diagnosis import diagnose
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
 
     ctx.exit(diagnose(Output(settings(ctx)), fix=fix))

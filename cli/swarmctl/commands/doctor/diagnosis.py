@@ -3,8 +3,8 @@
 from typing import Final
 
 from swarmctl.commands.doctor.checks import examine
-from swarmctl.output import Column, Output
-from swarmctl.session import local_config_dir
+from swarmctl.session.session import local_config_dir
+from swarmctl.terminal.output import Column, Output
 from swarmware.errors import NotFound
 
 WARNINGS: Final = 1

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.session import NAME
+from swarmctl.session.session import NAME
 from swarmware.errors import SwarmError
 from swarmware.module.module import Module
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase

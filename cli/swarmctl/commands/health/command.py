@@ -2,9 +2,9 @@
 
 import click
 
-from swarmctl import completion
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline import completion
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -23,7 +23,7 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl health ls
     """
     from swarmctl.commands.health.report import list_states
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_states)
 
@@ -37,7 +37,7 @@ def info(ctx: click.Context, platform: str | None) -> None:
     Example: swarmctl health info uav1
     """
     from swarmctl.commands.health.report import show_checks
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), show_checks, platform or "")
 
@@ -51,7 +51,7 @@ def faults(ctx: click.Context, cleared: bool) -> None:
     Example: swarmctl health faults --node uav1 --cleared
     """
     from swarmctl.commands.health.report import list_faults
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_faults, cleared)
 
@@ -68,8 +68,8 @@ def clear(ctx: click.Context, pattern: str, yes: bool) -> None:
     Example: swarmctl health clear 'age/sensor/**' --node uav1
     """
     from swarmctl.commands.health.report import clear_faults
-    from swarmctl.confirmation import confirm
-    from swarmctl.session import run
+    from swarmctl.session.session import run
+    from swarmctl.terminal.confirmation import confirm
     from swarmware.model.names import Pattern
 
     Pattern(pattern)  # an invalid one is refused before the confirmation

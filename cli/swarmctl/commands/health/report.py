@@ -1,9 +1,9 @@
 """State, checks and faults of platforms, from their monitors."""
 
-from swarmctl.fanout import platforms, read_boards, warn_errors
-from swarmctl.output import Cell, Column
-from swarmctl.quantities import spoken
-from swarmctl.session import Session
+from swarmctl.resources.fanout import platforms, read_boards, warn_errors
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Cell, Column
+from swarmctl.terminal.quantities import spoken
 from swarmware.errors import NotFound, Partial
 from swarmware.model import names
 from swarmware.types.health import FaultClear, FaultList, FaultQuery, HealthReport, HealthState

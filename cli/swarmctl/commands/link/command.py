@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -22,6 +22,6 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl link ls --node uav1
     """
     from swarmctl.commands.link.neighbours import list_neighbours
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_neighbours)

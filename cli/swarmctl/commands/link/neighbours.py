@@ -1,7 +1,7 @@
 """Neighbours of a platform, from its broker."""
 
-from swarmctl.output import Column
-from swarmctl.session import Session
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Column
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty
 

@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmctl import completion
-from swarmctl.completion_cache import VALUED
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline import completion
+from swarmctl.commandline.completion_cache import VALUED
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,7 +61,7 @@ def query(ctx: click.Context, /, **options: Any) -> None:
     Example: swarmctl log query '/uav1/nav/*' --since 30s --limit 20
     """
     from swarmctl.commands.log.entries import print_entries
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
 
     print_entries(options, Output(settings(ctx)))
 
@@ -76,7 +76,7 @@ def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
     Example: swarmctl log tail '/uav1/mission/**' --json
     """
     from swarmctl.commands.log.entries import follow_entries
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
 
     follow_entries(pattern, count, Output(settings(ctx)))
 
@@ -100,7 +100,7 @@ def export(ctx: click.Context, /, form: str, target: str, **options: Any) -> Non
     Example: swarmctl log export '/*/nav/pose' --format csv --out poses.csv
     """
     from swarmctl.commands.log.entries import export_entries
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
 
     export_entries(options, form, target, Output(settings(ctx)))
 
@@ -115,6 +115,6 @@ def stats(ctx: click.Context, /, strict: bool, **options: Any) -> None:
     Example: swarmctl log stats --node uav1
     """
     from swarmctl.commands.log.entries import count_entries
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
 
     count_entries(options, Output(settings(ctx)), strict=strict)

@@ -5,7 +5,7 @@ from itertools import islice
 from typing import Any
 
 from swarmctl.commands.log import export, sources, tail
-from swarmctl.output import Column, Output
+from swarmctl.terminal.output import Column, Output
 from swarmware.errors import Partial
 from swarmware.recorder.query import Query, stats
 

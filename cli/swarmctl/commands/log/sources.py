@@ -9,12 +9,12 @@ from typing import Any
 
 import msgspec
 
-from swarmctl import labs
-from swarmctl.output import Output
-from swarmctl.quantities import span_s
-from swarmctl.session import config_dir
-from swarmctl.settings import CliSettings
-from swarmctl.values import brief
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.resources.values import brief
+from swarmctl.session import labs
+from swarmctl.session.session import config_dir
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.quantities import span_s
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns

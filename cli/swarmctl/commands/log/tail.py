@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
 
-from swarmctl import labs
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.interleaving import Interleaving
 from swarmctl.commands.log.sources import absolute
-from swarmctl.session import config_dir, local_config_dir
-from swarmctl.settings import CliSettings
+from swarmctl.session import labs
+from swarmctl.session.session import config_dir, local_config_dir
 from swarmware.errors import NotFound
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns

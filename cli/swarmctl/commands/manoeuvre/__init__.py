@@ -1,1 +1,1 @@
-"""The commands hold, land and return; `swarmctl.manoeuvres` has their logic, which `mission abort` shares."""
+"""The commands hold, land and return; their logic, shared with `mission abort`, is in `swarmctl.vehicles`."""

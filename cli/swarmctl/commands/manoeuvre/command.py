@@ -5,9 +5,9 @@ from typing import Any
 
 import click
 
-from swarmctl.lazy import Command
-from swarmctl.settings import settings
-from swarmctl.vehicle_options import EVERYTHING, PLATFORMS, REASON, Decorator, timeout_option
+from swarmctl.commandline.lazy import Command
+from swarmctl.commandline.settings import settings
+from swarmctl.vehicles.options import EVERYTHING, PLATFORMS, REASON, Decorator, timeout_option
 
 
 def _options(wait_s: float) -> Decorator:
@@ -24,8 +24,8 @@ def _options(wait_s: float) -> Decorator:
 def _run(
     ctx: click.Context, then: str, platforms: tuple[str, ...], everything: bool, reason: str, wait_s: float
 ) -> None:
-    from swarmctl.manoeuvres import command
-    from swarmctl.session import run
+    from swarmctl.session.session import run
+    from swarmctl.vehicles.manoeuvre import command
 
     run(settings(ctx), command, then, platforms, wait_s, reason, everything=everything)
 

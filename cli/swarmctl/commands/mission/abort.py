@@ -1,11 +1,11 @@
 """Aborts a running mission at all its members, or at some."""
 
 from swarmctl.commands.mission.follow import find_active
-from swarmctl.confirmation import confirm
-from swarmctl.manoeuvres import manoeuvre
-from swarmctl.session import Session
-from swarmctl.vehicle_observer import raise_failures
-from swarmctl.vehicles import choose, is_station
+from swarmctl.session.session import Session
+from swarmctl.terminal.confirmation import confirm
+from swarmctl.vehicles.manoeuvre import manoeuvre
+from swarmctl.vehicles.observer import raise_failures
+from swarmctl.vehicles.selection import choose, is_station
 from swarmware.errors import NotFound
 from swarmware.types.mission import MissionAbort
 

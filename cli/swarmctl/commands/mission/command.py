@@ -2,9 +2,9 @@
 
 import click
 
-from swarmctl import completion
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline import completion
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -23,7 +23,7 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl mission ls
     """
     from swarmctl.commands.mission.status import list_missions
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_missions)
 
@@ -37,7 +37,7 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
     Example: swarmctl mission check formation my_mission.json
     """
     from swarmctl.commands.mission.task import check_missions
-    from swarmctl.output import Output
+    from swarmctl.terminal.output import Output
 
     check_missions(missions, Output(settings(ctx)))
 
@@ -73,7 +73,7 @@ def start(
     """
     from swarmctl.commands.mission import start as starting
     from swarmctl.commands.mission.task import task
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), starting.start, mission, task(mission, members, params), yes=yes, watch=watch)
 
@@ -86,7 +86,7 @@ def status(ctx: click.Context) -> None:
     Example: swarmctl mission status --json
     """
     from swarmctl.commands.mission.status import print_status
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), print_status)
 
@@ -100,7 +100,7 @@ def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
     Example: swarmctl mission watch --json
     """
     from swarmctl.commands.mission import follow
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), follow.watch, platforms)
 
@@ -134,6 +134,6 @@ def abort(
     Example: swarmctl mission abort --then hold --yes
     """
     from swarmctl.commands.mission import abort as aborting
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), aborting.abort, platforms, reason, then, wait_s, yes=yes)

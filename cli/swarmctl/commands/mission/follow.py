@@ -4,9 +4,9 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.fanout import ask_all
-from swarmctl.session import Session
-from swarmctl.vehicle_observer import first_of
+from swarmctl.resources.fanout import ask_all
+from swarmctl.session.session import Session
+from swarmctl.vehicles.observer import first_of
 from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.model import names
 from swarmware.types.mission import INACTIVE, NOT_STARTED, MissionPhase, MissionState, MissionStatus

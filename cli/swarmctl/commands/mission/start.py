@@ -3,9 +3,9 @@
 from typing import Final
 
 from swarmctl.commands.mission.follow import follow
-from swarmctl.confirmation import confirm
-from swarmctl.output import Column
-from swarmctl.session import Session
+from swarmctl.session.session import Session
+from swarmctl.terminal.confirmation import confirm
+from swarmctl.terminal.output import Column
 from swarmware.errors import Partial
 from swarmware.types.mission import MissionPlan, MissionTask, TaskAnswer
 

@@ -2,10 +2,10 @@
 
 import click
 
-from swarmctl import completion
-from swarmctl.lazy import Command
-from swarmctl.settings import settings
-from swarmctl.vehicle_options import EVERYTHING, PLATFORMS, REASON, timeout_option
+from swarmctl.commandline import completion
+from swarmctl.commandline.lazy import Command
+from swarmctl.commandline.settings import settings
+from swarmctl.vehicles.options import EVERYTHING, PLATFORMS, REASON, timeout_option
 
 _WAIT_S = 10.0
 
@@ -22,7 +22,7 @@ def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: b
     Example: swarmctl arm uav1 --yes
     """
     from swarmctl.commands.motors import requests
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), requests.arm, platforms, wait_s, everything=everything, yes=yes)
 
@@ -38,7 +38,7 @@ def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wai
     Example: swarmctl disarm --all
     """
     from swarmctl.commands.motors import requests
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), requests.disarm, platforms, wait_s, everything=everything)
 
@@ -59,8 +59,8 @@ def kill(ctx: click.Context, platform: str, again: str, reason: str, wait_s: flo
     Example: swarmctl kill uav1 --confirm uav1
     """
     from swarmctl.commands.motors import requests
-    from swarmctl.confirmation import confirm_by_name
-    from swarmctl.session import run
+    from swarmctl.session.session import run
+    from swarmctl.terminal.confirmation import confirm_by_name
     from swarmware.model import names
 
     names.check_platform(platform)

@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Mapping
 
-from swarmctl.confirmation import confirm
-from swarmctl.session import Session
-from swarmctl.vehicle_observer import VehicleObserver, VehicleResult, print_result, raise_failures
-from swarmctl.vehicles import choose
+from swarmctl.session.session import Session
+from swarmctl.terminal.confirmation import confirm
+from swarmctl.vehicles.observer import VehicleObserver, VehicleResult, print_result, raise_failures
+from swarmctl.vehicles.selection import choose
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model import names
 from swarmware.types.vehicle import ArmRequest, KillRequest, VehicleState

@@ -2,9 +2,9 @@
 
 import click
 
-from swarmctl import completion
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline import completion
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -23,7 +23,7 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl node ls --json
     """
     from swarmctl.commands.node.overview import list_nodes
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_nodes)
 
@@ -37,6 +37,6 @@ def info(ctx: click.Context, platform: str | None) -> None:
     Example: swarmctl node info uav1
     """
     from swarmctl.commands.node.overview import show_node
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), show_node, platform or "")

@@ -4,10 +4,10 @@ import asyncio
 
 import msgspec
 
-from swarmctl.fanout import ask_all, platforms, read_boards, warn_errors
-from swarmctl.output import Cell, Column
-from swarmctl.quantities import spoken
-from swarmctl.session import Session
+from swarmctl.resources.fanout import ask_all, platforms, read_boards, warn_errors
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Cell, Column
+from swarmctl.terminal.quantities import spoken
 from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
 from swarmware.types.health import HealthState

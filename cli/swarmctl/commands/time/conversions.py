@@ -1,7 +1,7 @@
 """Conversion functions from the clock of one platform to those of the others."""
 
-from swarmctl.output import Column
-from swarmctl.session import Session
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Column
 from swarmware.types.rpc import Empty
 from swarmware.types.time import TimeFunctions
 

@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.lazy import Command
-from swarmctl.settings import settings
+from swarmctl.commandline.lazy import Command
+from swarmctl.commandline.settings import settings
 
 
 @click.command(cls=Command)
@@ -16,7 +16,7 @@ def cmd(ctx: click.Context, dot: bool, png: str | None) -> None:
     Example: swarmctl topo --dot | neato -Tsvg > swarm.svg
     """
     from swarmctl.commands.topo.topology import show_topology
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     if dot and png:
         raise click.UsageError("--dot or --png FILE, not both")

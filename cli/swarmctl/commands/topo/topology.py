@@ -1,9 +1,9 @@
 """The links of the swarm, queried from every platform."""
 
 from swarmctl.commands.topo.graph import edges, to_dot, to_png
-from swarmctl.fanout import ask_all, platforms, warn_errors
-from swarmctl.output import Column
-from swarmctl.session import Session
+from swarmctl.resources.fanout import ask_all, platforms, warn_errors
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Column
 from swarmware.errors import Partial
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty

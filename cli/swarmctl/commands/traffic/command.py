@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -22,7 +22,7 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl traffic ls --node uav1
     """
     from swarmctl.commands.traffic.counters import list_counters
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_counters)
 
@@ -45,7 +45,7 @@ def top(ctx: click.Context, period_s: float, count: int | None) -> None:
     Example: swarmctl traffic top --node uav1 --count 5
     """
     from swarmctl.commands.traffic.rates import follow_rates
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), follow_rates, period_s, count)
 
@@ -61,8 +61,8 @@ def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
     Example: swarmctl traffic set 'nav/*' --rate 5hz --for 5m --node uav1
     """
     from swarmctl.commands.traffic.rates import set_limit
-    from swarmctl.quantities import rate_hz, span_s
-    from swarmctl.session import run
+    from swarmctl.session.session import run
+    from swarmctl.terminal.quantities import rate_hz, span_s
     from swarmware.model import names
     from swarmware.model.names import Pattern
 

@@ -2,8 +2,8 @@
 
 import msgspec
 
-from swarmctl.output import Column
-from swarmctl.session import Session
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Column
 from swarmware.types.net import Traffic
 from swarmware.types.rpc import Empty
 

@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.output import Column
-from swarmctl.session import Session
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Column
 from swarmware.model import names
 from swarmware.model.names import Pattern
 from swarmware.types.net import ChannelLimits, SetChannel, Traffic

@@ -1,1 +1,1 @@
-"""The `tree` commands: list, draw, read and watch resources; `swarmctl.tree_set` sets them."""
+"""The `tree` commands: list, draw, read and watch resources; `swarmctl.resources.access` sets them."""

@@ -2,10 +2,10 @@
 
 import click
 
-from swarmctl import completion
-from swarmctl.completion_cache import VALUED
-from swarmctl.lazy import Group
-from swarmctl.settings import settings
+from swarmctl.commandline import completion
+from swarmctl.commandline.completion_cache import VALUED
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import settings
 
 
 @click.group(cls=Group)
@@ -25,7 +25,7 @@ def ls(ctx: click.Context, pattern: str) -> None:
     Example: swarmctl tree ls /uav1
     """
     from swarmctl.commands.tree.listing import list_resources
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), list_resources, pattern)
 
@@ -39,7 +39,7 @@ def show(ctx: click.Context, pattern: str) -> None:
     Example: swarmctl tree show /uav1
     """
     from swarmctl.commands.tree.listing import draw_resources
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), draw_resources, pattern)
 
@@ -54,7 +54,7 @@ def get(ctx: click.Context, path: str, fresh: bool) -> None:
     Example: swarmctl tree get /uav1/nav/pose.x_m
     """
     from swarmctl.commands.tree.reading import print_values
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), print_values, path, fresh=fresh)
 
@@ -74,8 +74,8 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
 
     Example: swarmctl tree set /uav1/config/navigator/altitude_kp 1.5
     """
-    from swarmctl.session import run
-    from swarmctl.tree_set import set_resource
+    from swarmctl.resources.access import set_resource
+    from swarmctl.session.session import run
 
     run(settings(ctx), set_resource, path, value, version=version, yes=yes)
 
@@ -90,6 +90,6 @@ def watch(ctx: click.Context, path: str, count: int | None) -> None:
     Example: swarmctl tree watch /uav1/nav/pose --count 10 --json
     """
     from swarmctl.commands.tree.watching import print_changes
-    from swarmctl.session import run
+    from swarmctl.session.session import run
 
     run(settings(ctx), print_changes, path, count)

@@ -1,9 +1,9 @@
 """Resources as a table, and as a tree."""
 
 from swarmctl.commands.tree.drawing import tree
-from swarmctl.output import Column
-from swarmctl.session import Session
-from swarmctl.tree_listing import listing
+from swarmctl.resources.listing import listing
+from swarmctl.session.session import Session
+from swarmctl.terminal.output import Column
 from swarmware.types.tree import Quality
 
 

@@ -1,9 +1,9 @@
 """Prints the newest values of resources."""
 
-from swarmctl.session import Session
-from swarmctl.tree_access import ResourceReading, read, read_all
-from swarmctl.tree_listing import is_pattern, valued
-from swarmctl.values import brief
+from swarmctl.resources.access import ResourceReading, read, read_all
+from swarmctl.resources.listing import is_pattern, valued
+from swarmctl.resources.values import brief
+from swarmctl.session.session import Session
 from swarmware.errors import Partial
 
 

@@ -5,9 +5,9 @@ from typing import Any, Final, Self
 
 import msgspec
 
-from swarmctl.session import Session
-from swarmctl.tree_listing import is_pattern, valued
-from swarmctl.values import brief, field, single
+from swarmctl.resources.listing import is_pattern, valued
+from swarmctl.resources.values import brief, field, single
+from swarmctl.session.session import Session
 from swarmware.errors import Partial
 from swarmware.module.board import BoardReader
 from swarmware.module.stream import StreamReader

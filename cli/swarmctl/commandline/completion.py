@@ -1,0 +1,52 @@
+"""Completion of arguments for the shell, from a cache, without a connection to a node."""
+
+import os
+from collections.abc import Callable, Container
+from typing import Any
+
+import click
+
+from swarmctl.commandline.settings import settings
+
+Completer = Callable[[click.Context, click.Parameter, str], list[Any]]
+
+
+def platforms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Platforms in the cache."""
+    from swarmctl.commandline import completion_cache
+
+    return [name for name in completion_cache.load()[1] if name.startswith(incomplete)]
+
+
+def labs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Labs of this user."""
+    folder = os.environ.get("SWARMCTL_LABS") or f"/tmp/swarm-{os.getuid()}"
+    try:
+        return sorted(e.name for e in os.scandir(folder) if e.is_dir() and e.name.startswith(incomplete))
+    except OSError:
+        return []
+
+
+def resources(kinds: Container[str], access: str = "r") -> Completer:
+    """Paths of resources of these kinds, with their platform when a slash was typed, else without."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+        from swarmctl.commandline import completion_cache
+
+        rows = [row for row in completion_cache.load()[2] if row.kind in kinds and access in row.access]
+        if incomplete.startswith("/") or not (incomplete or settings(ctx).node):
+            return completion_cache.steps((row.path for row in rows), incomplete)
+        return completion_cache.steps(
+            dict.fromkeys(completion_cache.local(rows, settings(ctx).node)), incomplete
+        )
+
+    return complete
+
+
+def live_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Keys of live settings: paths below config/."""
+    from swarmctl.commandline import completion_cache
+
+    rows = [row for row in completion_cache.load()[2] if row.kind == "setting"]
+    paths = dict.fromkeys(completion_cache.local(rows, settings(ctx).node))
+    return completion_cache.steps((path.removeprefix("config/") for path in paths), incomplete)

@@ -1,0 +1,136 @@
+"""A command group that imports a command only when it is called; that keeps `swarmctl --help` fast."""
+
+import os
+import shutil
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import click
+
+from swarmctl.commandline.shared_options import shared_options
+
+EXTERNAL: Final = "swarmctl-"
+"""Programs on PATH with this prefix are commands as well, as in git."""
+
+
+class Lazy(NamedTuple):
+    """Module of a command, and its line in the list of commands."""
+
+    target: str
+    """`package.module:attribute`."""
+    summary: str
+
+
+class Command(click.Command):
+    """A command that also accepts the shared options."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        taken = {name for param in self.params for name in (param.name or "", *param.opts)}
+        self._shared = shared_options(taken)
+        self.params += self._shared
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The command's own options first, the shared ones below."""
+        own = [p.get_help_record(ctx) for p in self.get_params(ctx) if p not in self._shared]
+        shared = [p.get_help_record(ctx) for p in self._shared]
+        for title, records in (("Options", own), ("Options of every command", shared)):
+            if rows := [record for record in records if record is not None]:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
+class Group(click.Group):
+    """A group of commands that accept the shared options."""
+
+    command_class = Command
+
+
+Group.group_class = Group
+
+
+class LazyGroup(Group):
+    """The top group: a table of commands that are imported when called, and programs on PATH."""
+
+    def __init__(self, *args: Any, commands_table: Mapping[str, Lazy], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._table = commands_table
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of the table, not of the alphabet."""
+        return [*self._table, *(name for name in super().list_commands(ctx) if name not in self._table)]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Imports and returns the command."""
+        if cmd_name in self._table:
+            module, _, attribute = self._table[cmd_name].target.partition(":")
+            found = getattr(import_module(module), attribute)
+            if not isinstance(found, click.Command):
+                raise TypeError(f"{module}:{attribute} is not a click command")
+            return found
+        return super().get_command(ctx, cmd_name) or external(cmd_name)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that the words name; for an unknown one the error names the closest match."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            from difflib import get_close_matches
+
+            if near := get_close_matches(args[0], self.list_commands(ctx), n=1):
+                raise click.UsageError(f"no command {args[0]!r}; did you mean {near[0]!r}?", ctx) from error
+            raise
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        """Names with this prefix, from the table alone."""
+        from click.shell_completion import CompletionItem
+
+        known = {name: lazy.summary for name, lazy in self._table.items()}
+        known |= {name: command.get_short_help_str() for name, command in self.commands.items()}
+        found = [
+            CompletionItem(name, help=text) for name, text in known.items() if name.startswith(incomplete)
+        ]
+        return found + click.Command.shell_complete(self, ctx, incomplete)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands, from the table alone: nothing is imported for it."""
+        rows = [(name, lazy.summary) for name, lazy in self._table.items()]
+        rows += [(name, cmd.get_short_help_str()) for name, cmd in self.commands.items()]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+        if others := externals(os.environ.get("PATH", "")):
+            with formatter.section("Programs on PATH"):
+                formatter.write_dl([(name, f"{EXTERNAL}{name}") for name in others])
+
+
+def external(name: str) -> click.Command | None:
+    """A program `swarmctl-NAME` on PATH as a command that hands over to it."""
+    program = shutil.which(EXTERNAL + name) if "/" not in name else None
+    if program is None:
+        return None
+
+    def hand_over() -> None:
+        os.execv(program, [program, *click.get_current_context().args])
+
+    return click.Command(
+        name,
+        callback=hand_over,
+        add_help_option=False,
+        context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+    )
+
+
+def externals(path: str) -> list[str]:
+    """Names of the programs `swarmctl-*` in the directories of PATH."""
+    found: set[str] = set()
+    for directory in filter(None, path.split(os.pathsep)):
+        try:
+            entries = [entry for entry in os.scandir(directory) if entry.name.startswith(EXTERNAL)]
+        except OSError:
+            continue
+        found.update(e.name.removeprefix(EXTERNAL) for e in entries if os.access(Path(e.path), os.X_OK))
+    return sorted(found)

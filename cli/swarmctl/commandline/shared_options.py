@@ -1,0 +1,79 @@
+"""The options that every command accepts, before or after its name; their values are in `CliSettings`."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import click
+
+from swarmctl.commandline import completion
+from swarmctl.commandline.settings import PREFIX, settings
+
+
+def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
+    """Stores the value of a given option in the settings.
+
+    The environment is read at the top only: at a command it would override an option given before it.
+    """
+    source = ctx.get_parameter_source(param.name or "")
+    given = {"COMMANDLINE", "ENVIRONMENT"} if ctx.parent is None else {"COMMANDLINE"}
+    if source is not None and source.name in given:
+        ctx.obj = settings(ctx)._replace(**{param.name or "": value})
+
+
+def _option(*names: str, name: str, help_text: str, **rest: Any) -> Callable[[], click.Option]:
+    variable = f"{PREFIX}_{name.removesuffix('_s').upper()}"
+
+    def make() -> click.Option:
+        return click.Option(
+            [*names, name],
+            help=help_text,
+            **{"envvar": variable, **rest},
+            expose_value=False,
+            callback=_keep,
+        )
+
+    return make
+
+
+_SHARED: Final = (
+    _option(
+        "--node",
+        "-n",
+        name="node",
+        metavar="PLATFORM",
+        help_text="Platform to query or command.",
+        shell_complete=completion.platforms,
+    ),
+    _option(
+        "--lab",
+        name="lab",
+        metavar="NAME",
+        help_text="Running lab to use; default: the newest.",
+        shell_complete=completion.labs,
+    ),
+    _option(
+        "--config",
+        name="config",
+        metavar="DIR",
+        help_text="Configuration folder of the node to use; default: SWARM_CONFIG, a lab, /etc/swarm.",
+        envvar=None,  # the one variable of daemons and modules, too: see `Settings.config_dir`
+        allow_from_autoenv=False,
+    ),
+    _option("--json", name="json", is_flag=True, help_text="Result as JSON."),
+    _option(
+        "--timeout",
+        name="timeout_s",
+        metavar="SECONDS",
+        type=click.FloatRange(min=0, min_open=True),
+        help_text="Maximum wait for an answer; default: 5.",
+    ),
+    _option("--quiet", "-q", name="quiet", is_flag=True, help_text="Only warnings and errors on stderr."),
+    _option("--verbose", "-v", name="verbose", is_flag=True, help_text="More messages on stderr."),
+    _option("--no-color", name="no_color", is_flag=True, help_text="No colours; NO_COLOR does the same."),
+)
+
+
+def shared_options(taken: set[str]) -> list[click.Option]:
+    """The options of every command, except those that the command defines itself."""
+    made = [make() for make in _SHARED]
+    return [option for option in made if not taken & {option.name or "", *option.opts}]

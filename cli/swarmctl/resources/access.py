@@ -1,0 +1,148 @@
+"""Reads and writes values of the resource tree."""
+
+import asyncio
+from typing import Any, Final
+
+import msgspec
+
+from swarmctl.resources.listing import consequence
+from swarmctl.resources.values import brief, decoded, decoded_payload, field, typed
+from swarmctl.session.session import Session
+from swarmctl.terminal.confirmation import confirm
+from swarmware.errors import NoAnswer, NotFound, SwarmError
+from swarmware.model import names
+from swarmware.types.tree import Quality, TreeGet, TreeSet, TreeSetDone, TreeUndo, TreeValue, ValueSource
+
+FRESH_S: Final = 1.0
+"""Maximum age of a mirror that is used without a query; an older one may be of a rarely changing value, or
+its subscription may have ended."""
+
+
+class ResourceReading(msgspec.Struct, frozen=True):
+    """The newest value of a resource, with its quality."""
+
+    path: str
+    type: str
+    unit: str
+    value: Any
+    """Plain data of the value, or of the requested field."""
+    stamp_ns: int
+    """Hardware clock of the owner."""
+    age_s: float | None
+    """None: the owner's clock is not known here."""
+    sequence: int
+    version: int
+    quality: Quality
+    """live | stale | lost."""
+    owner: str
+    source: str
+    """own | mirror | asked."""
+
+    @property
+    def warning(self) -> str:
+        """Warning to print with the value; empty: none."""
+        if self.quality is not Quality.LOST:
+            return ""
+        age = "of unknown age" if self.age_s is None else f"{self.age_s:.0f} s old"
+        return f"{self.path}: lost; this is the last value, {age}"
+
+
+class Written(msgspec.Struct, frozen=True):
+    """A value that was set."""
+
+    path: str
+    type: str
+    value: Any
+    version: int
+
+
+async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
+    """The newest value; a mirror older than FRESH_S is replaced by the owner's value, if it answers.
+
+    Raises: NotFound, NoAnswer.
+    """
+    ask = f"/{session.here}/sys/tree/get"
+    found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about=path)
+    if (
+        found.source is not ValueSource.MIRROR
+        or found.quality is Quality.LOST
+        or (found.age_s or FRESH_S) < FRESH_S
+    ):
+        return found
+    try:
+        return await session.ask(ask, TreeGet(path, True), TreeValue, about=path)
+    except NoAnswer:
+        return found
+
+
+async def read(session: Session, path: str, fields: str = "", *, fresh: bool = False) -> ResourceReading:
+    """The newest value of a resource, or of one of its fields.
+
+    Raises: NotFound, NoAnswer, InvalidInput for an unknown field.
+    """
+    if not names.split(path)[1]:
+        raise NotFound(f"{path}: a platform has no value; `swarmctl tree ls {path}` shows its resources")
+    found = await newest(session, path, fresh=fresh)
+    return ResourceReading(
+        found.path,
+        found.type,
+        found.unit,
+        field(decoded(found), found.path, fields),
+        found.stamp_ns,
+        found.age_s,
+        found.sequence,
+        found.version,
+        found.quality,
+        found.owner,
+        found.source,
+    )
+
+
+async def read_all(
+    session: Session, paths: list[str], fields: str = "", *, fresh: bool = False
+) -> tuple[list[ResourceReading], list[SwarmError]]:
+    """The values that were read, and the errors of the others."""
+
+    async def one(path: str) -> ResourceReading | SwarmError:
+        try:
+            return await read(session, path, fields, fresh=fresh)
+        except SwarmError as error:
+            return error
+
+    found = await asyncio.gather(*(one(path) for path in paths))
+    readings = [reading for reading in found if isinstance(reading, ResourceReading)]
+    return readings, [error for error in found if isinstance(error, SwarmError)]
+
+
+async def write(session: Session, path: str, text: str, version: int | None = None) -> Written:
+    """Sets a resource, or a field of it, to what an operator typed.
+
+    Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
+    """
+    request = TreeSet(path, typed(text), version)
+    done = await session.ask(f"/{session.here}/sys/tree/set", request, TreeSetDone, about=path)
+    return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)
+
+
+async def set_resource(session: Session, path: str, text: str, *, version: int | None, yes: bool) -> None:
+    """Sets a resource or a field and prints the value in force; `yes`: without a confirmation.
+
+    Raises: as `write` and `confirm`.
+    """
+    full = session.path(path)
+    if will := await consequence(session, full):
+        confirm(yes, f"set {full}: {will}")
+    done = await write(session, full, text, version)
+    if session.settings.json:
+        session.out.document(done)
+    else:
+        session.out.text(f"{done.path} = {brief(done.value)} (version {done.version})")
+
+
+async def undo(session: Session, path: str) -> Written:
+    """Restores the value that a setting had before its last change.
+
+    Raises: NotFound when it was not changed, InvalidInput when it is not a setting, NoAnswer, Denied.
+    """
+    done = await session.ask(f"/{session.here}/sys/tree/undo", TreeUndo(path), TreeSetDone, about=path)
+    return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)

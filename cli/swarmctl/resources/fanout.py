@@ -1,0 +1,68 @@
+"""Requests to many platforms concurrently."""
+
+import asyncio
+from typing import TypeVar
+
+import msgspec
+
+from swarmctl.resources.access import newest
+from swarmctl.session.session import Session
+from swarmware.errors import SwarmError
+from swarmware.model import names
+from swarmware.types import registry
+
+R = TypeVar("R", bound=msgspec.Struct)
+
+
+async def platforms(session: Session) -> list[str]:
+    """The joined node, every platform it can reach, and known ones that are unreachable.
+
+    Raises: NoAnswer when its broker does not answer.
+    """
+    ways = {route.platform for route in (await session.routes()).routes}
+    return sorted({session.here, *ways, *await session.known()}, key=names.natural)
+
+
+async def ask_all(
+    session: Session, asked: list[str], path: str, value: msgspec.Struct, reply: type[R]
+) -> tuple[dict[str, R], dict[str, SwarmError]]:
+    """The answers, and the errors of the platforms without an answer."""
+
+    async def one(platform: str) -> R | SwarmError:
+        try:
+            return await session.ask(names.join(platform, path), value, reply)
+        except SwarmError as error:
+            return error
+
+    return _sorted_out(asked, await asyncio.gather(*(one(platform) for platform in asked)))
+
+
+async def read_boards(
+    session: Session, asked: list[str], path: str, cls: type[R]
+) -> tuple[dict[str, R], dict[str, SwarmError]]:
+    """The newest value of a board of each platform: from a mirror if there is one, else from its owner."""
+
+    async def one(platform: str) -> R | SwarmError:
+        try:
+            return registry.decode(cls, (await newest(session, names.join(platform, path))).data)
+        except SwarmError as error:
+            return error
+
+    return _sorted_out(asked, await asyncio.gather(*(one(platform) for platform in asked)))
+
+
+def _sorted_out(asked: list[str], found: list[R | SwarmError]) -> tuple[dict[str, R], dict[str, SwarmError]]:
+    answers: dict[str, R] = {}
+    errors: dict[str, SwarmError] = {}
+    for platform, answer in zip(asked, found, strict=True):
+        if isinstance(answer, SwarmError):
+            errors[platform] = answer
+        else:
+            answers[platform] = answer
+    return answers, errors
+
+
+def warn_errors(session: Session, errors: dict[str, SwarmError]) -> None:
+    """Prints a warning for each platform that did not answer."""
+    for error in errors.values():
+        session.out.warn(str(error))

@@ -1,0 +1,207 @@
+"""State of a lab: lab.json in its folder, written by the process that started it, read by every command."""
+
+import os
+import re
+import stat
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmctl.session.processes import NODE_MARK, ProcessIdentity, marked, marks
+from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
+from swarmware.model import document
+from swarmware.runtime.filewriter import replace_file
+
+FILE: Final = "lab.json"
+_NAME: Final = re.compile(r"[a-z][a-z0-9_-]{0,23}\Z")
+
+
+class LabNode(msgspec.Struct, frozen=True, kw_only=True):
+    """One node of a lab."""
+
+    platform: str
+    kind: str
+    folder: str
+    """Folder with all files of this node except its shared memory."""
+    shm_dir: str
+    processes: str
+    """one | per-daemon."""
+    offset_s: float
+    """Simulated clock: this node's reading minus the machine's CLOCK_MONOTONIC at its zero."""
+    drift_ppm: float
+    pid: int = 0
+    """pid of the main process; 0: not started yet."""
+    pid_start: int = 0
+    """Start of the process in clock ticks since boot: distinguishes it from a later one of the same pid."""
+
+    @property
+    def config_dir(self) -> Path:
+        """Folder of node.toml and services/."""
+        return Path(self.folder) / "etc"
+
+    @property
+    def run_dir(self) -> Path:
+        """Folder of sockets and application files."""
+        return Path(self.folder) / "run"
+
+    @property
+    def data_dir(self) -> Path:
+        """Folder of the node's logs, settings and missions."""
+        return Path(self.folder) / "data"
+
+    @property
+    def keys_dir(self) -> Path:
+        """Folder of the node's keys."""
+        return Path(self.folder) / "keys"
+
+    @property
+    def log_file(self) -> Path:
+        """File with the output of the node's processes."""
+        return Path(self.folder) / "log.txt"
+
+    @property
+    def notify_path(self) -> Path:
+        """Socket on which the node reports that it is ready (sd_notify)."""
+        return Path(self.folder) / "notify"
+
+    @property
+    def identity(self) -> ProcessIdentity:
+        """The node's main process."""
+        return ProcessIdentity(self.pid, self.pid_start)
+
+    def alive(self) -> bool:
+        """Whether any of its processes runs: a main process that was killed is started again."""
+        return self.pid > 0 and (self.identity.alive() or bool(marked(self.folder, NODE_MARK)))
+
+
+class LabState(msgspec.Struct, frozen=True, kw_only=True):
+    """Description of one lab as its state file keeps it."""
+
+    schema_version: int = 1
+    name: str
+    experiment: str
+    net: str
+    seed: int
+    folder: str
+    created_utc_ns: int
+    starter: ProcessIdentity
+    """Process that started it."""
+    multicast_group: str
+    udp_port: int
+    mongodb_uri: str = ""
+    mongodb_database: str = ""
+    """Database to which the logs are forwarded; empty: they stay on the nodes."""
+    ready_s: float = 0.0
+    """Time from the first start of a process until the ground station had all trees; 0: not yet."""
+    nodes: tuple[LabNode, ...]
+
+    def node(self, platform: str) -> LabNode:
+        """The node of that platform.
+
+        Raises: NotFound naming the existing nodes.
+        """
+        for node in self.nodes:
+            if node.platform == platform:
+                return node
+        known = ", ".join(node.platform for node in self.nodes)
+        raise NotFound(f"node {platform!r} (lab {self.name}): no such node; expected one of {known}")
+
+    @property
+    def station(self) -> LabNode:
+        """The ground station's node, which commands join."""
+        return next(node for node in self.nodes if node.kind == "gcs")
+
+    @property
+    def running(self) -> bool:
+        """Whether any of its nodes runs."""
+        return any(node.alive() for node in self.nodes)
+
+    @property
+    def mark(self) -> str:
+        """Value of MARK in the environment of every process of this lab."""
+        return self.folder
+
+
+def check_name(name: str) -> str:
+    """Check the name of a lab, and return it.
+
+    Raises: InvalidInput when it is invalid.
+    """
+    if not _NAME.match(name):
+        raise InvalidInput(f"lab name {name!r}: expected [a-z][a-z0-9_-]{{0,23}}")
+    return name
+
+
+def default_folder() -> Path:
+    """Folder of this user's labs without SWARMCTL_LABS."""
+    return Path(f"/tmp/swarm-{os.getuid()}")
+
+
+def labs_folder() -> Path:
+    """Folder of this user's labs; short, because sockets live below it.
+
+    Raises: Denied when another user may write to it.
+    """
+    folder = Path(os.environ.get("SWARMCTL_LABS") or default_folder())
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise Denied(f"folder of the labs ({folder}): expected a directory that only you can write to")
+    return folder
+
+
+def save(state: LabState) -> None:
+    """Writes lab.json; readers see the old one or the new one."""
+    path = Path(state.folder) / FILE
+    data = msgspec.json.format(msgspec.json.encode(state), indent=1)
+    # the address of the database may have a password in it
+    replace_file(path, data, mode=0o600, durable=False)
+
+
+def load(folder: Path) -> LabState:
+    """The lab in this folder.
+
+    Raises: NotFound when there is none; ConfigError when its state file is damaged.
+    """
+    try:
+        return document.json(
+            document.read(folder / FILE), LabState, f"state file of the lab ({folder / FILE})"
+        )
+    except FileNotFoundError:
+        raise NotFound(f"lab {folder.name!r} ({folder}): no such lab") from None
+
+
+def labs() -> list[LabState]:
+    """All labs of this user, running or not, oldest first; damaged state files are skipped."""
+    found = []
+    for path in labs_folder().glob(f"*/{FILE}"):
+        try:
+            found.append(load(path.parent))
+        except (NotFound, ConfigError):
+            continue
+    return sorted(found, key=lambda lab: lab.created_utc_ns)
+
+
+def running_labs() -> list[LabState]:
+    """All labs of this user of which a process runs, in any folder of labs."""
+    found = []
+    for mark in sorted(marks()):
+        try:
+            found.append(load(Path(mark)))
+        except (NotFound, ConfigError):
+            continue
+    return found
+
+
+def find(name: str = "") -> LabState:
+    """The lab of that name, or the newest that runs.
+
+    Raises: NotFound when there is none.
+    """
+    if name:
+        return load(labs_folder() / check_name(name))
+    running = [lab for lab in labs() if lab.running]
+    if not running:
+        raise NotFound("running lab: none; expected one started by `swarmctl lab up formation --detach`")
+    return running[-1]

@@ -1,0 +1,182 @@
+"""A session with the swarm: finds a node of this machine and joins it as a module named swarmctl."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Concatenate, Final, ParamSpec, TypeVar
+
+import msgspec
+
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.terminal.output import Output
+from swarmware.errors import NoAnswer, NotFound, SwarmError
+from swarmware.model import names
+from swarmware.model.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
+from swarmware.module.module import Module
+from swarmware.transport.appfile.table import AppTable
+from swarmware.types.net import Routes
+from swarmware.types.rpc import Empty
+from swarmware.types.tree import TreeList, TreeListing
+
+R = TypeVar("R", bound=msgspec.Struct)
+T = TypeVar("T")
+P = ParamSpec("P")
+
+NAME: Final = "swarmctl"
+
+
+class Session:
+    """Access of a command to the swarm: the joined node, the addressed platform, the output."""
+
+    def __init__(self, module: Module, settings: CliSettings, out: Output) -> None:
+        self.module = module
+        self.settings = settings
+        self.out = out
+        self.here = module.platform
+        """Platform of the node that was joined."""
+        self.platform = names.check_platform(settings.node) if settings.node else self.here
+        """Platform that `--node` names, else the one that was joined."""
+        self._routes: Routes | None = None
+        self._known: tuple[str, ...] = ()
+
+    def path(self, path: str) -> str:
+        """A path with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""
+        platform, local = names.split(path)
+        return names.join(platform or self.platform, local)
+
+    async def ask(
+        self,
+        path: str,
+        value: msgspec.Struct,
+        reply: type[R],
+        *,
+        about: str = "",
+        timeout_s: float | None = None,
+    ) -> R:
+        """Sends a request to the platform of the session, or to the one in the path.
+
+        `about`: resource of another platform to which the request will be forwarded.
+        Raises: as `Module.request`.
+        """
+        wait_s = self.settings.timeout_s if timeout_s is None else timeout_s
+        full = self.path(path)
+        platform = names.split(about or full)[0] or self.here
+        await self.reach(platform)
+        try:
+            return await self.module.request(full, value, reply, timeout_s=wait_s)
+        except NoAnswer as error:
+            raise NoAnswer(f"{about or full}: {platform} does not answer ({error})") from error
+
+    async def routes(self) -> Routes:
+        """Routes of the joined node; requested once.
+
+        Raises: as `Module.request`.
+        """
+        if self._routes is None:
+            path, wait_s = f"/{self.here}/sys/broker/routes", self.settings.timeout_s
+            self._routes = await self.module.request(path, Empty(), Routes, timeout_s=wait_s)
+        return self._routes
+
+    async def reach(self, platform: str) -> None:
+        """Checks that a platform is known and has a route, to fail without waiting for a time-out.
+
+        Raises: NotFound for an unknown platform, NoAnswer for one without a route.
+        """
+        names.check_platform(platform)
+        if platform == self.here:
+            return
+        ways = {route.platform for route in (await self.routes()).routes}
+        if platform in ways:
+            return
+        known = await self.known()
+        if platform in known:
+            raise NoAnswer(f"node {platform!r}: known, but {self.here} has no route to it now")
+        there = ", ".join(sorted({self.here, *ways, *known}, key=names.natural))
+        raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
+
+    async def known(self) -> tuple[str, ...]:
+        """All platforms whose tree is known here, also unreachable ones; empty without a tree service."""
+        if not self._known:
+            path, nothing = f"/{self.here}/sys/tree/list", TreeList(f"/{self.here}/none", 1)
+            try:
+                found = await self.module.request(path, nothing, TreeListing, timeout_s=1.0)
+            except SwarmError:
+                return ()
+            self._known = tuple(one.platform for one in found.platforms)
+        return self._known
+
+
+def config_dir(settings: CliSettings) -> Path:
+    """Configuration folder of the node to join: `--config`, `--lab`, SWARM_CONFIG, a running lab, /etc/swarm.
+
+    Raises: NotFound naming the places searched.
+    """
+    from swarmctl.session import labs
+
+    if settings.config_dir is not None:
+        return settings.config_dir
+    if settings.lab:
+        return labs.find(settings.lab).station.config_dir
+    running = [lab for lab in labs.labs() if lab.running]
+    if running:
+        return running[-1].station.config_dir
+    if (DEFAULT_DIR / "node.toml").is_file():
+        return DEFAULT_DIR
+    raise NotFound(
+        f"node: no running lab, no {DEFAULT_DIR}/node.toml; expected one, --config DIR or {CONFIG_VARIABLE}"
+        " (`swarmctl lab up formation --nodes 4 --detach` starts a lab)"
+    )
+
+
+def local_config_dir(settings: CliSettings) -> Path:
+    """Configuration folder of the platform of the session, whose files must be on this machine.
+
+    Raises: NotFound when they are not.
+    """
+    from swarmctl.session import labs
+
+    joined = config_dir(settings)
+    if not settings.node:
+        return joined
+    if settings.config_dir is None:
+        for lab in labs.labs():
+            if lab.station.config_dir == joined:
+                return lab.node(settings.node).config_dir
+    here = load_node(joined).platform
+    if here != settings.node:
+        raise NotFound(
+            f"files of {settings.node!r}: not on this machine; expected {here}, or swarmctl on its machine"
+        )
+    return joined
+
+
+@asynccontextmanager
+async def connect(settings: CliSettings, out: Output | None = None) -> AsyncIterator[Session]:
+    """Joins the node.
+
+    Raises: NotFound without a node, NoAnswer when its services do not run, ConfigError, Denied.
+    """
+    folder = config_dir(settings)
+    node = load_node(folder)
+    table = AppTable(node.run_path)
+    table.refresh(probe=True)
+    if not len(table):
+        raise NoAnswer(f"node {node.platform} ({folder}): its services do not run; expected them to")
+    async with Module(NAME, config_dir=folder) as module:
+        yield Session(module, settings, out or Output(settings))
+
+
+def run(
+    settings: CliSettings,
+    command: Callable[Concatenate[Session, P], Awaitable[T]],
+    *args: P.args,
+    **kwargs: P.kwargs,
+) -> T:
+    """Joins the node, calls `command(session, …)`, and leaves the node."""
+
+    async def main() -> T:
+        async with connect(settings) as session:
+            return await command(session, *args, **kwargs)
+
+    return asyncio.run(main())

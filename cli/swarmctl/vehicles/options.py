@@ -1,0 +1,28 @@
+"""Shared options of commands to vehicles: selection and time-out."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import click
+
+from swarmctl.commandline import completion
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+EVERYTHING: Final = click.option("--all", "everything", is_flag=True, help="All known vehicles.")
+REASON: Final = click.option("--reason", default="operator", help="Reason, recorded in all logs.")
+PLATFORMS: Final = click.argument(
+    "platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completion.platforms
+)
+
+
+def timeout_option(wait_s: float) -> Decorator:
+    """Option for the time-out of a command, with its default."""
+    return click.option(
+        "--timeout",
+        "wait_s",
+        metavar="SECONDS",
+        type=click.FloatRange(min=0, min_open=True),
+        default=wait_s,
+        help=f"Maximum wait until all have done it; default: {wait_s:g}.",
+    )

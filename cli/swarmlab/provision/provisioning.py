@@ -1,0 +1,237 @@
+"""Folders, configuration and keys of a lab: made before its first process starts, removed after its last."""
+
+import hashlib
+import os
+import random
+import shutil
+import socket
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import tomli_w
+
+from swarmctl.session import labs, processes
+from swarmctl.session.labs import LabNode, LabState
+from swarmlab.provision import plan
+from swarmlab.provision.plan import PlannedNode
+from swarmware.errors import Conflict, InvalidInput, NoAnswer
+from swarmware.transport.security import make_swarm
+
+SHM: Final = Path("/dev/shm")
+LOOPBACK: Final = "127.0.0.1"
+PORTS: Final = range(20_000, 32_000)
+"""Below the ephemeral ports of the kernel (32768 and up)."""
+NETS: Final = ("loopback",)
+CLAIM_TRIES: Final = 99
+ENDING: Final = "ending"
+"""File in the lab's folder: its end has begun."""
+
+STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
+"""A ground station has neither simulation nor navigator."""
+VEHICLE: Final = (*STATION, "sim", "navigator")
+RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
+"""Radius of the sphere around a vehicle: configured in the simulation, used by the report."""
+LIDAR: Final = "ugv1"
+"""Vehicle with a lidar, which replays the packets of a real one."""
+TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "usv": "usv", "uav": "multirotor"}
+
+
+class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
+    """Specification of a lab."""
+
+    experiment: str
+    nodes: int
+    seed: int
+    usv: int = 0
+    """Number of surface vessels among the nodes."""
+    name: str = ""
+    """Name of the lab; empty: the experiment's name, with a number when that is taken."""
+    net: str = "loopback"
+    per_daemon: str | None = None
+    """None: one process per node; `all` or names: one per daemon on those."""
+    mongodb_uri: str = ""
+
+
+def make(spec: LabSpec) -> LabState:
+    """Makes the lab's folders, configuration and keys.
+
+    Raises: InvalidInput for a specification that cannot be met, Conflict when the name is taken.
+    """
+    if spec.net not in NETS:
+        raise InvalidInput(f"--net {spec.net}: unknown; expected one of {', '.join(NETS)}")
+    who = plan.members(spec.nodes, spec.seed, spec.usv)
+    separate = plan.per_daemon(spec.per_daemon, who)
+    folder = _claim(spec)
+    try:
+        lab = LabState(
+            name=folder.name,
+            experiment=spec.experiment,
+            net=spec.net,
+            seed=spec.seed,
+            folder=str(folder),
+            created_utc_ns=time.time_ns(),
+            starter=processes.identity(os.getpid()),
+            multicast_group=_group(),
+            udp_port=_free_port(),
+            mongodb_uri=spec.mongodb_uri,
+            mongodb_database=f"swarm_{folder.name}" if spec.mongodb_uri else "",
+            nodes=tuple(_node(folder, member, member.platform in separate) for member in who),
+        )
+        labs.save(lab)
+        keys = folder / "keys"
+        make_swarm(keys, {m.platform: "maintainer" if m.kind == "gcs" else "node" for m in who})
+        for node in lab.nodes:
+            _write(lab, node, keys)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return lab
+
+
+def remove(lab: LabState, *, keep: bool = False) -> None:
+    """Removes the files of the lab: shared memory and sockets; with `keep` not configuration and logs."""
+    for node in lab.nodes:
+        shutil.rmtree(node.shm_dir, ignore_errors=True)
+        shutil.rmtree(node.run_dir, ignore_errors=True)
+        with suppress(FileNotFoundError):
+            node.notify_path.unlink()
+    if not keep:
+        shutil.rmtree(lab.folder, ignore_errors=True)
+
+
+def is_ending(lab: LabState) -> bool:
+    """Whether the end of this lab has begun: its nodes are not restarted any more."""
+    return (Path(lab.folder) / ENDING).exists() or not Path(lab.folder).exists()
+
+
+def down(lab: LabState, *, keep: bool = False) -> int:
+    """Ends all processes of the lab and removes its files; returns how many had to be killed.
+
+    Raises: NoAnswer when a process cannot be ended.
+    """
+    with suppress(FileNotFoundError):
+        (Path(lab.folder) / ENDING).touch()
+    forced = processes.end([node.identity for node in lab.nodes if node.pid], lab.mark)
+    if left := processes.marked(lab.mark):
+        pids = ", ".join(str(process.pid) for process in left)
+        raise NoAnswer(f"lab {lab.name}: processes {pids} do not end after SIGKILL; expected their end")
+    remove(lab, keep=keep)
+    return forced
+
+
+def _claim(spec: LabSpec) -> Path:
+    folder = labs.labs_folder()
+    if spec.name:
+        names = [labs.check_name(spec.name)]
+    else:
+        names = [spec.experiment, *(f"{spec.experiment}{i}" for i in range(2, CLAIM_TRIES))]
+    for name in names:
+        _remove_dead_lab(folder / name)
+        with suppress(FileExistsError):
+            (folder / name).mkdir(mode=0o700)
+            return folder / name
+    raise Conflict(f"lab {names[0]!r}: exists already; expected another --name, or `swarmctl lab down`")
+
+
+def _remove_dead_lab(folder: Path) -> None:
+    """Removes a lab without a running process; its name becomes free."""
+    if not (folder / labs.FILE).exists():
+        return
+    lab = labs.load(folder)
+    starting = lab.starter.alive() and not all(node.pid for node in lab.nodes)
+    if not (lab.running or starting or processes.marked(lab.mark)):
+        remove(lab)
+
+
+def _node(folder: Path, member: PlannedNode, separate: bool) -> LabNode:
+    return LabNode(
+        platform=member.platform,
+        kind=member.kind,
+        folder=str(folder / "n" / member.platform),
+        shm_dir=str(SHM / f"swarm-{os.getuid()}-{_alias(folder)}-{member.platform}"),
+        processes="per-daemon" if separate else "one",
+        offset_s=member.offset_s,
+        drift_ppm=member.drift_ppm,
+    )
+
+
+def _alias(folder: Path) -> str:
+    """Unique name of the lab: outside the default folder of labs another lab may have the same name."""
+    if folder.parent == labs.default_folder():
+        return folder.name
+    where = hashlib.blake2b(os.fsencode(folder.parent.resolve()), digest_size=4)
+    return f"{folder.name}-{where.hexdigest()}"
+
+
+def _write(lab: LabState, node: LabNode, keys: Path) -> None:
+    for directory in (node.config_dir / "services", node.run_dir, node.data_dir):
+        directory.mkdir(mode=0o700, parents=True)
+    shutil.rmtree(node.shm_dir, ignore_errors=True)
+    Path(node.shm_dir).mkdir(mode=0o700)
+    shutil.move(keys / node.platform, node.keys_dir)
+    _toml(
+        node.config_dir / "node.toml",
+        {
+            "platform": node.platform,
+            "kind": node.kind,
+            "template": TEMPLATES[node.kind],
+            "services": list(STATION if node.kind == "gcs" else VEHICLE),
+            "processes": node.processes,
+            "run_dir": str(node.run_dir),
+            "shm_dir": node.shm_dir,
+            "data_dir": str(node.data_dir),
+            "keys_dir": str(node.keys_dir),
+            "clock": {"offset_s": node.offset_s, "drift_ppm": node.drift_ppm},
+        },
+    )
+    for name, settings in _services(lab, node).items():
+        _toml(node.config_dir / "services" / f"{name}.toml", settings)
+
+
+def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
+    settings: dict[str, dict[str, Any]] = {
+        "broker": {
+            "multicast_group": lab.multicast_group,
+            "multicast_interface": LOOPBACK,
+            "bind_address": LOOPBACK,
+            "udp_port": lab.udp_port,
+        },
+    }
+    if node.kind != "gcs":
+        settings["sim"] = {
+            "world": lab.experiment,
+            "seed": lab.seed,
+            "ground": {"radius_m": RADIUS_M["ugv"]},
+            "surface": {"radius_m": RADIUS_M["usv"]},
+            "multirotor": {"radius_m": RADIUS_M["uav"]},
+        }
+    if node.platform == LIDAR:
+        settings["hal"] = {"drivers": ["sim", "system", "replay"]}
+    if lab.mongodb_uri:
+        settings["logger"] = {"mongodb_uri": lab.mongodb_uri, "mongodb_database": lab.mongodb_database}
+    return settings
+
+
+def _toml(path: Path, data: dict[str, Any]) -> None:
+    path.touch(mode=0o600)  # the address of the database may have a password in it
+    path.write_text(tomli_w.dumps(data), "utf-8")
+
+
+def _group() -> str:
+    """A random multicast group of the site-local scope (RFC 2365)."""
+    chance = random.SystemRandom()
+    return f"239.255.{chance.randrange(1, 255)}.{chance.randrange(1, 255)}"
+
+
+def _free_port() -> int:
+    """A UDP port that is not in use now."""
+    chance = random.SystemRandom()
+    for _ in range(CLAIM_TRIES):
+        port = chance.choice(PORTS)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
+            probe.bind(("", port))
+            return port
+    raise Conflict(f"UDP ports {PORTS.start}..{PORTS.stop}: none free; expected one")

@@ -1,0 +1,80 @@
+"""Checks whether this computer can run the nodes of a lab, by measuring the first ones, then all."""
+
+import asyncio
+import os
+from collections.abc import Mapping
+from typing import Final
+
+from swarmctl.session.labs import LabState
+from swarmlab.measure import host, load
+from swarmlab.measure.host import HostInfo
+from swarmlab.measure.load import Usage
+from swarmware.errors import SwarmError
+
+FIRST: Final = 8
+"""Nodes whose processor time is measured before the others are started."""
+CERTAIN_PER_CORE: Final = 8
+"""Nodes per core up to which no measurement is needed; sixteen used about 1.5 of two cores."""
+SAMPLE_S: Final = 2.0
+FULL: Final = 0.93
+"""Share of all cores that the nodes may take: above it their event loops are late and links fall."""
+
+
+def needs_measurement(nodes: int, cores: int) -> bool:
+    """Whether the computer may be too slow for so many nodes."""
+    return nodes > CERTAIN_PER_CORE * cores
+
+
+def refusal(nodes: int, measured: HostInfo, first: int) -> str:
+    """Why the computer cannot run so many nodes; empty when it may.
+
+    The cost of a node grows with its neighbours: that of the first ones is a lower bound.
+    """
+    assert measured.nodes_percent is not None
+    per_node = measured.nodes_percent / first
+    limit = FULL * measured.cores * 100
+    if nodes * per_node <= limit:
+        return ""
+    carried = max(1, int(limit / per_node))
+    return (
+        f"{nodes} nodes are too many for this computer: the {'first ' if first < nodes else ''}{first} use "
+        f"{per_node:.1f} % of a core each, {measured.summary()}; "
+        f"expected at most {carried} nodes, or more cores"
+    )
+
+
+class Capacity:
+    """Measures the nodes of a lab that is being started.
+
+    Raises: SwarmError when the processor is too slow for all of them.
+    """
+
+    def __init__(self, nodes: int) -> None:
+        self._nodes = nodes
+        self._before = host.describe()
+
+    @property
+    def first(self) -> int:
+        """Number of nodes to start before the measurement; all when none is needed."""
+        return FIRST if needs_measurement(self._nodes, os.cpu_count() or 1) else self._nodes
+
+    def describe(self) -> str:
+        """Present load of the computer, for errors that it may have caused."""
+        return f"{self._before.summary()}, {os.getloadavg()[0]:.1f} now"
+
+    async def measure(self, lab: LabState, started: int) -> None:
+        """Measures the running nodes for two seconds, unless that is not needed.
+
+        Raises: SwarmError with their use and the possible number of nodes.
+        """
+        if not needs_measurement(self._nodes, self._before.cores):
+            return
+        busy, used = host.busy(), load.usage(lab)
+        await asyncio.sleep(SAMPLE_S)  # the sampling interval
+        found = host.shares(self._before, busy, host.busy(), _percents(used, load.usage(lab)))
+        if reason := refusal(self._nodes, found, started):
+            raise SwarmError(f"lab {lab.name}: {reason}")
+
+
+def _percents(before: Mapping[str, Usage], after: Mapping[str, Usage]) -> list[float]:
+    return [load.percent(before[platform], after[platform]) for platform in before]

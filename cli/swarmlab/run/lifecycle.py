@@ -1,0 +1,158 @@
+"""Start, operation and end of a lab, including its interruption by Ctrl-C."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Final, TypeVar
+
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.session import labs
+from swarmctl.session.labs import LabState
+from swarmctl.session.session import connect
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.progress import Progress
+from swarmlab.provision import plan, prerequisites, provisioning
+from swarmlab.provision.provisioning import LabSpec
+from swarmlab.run import listing
+from swarmlab.run.capacity import Capacity
+from swarmlab.run.running import RunningLab
+from swarmlab.run.watch import SwarmWatch
+from swarmware.errors import NoAnswer
+
+T = TypeVar("T")
+
+UP_S: Final = 120.0
+"""Maximum wait for a swarm to start; two cores start sixteen nodes in a tenth of it."""
+
+
+def run_interruptible(main: Coroutine[Any, Any, T]) -> T:
+    """Runs a coroutine; SIGTERM and a closed terminal interrupt it like Ctrl-C, so that the lab is ended.
+
+    Raises: KeyboardInterrupt when it was interrupted.
+    """
+
+    async def interruptible() -> T:
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        assert task is not None
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, task.cancel)
+        return await main
+
+    try:
+        return asyncio.run(interruptible())
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+
+
+@contextmanager
+def teardown(lab: LabState, out: Output) -> Iterator[None]:
+    """Blocks signals while a lab ends: a second Ctrl-C does not interrupt it."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        with suppress(OSError):  # the terminal may be closed, which may be the reason of the end
+            out.say(f"ending lab {lab.name}")
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def station_settings(lab: LabState) -> CliSettings:
+    """Settings that join the lab's ground station."""
+    return CliSettings(config=str(lab.station.config_dir))
+
+
+async def bring_up(running: RunningLab, out: Output) -> float:
+    """Starts all nodes and waits until the ground station has all trees; returns the seconds that it took.
+
+    Raises: SwarmError when a node ends or the processor is too slow, NoAnswer at the time-out.
+    """
+    lab = running.state
+    running.on_restart = lambda platform, what: out.warn(f"node {platform}: {what}")
+    order = plan.start_order([node.platform for node in lab.nodes], lab.seed)
+    with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
+        running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")
+        capacity = Capacity(len(order))
+        await running.start(order[: capacity.first], UP_S)
+        if rest := order[capacity.first :]:
+            await capacity.measure(running.state, capacity.first)
+            await running.start(rest, UP_S)
+    vehicles = [node.platform for node in lab.nodes if node.kind != "gcs"]
+    with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
+        async with connect(station_settings(lab)) as session:
+            watch = SwarmWatch.open(session)
+            try:
+                await running.attended(watch.until_known(vehicles, UP_S, bar.at))
+            except NoAnswer as error:
+                raise NoAnswer(f"{error}; {capacity.describe()}") from error
+    await capacity.measure(running.state, len(order))
+    ready_s = running.save_ready()
+    out.say(f"{len(lab.nodes)} nodes ready after {ready_s:.1f} s")
+    return ready_s
+
+
+def main(spec: LabSpec, out: Output, *, detach: bool) -> None:
+    """Runs `lab up`.
+
+    Raises: ConfigError without numpy; SwarmError when the swarm does not come up.
+    """
+    prerequisites.check_database(spec.mongodb_uri, out)
+    prerequisites.require_modules("lab up", prerequisites.PLANNER)
+    running = RunningLab(provisioning.make(spec))
+    left_running = False
+    try:
+        left_running = run_interruptible(_up(running, out, detach=detach))
+    finally:
+        if left_running:
+            running.detach()
+        else:
+            with teardown(running.state, out):
+                provisioning.down(running.state)
+                running.wait_children()
+
+
+async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:
+    name = running.state.name
+    try:
+        await bring_up(running, out)
+        if out.settings.json:
+            out.document(listing.describe(running.state, time.time_ns()))
+        if detach:
+            out.say(f"lab {name} is up; `swarmctl lab down {name}` ends it")
+            return True
+        out.say("Ctrl-C ends it")
+        await _stay(running, out)
+        return False
+    finally:
+        running.stop_watching()
+
+
+async def _stay(running: RunningLab, out: Output) -> None:
+    """Waits until an interruption or the end of all nodes."""
+    reported: set[str] = set()
+    while len(reported) < len(running.state.nodes):
+        await running.until_fallen(reported)
+        for platform in sorted(running.fallen.keys() - reported):
+            out.warn(f"node {platform} ended (code {running.fallen[platform]})")
+            reported.add(platform)
+
+
+def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
+    """Runs `lab down`: ends the named lab, the newest, or with `everything` all of this user.
+
+    `keep`: do not remove configuration and logs.
+    Raises: NotFound when there is none, NoAnswer when a process does not end.
+    """
+    found = labs.labs() if everything else [labs.find(name or out.settings.lab)]
+    ended = []
+    for lab in found:
+        out.say(f"ending lab {lab.name}: {len(lab.nodes)} nodes")
+        forced = provisioning.down(lab, keep=keep)
+        if forced:
+            out.warn(f"lab {lab.name}: {forced} processes did not end in time and were killed")
+        ended.append({"name": lab.name, "nodes": len(lab.nodes), "forced": forced})
+    if out.settings.json:
+        out.document({"ended": ended})

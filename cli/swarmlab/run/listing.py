@@ -1,0 +1,103 @@
+"""The labs of this user, and the output of their processes."""
+
+import os
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Never
+
+import msgspec
+
+from swarmctl.session import labs
+from swarmctl.session.labs import LabNode, LabState
+from swarmctl.terminal.output import Column, Output
+
+
+class LabLine(msgspec.Struct, frozen=True):
+    """One lab in the list."""
+
+    name: str
+    experiment: str
+    nodes: int
+    alive: int
+    """Number of nodes with a running process."""
+    state: str
+    """starting | running | partly | dead."""
+    age_s: float
+    ready_s: float
+    multicast: str
+    folder: str
+
+
+_COLUMNS = (
+    Column("lab"),
+    Column("experiment"),
+    Column("state"),
+    Column("nodes", right=True),
+    Column("alive", right=True),
+    Column("age", right=True),
+    Column("multicast"),
+    Column("folder"),
+)
+
+
+def describe(lab: LabState, now_utc_ns: int) -> LabLine:
+    """The present state of one lab."""
+    alive = sum(node.alive() for node in lab.nodes)
+    state = "running" if alive == len(lab.nodes) else "partly" if alive else "dead"
+    if lab.starter.alive() and not lab.ready_s:
+        state = "starting"
+    return LabLine(
+        lab.name,
+        lab.experiment,
+        len(lab.nodes),
+        alive,
+        state,
+        (now_utc_ns - lab.created_utc_ns) / 1e9,
+        lab.ready_s,
+        f"{lab.multicast_group}:{lab.udp_port}",
+        lab.folder,
+    )
+
+
+def list_labs(out: Output) -> None:
+    """Print the list of labs."""
+    lines = [describe(lab, time.time_ns()) for lab in labs.labs()]
+    if out.settings.json:
+        out.document({"labs": lines})
+        return
+    rows = [
+        (x.name, x.experiment, x.state, x.nodes, x.alive, f"{x.age_s:.0f} s", x.multicast, x.folder)
+        for x in lines
+    ]
+    out.table(_COLUMNS, rows)
+
+
+def print_logs(platform: str, lines: int, out: Output, *, follow: bool) -> None:
+    """Prints the last lines of each node's log; of one platform when it is named, here or by `-n`.
+
+    With `follow` the process becomes tail(1), which prints new lines.
+    Raises: NotFound when there is no such lab or node.
+    """
+    lab = labs.find(out.settings.lab)
+    wanted = platform or out.settings.node
+    nodes = (lab.node(wanted),) if wanted else lab.nodes
+    if follow:
+        _exec_tail(nodes, lines)
+    for node in nodes:
+        try:
+            with node.log_file.open(encoding="utf-8", errors="replace") as file:
+                last = deque(file, maxlen=lines)
+        except FileNotFoundError:
+            continue
+        for line in last:
+            if out.settings.json:
+                out.line({"node": node.platform, "text": line.rstrip("\n")})
+            else:
+                out.text(f"{node.platform}: {line.rstrip()}" if len(nodes) > 1 else line.rstrip("\n"))
+
+
+def _exec_tail(nodes: Sequence[LabNode], lines: int) -> Never:
+    """Replaces the process by tail(1), which waits for new lines without polling."""
+    files = [str(node.log_file) for node in nodes]
+    os.execvp("tail", ["tail", "-n", str(lines), "-F", *files])

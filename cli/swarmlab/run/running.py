@@ -1,0 +1,289 @@
+"""A lab whose processes this process starts and watches."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Collection, Coroutine
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from swarmctl.session import labs, processes
+from swarmctl.session.labs import LabNode, LabState
+from swarmctl.session.processes import MARK, NODE_MARK
+from swarmlab.provision import provisioning
+from swarmlab.run.notify import NotifySocket, Restarts
+from swarmware.errors import NoAnswer, SwarmError
+from swarmware.model.config import CONFIG_VARIABLE
+from swarmware.runtime.processes import WatchedProcess
+from swarmware.runtime.restart_policy import RestartPolicy
+
+T = TypeVar("T")
+
+Watcher = Callable[[str, str], None]
+"""Called on each change with the platform and `started` or `ready`."""
+
+TAIL_LINES: Final = 12
+"""Lines of the log of an ended node in its error message."""
+
+ASKED: Final = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+"""Signals that request the end of a node; after any other signal it is restarted."""
+
+RESTARTS: Final = 5
+"""Consecutive restarts of a parent that does not become ready; after them, in nine seconds, the node has
+failed."""
+
+ENVIRONMENT: Final = {
+    # thread pools of many processes would compete for the cores
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "PYTHONUNBUFFERED": "1",
+}
+
+
+def at_once() -> int:
+    """Maximum number of nodes that start concurrently: more would delay each other."""
+    return max(2, 2 * (os.cpu_count() or 1))
+
+
+def command(node: LabNode) -> list[str]:
+    """Command line of a node."""
+    return [sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)]
+
+
+def environment(lab: LabState, node: LabNode) -> dict[str, str]:
+    """The node's environment: marked, with its own notification socket, without the operator's options."""
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith("SWARMCTL_") and key != CONFIG_VARIABLE
+    }
+    kept.pop("WATCHDOG_USEC", None)
+    return (
+        kept
+        | ENVIRONMENT
+        | {
+            MARK: lab.mark,
+            NODE_MARK: node.folder,
+            "NOTIFY_SOCKET": str(node.notify_path),
+        }
+    )
+
+
+class RunningLab:
+    """Starts the nodes, a few at a time, and watches them by pidfd, without polling."""
+
+    def __init__(self, lab: LabState, *, heals: bool = True) -> None:
+        """`heals`: a node whose parent was killed is restarted."""
+        self.state = lab
+        self._heals = heals
+        self.log_of: Callable[[LabNode], Path] = lambda node: node.log_file
+        """Path of a node's log after the end of the lab."""
+        self.watcher: Watcher = lambda _platform, _what: None
+        self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
+        """Called with platform and text when its supervisor restarts its process, and when that is ready."""
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._processes: dict[str, WatchedProcess] = {}
+        self._sockets: dict[str, NotifySocket] = {}
+        self._changed = asyncio.Event()
+        self._restart_policies: dict[str, RestartPolicy] = {}
+        self._again: dict[str, tuple[asyncio.TimerHandle, int]] = {}
+        """Nodes with a scheduled restart, with their exit codes."""
+        self._watching = True
+        self.fallen: dict[str, int] = {}
+        """Exit codes of nodes that ended; negative: the signal that ended them."""
+        self.restarts: dict[str, Restarts] = {}
+        """Restarts of nodes by their supervisors."""
+        self.began_mono_ns = 0
+        """When the first process was started."""
+
+    def ready(self, platform: str) -> bool:
+        """Whether the node has reported that it is ready."""
+        return platform in self._sockets and self._sockets[platform].ready
+
+    async def start(self, order: list[str], timeout_s: float) -> None:
+        """Starts these nodes in this order and returns when all of them are ready.
+
+        Raises: SwarmError when a node ends, NoAnswer when one is not ready in time.
+        """
+        self.began_mono_ns = self.began_mono_ns or time.monotonic_ns()
+        waiting = list(order)
+        starting: set[str] = set()
+        try:
+            async with asyncio.timeout(timeout_s):
+                while waiting or starting:
+                    self._changed.clear()
+                    for platform in sorted(starting):
+                        if self.ready(platform):
+                            starting.discard(platform)
+                            self.watcher(platform, "ready")
+                    while waiting and len(starting) < at_once():
+                        platform = waiting.pop(0)
+                        self._launch(self.state.node(platform))
+                        starting.add(platform)
+                        self.watcher(platform, "started")
+                    self.check()
+                    if waiting or starting:
+                        await self._changed.wait()
+        except TimeoutError:
+            late = ", ".join(sorted(starting))
+            status = "; ".join(self._sockets[name].status or "silent" for name in sorted(starting))
+            raise NoAnswer(
+                f"lab {self.state.name}: {late} not ready ({status}); expected within {timeout_s:g} s"
+            ) from None
+
+    def check(self) -> None:
+        """Raises: SwarmError with the end of its log when a node has ended."""
+        for platform, code in self.fallen.items():
+            node = self.state.node(platform)
+            raise SwarmError(
+                f"node {platform}: ended with {exit_description(code)} ({self.log_of(node)});"
+                f" expected to run\n"
+                f"{_tail(node)}"
+            )
+
+    async def attended(self, work: Coroutine[Any, Any, T]) -> T:
+        """Returns the result of the work, while all nodes run.
+
+        Raises: SwarmError with the end of its log when a node has ended.
+        """
+        task = asyncio.create_task(work, name="work")
+        fallen = asyncio.create_task(self.until_fallen(), name="fallen")
+        try:
+            await asyncio.wait([task, fallen], return_when=asyncio.FIRST_COMPLETED)
+            self.check()
+            return await task
+        finally:
+            task.cancel()
+            fallen.cancel()
+            await asyncio.gather(task, fallen, return_exceptions=True)
+
+    async def until_fallen(self, known: Collection[str] = ()) -> None:
+        """Returns when a node has ended that is not in `known`."""
+        while not self.fallen.keys() - set(known):
+            self._changed.clear()
+            await self._changed.wait()
+
+    def _launch(self, node: LabNode) -> None:
+        loop = asyncio.get_running_loop()
+        if node.platform not in self._sockets:
+            notify = self._sockets[node.platform] = NotifySocket(node.notify_path)
+            loop.add_reader(notify.fileno(), self._on_notify, node.platform, notify)
+            self._restart_policies[node.platform] = RestartPolicy(limit=RESTARTS)
+        with node.log_file.open("ab") as log:
+            child = subprocess.Popen(
+                command(node),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment(self.state, node),
+                cwd=node.folder,
+                start_new_session=True,
+            )
+        self._children[node.platform] = child
+        self._processes[node.platform] = WatchedProcess(child.pid, partial(self._on_exit, node.platform))
+        who = processes.identity(child.pid)
+        known = msgspec.structs.replace(node, pid=who.pid, pid_start=who.start_ticks)
+        nodes = tuple(known if old.platform == node.platform else old for old in self.state.nodes)
+        self.state = msgspec.structs.replace(self.state, nodes=nodes)
+        labs.save(self.state)
+
+    def save_ready(self) -> float:
+        """Saves that the whole swarm is ready; returns the seconds since the first start."""
+        ready_s = (time.monotonic_ns() - self.began_mono_ns) / 1e9
+        self.state = msgspec.structs.replace(self.state, ready_s=ready_s)
+        labs.save(self.state)
+        return ready_s
+
+    def _on_notify(self, platform: str, notify: NotifySocket) -> None:
+        restarts, ready = notify.restarts, notify.ready
+        notify.drain()
+        if notify.ready and not ready:
+            self._restart_policies[platform].on_ready(time.monotonic_ns())
+        restarted = notify.restarts != restarts
+        if restarted:
+            self.restarts[platform] = notify.restarts
+            self.on_restart(platform, str(notify.restarts))
+        if notify.restarts.count and notify.ready and (restarted or not ready):
+            self.on_restart(platform, "ready again")
+        self._changed.set()
+
+    def _on_exit(self, platform: str) -> None:
+        self._processes.pop(platform).close()
+        code = self._children[platform].wait()
+        pause_s = None
+        killed = code < 0 and -code not in ASKED
+        if killed and self._heals and self._watching and not provisioning.is_ending(self.state):
+            pause_s = self._restart_policies[platform].on_end(
+                time.monotonic_ns(), killed=-code == signal.SIGKILL
+            )
+        if pause_s is None:
+            self.fallen[platform] = code
+        else:
+            # no other process restarts the parent of a node; the new parent adopts its running child
+            timer = asyncio.get_running_loop().call_later(pause_s, self._launch_again, platform)
+            self._again[platform] = (timer, code)
+            notify = self._sockets[platform]
+            notify.drain()  # sent before its end
+            notify.supervisor_died(exit_description(code))
+            self.restarts[platform] = notify.restarts
+            self.on_restart(platform, str(notify.restarts))
+        self._changed.set()
+
+    def _launch_again(self, platform: str) -> None:
+        _, code = self._again.pop(platform)
+        if provisioning.is_ending(self.state):
+            self.fallen[platform] = code
+            self._changed.set()
+        else:
+            self._launch(self.state.node(platform))
+
+    def stop_watching(self) -> None:
+        """Stops watching after processing earlier exits and notifications; the nodes continue."""
+        loop = asyncio.get_running_loop()
+        self._watching = False
+        for platform, (timer, code) in self._again.items():
+            timer.cancel()
+            self.fallen[platform] = code
+        self._again.clear()
+        for platform, notify in self._sockets.items():
+            self._on_notify(platform, notify)
+        for platform in list(self._processes):
+            if self._children[platform].poll() is not None:
+                self._on_exit(platform)
+        for process in self._processes.values():
+            process.close()
+        self._processes.clear()
+        for notify in self._sockets.values():
+            loop.remove_reader(notify.fileno())
+            notify.close()
+        self._sockets.clear()
+
+    def detach(self) -> None:
+        """Lets this process end before the nodes."""
+        for child in self._children.values():
+            # without this the interpreter warns that they still run
+            child.returncode = child.returncode if child.returncode is not None else 0
+
+    def wait_children(self) -> None:
+        """Waits for the exit codes of all ended children."""
+        for child in self._children.values():
+            child.wait()
+
+
+def exit_description(code: int) -> str:
+    """An exit code of `subprocess` as text."""
+    return f"signal {-code}" if code < 0 else f"exit code {code}"
+
+
+def _tail(node: LabNode) -> str:
+    try:
+        lines = node.log_file.read_text("utf-8", "replace").splitlines()
+    except OSError:
+        return ""
+    return "\n".join(f"  | {line}" for line in lines[-TAIL_LINES:])
