@@ -20,8 +20,8 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import SwarmError
-from swarmware.service.find import find, installed
 from swarmware.service.fork import FOLDER, MESSAGE_BYTES, SOCKET, exit_status_of
+from swarmware.service.installed import find, installed
 from swarmware.service.notify import Notifier
 from swarmware.service.starting import environment
 

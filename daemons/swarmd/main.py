@@ -90,7 +90,7 @@ def _folder(given: Path | None) -> Path:
 
 
 def _list() -> int:
-    from swarmware.service.find import installed
+    from swarmware.service.installed import installed
 
     for name, point in installed().items():
         sys.stdout.write(f"{name:<12} {point.value}\n")

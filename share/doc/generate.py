@@ -22,7 +22,7 @@ import msgspec
 
 import swarmware.types
 from swarmctl.main import cli
-from swarmd.tree.core import structure
+from swarmd.tree.core.structure import structure
 from swarmlab.report import report
 from swarmware.model import resource, template
 from swarmware.transport.appfile import entry

@@ -26,11 +26,11 @@ import numpy as np
 import uvloop
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import Beacon, Header, PlatformKind
+from swarmd.broker.core.admission.sessions import Sessions
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
-from swarmd.broker.core.sessions import Sessions
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.service import Broker

@@ -15,14 +15,14 @@ import pytest
 from swarmd.mission.config import Config as MissionConfig
 from swarmd.mission.core.barrier import ANNOUNCED, LATE_NS, PATIENCE
 from swarmd.tree.config import Config as TreeConfig
-from swarmd.tree.core import structure
-from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.lane import IN_FLIGHT_BYTES, WINDOW
-from swarmd.tree.core.reorder_buffer import REORDER_WINDOW
-from swarmd.tree.core.subscriber import BYTES_LIMIT, ITEMS_LIMIT
+from swarmd.tree.core.notification.lane import IN_FLIGHT_BYTES, WINDOW
+from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
+from swarmd.tree.core.structure import structure
+from swarmd.tree.core.structure.index import Index, leaf
+from swarmd.tree.core.subscribers.subscriber import BYTES_LIMIT, ITEMS_LIMIT
 from swarmd.tree.core.subscription import make_subscription
 from swarmware.errors import KINDS, WireError
-from swarmware.mission.content import content_hash
+from swarmware.mission.model import content_hash
 from swarmware.model.names import data_id
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta

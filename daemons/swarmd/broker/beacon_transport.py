@@ -9,12 +9,12 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.action import Action
-from swarmd.broker.core.beacon import Header
+from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon_protocol import OutgoingBeacon
 from swarmd.broker.core.broker import UNKNOWN, BrokerCore
-from swarmd.broker.core.datagram_limiter import DatagramLimiter
 from swarmd.broker.core.traffic import EVERYBODY
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
 from swarmware.errors import SwarmError, WireError

@@ -4,9 +4,9 @@ import logging
 from pathlib import Path
 from typing import Final
 
-from swarmd.broker.core.beacon_rate import IDLE_HZ
-from swarmd.broker.core.declared_period import CEILINGS_NS
-from swarmd.broker.core.neighbour import notice_ns
+from swarmd.broker.core.beacon.beacon_rate import IDLE_HZ
+from swarmd.broker.core.beacon.declared_period import CEILINGS_NS
+from swarmd.broker.core.topology.neighbour import notice_ns
 from swarmware.errors import Denied
 from swarmware.runtime.filewriter import replace_file
 from swarmware.transport.security import next_session

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.access_filter import AccessFilter
-from swarmd.broker.core.accounting import shares, values_in
+from swarmd.broker.core.admission.access_filter import AccessFilter
 from swarmd.broker.core.broker import BrokerCore, LinkTarget
-from swarmd.broker.core.forward import ForwardDecision, ForwardStep
-from swarmd.broker.core.send_queue import QueuedFrame
+from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
+from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.traffic import shares, values_in
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks

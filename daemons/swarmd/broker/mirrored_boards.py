@@ -2,7 +2,7 @@
 
 import logging
 
-from swarmd.broker.core.relay_cache import RemoteValue
+from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import SwarmError, WireError
 from swarmware.model.frame import Codec, Frame, FrameKind

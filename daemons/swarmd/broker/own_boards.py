@@ -3,9 +3,9 @@
 import logging
 from typing import Final
 
-from swarmd.broker.core.beacon import BODY_LIMIT, NEVER_NS
-from swarmd.broker.core.beacon_codec import value_bytes
-from swarmd.broker.core.published_boards import PublishedBoard, PublishedBoards
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS
+from swarmd.broker.core.beacon.beacon_codec import value_bytes
+from swarmd.broker.core.boards.published_boards import PublishedBoard, PublishedBoards
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import NotFound, WireError
 from swarmware.model.frame import Codec, Frame

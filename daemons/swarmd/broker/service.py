@@ -8,7 +8,7 @@ from typing import ClassVar
 import msgspec
 
 from swarmd.broker import config as settings
-from swarmd.broker.core.beacon import PlatformKind
+from swarmd.broker.core.beacon.beacon import PlatformKind
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.former_session import FormerSession

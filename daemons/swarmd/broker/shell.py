@@ -22,7 +22,7 @@ from swarmd.broker.core.action import (
     WriteMirrors,
 )
 from swarmd.broker.core.broker import BrokerCore
-from swarmd.broker.core.link import LinkChanged, LinkState
+from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.mirrored_boards import MirroredBoards

@@ -4,7 +4,7 @@ import asyncio
 from typing import ClassVar
 
 from swarmd.guard import config as settings
-from swarmd.guard.core import (
+from swarmd.guard.core.supervision import (
     Action,
     ClearStartRecord,
     GuardCore,

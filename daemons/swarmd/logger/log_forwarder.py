@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Final, Protocol
 
-from swarmware.recorder.cursor import Cursor
-from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.entry import Cursor, LogEntry
 from swarmware.recorder.ring import segments
 from swarmware.recorder.segment import SegmentReader
 from swarmware.types import registry

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from swarmd.logger.config import Config
-from swarmd.logger.core import LoggedResource
+from swarmd.logger.core.sampling_plan import LoggedResource
 from swarmware.errors import SwarmError
 from swarmware.model.frame import Frame
 from swarmware.recorder.ring import LogRing, Repairs

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from swarmd.logger import config as settings
-from swarmd.logger.core import LoggedResource, SamplingPlan
+from swarmd.logger.core.sampling_plan import LoggedResource, SamplingPlan
 from swarmd.logger.recorder import GAPS, Batch, Recorder
 from swarmd.logger.taps import LogTap
 from swarmd.logger.upload import Upload

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from swarmd.logger.core import LoggedResource
+from swarmd.logger.core.sampling_plan import LoggedResource
 from swarmware.model.frame import Frame
 from swarmware.node.follower import RingFollower
 from swarmware.transport.shm.layout import ring_file

@@ -14,11 +14,10 @@ from swarmware.mission.binding import Binding
 from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.catalogue import Catalogue
 from swarmware.mission.check import check_folder, check_text
-from swarmware.mission.content import content_hash
 from swarmware.mission.finding import TOO_LARGE, Finding, sound, too_large
 from swarmware.mission.folder import Folder
 from swarmware.mission.loader import read
-from swarmware.mission.model import MissionDefinition
+from swarmware.mission.model import MissionDefinition, content_hash
 
 log = logging.getLogger("swarm.mission")
 

@@ -7,7 +7,7 @@ from swarmd.mission.checking import Checker
 from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmware.errors import MissionError
-from swarmware.mission.assign import MemberAssignment, Platform, assign
+from swarmware.mission.assignment import MemberAssignment, Platform, assign
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder
 from swarmware.types import registry

@@ -13,12 +13,12 @@ from swarmd.mission.builtin import built_in
 from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.admission import OrderAdmission
-from swarmd.mission.core.announce import HEARTBEAT_NS, INTERVAL_NS
+from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
 from swarmd.mission.core.run import Action, Announce, BlockResult, CancelBlock, ProgressStep, StartBlock
-from swarmd.mission.dispatch import ABORT_PATH, ORDER_PATH, Dispatcher
+from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import BlockRunner
@@ -26,7 +26,7 @@ from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import Conflict, SwarmError
-from swarmware.mission.assign import Platform
+from swarmware.mission.assignment import Platform
 from swarmware.mission.catalogue import VEHICLES
 from swarmware.model.names import hardware_id
 from swarmware.model.resource import Resource

@@ -3,7 +3,7 @@
 import asyncio
 
 from swarmd.register import config as settings
-from swarmd.register.core import Action, Forgotten, ReadRoutes, RegisterCore
+from swarmd.register.core.known_registers import Action, Forgotten, ReadRoutes, RegisterCore
 from swarmware import __version__
 from swarmware.model.clock import utc_ns
 from swarmware.module.boardset import BoardSet

@@ -7,7 +7,10 @@ platforms out of direct range it requests the functions of the neighbours on the
 import asyncio
 
 from swarmd.timesync import config as settings
-from swarmd.timesync.core import (
+from swarmd.timesync.core.exchange import Action as ExchangeAction
+from swarmd.timesync.core.exchange import ExchangeCore, ReadRouteTable, RequestFunctions
+from swarmd.timesync.core.peer import Exchange
+from swarmd.timesync.core.time_core import (
     Action,
     ClockStepped,
     FunctionsRefused,
@@ -16,9 +19,6 @@ from swarmd.timesync.core import (
     TimeCore,
     UnitRebooted,
 )
-from swarmd.timesync.exchange import Action as ExchangeAction
-from swarmd.timesync.exchange import ExchangeCore, ReadRouteTable, RequestFunctions
-from swarmd.timesync.peer import Exchange
 from swarmware.errors import SwarmError
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module

@@ -6,7 +6,7 @@ from typing import Final
 
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
-from swarmd.tree.core.lane import WINDOW
+from swarmd.tree.core.notification.lane import WINDOW
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.errors import Denied, SwarmError
 from swarmware.model import names

@@ -5,8 +5,8 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.core.index import Index, Leaf
 from swarmd.tree.core.quality import quality
+from swarmd.tree.core.structure.index import Index, Leaf
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.taps import Peek
 from swarmware.errors import NotFound, SwarmError

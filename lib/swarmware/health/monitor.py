@@ -15,7 +15,7 @@ from swarmware.model import paths
 from swarmware.module.immediate import Immediate
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import until
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.health import (

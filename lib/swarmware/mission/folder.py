@@ -10,7 +10,7 @@ import msgspec
 from swarmware.errors import ConfigError, InvalidInput, NotFound
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import VEHICLES, Catalogue, Name, built_in
-from swarmware.mission.content import content_hash
+from swarmware.mission.model import content_hash
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model import document

@@ -1,5 +1,6 @@
 """A loaded mission: blocks with typed parameters, and their successors."""
 
+from hashlib import blake2b
 from typing import Final
 
 import msgspec
@@ -80,3 +81,13 @@ class MissionDefinition(msgspec.Struct, frozen=True):
     def barriers(self) -> tuple[Block, ...]:
         """The blocks of type Barrier."""
         return tuple(block for block in self.blocks.values() if block.type == "Barrier")
+
+
+def content_hash(*parts: str) -> str:
+    """BLAKE2b-128 of the texts, each with its length, hex."""
+    state = blake2b(digest_size=16)
+    for part in parts:
+        data = part.encode()
+        state.update(len(data).to_bytes(8, "little"))
+        state.update(data)
+    return state.hexdigest()

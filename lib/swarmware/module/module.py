@@ -18,13 +18,12 @@ from swarmware.model.resource import Kind, Link, Resource
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
 from swarmware.module.addressing import Address, Addressing
-from swarmware.module.answer import answer
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.inbox import Inbox
 from swarmware.module.node_participant import NodeParticipant
 from swarmware.module.remote_clocks import RemoteClocks
-from swarmware.module.rpc import Handler, Server
+from swarmware.module.rpc import Handler, Server, answer
 from swarmware.module.stream import StreamReader
 from swarmware.module.streamwriter import STREAM_SLOT_BYTES, STREAM_SLOTS, StreamWriter
 from swarmware.module.ticker import Lateness, Ticker

@@ -1,13 +1,14 @@
-"""The server side of requests: runs handlers, converts their errors to replies."""
+"""Requests: runs handlers, converts their errors to replies; waits for a reply, raises its error again."""
 
+import asyncio
 import inspect
 import logging
 from collections.abc import Awaitable, Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import msgspec
 
-from swarmware.errors import KINDS, SwarmError
+from swarmware.errors import KINDS, NotFound, SwarmError, TypeMismatch, from_kind
 from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
 from swarmware.module.immediate import Immediate
@@ -22,6 +23,8 @@ Handler = Callable[[Any, Meta], Awaitable[msgspec.Struct] | msgspec.Struct]
 """Gets the request and its metadata; returns the reply, or raises a SwarmError for the caller."""
 Start = Callable[[Any, str], object]
 """Runs a coroutine as a named task."""
+
+R = TypeVar("R", bound=msgspec.Struct)
 
 log = logging.getLogger("swarm.rpc")
 
@@ -79,3 +82,20 @@ class Server(Immediate):
             return Reply(False, kind=kind, error=str(error))
         log.error("request %s: the handler failed", self.path, exc_info=error)
         return Reply(False, kind="SwarmError", error=f"{self.path}: {type(error).__name__}: {error}")
+
+
+async def answer(path: str, comes: asyncio.Future[Reply], cls: type[R], mismatch: Callable[[], str]) -> R:
+    """Wait for the reply to a request that was sent.
+
+    `mismatch` returns why the address does not accept its type; empty: that is not the reason.
+    Raises: the error of the handler as its own class; NoAnswer, NotFound, TypeMismatch.
+    """
+    try:
+        reply = await comes
+    except NotFound as error:
+        if error_text := mismatch():
+            raise TypeMismatch(error_text) from error
+        raise NotFound(f"{path}: {error}") from error
+    if not reply.ok:
+        raise from_kind(reply.kind, reply.error)
+    return registry.decode(cls, reply.body)

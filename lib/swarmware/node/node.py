@@ -19,7 +19,7 @@ from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
 from swarmware.node.master.master import Master
 from swarmware.node.publication import Publication
-from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import wait_s
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.messaging.endpoint import MessageEndpoint

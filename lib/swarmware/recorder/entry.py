@@ -1,4 +1,4 @@
-"""One log entry: a recorded frame, and the queue it belongs to."""
+"""One log entry: a recorded frame, the queue it belongs to, and the position of a consumer behind it."""
 
 from functools import lru_cache
 from typing import Any
@@ -79,3 +79,14 @@ def schema(type_name: str) -> bytes:
         return msgspec.json.encode(msgspec.json.schema(registry.find(type_name)))
     except (NotFound, TypeError):
         return b""
+
+
+class Cursor(msgspec.Struct, frozen=True):
+    """Position in a platform's ring up to which entries are stored: forwarding resumes here."""
+
+    segment: int = 0
+    """Number of the segment."""
+    offset: int = 0
+    """Offset in the segment behind the last stored entry, in bytes."""
+    sequences: dict[str, int] = {}
+    """Last stored sequence number, by queue."""

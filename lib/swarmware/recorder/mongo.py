@@ -16,8 +16,7 @@ import msgspec
 from swarmware.errors import ConfigError, Denied, NoAnswer, missing_extra
 from swarmware.model import names
 from swarmware.recorder.address import password_in, without_password
-from swarmware.recorder.cursor import Cursor
-from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.entry import Cursor, LogEntry
 from swarmware.recorder.query import Query
 
 try:

@@ -1,4 +1,4 @@
-"""The contract of a sans-io core, and the interfaces that its driver uses."""
+"""The contract of a sans-io core, the interfaces that its driver uses, the grid of shared instants."""
 
 from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
@@ -50,3 +50,8 @@ class EventLoop(Protocol):
     def call_later(self, delay: float, callback: Callable[[], None], /) -> Alarm:
         """Schedule a call after so many seconds; uvloop rounds them to milliseconds."""
         ...
+
+
+def next_multiple_ns(now_ns: int, period_ns: int, phase_ns: int = 0) -> int:
+    """The first multiple of a period after now, each `phase_ns` later."""
+    return now_ns + period_ns - (now_ns - phase_ns) % period_ns

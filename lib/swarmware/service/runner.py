@@ -15,13 +15,13 @@ import uvloop
 from swarmware.errors import SwarmError
 from swarmware.model import config
 from swarmware.node.node import Node
-from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import until
 from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
-from swarmware.service.find import find
 from swarmware.service.guard_watchdog import GuardWatchdog
 from swarmware.service.host import PreparedService, ServiceHost
+from swarmware.service.installed import find
 from swarmware.service.notify import Notifier
 from swarmware.service.reason import reason
 from swarmware.service.starting import GUARD

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
 
-from swarmd.broker.core.beacon import Hello
+from swarmd.broker.core.beacon.beacon import Hello
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.frame_datagram import encode_header
+from swarmd.broker.core.forwarding.frame_datagram import encode_header
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import Denied, NotFound

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
 
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import Beacon, Header
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmware.model.names import hardware_id
 from swarmware.module.writer import BoardWriter
 from swarmware.transport.security import Keys, Sealer

@@ -13,8 +13,7 @@ from tests.integration.recorder.mongod import Mongod
 
 from swarmd.logger.log_forwarder import LogForwarder
 from swarmware.errors import ConfigError, NoAnswer
-from swarmware.recorder.cursor import Cursor
-from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.entry import Cursor, LogEntry
 from swarmware.recorder.mongo import MongoStore, check_uri, to_document
 from swarmware.recorder.query import FolderSource, LogSource, Query, stats
 from swarmware.recorder.ring import LogRing

@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.action import Action, PollInputs, SendBeacon, WriteMirrors
-from swarmd.broker.core.beacon import BODY_LIMIT, Header, PlatformKind
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
-from swarmd.broker.core.link import LinkChanged
-from swarmd.broker.core.relay_cache import RemoteValue
+from swarmd.broker.core.topology.link import LinkChanged
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.runtime.driver import CoreDriver

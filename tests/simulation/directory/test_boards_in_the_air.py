@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import Header, PlatformKind
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Header, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import data_id, hardware_id
 from swarmware.transport.security import GroupKey, Opened, Opener, Sealer

@@ -13,12 +13,12 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import BODY_LIMIT, NO_ECHO, Beacon, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NO_ECHO, Beacon, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
-from swarmd.broker.core.beacon_rate import BeaconSchedule, airtime_s
-from swarmd.broker.core.neighbour import NeighbourTable
-from swarmd.broker.core.topology import LinkChanged, LinkEvent, Topology
+from swarmd.broker.core.topology.neighbour import NeighbourTable
+from swarmd.broker.core.topology.topology import LinkChanged, LinkEvent, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
 from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, TreePlan

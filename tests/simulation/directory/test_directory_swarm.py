@@ -25,10 +25,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import BODY_LIMIT, Beacon, Header, Hello, PlatformKind
-from swarmd.broker.core.neighbour import LISTING_NS
-from swarmd.broker.core.topology import RouteChanged, Topology
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, Hello, PlatformKind
+from swarmd.broker.core.topology.neighbour import LISTING_NS
+from swarmd.broker.core.topology.topology import RouteChanged, Topology
 
 SECOND: Final = 1_000_000_000
 RADIO_M: Final = 300.0

@@ -13,10 +13,10 @@ from typing import Final
 import pytest
 from tests.simulation.directory.test_directory_swarm import SECOND, Node, Swarm
 
-from swarmd.broker.core.beacon import Beacon, Header
-from swarmd.broker.core.link import LinkState
-from swarmd.broker.core.neighbour import notice_ns
-from swarmd.broker.core.topology import RouteChanged, Topology
+from swarmd.broker.core.beacon.beacon import Beacon, Header
+from swarmd.broker.core.topology.link import LinkState
+from swarmd.broker.core.topology.neighbour import notice_ns
+from swarmd.broker.core.topology.topology import RouteChanged, Topology
 from swarmd.broker.former_session import FormerSession
 
 SEEDS: Final = 20

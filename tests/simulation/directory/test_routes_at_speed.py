@@ -8,8 +8,8 @@ pair counts that links with more than 85 % delivery connect; its route counts wh
 import pytest
 from tests.simulation.directory.test_directory_swarm import SECOND, Swarm
 
-from swarmd.broker.core.beacon_rate import CHANGING_HZ, IDLE_HZ
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, IDLE_HZ
+from swarmd.broker.core.topology.topology import Topology
 
 LEAST_DELIVERY = 0.2
 WARM_S = 5

@@ -12,8 +12,8 @@ from typing import Final
 import pytest
 from tests.simulation.directory.brokers import BrokerNode
 
-from swarmd.broker.core.beacon_rate import Slowdown
-from swarmd.broker.core.link import LinkEvent
+from swarmd.broker.core.beacon.beacon_rate import Slowdown
+from swarmd.broker.core.topology.link import LinkEvent
 from swarmware.model.names import data_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, ConnectionStatus, TreePlan

@@ -6,7 +6,7 @@ from typing import Final
 import pytest
 from tests.simulation.directory.brokers import BrokerNode
 
-from swarmd.broker.core.relay_cache import RemoteValue
+from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.navigator import NavigatorCore

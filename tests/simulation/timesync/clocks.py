@@ -7,7 +7,7 @@ from random import Random
 from typing import NamedTuple
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.peer import ClockEstimator, Exchange
+from swarmd.timesync.core.peer import ClockEstimator, Exchange
 
 Delay = Callable[[Random, bool], float]
 

@@ -16,8 +16,8 @@ from tests.simulation.timesync.clocks import (
 )
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.core import PeerExchange, Publish, TimeCore
-from swarmd.timesync.peer import Exchange
+from swarmd.timesync.core.peer import Exchange
+from swarmd.timesync.core.time_core import PeerExchange, Publish, TimeCore
 from swarmware.types.time import Conversion, TimeFunctions
 
 

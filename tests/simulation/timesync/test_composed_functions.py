@@ -7,8 +7,8 @@ import pytest
 from tests.simulation.timesync.clocks import Quartz, lan, whole_us
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.core import PeerExchange, Publish, TimeCore
-from swarmd.timesync.peer import Exchange
+from swarmd.timesync.core.peer import Exchange
+from swarmd.timesync.core.time_core import PeerExchange, Publish, TimeCore
 from swarmware.types.time import Conversion, TimeFunctions
 
 ASK_S = 10.0

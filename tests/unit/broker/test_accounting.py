@@ -4,8 +4,7 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.accounting import NOTIFY_ID, shares, values_in
-from swarmd.broker.core.traffic import Counters
+from swarmd.broker.core.traffic import NOTIFY_ID, Counters, shares, values_in
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.types import registry
 from swarmware.types.net import ChannelTraffic

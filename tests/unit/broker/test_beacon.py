@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core import age
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import (
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import (
+    AGE_UNIT_US,
     HOPS_MAX,
     INFINITY,
     NO_ECHO,
@@ -25,8 +25,10 @@ from swarmd.broker.core.beacon import (
     RelayedValue,
     RouteRow,
     SequenceRequest,
+    decode_age,
+    encode_age,
 )
-from swarmd.broker.core.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck
+from swarmd.broker.core.beacon.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck
 from swarmware.errors import WireError
 
 T = TypeVar("T")
@@ -34,7 +36,7 @@ T = TypeVar("T")
 U8, U16, U32 = st.integers(0, 255), st.integers(0, 0xFFFF), st.integers(0, 2**32 - 1)
 U64 = st.integers(0, 2**64 - 1)
 NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,30}(\.[a-z]{1,8})?", fullmatch=True)
-FINE_AGES = st.integers(0, 0x7FFF).map(lambda units: units * age.AGE_UNIT_US)
+FINE_AGES = st.integers(0, 0x7FFF).map(lambda units: units * AGE_UNIT_US)
 PAYLOADS = st.binary(max_size=200)
 
 
@@ -203,7 +205,7 @@ def test_a_version_two_steps_ahead_is_refused(version: int) -> None:
     [(-5, 0), (99, 0), (100, 100), (3_276_700, 3_276_700), (3_276_800, 3_200_000), (10**10, 3_276_700_000)],
 )
 def test_ages_are_fine_when_young_and_coarse_when_old(age_us: int, read_us: int) -> None:
-    assert age.decode_age(age.encode_age(age_us)) == read_us
+    assert decode_age(encode_age(age_us)) == read_us
 
 
 @given(BEACONS, st.integers(0, 5000))

@@ -6,8 +6,8 @@ from typing import Final
 import msgspec
 import pytest
 
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformKind, RouteRow
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformKind, RouteRow
 from swarmd.broker.core.beacon_protocol import (
     SILENCE_NS,
     BeaconProtocol,
@@ -15,8 +15,8 @@ from swarmd.broker.core.beacon_protocol import (
     OutgoingBeacon,
     ReceivedBeacon,
 )
-from swarmd.broker.core.relay_cache import RemoteValue
-from swarmd.broker.core.topology import LinkState, Topology
+from swarmd.broker.core.boards.relay_cache import RemoteValue
+from swarmd.broker.core.topology.topology import LinkState, Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import data_id, hardware_id
 from swarmware.types.net import BoardPublication, BoardSubscription, SetChannel, TreePlan

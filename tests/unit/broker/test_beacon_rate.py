@@ -5,9 +5,8 @@ from itertools import pairwise
 
 import pytest
 
-from swarmd.broker.core.beacon import PlatformKind
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
-from swarmd.broker.core.beacon_rate import (
+from swarmd.broker.core.beacon.beacon import PlatformKind
+from swarmd.broker.core.beacon.beacon_rate import (
     AIRTIME,
     EVALUATED_MIN,
     EVALUATION_NS,
@@ -22,7 +21,8 @@ from swarmd.broker.core.beacon_rate import (
     airtime_s,
     allowed_hz,
 )
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
+from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 
 SECOND = 1_000_000_000

@@ -4,15 +4,15 @@ import pytest
 
 from swarmd.broker.beacon_transport import BeaconTransport
 from swarmd.broker.config import Config
-from swarmd.broker.core import beacon_codec as codec
 from swarmd.broker.core.action import Action
-from swarmd.broker.core.beacon import Beacon, Header, PlatformKind, RouteRow
+from swarmd.broker.core.admission.sessions import digest
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformKind, RouteRow
+from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.boards.relay_cache import RelayCache
 from swarmd.broker.core.broker import BrokerCore, FormerState
-from swarmd.broker.core.link import LinkChanged
-from swarmd.broker.core.relay_cache import RelayCache
-from swarmd.broker.core.session_checks import CheckKind, SessionCheck
-from swarmd.broker.core.sessions import digest
+from swarmd.broker.core.topology.link import LinkChanged
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.transport.security import Keys, Sealer

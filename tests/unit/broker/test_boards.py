@@ -4,10 +4,17 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon_codec import value_bytes
-from swarmd.broker.core.published_boards import PublishedBoards
-from swarmd.broker.core.rate_limits import RateLimits
-from swarmd.broker.core.relay_cache import COPIES, FORGET_NS, OLDEST_NS, PERIOD_NS, RelayCache, RemoteValue
+from swarmd.broker.core.beacon.beacon_codec import value_bytes
+from swarmd.broker.core.boards.published_boards import PublishedBoards
+from swarmd.broker.core.boards.rate_limits import RateLimits
+from swarmd.broker.core.boards.relay_cache import (
+    COPIES,
+    FORGET_NS,
+    OLDEST_NS,
+    PERIOD_NS,
+    RelayCache,
+    RemoteValue,
+)
 from swarmware.errors import InvalidInput
 from swarmware.types.net import BoardPublication, SetChannel
 

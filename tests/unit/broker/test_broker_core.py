@@ -18,7 +18,7 @@ from swarmd.broker.core.action import (
     WriteMirrors,
 )
 from swarmd.broker.core.broker import DUPLICATE_NS, PUBLISH_NS
-from swarmd.broker.core.link import LinkState
+from swarmd.broker.core.topology.link import LinkState
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import data_id
 from swarmware.model.resource import Kind, Resource

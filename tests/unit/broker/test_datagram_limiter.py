@@ -1,6 +1,11 @@
 """Which datagrams cost cryptography: those of members; of others no more than a budget."""
 
-from swarmd.broker.core.datagram_limiter import ALL_FAILURES_S, FAILURES_S, NON_MEMBERS_S, DatagramLimiter
+from swarmd.broker.core.admission.datagram_limiter import (
+    ALL_FAILURES_S,
+    FAILURES_S,
+    NON_MEMBERS_S,
+    DatagramLimiter,
+)
 
 MEMBER, STRANGER = 1, 99
 SECOND = 1_000_000_000

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.frame_datagram import (
+from swarmd.broker.core.forwarding.frame_datagram import (
     FRAME_MAX,
     HEADER_BYTES,
     MISSES,

@@ -4,12 +4,10 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon import Hello, MemberRow, PlatformKind
-from swarmd.broker.core.beacon_rate import airtime_s, beacon_hz
-from swarmd.broker.core.forward import LOOP_NS, ForwardDecision, ForwardStep, FrameForwarder
-from swarmd.broker.core.node_table import FORGET_NS, REPEAT_NS, NodeTable
-from swarmd.broker.core.routing_table import RoutingTable
-from swarmd.broker.core.send_queue import (
+from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformKind
+from swarmd.broker.core.beacon.beacon_rate import airtime_s, beacon_hz
+from swarmd.broker.core.forwarding.forwarder import LOOP_NS, ForwardDecision, ForwardStep, FrameForwarder
+from swarmd.broker.core.forwarding.send_queue import (
     AGE_MAX_NS,
     BYTES_MAX,
     FRAMES_MAX,
@@ -18,6 +16,8 @@ from swarmd.broker.core.send_queue import (
     SendQueue,
     priority,
 )
+from swarmd.broker.core.topology.node_table import FORGET_NS, REPEAT_NS, NodeTable
+from swarmd.broker.core.topology.routing_table import RoutingTable
 from swarmd.broker.core.traffic import CHANNEL_LIMIT, Counters
 from swarmware.model.frame import HOPS, Flag, Frame, FrameKind
 from swarmware.model.names import hardware_id

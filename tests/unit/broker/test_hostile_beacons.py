@@ -5,8 +5,8 @@ from typing import Final
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import (
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import (
     BODY_LIMIT,
     Beacon,
     BoardValue,
@@ -20,7 +20,7 @@ from swarmd.broker.core.beacon import (
     SequenceRequest,
 )
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind

@@ -6,7 +6,7 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.relay_cache import RemoteValue
+from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmware.errors import WireError

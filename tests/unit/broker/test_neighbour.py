@@ -6,10 +6,10 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon import NO_ECHO, Echo, Header, Hello, PlatformKind
-from swarmd.broker.core.clock_sample import ClockSample
-from swarmd.broker.core.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
-from swarmd.broker.core.neighbour import (
+from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.topology.clock_sample import ClockSample
+from swarmd.broker.core.topology.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.topology.neighbour import (
     COST_MAX,
     EXPECTED_MIN,
     FORGET_NS,

@@ -4,8 +4,8 @@ import asyncio
 from pathlib import Path
 from typing import Final
 
-from swarmd.broker.core.published_boards import PublishedBoards
-from swarmd.broker.core.rate_limits import RateLimits
+from swarmd.broker.core.boards.published_boards import PublishedBoards
+from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.own_boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
 from swarmware.model.frame import Frame, FrameKind, encode

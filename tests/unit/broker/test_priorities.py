@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.broker.core.send_queue import (
+from swarmd.broker.core.forwarding.send_queue import (
     AGE_MAX_NS,
     BYTES_MAX,
     ConnectionClass,

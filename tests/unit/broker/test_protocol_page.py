@@ -3,8 +3,9 @@
 import re
 from pathlib import Path
 
-from swarmd.broker.core import beacon_codec as codec
-from swarmd.broker.core.beacon import (
+from swarmd.broker.core.admission.sessions import ALIVE_NS, ENDED_NS
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import (
     BODY_LIMIT,
     Beacon,
     BoardValue,
@@ -14,9 +15,17 @@ from swarmd.broker.core.beacon import (
     PlatformKind,
     RouteRow,
 )
+from swarmd.broker.core.beacon.session_checks import CheckKind
 from swarmd.broker.core.beacon_protocol import DIRECT_COST, DIRECT_NS
-from swarmd.broker.core.neighbour import EXPECTED_MIN, FALSE_ALARM, LISTINGS, LONG_WINDOW, PERIODS, WINDOW
-from swarmd.broker.core.routing_table import (
+from swarmd.broker.core.topology.neighbour import (
+    EXPECTED_MIN,
+    FALSE_ALARM,
+    LISTINGS,
+    LONG_WINDOW,
+    PERIODS,
+    WINDOW,
+)
+from swarmd.broker.core.topology.routing_table import (
     HOLD_NS,
     HYSTERESIS,
     REFRESH_MAX_NS,
@@ -27,8 +36,6 @@ from swarmd.broker.core.routing_table import (
     STRETCH_FROM,
     STRETCH_MAX,
 )
-from swarmd.broker.core.session_checks import CheckKind
-from swarmd.broker.core.sessions import ALIVE_NS, ENDED_NS
 from swarmware.model import frame as wire
 from swarmware.model.access import Role
 from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind

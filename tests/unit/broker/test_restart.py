@@ -5,10 +5,10 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon import NEVER_NS, Echo, Header, Hello, PlatformKind
-from swarmd.broker.core.declared_period import CEILINGS_NS, LOWER_NS, DeclaredPeriod, ceiling_ns
-from swarmd.broker.core.link import LinkState
-from swarmd.broker.core.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, NeighbourTable, notice_ns
+from swarmd.broker.core.beacon.beacon import NEVER_NS, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.declared_period import CEILINGS_NS, LOWER_NS, DeclaredPeriod, ceiling_ns
+from swarmd.broker.core.topology.link import LinkState
+from swarmd.broker.core.topology.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, NeighbourTable, notice_ns
 from swarmd.broker.former_session import PERIOD, SESSION, FormerSession
 
 MS: Final = 1_000_000

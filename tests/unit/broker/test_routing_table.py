@@ -4,8 +4,8 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon import INFINITY, LOST, Beacon, Header, RouteRow, SequenceRequest
-from swarmd.broker.core.routing_table import (
+from swarmd.broker.core.beacon.beacon import INFINITY, LOST, Beacon, Header, RouteRow, SequenceRequest
+from swarmd.broker.core.topology.routing_table import (
     DESTINATION_LIMIT,
     HOLD_NS,
     HYSTERESIS,
@@ -17,7 +17,7 @@ from swarmd.broker.core.routing_table import (
     RoutingTable,
     newer,
 )
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.topology.topology import Topology
 
 ME, A, B, FAR = 1, 2, 3, 9
 SECOND: Final = 1_000_000_000

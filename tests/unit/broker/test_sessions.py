@@ -4,8 +4,7 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.session_checks import CheckKind, SessionCheck
-from swarmd.broker.core.sessions import (
+from swarmd.broker.core.admission.sessions import (
     ALIVE_NS,
     CHECKS_MAX,
     CLAIMS_MAX,
@@ -14,6 +13,7 @@ from swarmd.broker.core.sessions import (
     Sessions,
     digest,
 )
+from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
 
 MS: Final = 1_000_000
 A, B = 1, 2

@@ -9,7 +9,7 @@ from tests.unit.mission.nets import net
 
 from swarmctl.commands.mission.task import check_all, task
 from swarmware.errors import ConfigError, NotFound
-from swarmware.mission.assign import Platform, assign
+from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.check import check_folder
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder, from_files

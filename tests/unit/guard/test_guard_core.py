@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.guard.config import Config
-from swarmd.guard.core import (
+from swarmd.guard.core.supervision import (
     TRANSITIONS,
     Action,
     ClearStartRecord,

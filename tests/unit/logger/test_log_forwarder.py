@@ -8,8 +8,7 @@ import pytest
 
 from swarmd.logger.log_forwarder import BATCH_BYTES, LogForwarder
 from swarmware.errors import NoAnswer
-from swarmware.recorder.cursor import Cursor
-from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.entry import Cursor, LogEntry
 from swarmware.recorder.ring import LogRing, segments
 from swarmware.recorder.segment import LogChannel
 from swarmware.types import registry

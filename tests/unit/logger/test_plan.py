@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.logger.core import SamplingPlan, logged_resource
+from swarmd.logger.core.sampling_plan import SamplingPlan, logged_resource
 from swarmware.model import template
 from swarmware.model.config import share_dir
 from swarmware.model.resource import Kind, Resource

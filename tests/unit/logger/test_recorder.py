@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from swarmd.logger.config import Config
-from swarmd.logger.core import logged_resource
+from swarmd.logger.core.sampling_plan import logged_resource
 from swarmd.logger.recorder import Batch, Recorder
 from swarmware.model.frame import Codec, Frame, FrameKind
 from swarmware.model.resource import Kind as ResourceKind

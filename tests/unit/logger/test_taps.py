@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.logger.core import LoggedResource, logged_resource
+from swarmd.logger.core.sampling_plan import LoggedResource, logged_resource
 from swarmd.logger.taps import LogTap
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.resource import Kind as ResourceKind

@@ -15,7 +15,7 @@ from swarmd.mission.core.admission import OrderAdmission
 from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError, WireError
 from swarmware.mission.catalogue import built_in
-from swarmware.mission.content import content_hash
+from swarmware.mission.model import content_hash
 from swarmware.types import registry
 from swarmware.types.mission import Arrival, BarrierResult, Member, MissionOrder, MissionPhase, MissionState
 

@@ -7,7 +7,7 @@ from tests.unit.mission.nets import net
 from tests.unit.mission.results import result
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.announce import Announcer
+from swarmd.mission.core.announcement import Announcer
 from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.run import CancelBlock, ProgressStep, Run, StartBlock
 from swarmware.errors import Conflict

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import ConfigError, MissionError, NotFound
-from swarmware.mission.assign import Platform, assign
+from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.check import check_files, check_folder
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import from_files, read_folder

@@ -11,7 +11,7 @@ from swarmd.mission.checking import Checker
 from swarmd.mission.rehearsal import Rehearsal
 from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
-from swarmware.mission.assign import Platform, assign
+from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.check import check_text
 from swarmware.module.module import Module

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.logger.config import Config
-from swarmd.logger.core import LoggedResource
+from swarmd.logger.core.sampling_plan import LoggedResource
 from swarmd.logger.recorder import Batch, Recorder
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import ANY

@@ -1,7 +1,7 @@
 """Register core: tables of other computers in, what is known out."""
 
 from swarmd.register.config import Config
-from swarmd.register.core import Action, Forgotten, ReadRoutes, RegisterCore
+from swarmd.register.core.known_registers import Action, Forgotten, ReadRoutes, RegisterCore
 from swarmware.testing.virtual import VirtualTime
 from swarmware.types.register import Application, ApplicationTable
 

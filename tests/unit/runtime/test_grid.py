@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.core import next_multiple_ns
 
 
 @pytest.mark.parametrize(

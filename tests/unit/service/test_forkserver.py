@@ -8,7 +8,7 @@ def test_the_imports_of_all_our_daemons_start_no_thread_and_open_nothing() -> No
     look = (
         "import os\n"
         "from swarmd.forkserver import OURS, preload\n"
-        "from swarmware.service.find import installed\n"
+        "from swarmware.service.installed import installed\n"
         "before = set(os.listdir('/proc/self/fd'))\n"
         "preload([name for name, point in installed().items() if point.value.startswith(OURS)])\n"
         "print(len(os.listdir('/proc/self/task')), *(set(os.listdir('/proc/self/fd')) - before))\n"

@@ -16,8 +16,8 @@ import msgspec
 import pytest
 
 from swarmware.errors import ConfigError, InvalidInput, NotFound, SwarmError
-from swarmware.service import find as find_module
 from swarmware.service import garbage
+from swarmware.service import installed as installed_services
 from swarmware.service.runner import run_services
 from swarmware.service.service import Service
 from swarmware.testing.tmpnode import make_node
@@ -70,7 +70,7 @@ def _process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """This process as a process of services, and as it was afterwards."""
     values = {"probe": f"{__name__}:Probe", "second": f"{__name__}:Second"}
     points = {name: EntryPoint(name, value, "swarmware.services") for name, value in values.items()}
-    monkeypatch.setattr(find_module, "installed", lambda: points)
+    monkeypatch.setattr(installed_services, "installed", lambda: points)
     monkeypatch.delenv("JOURNAL_STREAM", raising=False)
     root, limits = logging.getLogger(), resource.getrlimit(resource.RLIMIT_NOFILE)
     handlers, level = root.handlers[:], root.level

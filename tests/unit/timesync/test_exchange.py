@@ -3,8 +3,7 @@
 from typing import Final
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.core import PeerExchange, TimeCore
-from swarmd.timesync.exchange import (
+from swarmd.timesync.core.exchange import (
     ASK_FIRST_NS,
     ASK_NS,
     YOUNG_SAMPLES,
@@ -13,7 +12,8 @@ from swarmd.timesync.exchange import (
     ReadRouteTable,
     RequestFunctions,
 )
-from swarmd.timesync.peer import Exchange
+from swarmd.timesync.core.peer import Exchange
+from swarmd.timesync.core.time_core import PeerExchange, TimeCore
 from swarmware.testing.virtual import VirtualTime
 from swarmware.types.net import Routes, RouteState
 from swarmware.types.time import Conversion, TimeFunctions

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.timesync.peer import ClockEstimator, Exchange
+from swarmd.timesync.core.peer import ClockEstimator, Exchange
 from swarmware.model.clock import Clock
 
 DELAY_NS = 30_000

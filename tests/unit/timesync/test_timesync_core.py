@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.timesync.config import Config
-from swarmd.timesync.core import (
+from swarmd.timesync.core.peer import TOGETHER_NS, Exchange
+from swarmd.timesync.core.time_core import (
     Action,
     ClockStepped,
     FunctionsRefused,
@@ -18,7 +19,6 @@ from swarmd.timesync.core import (
     TimeCore,
     UnitRebooted,
 )
-from swarmd.timesync.peer import TOGETHER_NS, Exchange
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types import registry
 from swarmware.types.time import Conversion, TimeFunctions

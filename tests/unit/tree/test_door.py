@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, S, Tree, core, value
 
-from swarmd.tree.core import structure
 from swarmd.tree.core.action import RequestStructure, RequestSubscription, SendNotify
-from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.structure import PATHS_LIMIT, Patches, StructureEncoding
+from swarmd.tree.core.structure import structure
+from swarmd.tree.core.structure.index import Index, leaf
+from swarmd.tree.core.structure.structure import PATHS_LIMIT, Patches, StructureEncoding
 from swarmware.errors import InvalidInput, SwarmError, WireError
 from swarmware.model import names
 from swarmware.model.frame import Frame, FrameKind, encode

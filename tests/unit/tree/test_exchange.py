@@ -4,7 +4,6 @@ import msgspec
 import pytest
 from tests.unit.tree.pair import CONFIG, POSE, STEP, TEMPLATE, Pair, S, Tree, core, pair, value
 
-from swarmd.tree.core import structure
 from swarmd.tree.core.action import (
     PruneMirrors,
     RemoveMirrors,
@@ -12,7 +11,8 @@ from swarmd.tree.core.action import (
     RequestSubscription,
     SendNotify,
 )
-from swarmd.tree.core.structure import StructureEncoding
+from swarmd.tree.core.structure import structure
+from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureReply

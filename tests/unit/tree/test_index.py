@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from swarmd.tree.core.index import Index, Leaf, leaf
+from swarmd.tree.core.structure.index import Index, Leaf, leaf
 from swarmware.errors import InvalidInput
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Resource

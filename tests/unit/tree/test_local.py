@@ -4,10 +4,10 @@ import logging
 
 import pytest
 
-from swarmd.tree.core import structure
-from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.local import LocalTree, OwnerTimeouts, merge
-from swarmd.tree.core.structure import StructureEncoding
+from swarmd.tree.core.structure import structure
+from swarmd.tree.core.structure.index import Index, leaf
+from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts, merge
+from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import StructureReply, StructureRequest
 

@@ -5,10 +5,14 @@ from itertools import product
 import pytest
 from tests.unit.tree.pair import BATTERY, POSE
 
-from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.remote_subscription import RemoteSubscription, SubscriptionEvent, SubscriptionState
-from swarmd.tree.core.structure import version
-from swarmd.tree.core.structure_replica import StructureEvent, StructureReplica, StructureState
+from swarmd.tree.core.replicas.remote_subscription import (
+    RemoteSubscription,
+    SubscriptionEvent,
+    SubscriptionState,
+)
+from swarmd.tree.core.replicas.structure_replica import StructureEvent, StructureReplica, StructureState
+from swarmd.tree.core.structure.index import Index, leaf
+from swarmd.tree.core.structure.structure import version
 from swarmd.tree.core.subscription import NO_SUBSCRIPTION, make_subscription
 
 EPOCH = 7

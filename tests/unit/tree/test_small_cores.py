@@ -3,9 +3,9 @@
 import pytest
 
 from swarmd.tree.config import Config
-from swarmd.tree.core.index import leaf
 from swarmd.tree.core.quality import quality
 from swarmd.tree.core.reach import Reachability, reachable
+from swarmd.tree.core.structure.index import leaf
 from swarmd.tree.core.timers import Timers
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.tree.core import structure
-from swarmd.tree.core.index import Index, leaf
-from swarmd.tree.core.structure import HISTORY, Changes, History
+from swarmd.tree.core.structure import structure
+from swarmd.tree.core.structure.index import Index, leaf
+from swarmd.tree.core.structure.structure import HISTORY, Changes, History
 from swarmware.errors import WireError
 from swarmware.model.resource import Resource
 

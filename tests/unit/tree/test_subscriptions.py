@@ -6,8 +6,8 @@ from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, Pair, S, core, pai
 
 from swarmd.tree.config import RuleConfig
 from swarmd.tree.core.action import SendNotify, Unwatch, Watch
-from swarmd.tree.core.replica import Replica
-from swarmd.tree.core.subscriber import BYTES_LIMIT, ITEMS_LIMIT
+from swarmd.tree.core.replicas.replica import Replica
+from swarmd.tree.core.subscribers.subscriber import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from tests.unit.tree.pair import POSE, Pair, S, core
 
-from swarmd.tree.core.index import leaf
+from swarmd.tree.core.structure.index import leaf
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.taps import Peek
 from swarmd.tree.tree_view import TreeView

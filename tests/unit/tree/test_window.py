@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from tests.unit.tree.pair import S, Tree, core
 
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
-from swarmd.tree.core.feed import Feed
-from swarmd.tree.core.lane import IN_FLIGHT_BYTES, WINDOW, LaneNumber, NotificationLane
-from swarmd.tree.core.reorder_buffer import REORDER_WINDOW, ReorderBuffer
+from swarmd.tree.core.notification.feed import Feed
+from swarmd.tree.core.notification.lane import IN_FLIGHT_BYTES, WINDOW, LaneNumber, NotificationLane
+from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW, ReorderBuffer
 from swarmware.errors import WireError
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource

@@ -13,7 +13,7 @@ from swarmware.errors import NotFound
 from swarmware.model import document
 from swarmware.model.config import NodeConfig, load_node, load_service
 from swarmware.recorder.address import without_password
-from swarmware.service.find import find, installed
+from swarmware.service.installed import find, installed
 
 
 class EffectiveSetting(msgspec.Struct, frozen=True):

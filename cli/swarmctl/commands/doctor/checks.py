@@ -18,7 +18,7 @@ from swarmware.model import paths
 from swarmware.model.config import load_node, load_service, share_dir
 from swarmware.model.frame import decode
 from swarmware.recorder.address import password_in, without_password
-from swarmware.service.find import find
+from swarmware.service.installed import find
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.security import Keys
 from swarmware.transport.shm.layout import ring_file

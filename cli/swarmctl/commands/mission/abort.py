@@ -1,6 +1,6 @@
 """Aborts a running mission at all its members, or at some."""
 
-from swarmctl.commands.mission.follow import find_active
+from swarmctl.commands.mission.members import find_active
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.vehicles.manoeuvre import manoeuvre

@@ -99,10 +99,10 @@ def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 
     Example: swarmctl mission watch --json
     """
-    from swarmctl.commands.mission import follow
+    from swarmctl.commands.mission.members import watch
     from swarmctl.session.session import run
 
-    run(settings(ctx), follow.watch, platforms)
+    run(settings(ctx), watch, platforms)
 
 
 @cmd.command()

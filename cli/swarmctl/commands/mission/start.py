@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from swarmctl.commands.mission.follow import follow
+from swarmctl.commands.mission.members import follow
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column

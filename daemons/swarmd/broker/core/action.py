@@ -2,8 +2,8 @@
 
 import msgspec
 
-from swarmd.broker.core.link import LinkChanged
-from swarmd.broker.core.relay_cache import RemoteValue
+from swarmd.broker.core.boards.relay_cache import RemoteValue
+from swarmd.broker.core.topology.link import LinkChanged
 from swarmware.types.net import BoardSubscription, ChannelLimits, TimingBatch
 
 

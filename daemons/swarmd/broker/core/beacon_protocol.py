@@ -5,8 +5,8 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, PlatformKind
-from swarmd.broker.core.beacon_codec import (
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.beacon_codec import (
     ECHO_BYTES,
     REQUEST_BYTES,
     ROW_BYTES,
@@ -14,15 +14,15 @@ from swarmd.broker.core.beacon_codec import (
     member_bytes,
     value_bytes,
 )
-from swarmd.broker.core.beacon_rate import CHANGING_HZ, IDLE_HZ, MIN_HZ, Slowdown, allowed_hz
-from swarmd.broker.core.declared_period import DeclaredPeriod
-from swarmd.broker.core.neighbour import CLOCK_HIGH_MAX, PERFECT, Neighbour
-from swarmd.broker.core.node_table import NodeTable, wire_name
-from swarmd.broker.core.published_boards import PublishedBoards
-from swarmd.broker.core.rate_limits import RateLimits
-from swarmd.broker.core.relay_cache import RelayCache, RemoteValue
-from swarmd.broker.core.routing_table import HYSTERESIS, RouteChanged
-from swarmd.broker.core.topology import ClockSample, LinkChanged, LinkState, Topology
+from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, IDLE_HZ, MIN_HZ, Slowdown, allowed_hz
+from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
+from swarmd.broker.core.boards.published_boards import PublishedBoards
+from swarmd.broker.core.boards.rate_limits import RateLimits
+from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
+from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, PERFECT, Neighbour
+from swarmd.broker.core.topology.node_table import NodeTable, wire_name
+from swarmd.broker.core.topology.routing_table import HYSTERESIS, RouteChanged
+from swarmd.broker.core.topology.topology import ClockSample, LinkChanged, LinkState, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, ChannelCounters, Counters
 from swarmware.model.names import hardware_id
 from swarmware.types.net import BoardSubscription, TreePlan

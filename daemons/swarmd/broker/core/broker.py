@@ -6,7 +6,6 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import session_checks
 from swarmd.broker.core.action import (
     Action,
     AdoptSession,
@@ -22,17 +21,18 @@ from swarmd.broker.core.action import (
     WriteLimits,
     WriteMirrors,
 )
-from swarmd.broker.core.beacon import Beacon, Header
+from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
+from swarmd.broker.core.beacon import session_checks
+from swarmd.broker.core.beacon.beacon import Beacon, Header
+from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
+from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
-from swarmd.broker.core.beacon_rate import BeaconSchedule
-from swarmd.broker.core.clock_sample import ClockSample
-from swarmd.broker.core.declared_period import DeclaredPeriod
-from swarmd.broker.core.forward import FrameForwarder
-from swarmd.broker.core.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.forwarding.forwarder import FrameForwarder
 from swarmd.broker.core.report import NetReport
-from swarmd.broker.core.routing_table import RouteChanged
-from swarmd.broker.core.sessions import ACCEPTED, SessionOutcome, Sessions
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.topology.clock_sample import ClockSample
+from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.topology.routing_table import RouteChanged
+from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import Pattern

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import Final
 
-from swarmd.broker.core.beacon import INFINITY, PlatformKind
+from swarmd.broker.core.beacon.beacon import INFINITY, PlatformKind
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.link import LinkState
-from swarmd.broker.core.neighbour import Neighbour
-from swarmd.broker.core.topology import Topology
+from swarmd.broker.core.topology.link import LinkState
+from swarmd.broker.core.topology.neighbour import Neighbour
+from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.types.net import (
     ConnectionStatus,

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from typing import Final
 
 from swarmd.broker.config import Config
-from swarmd.broker.core import frame_datagram
-from swarmd.broker.core.datagram_limiter import DatagramLimiter
-from swarmd.broker.core.frame_datagram import DatagramPaths
+from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter
+from swarmd.broker.core.forwarding import frame_datagram
+from swarmd.broker.core.forwarding.frame_datagram import DatagramPaths
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.links.pair_seal import PairEnd, PairSeal
 from swarmd.broker.links.zmq_links import LinkPeer

@@ -14,7 +14,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmware.errors import ConfigError
 from swarmware.model.clock import Clock
-from swarmware.runtime.grid import next_multiple_ns
+from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import wait_s
 
 Address = tuple[str, int]

@@ -10,7 +10,7 @@ import msgspec
 import zmq
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
+from swarmd.broker.core.forwarding.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
 from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
 from swarmd.broker.links.zmq_socket import ConnectionMonitor, Socket, ZmqSocket, make_context

@@ -3,8 +3,7 @@
 from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding
-from swarmware.mission.content import content_hash
-from swarmware.mission.model import MissionDefinition
+from swarmware.mission.model import MissionDefinition, content_hash
 from swarmware.types.mission import MissionOrder
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.announce import Announcer
+from swarmd.mission.core.announcement import Announcer
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
 from swarmd.mission.core.player import Player
 from swarmd.mission.core.run import (

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from swarmd.tree.core.index import Leaf
+from swarmd.tree.core.structure.index import Leaf
 from swarmware.model.resource import STALE_PERIODS
 from swarmware.types.tree import Quality
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.core.index import Leaf, pattern
+from swarmd.tree.core.structure.index import Leaf, pattern
 from swarmware.errors import InvalidInput
 from swarmware.model.names import split
 from swarmware.model.resource import Kind

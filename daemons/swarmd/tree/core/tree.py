@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action, WriteMirror
-from swarmd.tree.core.local import LocalTree, OwnerTimeouts
-from swarmd.tree.core.replicas import Replicas, ReplicaTimeouts
-from swarmd.tree.core.subscribers import Intervals, Subscribers
+from swarmd.tree.core.replicas.replicas import Replicas, ReplicaTimeouts
+from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts
+from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmware.model.resource import Resource
 from swarmware.types.net import ChannelLimit

@@ -1,0 +1,168 @@
+"""The beacon: the periodic, sealed UDP datagram of a node, and what its sections contain.
+
+Specified in share/doc/protocol.md, section 3; tests compare the page with the codec.
+"""
+
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import msgspec
+
+from swarmd.broker.core.beacon.session_checks import SessionCheck
+
+NEVER_NS: Final = -(1 << 62)
+"""Before every instant: clocks may be negative, simulated ones have offsets."""
+BODY_LIMIT: Final = 1200
+"""Limit of the body in bytes: with headers below the IPv6 minimum MTU of 1 280."""
+INFINITY: Final = 0xFFFF
+"""Metric of a retraction: the sender has lost its route."""
+LOST: Final = 0x80
+"""Flag in the hops of a sequence request."""
+NO_ECHO: Final = 0xFF_FFFF
+"""Hold time of an echo without a timestamp: it only lists the node as received."""
+ANSWERED_SEQUENCES: Final = 256
+"""An echo names the answered datagram by the low byte of its sequence number."""
+HOPS_MAX: Final = 24
+"""Maximum hops of a relayed value or a sequence request."""
+AGE_UNIT_US: Final = 100
+"""Resolution of a young age; an older one has 0.1 s. An age has 16 bits."""
+_OLD: Final = 0x8000
+_OLD_UNIT_US: Final = 100_000
+
+
+class PlatformKind(IntEnum):
+    """Kind of the platform of a node."""
+
+    OTHER = 0
+    UAV = 1
+    UGV = 2
+    USV = 3
+    GCS = 4
+
+
+class Header(msgspec.Struct, gc=False):
+    """The clear header: selects the key, and is authenticated with the body."""
+
+    epoch: int
+    sender_hw: int
+    sequence: int
+    """Serves as replay counter, loss measure and route sequence number."""
+    tx_us: int
+    """Sender's hardware clock at send, 32-bit µs."""
+    session: int | None = None
+    """Greater after each start of the sender's broker; omitted in most datagrams."""
+
+
+class Hello(msgspec.Struct, frozen=True, gc=False):
+    """Identity and declared periods of the sender, every second or two."""
+
+    boot_id: int
+    """Of the sender's hardware clock."""
+    clock_high: int
+    """The sender's clock in µs, shifted right by 32: makes `tx_us` whole."""
+    tcp_port: int
+    """Port of its ZeroMQ socket at the source address of the datagram; 0: none."""
+    tree_version: int
+    mission: int
+    """Digest of the active mission; 0: none."""
+    kind: PlatformKind
+    name: str
+    """Platform, or platform.unit where the unit is not `main`."""
+    curve_public: bytes = b""
+    """Only from nodes without a roster."""
+    period_ms: int = 500
+    """Declared maximum period between two beacons of the sender."""
+    listing_ms: int = 3000
+    """Declared period in which the sender lists every received node."""
+    frame_port: int = 0
+    """UDP port where the sender takes frames as datagrams, at the source address; 0: none."""
+
+
+class Echo(NamedTuple):
+    """Listing of a received node with link quality and time echo (IHU of Babel)."""
+
+    hw: int
+    sequence: int
+    """Low byte of the answered datagram's sequence number."""
+    hold_us: int
+    """From its reception to this datagram's `tx_us`, on the sender's clock; NO_ECHO: not given."""
+    quality: int
+    """Share of the last 16 datagrams that were received, in 1/255."""
+
+
+class RouteRow(NamedTuple):
+    """A route of the sender to a destination (Update of Babel)."""
+
+    hw: int
+    sequence: int
+    """Newest sequence number of the destination that the sender knows, 16 bits."""
+    metric: int
+    """256 for a hop without loss; INFINITY: lost."""
+
+
+class SequenceRequest(NamedTuple):
+    """Request for a route with at least this sequence number (seqno request of Babel)."""
+
+    hw: int
+    sequence: int
+    hops_left: int
+    """With LOST: the sender has no route, so routes through it are lost too."""
+
+
+class MemberRow(msgspec.Struct, frozen=True, gc=False):
+    """Name and tree version of a node that not all of the sender's neighbours receive."""
+
+    hw: int
+    tree_version: int
+    kind: PlatformKind
+    name: str
+
+
+class BoardValue(msgspec.Struct, frozen=True, gc=False):
+    """Newest value of one of the sender's own boards."""
+
+    data_id: int
+    age_us: int
+    """Age at `tx_us`."""
+    packed: bool
+    """The type's quantised form instead of MessagePack."""
+    payload: bytes
+
+
+class RelayedValue(msgspec.Struct, frozen=True, gc=False):
+    """Relayed value of another node's board, authenticated by the group key only."""
+
+    origin_hw: int
+    data_id: int
+    stamp_us: int
+    """Stamp on the origin's clock, 48-bit µs: decides which value is newer."""
+    age_us: int
+    """Sum of the ages on all hops."""
+    hops: int
+    """Hops from the origin to the receiver of this datagram."""
+    packed: bool
+    payload: bytes
+
+
+class Beacon(msgspec.Struct, frozen=True, gc=False):
+    """The body of a beacon; each field is a section."""
+
+    hello: Hello | None = None
+    echoes: tuple[Echo, ...] = ()
+    rows: tuple[RouteRow, ...] = ()
+    requests: tuple[SequenceRequest, ...] = ()
+    members: tuple[MemberRow, ...] = ()
+    values: tuple[BoardValue, ...] = ()
+    relays: tuple[RelayedValue, ...] = ()
+    checks: tuple[SessionCheck, ...] = ()
+
+
+def encode_age(age_us: int) -> int:
+    """Encodes an age: 0.1 ms up to 3.2 s, 0.1 s up to 54 min, which is the maximum."""
+    fine = max(age_us, 0) // AGE_UNIT_US
+    return fine if fine < _OLD else _OLD | min(age_us // _OLD_UNIT_US, _OLD - 1)
+
+
+def decode_age(age: int) -> int:
+    """Decodes an age, in µs."""
+    return age * AGE_UNIT_US if age < _OLD else (age & ~_OLD) * _OLD_UNIT_US

@@ -1,0 +1,1 @@
+"""Board values in beacons: those of this platform that are due, those of others to relay, rate limits."""

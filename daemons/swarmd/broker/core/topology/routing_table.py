@@ -1,0 +1,411 @@
+"""The routing table: next hop, metric and feasibility distance of each node, loop-free in a moving swarm.
+
+A distance vector under Babel's feasibility condition (RFC 8966, section 3.5.1), fitted to the beacon:
+the sequence number of every beacon is the sender's own route sequence number, so a fresh
+route to a node comes with each of its beacons, and rows about others ride in the same datagrams.
+"""
+
+from collections.abc import Iterable
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.beacon.beacon import HOPS_MAX, INFINITY, LOST, NEVER_NS, RouteRow, SequenceRequest
+
+HYSTERESIS: Final = 96
+"""Required improvement of a new next hop: varying loss must not change routes."""
+REFRESH_NS: Final = 250_000_000
+"""Refresh period of a row per hop of distance."""
+REFRESH_MAX_NS: Final = 2_000_000_000
+STRETCH_FROM: Final = 80
+"""In larger swarms the refresh periods grow with the number of nodes, up to STRETCH_MAX times."""
+STRETCH_MAX: Final = 2.0
+HOLD_NS: Final = 7_000_000_000
+"""A route is lost when its sequence number did not advance for this time, or for three of the longest refresh
+periods where these are longer."""
+REQUESTED_NS: Final = 2_000_000_000
+"""Lifetime of a neighbour's request for a newer row."""
+REQUESTED_ROWS: Final = 2
+"""Consecutive beacons that carry a requested row once it is known."""
+RETRACTIONS: Final = 2
+"""Retractions of a lost route: one datagram may be lost."""
+SOURCE_GC_NS: Final = 180_000_000_000
+"""Lifetime of the feasibility distance of a vanished destination; RFC 8966, appendix B."""
+REQUEST_AGAIN_NS: Final = 400_000_000
+REQUEST_FOR_NS: Final = 3_000_000_000
+FORWARD_AGAIN_NS: Final = 500_000_000
+REQUEST_HOPS: Final = HOPS_MAX
+DESTINATION_LIMIT: Final = 4096
+_SWEEP_NS: Final = 1_000_000_000
+_FAR_NS: Final = 1 << 62
+_TRIGGERED_UPDATE: Final = 96
+"""Difference to the advertised metric that triggers an update with the next beacon."""
+
+
+class RouteChanged(msgspec.Struct, frozen=True, gc=False):
+    """The next hop to a node has changed."""
+
+    hw: int
+    via: int
+    """0: the route is lost."""
+
+
+class Route(msgspec.Struct, frozen=True, gc=False):
+    """The selected route to a node, as listed in reports."""
+
+    hw: int
+    via: int
+    metric: int
+    sequence: int
+    changed_ns: int
+
+
+class _Destination:
+    __slots__ = (
+        "advertised",
+        "advertised_metric",
+        "changed_ns",
+        "due_ns",
+        "forwarded_ns",
+        "hw",
+        "known_ns",
+        "limit_metric",
+        "limit_sequence",
+        "linked",
+        "metric",
+        "request_due_ns",
+        "request_until_ns",
+        "requested_rows",
+        "requested_sequence",
+        "requested_until_ns",
+        "retractions",
+        "sequence",
+        "via",
+    )
+
+    def __init__(self, hw: int, now_ns: int) -> None:
+        self.hw = hw
+        self.advertised: dict[int, tuple[int, int, int]] = {}
+        """By neighbour: sequence number and metric of its last row, and when the number last rose."""
+        self.via = 0
+        self.metric = INFINITY
+        self.sequence = 0
+        self.limit_sequence = -1
+        """Feasibility distance, with `limit_metric`; -1: nothing advertised yet."""
+        self.limit_metric = INFINITY
+        self.known_ns = now_ns
+        self.changed_ns = now_ns
+        self.due_ns = now_ns
+        self.linked = False
+        """All neighbours had direct links to it when its row was sent last."""
+        self.advertised_metric = INFINITY
+        self.retractions = 0
+        self.requested_until_ns = NEVER_NS
+        self.requested_sequence = 0
+        self.requested_rows = 0
+        self.forwarded_ns = NEVER_NS
+        self.request_until_ns = NEVER_NS
+        self.request_due_ns = NEVER_NS
+
+    def feasible(self, sequence: int, metric: int) -> bool:
+        if self.limit_sequence < 0:
+            return True
+        ahead = (sequence - self.limit_sequence) & 0xFFFF
+        return 0 < ahead < 0x8000 or (ahead == 0 and metric < self.limit_metric)
+
+
+def newer(one: int, other: int) -> bool:
+    """Whether sequence number `one` comes after `other`, modulo 2¹⁶."""
+    return 0 < (one - other) & 0xFFFF < 0x8000
+
+
+class RoutingTable:
+    """Routing table of one node.
+
+    Loop-free at every instant as long as the caller keeps two rules: rows of a neighbour count
+    only while the link is bidirectional, and `drop_link` is called for a restarted neighbour before
+    its rows are used (it has lost its feasibility distances).
+    """
+
+    def __init__(self, own_hw: int) -> None:
+        self.own_hw = own_hw
+        self.requested_sequence: int | None = None
+        """A higher own sequence number that another node requested or still holds."""
+        self._destinations: dict[int, _Destination] = {}
+        self._costs: dict[int, int] = {}
+        self._forward: list[SequenceRequest] = []
+        self._asking: dict[int, _Destination] = {}
+        self._sweep_ns = NEVER_NS
+        self._hold_ns = HOLD_NS
+
+    # input
+
+    def set_link(self, via: int, cost: int) -> None:
+        """Sets the cost of a link that is up."""
+        self._costs[via] = cost
+
+    def worsen(self, via: int, now_ns: int) -> list[RouteChanged]:
+        """Applies the higher cost of a link to its routes, and selects better ones."""
+        changes: list[RouteChanged] = []
+        cost = self._costs.get(via)
+        if cost is None:
+            return changes
+        for destination in self._destinations.values():
+            if destination.via == via:
+                total = destination.advertised[via][1] + cost
+                if total > destination.metric:
+                    destination.metric = min(total, INFINITY - 1)
+                    self._select(destination, now_ns, changes)
+        return changes
+
+    def drop_link(self, via: int, now_ns: int) -> list[RouteChanged]:
+        """Removes the routes over a lost link or a restarted neighbour."""
+        if self._costs.pop(via, None) is None:
+            return []
+        changes: list[RouteChanged] = []
+        for destination in self._destinations.values():
+            if destination.advertised.pop(via, None) is not None and destination.via == via:
+                self._select(destination, now_ns, changes)
+        return changes
+
+    def on_rows(self, via: int, rows: Iterable[tuple[int, int, int]], now_ns: int) -> list[RouteChanged]:
+        """Takes the rows of a neighbour's newest beacon, among them its own row (its sequence, 0)."""
+        cost = self._costs.get(via)
+        changes: list[RouteChanged] = []
+        if cost is None:
+            return changes
+        destinations = self._destinations
+        for hw, sequence, metric in rows:
+            destination = destinations.get(hw)
+            if destination is None:
+                if hw == self.own_hw:
+                    if metric != INFINITY:
+                        self.requested_sequence = sequence
+                    continue
+                if metric == INFINITY or not hw or len(destinations) >= DESTINATION_LIMIT:
+                    continue  # 0 stands for no node: `via` 0 means that there is no route
+                destination = destinations[hw] = _Destination(hw, now_ns)
+            total = metric + cost
+            if total >= INFINITY:
+                if destination.advertised.pop(via, None) is not None and destination.via == via:
+                    self._select(destination, now_ns, changes)
+                continue
+            limit = destination.limit_sequence
+            if limit >= 0:
+                ahead = (sequence - limit) & 0xFFFF
+                if ahead >= 0x8000 or (ahead == 0 and metric >= destination.limit_metric):
+                    # Not feasible, now or later. From the present next hop it means a longer path: ours
+                    # stays loop-free, because our feasibility distance did not change, until a newer
+                    # number comes with its next rows.
+                    if via != destination.via:
+                        destination.advertised.pop(via, None)
+                    continue
+            advertised = destination.advertised
+            before = advertised.get(via)
+            fresh_ns = now_ns if before is None or before[0] != sequence else before[2]
+            advertised[via] = (sequence, metric, fresh_ns)
+            if via == destination.via:
+                destination.sequence = sequence
+                if total > destination.metric + HYSTERESIS:
+                    destination.metric = total
+                    self._select(destination, now_ns, changes)
+                else:
+                    destination.metric = total
+            elif destination.via == 0 or total + HYSTERESIS < destination.metric:
+                self._use(destination, via, sequence, total, now_ns, changes)
+        return changes
+
+    def on_requests(self, via: int, requests: Iterable[SequenceRequest], now_ns: int) -> list[RouteChanged]:
+        """Takes sequence requests of a neighbour: answers, forwards or records them."""
+        changes: list[RouteChanged] = []
+        for hw, sequence, hops in requests:
+            hops_left = min(hops & ~LOST, REQUEST_HOPS)
+            if hw == self.own_hw:
+                self.requested_sequence = sequence
+                continue
+            destination = self._destinations.get(hw)
+            if destination is None:
+                continue
+            if hops & LOST and destination.advertised.pop(via, None) is not None and destination.via == via:
+                self._select(destination, now_ns, changes)  # its retractions were lost
+            destination.requested_until_ns = now_ns + REQUESTED_NS
+            destination.requested_sequence = sequence
+            destination.requested_rows = REQUESTED_ROWS
+            answered = destination.via != 0 and not newer(sequence, destination.sequence)
+            if answered or hops_left <= 1 or now_ns - destination.forwarded_ns < FORWARD_AGAIN_NS:
+                continue
+            destination.forwarded_ns = now_ns
+            if destination.limit_sequence < 0 or newer(sequence, destination.limit_sequence):
+                destination.request_due_ns = now_ns + REQUEST_AGAIN_NS  # its answer serves us too
+            self._forward.append(SequenceRequest(hw, sequence, hops_left - 1))
+        return changes
+
+    def request_route(self, hw: int, now_ns: int) -> None:
+        """Requests a route for traffic that has none."""
+        destination = self._destinations.get(hw)
+        if destination is not None and destination.via == 0 and now_ns >= destination.request_until_ns:
+            self._ask(destination, now_ns)
+
+    def advance(self, now_ns: int) -> list[RouteChanged]:
+        """Removes expired routes; call at each beacon."""
+        changes: list[RouteChanged] = []
+        if now_ns < self._sweep_ns:
+            return changes
+        self._sweep_ns = now_ns + _SWEEP_NS
+        forgotten: list[int] = []
+        oldest_ns = now_ns - self._hold_ns
+        for destination in self._destinations.values():
+            advertised = destination.advertised
+            for via, row in advertised.items():
+                if row[2] < oldest_ns and via != destination.hw:
+                    self._expire(destination, oldest_ns, now_ns, changes)
+                    break
+            if advertised:
+                destination.known_ns = now_ns
+            elif now_ns - destination.known_ns > SOURCE_GC_NS:
+                forgotten.append(destination.hw)
+        for hw in forgotten:
+            del self._destinations[hw]
+            self._forward = [request for request in self._forward if request.hw != hw]
+        return changes
+
+    # output
+
+    def rows(self, now_ns: int, room: int, linked: frozenset[int]) -> tuple[RouteRow, ...]:
+        """Rows for the next beacon, at most `room`, by urgency.
+
+        `linked`: nodes to which all neighbours have direct links; their rows are not repeated.
+        What is advertised here bounds what will be accepted later (RFC 8966, section 3.7.3).
+        """
+        due: list[_Destination] = []
+        for destination in self._destinations.values():
+            if destination.due_ns <= now_ns or (destination.linked and destination.hw not in linked):
+                if destination.via or destination.retractions:
+                    due.append(destination)
+            elif destination.requested_rows and destination.via:
+                if now_ns >= destination.requested_until_ns:
+                    destination.requested_rows = 0
+                elif not newer(destination.requested_sequence, destination.sequence):
+                    destination.requested_rows -= 1
+                    due.append(destination)
+        if len(due) > room:
+            due.sort(key=_urgency)
+            del due[room:]
+        stretch = min(max(1.0, len(self._destinations) / STRETCH_FROM), STRETCH_MAX)
+        longest_ns = round(REFRESH_MAX_NS * stretch)
+        self._hold_ns = max(HOLD_NS, 3 * longest_ns)
+        rows: list[RouteRow] = []
+        for destination in due:
+            metric, sequence = destination.metric, destination.sequence
+            if not destination.via:
+                destination.retractions -= 1
+                rows.append(RouteRow(destination.hw, sequence, INFINITY))
+                continue
+            destination.advertised_metric = metric
+            if destination.feasible(sequence, metric):
+                destination.limit_sequence, destination.limit_metric = sequence, metric
+            destination.linked = destination.hw in linked
+            if destination.linked:
+                destination.due_ns = _FAR_NS
+            else:
+                period_ns = min(round(REFRESH_NS * max(1, metric >> 8) * stretch), longest_ns)
+                destination.due_ns = now_ns + period_ns
+            rows.append(RouteRow(destination.hw, sequence, metric))
+        return tuple(rows)
+
+    def requests(self, now_ns: int) -> tuple[SequenceRequest, ...]:
+        """Sequence requests for the next beacon: own and forwarded ones."""
+        out: list[SequenceRequest] = []
+        for hw, sequence, hops_left in self._forward:
+            lost = LOST if not self._destinations[hw].via else 0
+            out.append(SequenceRequest(hw, sequence, hops_left | lost))
+        self._forward.clear()
+        for destination in list(self._asking.values()):
+            if destination.via or now_ns >= destination.request_until_ns:
+                del self._asking[destination.hw]
+            elif destination.request_due_ns <= now_ns:
+                destination.request_due_ns = now_ns + REQUEST_AGAIN_NS
+                wanted = (destination.limit_sequence + 1) & 0xFFFF
+                out.append(SequenceRequest(destination.hw, wanted, REQUEST_HOPS | LOST))
+        return tuple(out)
+
+    # queries
+
+    def next_hop(self, hw: int) -> int:
+        """Next hop to a node; 0: no route."""
+        destination = self._destinations.get(hw)
+        return destination.via if destination is not None else 0
+
+    def routes(self) -> list[Route]:
+        """All selected routes, for reports."""
+        return [
+            Route(d.hw, d.via, d.metric, d.sequence, d.changed_ns)
+            for d in self._destinations.values()
+            if d.via
+        ]
+
+    # route selection
+
+    def _select(self, destination: _Destination, now_ns: int, changes: list[RouteChanged]) -> None:
+        costs = self._costs
+        best, best_total, best_sequence = 0, INFINITY, 0
+        for via, (sequence, metric, _) in destination.advertised.items():
+            total = metric + costs[via]
+            if via == destination.via:
+                total = max(total - HYSTERESIS, 1)
+            if total < best_total and destination.feasible(sequence, metric):
+                best, best_total, best_sequence = via, total, sequence
+        if best == destination.via and best:
+            return
+        if best:
+            total = destination.advertised[best][1] + costs[best]
+            self._use(destination, best, best_sequence, total, now_ns, changes)
+        elif destination.via:
+            destination.via = 0
+            destination.metric = destination.advertised_metric = INFINITY
+            destination.retractions = RETRACTIONS
+            destination.due_ns = destination.changed_ns = now_ns
+            changes.append(RouteChanged(destination.hw, 0))
+            self._ask(destination, now_ns)
+
+    def _expire(
+        self, destination: _Destination, oldest_ns: int, now_ns: int, changes: list[RouteChanged]
+    ) -> None:
+        # a direct route expires with its link
+        stale = [
+            via for via, row in destination.advertised.items() if row[2] < oldest_ns and via != destination.hw
+        ]
+        for via in stale:
+            del destination.advertised[via]
+        if destination.via in stale:
+            self._select(destination, now_ns, changes)
+
+    def _use(
+        self,
+        destination: _Destination,
+        via: int,
+        sequence: int,
+        total: int,
+        now_ns: int,
+        changes: list[RouteChanged],
+    ) -> None:
+        destination.via = via
+        destination.sequence = sequence
+        destination.metric = total
+        destination.changed_ns = now_ns
+        destination.retractions = 0
+        destination.request_until_ns = NEVER_NS
+        if abs(total - destination.advertised_metric) >= _TRIGGERED_UPDATE:
+            destination.due_ns = now_ns
+        changes.append(RouteChanged(destination.hw, via))
+
+    def _ask(self, destination: _Destination, now_ns: int) -> None:
+        if destination.limit_sequence < 0:
+            return  # nothing was advertised: any row is feasible, so none is available
+        self._asking[destination.hw] = destination
+        destination.request_due_ns = now_ns
+        destination.request_until_ns = now_ns + REQUEST_FOR_NS
+
+
+def _urgency(destination: _Destination) -> tuple[bool, int]:
+    return destination.via != 0, destination.due_ns

@@ -1,0 +1,224 @@
+"""From one instruction to an order for each platform: roles, concurrent sending, receipts, all or none."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Coroutine, Iterable
+from typing import Any
+
+import msgspec
+
+from swarmd.mission.checking import Checker, refuse
+from swarmd.mission.config import Config
+from swarmd.mission.store import MissionStore
+from swarmware.errors import NotFound, SwarmError
+from swarmware.mission.assignment import Assignment, MemberAssignment, Platform, assign
+from swarmware.mission.catalogue import VEHICLES
+from swarmware.mission.folder import Folder, files_hash, from_files
+from swarmware.mission.model import content_hash
+from swarmware.model.clock import utc_ns
+from swarmware.model.names import join, natural
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.types.mission import (
+    LeftOut,
+    MissionAbort,
+    MissionOrder,
+    MissionPlan,
+    MissionReceipt,
+    MissionTask,
+    OrderReceipt,
+    TaskAnswer,
+)
+
+log = logging.getLogger("swarm.mission")
+
+ORDER_PATH = "cmd/mission"
+ABORT_PATH = "cmd/abort"
+
+Accept = Callable[[MissionOrder, int], Awaitable[MissionReceipt]]
+"""Accepts an order that arrived at this instant of the own clock."""
+
+
+class Dispatcher:
+    """Sends a mission as orders to the members of an ensemble."""
+
+    def __init__(
+        self,
+        module: Module,
+        config: Config,
+        store: MissionStore,
+        checker: Checker,
+        receipts: BoardWriter[OrderReceipt],
+        accept: Accept,
+    ) -> None:
+        self._module = module
+        self._config = config
+        self._store = store
+        self._checker = checker
+        self._receipts = receipts
+        self._accept = accept
+        """Accepts the order of this platform itself, without a network."""
+
+    async def plan(self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut]) -> MissionPlan:
+        """The assignment of roles for an instruction, without sending an order.
+
+        Raises: as `task`.
+        """
+        folder, warnings = await self._checked(task)
+        assignment = assign(folder, self._chosen(task, platforms), task.params)
+        left_out = _left_out(task, assignment, platforms, absent)
+        return MissionPlan(folder.manifest.name, folder.hash, assignment.members, left_out, warnings)
+
+    async def task(
+        self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut], instructed_ns: int
+    ) -> TaskAnswer:
+        """Checks the mission, sends orders to all members concurrently, withdraws them unless all accept.
+
+        Raises: MissionError, NotFound, ConfigError; then no order was sent.
+        """
+        folder, warnings = await self._checked(task)
+        assignment = assign(folder, self._chosen(task, platforms), task.params)
+        epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
+        # the own order needs no link: it is checked after the other orders were sent
+        members = sorted(
+            assignment.member_assignments, key=lambda one: one.member.platform == self._module.platform
+        )
+        orders = [(one.member.platform, self._order(folder, assignment, one, epoch)) for one in members]
+        with self._module.node.messaging.batch():
+            answers = [self._send(order, platform) for platform, order in orders]
+        receipts = await asyncio.gather(*answers)
+        accepted = all(receipt.accepted for receipt in receipts)
+        name = folder.manifest.name
+        if accepted:
+            log.info("mission %s: ordered from %d members", name, len(receipts))
+        else:
+            refused = [receipt.platform for receipt in receipts if not receipt.accepted]
+            log.warning("mission %s: not accepted by %s; withdrawn", name, ", ".join(refused))
+            reason = f"not accepted by {', '.join(refused)}"
+            await self.abort(
+                tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
+            )
+        self._publish(receipts)
+        left_out = _left_out(task, assignment, platforms, absent)
+        return TaskAnswer(
+            name, folder.hash, epoch, accepted, tuple(receipts), left_out, instructed_ns, warnings
+        )
+
+    def _publish(self, receipts: Iterable[OrderReceipt]) -> None:
+        """Publishes them when all are there: members of one computer share its time with this platform."""
+        for receipt in receipts:
+            if receipt.platform != self._module.platform:
+                # the own order crossed no link: it would improve the statistics of delays
+                self._receipts.write(receipt)
+
+    async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
+        """Sends the abort to all these platforms; returns those that did not acknowledge it."""
+        timeout_s, send = self._config.order_timeout_s, self._module.send
+        async with asyncio.TaskGroup() as group:
+            with self._module.node.messaging.batch():
+                sends = [
+                    group.create_task(
+                        send(join(platform, ABORT_PATH), order, timeout_s=timeout_s, urgent=True),
+                        name=f"mission: abort of {platform}",
+                    )
+                    for platform in platforms
+                ]
+                await asyncio.sleep(0)  # each has made its frame
+        outcomes = [each.result() for each in sends]
+        return tuple(
+            platform for platform, outcome in zip(platforms, outcomes, strict=True) if not outcome.delivered
+        )
+
+    async def _checked(self, task: MissionTask) -> tuple[Folder, tuple[str, ...]]:
+        """The checked mission, and the warnings about it."""
+        folder = self._sent(task) if task.files else self._store.folder(task.name)
+        findings = await self._checker.check(folder)
+        refuse(findings)
+        return folder, tuple(map(str, findings))
+
+    def _sent(self, task: MissionTask) -> Folder:
+        """The mission by content; one that is stored here with the same content is not parsed again."""
+        stored = self._store.known(files_hash(task.files))
+        if stored is None:
+            return from_files(task.files, task.name, self._checker.catalogue)
+        return msgspec.structs.replace(stored, where=task.name)
+
+    @staticmethod
+    def _chosen(task: MissionTask, platforms: list[Platform]) -> list[Platform]:
+        known = {platform.name: platform for platform in platforms}
+        for name in task.members:
+            if name not in known:
+                raise NotFound(f"platform {name!r}: not known here; expected some of {', '.join(known)}")
+        return [known[name] for name in task.members] if task.members else platforms
+
+    def _order(
+        self, folder: Folder, assignment: Assignment, member: MemberAssignment, epoch: int
+    ) -> MissionOrder:
+        text = folder.texts[member.file]
+        now_ns = self._module.now_ns()
+        return MissionOrder(
+            mission=folder.manifest.name,
+            hash=folder.hash,
+            epoch=epoch,
+            role=member.member.role,
+            file=folder.place(member.file),
+            text=text,
+            text_hash=content_hash(text),
+            members=assignment.members,
+            params=member.binding.params,
+            issuer=self._module.platform,
+            issued_ns=now_ns,
+            expires_ns=now_ns + round(self._config.order_expiry_s * 1e9),
+        )
+
+    def _send(self, order: MissionOrder, platform: str) -> Coroutine[Any, Any, OrderReceipt]:
+        """Sends the order before it returns; the coroutine waits for the reply."""
+        sent_ns = self._module.now_ns()
+        if platform == self._module.platform:
+            return self._receipt(order, platform, sent_ns, self._accept(order, sent_ns))
+        path, timeout_s = join(platform, ORDER_PATH), self._config.order_timeout_s
+        try:
+            answer = self._module.request(path, order, MissionReceipt, timeout_s=timeout_s, urgent=True)
+        except SwarmError as error:
+            return self._receipt(order, platform, sent_ns, error)
+        return self._receipt(order, platform, sent_ns, answer)
+
+    async def _receipt(
+        self,
+        order: MissionOrder,
+        platform: str,
+        sent_ns: int,
+        answer: Awaitable[MissionReceipt] | SwarmError,
+    ) -> OrderReceipt:
+        reasons: tuple[str, ...] = ()
+        receipt: MissionReceipt | None = None
+        try:
+            if isinstance(answer, SwarmError):
+                raise answer
+            receipt = await answer
+        except SwarmError as error:
+            reasons = (f"{type(error).__name__}: {error}",)
+        return OrderReceipt(
+            mission=order.mission,
+            epoch=order.epoch,
+            platform=platform,
+            role=order.role,
+            sent_ns=sent_ns,
+            acked_ns=self._module.now_ns() if receipt else 0,
+            received_ns=receipt.received_ns if receipt else 0,
+            accepted=receipt is not None and receipt.accepted,
+            reasons=receipt.reasons if receipt else reasons,
+        )
+
+
+def _left_out(
+    task: MissionTask, assignment: Assignment, platforms: list[Platform], absent: list[LeftOut]
+) -> tuple[LeftOut, ...]:
+    """Known platforms that take no part, with the reason; none where the instruction names the members."""
+    if task.members:
+        return ()
+    kinds = {platform.name: platform.kind for platform in platforms}
+    # a ground station is not expected to have a role
+    spare = [name for name in assignment.left_out if kinds[name] in VEHICLES]
+    found = [*(LeftOut(name, f"no role for a {kinds[name]}") for name in spare), *absent]
+    return tuple(sorted(found, key=lambda left: natural(left.platform)))

@@ -1,0 +1,140 @@
+"""Values of one resource for one subscriber: what is sent, and when."""
+
+from collections import deque
+from typing import Final
+
+from swarmd.tree.core.notification.condition import INTERVAL_MAX_S, differs
+from swarmware.model.resource import Kind, Resource
+from swarmware.types.tree import Rule, TreeItem
+
+QUEUE_LIMIT: Final = 4096
+"""Maximum number of waiting items: those of minutes without a link, not of hours."""
+QUEUE_BYTES: Final = 1024 * 1024
+"""Maximum bytes of values in them; one item is always kept."""
+LATEST_ONLY: Final = frozenset({Kind.BOARD, Kind.SETTING})
+"""Kinds of which only the newest value is sent."""
+
+
+class Feed:
+    """Of a board: the newest value if it differs enough. Of events and streams: each item, in order."""
+
+    __slots__ = (
+        "_in_flight",
+        "_interval_ns",
+        "_limit_ns",
+        "_newest",
+        "_pending",
+        "_queue",
+        "_repeat_ns",
+        "_sent",
+        "_sent_ns",
+        "_size",
+        "dropped",
+        "latest_only",
+        "resource",
+        "rule",
+    )  # fmt: skip
+
+    def __init__(self, resource: Resource, rule: Rule, default_interval_ns: int) -> None:
+        self.resource = resource
+        self.rule = rule
+        self.latest_only = resource.kind in LATEST_ONLY
+        wanted_ns = _ns(rule.min_interval_s)
+        if not wanted_ns and self.latest_only:
+            wanted_ns = max(default_interval_ns, round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0)
+        self._interval_ns = wanted_ns
+        self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
+        self._limit_ns: int | None = 0
+        """Minimum interval set by an operator; None: nothing is sent."""
+        self._newest: TreeItem | None = None
+        self._pending: TreeItem | None = None
+        self._queue: deque[TreeItem] = deque()
+        self._sent: bytes | None = None
+        """Payload that was sent last."""
+        self._sent_ns = -(1 << 62)
+        self._size = 0
+        """Bytes of values in the queue."""
+        self._in_flight = False
+        """Of a board: a value is unacknowledged, the next one waits for it."""
+        self.dropped = 0
+        """Items that were dropped from the full queue."""
+
+    def limit(self, max_hz: float | None) -> None:
+        """Set an operator's limit; None: none. Ignored for events and streams, of which each item is sent."""
+        if self.latest_only:
+            self._limit_ns = 0 if max_hz is None else None if max_hz <= 0 else round(1e9 / max_hz)
+
+    def offer(self, item: TreeItem) -> None:
+        """Add a value of the resource."""
+        if not self.latest_only:
+            self._push(item)
+            return
+        self._newest = item
+        changed = self._sent is None or differs(self._sent, item.data, self.rule.deadband)
+        # a value that is equal to the last sent one again is not sent
+        self._pending = item if changed else None
+
+    def _push(self, item: TreeItem) -> None:
+        self._queue.append(item)
+        self._size += len(item.data)
+        self._shorten()
+
+    def _shorten(self) -> None:
+        queue = self._queue
+        while len(queue) > QUEUE_LIMIT or (self._size > QUEUE_BYTES and len(queue) > 1):
+            self._size -= len(queue.popleft().data)
+            self.dropped += 1
+
+    def reset(self) -> None:
+        """Send the newest value again: the subscriber has lost its values."""
+        self._in_flight = False
+        self._sent = None
+        self._sent_ns = -(1 << 62)
+        self._pending = self._newest
+
+    def due_ns(self) -> int | None:
+        """When the next item is due; None: none is."""
+        if self._in_flight or self._limit_ns is None:
+            return None
+        if self._pending is not None or self._queue:
+            return self._sent_ns + max(self._interval_ns, self._limit_ns)
+        if self._repeat_ns and self._newest is not None:
+            return self._sent_ns + max(self._repeat_ns, self._limit_ns)
+        return None
+
+    def take(self, now_ns: int, limit: int, room: int) -> list[TreeItem]:
+        """Take items to be sent, at most `limit` items and about `room` bytes, at least one."""
+        if self.latest_only:
+            item = self._pending or self._newest
+            if item is None:
+                return []
+            self._pending = None
+            self._in_flight = True
+            self._sent, self._sent_ns = item.data, now_ns
+            return [item]
+        self._sent_ns = now_ns
+        taken: list[TreeItem] = []
+        while self._queue and len(taken) < limit and (room > 0 or not taken):
+            taken.append(self._queue.popleft())
+            room -= len(taken[-1].data)
+        self._size -= sum(len(item.data) for item in taken)
+        return taken
+
+    def on_acknowledged(self) -> None:
+        """The items taken last were acknowledged."""
+        self._in_flight = False
+
+    def requeue(self, items: list[TreeItem]) -> None:
+        """Return items that were not delivered to the queue."""
+        self._in_flight = False
+        if self.latest_only:
+            self._sent = None
+            self._pending = self._newest
+            return
+        self._queue.extendleft(reversed(items))
+        self._size += sum(len(item.data) for item in items)
+        self._shorten()
+
+
+def _ns(interval_s: float) -> int:
+    return round(min(interval_s, INTERVAL_MAX_S) * 1e9)

@@ -1,0 +1,1 @@
+"""The other platforms as seen from here: their structures, the subscriptions there, what comes of them."""

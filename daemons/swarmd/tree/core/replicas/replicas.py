@@ -1,0 +1,391 @@
+"""Replicas of the trees of other platforms: structure exchange (S0.54–57) and subscriptions."""
+
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from enum import StrEnum
+from typing import Final
+
+import msgspec
+
+from swarmd.tree.core.action import Action, PruneMirrors, RemoveMirrors, RequestStructure, RequestSubscription
+from swarmd.tree.core.replicas.replica import Replica
+from swarmd.tree.core.replicas.structure_replica import StructureState
+from swarmd.tree.core.structure.index import Index, pattern
+from swarmd.tree.core.structure.local import LocalTree
+from swarmd.tree.core.structure.structure_decoder import StructureDecoder
+from swarmd.tree.core.subscription import LocalSubscriptions
+from swarmd.tree.core.timers import Timers
+from swarmware.errors import InvalidInput, OutOfRange, WireError
+from swarmware.model.names import check_platform
+from swarmware.model.resource import Resource
+from swarmware.types.net import BoardSubscription
+from swarmware.types.tree import (
+    BoardLimit,
+    StructureReply,
+    StructureRequest,
+    SubscribeReply,
+    SubscribeRequest,
+    TreeItem,
+    TreeNotify,
+)
+
+log = logging.getLogger("swarm.tree")
+
+PLATFORMS_LIMIT: Final = 2000
+"""Bounds the memory that invented names can take; twenty times the swarm of `tests/simulation/tree`."""
+
+
+class ReplicaTimeouts(msgspec.Struct, frozen=True, kw_only=True):
+    """Lease, retry and retention times of replicas."""
+
+    lease_ns: int
+    retry_ns: tuple[int, ...]
+    """Pauses after failures in a row."""
+    forget_ns: int
+    whole_swarm: bool = False
+    """Follow every platform; else neighbours, and those with a subscription."""
+
+
+class _Due(StrEnum):
+    """What a timer of a replica is for."""
+
+    STRUCTURE = "structure"
+    """The structure is requested again."""
+    SUBSCRIPTION = "subscription"
+    """The subscription is requested again."""
+    FORGET = "forget"
+    """The platform was not reachable for too long."""
+
+
+class Replicas:
+    """Requests structures, keeps replicas, subscribes."""
+
+    def __init__(
+        self,
+        tree: LocalTree,
+        own: str,
+        subscriptions: LocalSubscriptions,
+        templates: Iterable[Iterable[Resource]],
+        timeouts: ReplicaTimeouts,
+        emit: Callable[[Action], None],
+    ) -> None:
+        self._tree = tree
+        self._own = own
+        self._subscriptions = subscriptions
+        self._timeouts = timeouts
+        self._emit = emit
+        self._replicas: dict[str, Replica] = {}
+        self._decoder = StructureDecoder(templates)
+        self._timers: Timers[tuple[str, _Due]] = Timers()
+        self.plan_version = 0
+        """Incremented by each change of `wants`."""
+
+    def __iter__(self) -> Iterator[Replica]:
+        return iter(self._replicas.values())
+
+    def get(self, platform: str) -> Replica | None:
+        """The replica of a platform; None: unknown."""
+        return self._replicas.get(platform)
+
+    def platforms(self) -> list[str]:
+        """Names of all known platforms."""
+        return list(self._replicas)
+
+    def wants(self) -> list[BoardSubscription]:
+        """Boards that are expected in beacons."""
+        return [
+            BoardSubscription(platform, resource.path, resource.type, resource.data_id)
+            for platform in sorted(self._replicas)
+            for resource in self._replicas[platform].wants
+        ]
+
+    def asks(self, platform: str) -> bool:
+        """Whether the reply of a structure request to it may come."""
+        replica = self._replicas.get(platform)
+        return replica is not None and replica.up and replica.structure.is_asking
+
+    # -- the network
+
+    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> None:
+        """It is reachable (step 1 of S0.54), `near`: as a neighbour. `version` of its tree; None: unknown."""
+        replica = self._replicas.get(platform)
+        if replica is None:
+            if len(self._replicas) >= PLATFORMS_LIMIT and not self._make_room():
+                return
+            replica = self._add(platform)
+        structure, subscription = replica.structure, replica.subscription
+        is_back = not replica.up
+        replica.up, replica.near = True, near
+        if is_back:
+            replica.failures = 0
+            structure.on_unseen()
+            subscription.on_unseen()
+            self._timers.drop((platform, _Due.FORGET))
+        if version is not None or structure.state is not StructureState.CURRENT:
+            structure.on_advertised(version)  # a version from before its loss may be outdated
+        structure.compare()
+        # within half a lease it holds our subscription: a beacon with the known version confirms all
+        within_lease = now_ns - replica.gone_ns < self._timeouts.lease_ns // 2
+        if is_back and within_lease and structure.state is StructureState.CURRENT:
+            subscription.on_verified()
+        self._request_due(replica)
+
+    def on_gone(self, platform: str, now_ns: int) -> None:
+        """It is not reachable any more."""
+        replica = self._replicas.get(platform)
+        if replica is not None and replica.up:
+            replica.up = False
+            replica.gone_ns = now_ns
+            self._timers.drop((platform, _Due.STRUCTURE))
+            self._timers.drop((platform, _Due.SUBSCRIPTION))
+            self._forget_later(replica, now_ns)
+
+    def on_former_mirrors(self, platform: str, now_ns: int) -> None:
+        """Mirrors of it exist from a former start: they expire like those of a lost platform."""
+        if platform not in self._replicas and len(self._replicas) < PLATFORMS_LIMIT:
+            replica = self._add(platform)
+            replica.gone_ns = now_ns
+            self._forget_later(replica, now_ns)
+
+    def on_peer_request(self, platform: str, epoch: int, digest: int | None) -> None:
+        """It sent a request with its epoch, and perhaps its digest: compare the replica."""
+        replica = self._replicas.get(platform)
+        if replica is not None:
+            replica.structure.on_announced(epoch, digest)
+            self._request_due(replica)
+
+    def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> None:
+        """Reply to a structure request (step 4 of S0.57); None: there was none."""
+        replica = self._replicas.get(platform)
+        if replica is None or not replica.structure.is_asking:
+            return
+        structure = replica.structure
+        if reply is None:
+            structure.on_no_reply()
+            self._retry(replica, _Due.STRUCTURE, now_ns)
+            return
+        try:
+            index = self._decoder.of_reply(structure.index, reply)
+        except WireError as error:
+            log.warning("structure of %s: %s", platform, error)
+            index = None
+        if index is None:
+            structure.on_mismatch()
+            if structure.state is StructureState.MISMATCHED:
+                self._request_structure(replica)
+            else:  # the full structure is inconsistent
+                self._retry(replica, _Due.STRUCTURE, now_ns)
+            return
+        replica.failures = 0
+        replica.demanded = False
+        known, epoch = structure.index, structure.epoch
+        structure.on_reply(reply.epoch, index)
+        replica.notifications.on_epoch(reply.epoch, epoch)
+        replica.subscription.on_epoch(reply.epoch)
+        self._on_index(replica, known)
+        self._request_subscription(replica)
+        structure.compare()
+        self._request_due(replica)
+
+    def on_subscribed(self, platform: str, reply: SubscribeReply | None, asked: int, now_ns: int) -> None:
+        """Reply to a subscription request; None: there was none. `asked`: digest of the subscription sent."""
+        replica = self._replicas.get(platform)
+        if replica is None or not replica.subscription.is_asking:
+            return
+        subscription = replica.subscription
+        if reply is None:
+            subscription.on_failed()
+            self._retry(replica, _Due.SUBSCRIPTION, now_ns)
+            return
+        replica.failures = 0
+        if reply.unknown:
+            is_full = not subscription.is_held  # sent whole, and still unknown there: its table is full
+            subscription.on_unknown()
+        else:
+            is_full = False
+            subscription.on_confirmed(reply.epoch, asked)
+            self._take_limits(replica, reply.limits)
+        if is_full:
+            self._retry(replica, _Due.SUBSCRIPTION, now_ns)
+        else:
+            self._request_subscription(replica)
+        replica.structure.on_announced(reply.epoch, reply.digest)
+        self._request_structure(replica)
+
+    def on_notify(self, notify: TreeNotify, now_ns: int) -> list[TreeItem]:
+        """A notification; returns its values for mirrors. Raises: InvalidInput, WireError."""
+        replica = self._replicas.get(notify.platform)
+        if replica is None:
+            check_platform(notify.platform)
+            if len(self._replicas) >= PLATFORMS_LIMIT:
+                raise OutOfRange(f"{notify.platform}: no room; {PLATFORMS_LIMIT} platforms are known")
+            # it has a route to this node before this node has one to it
+            replica = self._add(notify.platform)
+            self._forget_later(replica, now_ns)
+        if replica.notifications.is_former(notify.epoch):
+            return []
+        if notify.lapsed:
+            replica.subscription.on_ended()
+            self._request_subscription(replica)
+            return []
+        if notify.epoch != replica.epoch:
+            # it restarted, and its notification arrived before the reply with its epoch
+            replica.structure.on_announced(notify.epoch, None)
+            self._request_structure(replica)
+        return [item for ready in replica.notifications.take(notify) for item in self._accept(replica, ready)]
+
+    def _accept(self, replica: Replica, notify: TreeNotify) -> list[TreeItem]:
+        if notify.base:
+            self._on_changes(replica, notify)
+        if notify.limits is not None:
+            self._take_limits(replica, notify.limits)
+        patterns = replica.subscription.wanted.patterns
+        if notify.items and not patterns and not replica.subscription.is_held:
+            replica.subscription.on_former(notify.epoch)
+            self._request_subscription(replica)
+        return [item for item in notify.items if any(pattern(text).matches(item.path) for text in patterns)]
+
+    def _on_changes(self, replica: Replica, notify: TreeNotify) -> None:
+        known = replica.index
+        if known is not None and known.digest == notify.digest:
+            return
+        try:
+            index = self._decoder.of_notification(known, notify)
+        except WireError as error:
+            log.warning("structure of %s: %s", replica.platform, error)
+            index = None
+        if index is None:
+            replica.structure.on_changes_lost()
+            self._request_structure(replica)
+        else:
+            replica.structure.index = index
+            self._on_index(replica, known)
+
+    # -- this platform
+
+    def on_demand(self, platform: str) -> None:
+        """A user requests its structure."""
+        replica = self._replicas.get(platform)
+        if replica is not None and replica.up and (replica.index is None or not self._is_followed(replica)):
+            replica.demanded = True
+            self._request_due(replica)
+
+    def on_subscriptions(self) -> None:
+        """The subscriptions of the applications have changed."""
+        for replica in self._replicas.values():
+            wanted = self._subscriptions.of(replica.platform)
+            if wanted.digest != replica.subscription.wanted.digest:
+                replica.subscription.set_wanted(wanted)
+                self.plan_version += replica.update_wants()
+                replica.structure.compare()
+                self._request_due(replica)
+
+    def advance(self, now_ns: int) -> None:
+        """Retry requests, and remove platforms that were not reachable for too long."""
+        while (key := self._timers.pop(now_ns)) is not None:
+            platform, due = key
+            replica = self._replicas.get(platform)
+            match due:
+                case _ if replica is None:
+                    continue
+                case _Due.STRUCTURE:
+                    self._request_structure(replica)
+                case _Due.SUBSCRIPTION:
+                    self._request_subscription(replica)
+                case _Due.FORGET:
+                    # last values are kept for the loss of a platform
+                    if not self._subscriptions.keep or replica.index is None:
+                        self._forget(replica)
+
+    def deadline_ns(self) -> int | None:
+        """Next call of `advance`."""
+        return self._timers.next_ns()
+
+    # -- inside
+
+    def _add(self, platform: str) -> Replica:
+        replica = self._replicas[platform] = Replica(platform, self._subscriptions.of(platform))
+        return replica
+
+    def _forget_later(self, replica: Replica, now_ns: int) -> None:
+        self._timers.set((replica.platform, _Due.FORGET), now_ns + self._timeouts.forget_ns)
+
+    def _forget(self, replica: Replica) -> None:
+        del self._replicas[replica.platform]
+        self.plan_version += bool(replica.wants)
+        self._emit(RemoveMirrors(replica.platform))
+
+    def _make_room(self) -> bool:
+        """Remove the platform that was lost first; False if none is lost."""
+        away = [replica for replica in self._replicas.values() if not replica.up]
+        if away:
+            self._forget(min(away, key=lambda replica: replica.gone_ns))
+        return bool(away)
+
+    def _is_followed(self, replica: Replica) -> bool:
+        """Whether its tree is kept up to date, not only requested by users."""
+        return replica.near or bool(replica.subscription.wanted.patterns) or self._timeouts.whole_swarm
+
+    def _request_due(self, replica: Replica) -> None:
+        """Request what is due, now that something about it is known or wanted."""
+        if not self._is_followed(replica):
+            replica.structure.on_unseen()  # changes are not followed from now on
+        self._request_subscription(replica)
+        self._request_structure(replica)
+
+    def _request_structure(self, replica: Replica) -> None:
+        """Request the structure, if that is due and no other reply will verify it."""
+        structure = replica.structure
+        unverified = structure.state is StructureState.UNVERIFIED
+        is_due = structure.is_due or (
+            unverified and (replica.demanded or not replica.subscription.will_report)
+        )
+        if not (is_due and replica.up and (replica.demanded or self._is_followed(replica))):
+            return
+        self._timers.drop((replica.platform, _Due.STRUCTURE))
+        full = structure.on_asked()
+        request = StructureRequest(self._own, self._tree.epoch, self._tree.digest, structure.digest, full)
+        self._emit(RequestStructure(replica.platform, request))
+
+    def _request_subscription(self, replica: Replica) -> None:
+        """Subscribe, renew or end the subscription, if that is due; to subscribe, after the structure."""
+        subscription = replica.subscription
+        wanted = subscription.wanted
+        structure = replica.structure
+        is_first = structure.index is None or structure.is_due or structure.is_asking
+        if not (replica.up and subscription.is_due) or (wanted.patterns and is_first):
+            return
+        self._timers.drop((replica.platform, _Due.SUBSCRIPTION))
+        renew = subscription.on_asked()
+        request = SubscribeRequest(
+            self._own,
+            self._tree.epoch,
+            wanted.digest,
+            self._timeouts.lease_ns / 1e9,
+            replica.digest,
+            renew,
+            () if renew else wanted.patterns,
+            () if renew else wanted.rules,
+        )
+        self._emit(RequestSubscription(replica.platform, request))
+
+    def _take_limits(self, replica: Replica, limits: tuple[BoardLimit, ...]) -> None:
+        try:
+            replica.set_limits(limits)
+        except InvalidInput as error:
+            log.warning("limits of %s: refused: %s", replica.platform, error)
+
+    def _retry(self, replica: Replica, due: _Due, now_ns: int) -> None:
+        if replica.up:
+            pauses = self._timeouts.retry_ns
+            pause_ns = pauses[min(replica.failures, len(pauses) - 1)]
+            self._timers.set((replica.platform, due), now_ns + pause_ns)
+            replica.failures += 1
+
+    def _on_index(self, replica: Replica, former: Index | None) -> None:
+        """Its structure was replaced."""
+        index = replica.index
+        assert index is not None
+        if former is None or any(item.resource.path not in index for item in former):
+            self._emit(PruneMirrors(replica.platform, frozenset(item.resource.path for item in index)))
+        self.plan_version += replica.update_wants()

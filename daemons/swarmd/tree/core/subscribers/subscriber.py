@@ -1,0 +1,142 @@
+"""One platform with a subscription here: its lease, its feeds, and what it has to be notified of."""
+
+from typing import Final
+
+from swarmd.tree.core.notification.feed import Feed
+from swarmd.tree.core.notification.lane import COALESCE_NS, LaneNumber, NotificationLane, Parts
+from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
+from swarmd.tree.core.subscription import NO_SUBSCRIPTION, Subscription
+from swarmware.model.resource import Kind
+from swarmware.types.tree import BoardLimit
+
+ITEMS_LIMIT: Final = 64
+FEED_LIMIT: Final = 32
+"""Items of one feed in one notification: a busy stream leaves room for others."""
+BYTES_LIMIT: Final = 32 * 1024
+"""Bytes of values in one notification: a lost one is retransmitted whole."""
+
+
+class Subscriber:
+    """State of one subscriber."""
+
+    __slots__ = (
+        "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns", "limits_sent", "plan",
+        "platform", "structure", "structure_ns", "subscription", "up",
+    )  # fmt: skip
+
+    def __init__(self, platform: str, epoch: int, serial: int = 0) -> None:
+        """`serial`: of the notification before the first one."""
+        self.platform = platform
+        self.epoch = epoch
+        self.up = True
+        self.lease_span_ns = 0
+        self.lease_ns = 0
+        """End of the lease, which begins when the platform was reachable last."""
+        self.subscription: Subscription = NO_SUBSCRIPTION
+        self.plan = SubscriptionPlan()
+        self.lanes = {number: NotificationLane(number, serial) for number in LaneNumber}
+        self.structure = 0
+        """Digest of the structure that the subscriber has."""
+        self.structure_ns: int | None = None
+        """When a change of the structure is due to be sent; None: it has the present one."""
+        self.limits: tuple[BoardLimit, ...] = ()
+        """Limits in force of the boards that it subscribes to."""
+        self.limits_sent: tuple[BoardLimit, ...] = ()
+        """Those that it was sent last."""
+        self.limits_ns: int | None = None
+        """When they are due to be sent; None: they have not changed."""
+        self._turn: dict[LaneNumber, str] = {}
+        """Path of the feed that was served last in each lane, for round-robin order."""
+
+    @property
+    def feeds(self) -> dict[str, Feed]:
+        """Its feeds by path."""
+        return self.plan.feeds
+
+    @property
+    def serial(self) -> int:
+        """Serial number of its newest notification."""
+        return max(lane.serial for lane in self.lanes.values())
+
+    def on_reachable(self) -> None:
+        """It is reachable: retry at once."""
+        self.up = True
+        for lane in self.lanes.values():
+            lane.reset_backoff()
+
+    def on_restarted(self, epoch: int) -> None:
+        """Its tree service has restarted and lost its values: send them again."""
+        self.epoch = epoch
+        for lane in self.lanes.values():
+            lane.clear()
+        for feed in self.feeds.values():
+            feed.reset()
+
+    def set_limits(self, limits: tuple[BoardLimit, ...], due_ns: int) -> None:
+        """Set the limits in force, to be sent at that time if they have changed."""
+        self.limits = limits
+        if limits == self.limits_sent:
+            self.limits_ns = None
+        elif self.limits_ns is None:
+            self.limits_ns = due_ns
+
+    def take_limits(self) -> tuple[BoardLimit, ...]:
+        """The limits in force, which are sent now."""
+        self.limits_sent, self.limits_ns = self.limits, None
+        return self.limits
+
+    # -- its notifications
+
+    def due_ns(self, lane: NotificationLane) -> int | None:
+        """When the next notification or retransmission of a lane is due."""
+        repeat_ns = lane.due_ns()
+        if repeat_ns is not None:
+            return repeat_ns  # retransmissions first, to keep the order
+        if not lane.has_room:
+            return None
+        dues = [feed.due_ns() for feed in self._feeds_of(lane.number)]
+        if self.owes_structure(lane):
+            dues.append(self.structure_ns)
+        if self.owes_limits(lane):
+            dues.append(self.limits_ns)
+        first_ns = min((due_ns for due_ns in dues if due_ns is not None), default=None)
+        if first_ns is None:
+            return None
+        due_ns = max(first_ns, lane.backoff_until_ns)
+        return max(due_ns, lane.sent_ns + COALESCE_NS) if lane else due_ns
+
+    def owes_structure(self, lane: NotificationLane) -> bool:
+        """Whether a change of the structure is to be sent in this lane; one at a time."""
+        return (
+            self.structure_ns is not None and lane.number is LaneNumber.UPDATES and not lane.carries_structure
+        )
+
+    def owes_limits(self, lane: NotificationLane) -> bool:
+        """Whether changed limits are to be sent in this lane."""
+        return self.limits_ns is not None and lane.number is LaneNumber.UPDATES
+
+    def take_items(self, lane: NotificationLane, now_ns: int) -> Parts:
+        """The items for a notification, of each feed that is due."""
+        parts: Parts = []
+        count = size = 0
+        for feed in self._feeds_of(lane.number):
+            if count >= ITEMS_LIMIT or size >= BYTES_LIMIT:
+                break
+            due_ns = feed.due_ns()
+            if due_ns is not None and due_ns <= now_ns:
+                taken = feed.take(now_ns, min(FEED_LIMIT, ITEMS_LIMIT - count), BYTES_LIMIT - size)
+                parts.append((feed, taken))
+                count += len(taken)
+                size += sum(len(item.data) for item in taken)
+                self._turn[lane.number] = feed.resource.path
+        return parts
+
+    def _feeds_of(self, number: LaneNumber) -> list[Feed]:
+        """The feeds of a lane in round-robin order."""
+        streams = number is LaneNumber.STREAMS
+        feeds = [feed for feed in self.feeds.values() if (feed.resource.kind is Kind.STREAM) is streams]
+        served = self._turn.get(number)
+        for index, feed in enumerate(feeds):
+            if feed.resource.path == served:
+                return feeds[index + 1 :] + feeds[: index + 1]
+        return feeds
