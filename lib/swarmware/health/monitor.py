@@ -12,10 +12,10 @@ from swarmware.errors import InvalidInput, SwarmError
 from swarmware.health.debouncer import Debouncer
 from swarmware.health.reported_condition import ReportedCondition
 from swarmware.model import paths
-from swarmware.module.immediate import Immediate
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.runtime.core import next_multiple_ns
+from swarmware.runtime.immediate import Immediate
 from swarmware.runtime.instant import until
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.health import (

@@ -10,9 +10,9 @@ from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.model import paths
 from swarmware.model.names import Pattern, check_path
 from swarmware.module.board import BoardReader
-from swarmware.module.immediate import Immediate
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.node import Node
+from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
 
 T = TypeVar("T", bound=msgspec.Struct)

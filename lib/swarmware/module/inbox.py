@@ -9,10 +9,10 @@ import msgspec
 from swarmware.errors import NoAnswer, WireError
 from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
-from swarmware.module.immediate import Immediate
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.node import Node
+from swarmware.runtime.immediate import Immediate
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types import registry
 

@@ -11,8 +11,8 @@ import msgspec
 from swarmware.errors import KINDS, NotFound, SwarmError, TypeMismatch, from_kind
 from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
-from swarmware.module.immediate import Immediate
 from swarmware.module.meta import Meta
+from swarmware.runtime.immediate import Immediate
 from swarmware.types import registry
 from swarmware.types.rpc import Reply
 

@@ -7,11 +7,11 @@ import msgspec
 
 from swarmware.errors import NoAnswer, WireError
 from swarmware.model.names import split
-from swarmware.module.immediate import Immediate
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.follower import RingFollower
 from swarmware.node.node import Node
+from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 

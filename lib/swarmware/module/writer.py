@@ -9,9 +9,9 @@ from swarmware.model.frame import HEADER_BYTES, Frame, FrameKind, encode
 from swarmware.model.names import ANY
 from swarmware.model.resource import Kind as ResourceKind
 from swarmware.model.resource import Resource
-from swarmware.module.immediate import Immediate
 from swarmware.node.node import Node
 from swarmware.node.publication import Publication
+from swarmware.runtime.immediate import Immediate
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -20,6 +20,7 @@ from swarmware.node.incarnation import NodeIncarnation
 from swarmware.node.master.master import Master
 from swarmware.node.publication import Publication
 from swarmware.runtime.core import next_multiple_ns
+from swarmware.runtime.immediate import Immediate
 from swarmware.runtime.instant import wait_s
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.messaging.endpoint import MessageEndpoint
@@ -55,7 +56,7 @@ class Services(Protocol):
         ...
 
 
-class Node:
+class Node(Immediate):
     """State shared by an event loop: configuration, clock, doorbell, message router, applications.
 
     Modules of one event loop share it: `attach` gives the same one again, `close` closes the last. Another
@@ -223,11 +224,11 @@ class Node:
         self._mirror_watchers.notify()
         return publication
 
-    def close(self) -> None:
-        """Leave the node when its last user in this process leaves."""
+    def close(self) -> Immediate:
+        """Leave the node when its last user in this process leaves; the result is for a former `await`."""
         self._users -= 1
         if self._users > 0:
-            return
+            return self
         self._attached.pop((id(self._loop), self.config_dir), None)
         self.unwatch(self.master)
         self.master.close()
@@ -243,3 +244,4 @@ class Node:
         self.doorbells.close()
         with contextlib.suppress(FileNotFoundError):
             self._incarnation.leave()
+        return self

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from swarmware.health.monitor import HealthMonitor
-from swarmware.module.immediate import Immediate
 from swarmware.module.module import Module
-from swarmware.testing.tmpnode import tmp_node
+from swarmware.node.node import Node
+from swarmware.runtime.immediate import Immediate
+from swarmware.testing.tmpnode import make_node, tmp_node
 from swarmware.types.scalar import Float, Int
 
 OPENING: dict[str, Callable[[Module], Immediate]] = {
@@ -44,3 +45,21 @@ async def test_opening_without_await_warns_of_nothing(tmp_path: Path) -> None:
             writer, reader = m.writer("nav/height", Float), m.reader("nav/height", Float)
             writer.write(Float(2.0))
             assert reader.value == Float(2.0)
+
+
+async def test_a_node_is_attached_shared_and_closed_at_once_and_may_still_be_awaited(
+    tmp_path: Path,
+) -> None:
+    folder = make_node(tmp_path)
+    with pytest.warns(DeprecationWarning, match="expected no `await`") as seen:
+        node = await Node.attach(folder)
+        assert await node.share() is node
+        await node.close()
+        assert Node.attach(folder) is node, "one user is left"
+        node.close()
+        await node.close()
+    assert {warning.filename for warning in seen} == {__file__}
+    assert len(seen) == 4
+    other = Node.attach(folder)
+    assert other is not node, "the last user has left"
+    other.close()

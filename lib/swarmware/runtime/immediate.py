@@ -1,4 +1,4 @@
-"""What a module opens is there at once; awaiting it still works for one release."""
+"""What was a coroutine and returns at once; awaiting its result still works for one release."""
 
 import warnings
 from collections.abc import Generator
@@ -6,14 +6,14 @@ from typing import Self
 
 
 class Immediate:
-    """Base of what `Module.writer`, `reader`, `inbox`, `serve` and their like return.
+    """Base of what `Node.attach`, `share`, `close` and the like of `Module.writer`, `serve` return.
 
     These methods were coroutines: for one release, `await` still gives the object, with a DeprecationWarning.
     """
 
     def __await__(self) -> Generator[None, None, Self]:
         warnings.warn(
-            f"{type(self).__name__}: it is open at once; expected no `await`",
+            f"{type(self).__name__}: it is there at once; expected no `await`",
             DeprecationWarning,
             stacklevel=2,
         )
