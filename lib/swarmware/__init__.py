@@ -1,9 +1,9 @@
 """Middleware for unmanned swarms; a functional module begins with `from swarmware import Module`.
 
     async with Module("planner") as m:                       # joins the node of this computer
-        pose = await m.reader("nav/pose", Pose)              # board: the newest value
-        goal = await m.inbox("cmd/goto", Goal)               # messages: each exactly once
-        path = await m.stream_writer("plan/path", Pose)      # stream: every step, in order
+        pose = m.reader("nav/pose", Pose)                    # board: the newest value
+        goal = m.inbox("cmd/goto", Goal)                     # messages: each exactly once
+        path = m.stream_writer("plan/path", Pose)            # stream: every step, in order
 
 `help(swarmware.Module)` lists what a module can do, `help(swarmware.Service)` how it becomes a daemon that
 `swarmd run NAME` starts. Payload types are in `swarmware.types`, or are your own `msgspec.Struct`s.

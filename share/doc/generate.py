@@ -34,9 +34,13 @@ MEASURED = HERE / "formation-16.json"
 """The report.json of the run that the README shows."""
 PICTURE = HERE / "paths.png"
 REQUIREMENTS = HERE / "requirements.md"
+ARCHITECTURE = HERE / "architecture.md"
+ROOT = HERE.parent.parent
+PACKAGES = ("lib/swarmware", "daemons/swarmd", "cli/swarmctl", "cli/swarmlab")
 SOURCES = ("S0", "S1", "S2", "S3", "S4")
 """Of the capabilities on the page of requirements."""
 
+_PACKAGES = re.compile(r"(<!-- packages: [^>]*-->\n)(.*?)(<!-- end of packages -->)", re.DOTALL)
 _FIGURES = re.compile(r"(<!-- figures: [^>]*-->\n)(.*?)(<!-- end of figures -->)", re.DOTALL)
 
 _STATES = re.compile(r"(<!-- states: [^>]*-->\n)(.*?)(<!-- end of states -->)", re.DOTALL)
@@ -348,6 +352,24 @@ def types_page() -> str:
     return "".join(out)
 
 
+def packages_table() -> str:
+    """The packages of the code with the purpose in their docstrings, and the packages inside them."""
+    rows = ["\n| package | what lives there | packages inside |\n|---|---|---|\n"]
+    for top in (ROOT / name for name in PACKAGES):
+        for folder in (top, *sorted(path.parent for path in top.glob("*/__init__.py"))):
+            purpose = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
+            inside = sorted(path.parent for path in folder.glob("*/**/__init__.py")) if folder != top else []
+            rooms = ", ".join(f"`{room.relative_to(folder)}`" for room in inside)
+            line = " ".join(purpose.partition("\n\n")[0].split())
+            rows.append(f"| `{folder.relative_to(top.parent)}` | {line} | {rooms} |\n")
+    return "".join(rows) + "\n"
+
+
+def architecture() -> str:
+    """The page of the architecture with the packages as they are."""
+    return _PACKAGES.sub(lambda block: block[1] + packages_table() + block[3], ARCHITECTURE.read_text())
+
+
 def requirements() -> str:
     """The page of requirements with the number of capabilities in each state."""
     text = REQUIREMENTS.read_text()
@@ -369,6 +391,7 @@ PAGES = {
     HERE / "types.md": types_page,
     README: readme,
     REQUIREMENTS: requirements,
+    ARCHITECTURE: architecture,
 }
 
 

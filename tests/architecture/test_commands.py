@@ -64,7 +64,7 @@ def test_the_figures_of_the_readme_are_those_of_the_measured_run() -> None:
     assert (ROOT / "README.md").read_text() == made, "run `make docs`"
 
 
-@pytest.mark.parametrize("page", ["cli.md", "types.md"])
+@pytest.mark.parametrize("page", ["cli.md", "types.md", "architecture.md"])
 def test_a_generated_page_is_up_to_date(page: str) -> None:
     path, made = next((path, make()) for path, make in generator().PAGES.items() if path.name == page)
     assert path.exists(), "run `make docs`"

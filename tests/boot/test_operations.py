@@ -128,7 +128,7 @@ def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) 
         "import asyncio\nfrom swarmware import Module\nfrom swarmware.types.scalar import Float\n"
         "async def main():\n"
         "    async with Module('my-module') as m:\n"
-        "        board = await m.writer('mine/value', Float, rate_hz=10)\n"
+        "        board = m.writer('mine/value', Float, rate_hz=10)\n"
         "        print('ready', flush=True)\n"
         "        async for _ in m.every(0.1):\n"
         "            board.write(Float(1.5))\n"

@@ -1,1 +1,4 @@
-"""Hardware abstraction layer: drivers publish devices as resources, each at its own rate (S2.2, S2.5)."""
+"""Hardware abstraction layer: publishes devices as resources, each at its own rate (S2.2, S2.5).
+
+The service opens and reads the drivers; what a device is lives in its driver.
+"""

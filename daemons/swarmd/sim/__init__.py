@@ -1,1 +1,4 @@
-"""Simulation of the vehicle and its sensors, behind the same interfaces as a real one (S1.77)."""
+"""Simulation of a vehicle with its sensors and motors, behind the interfaces of a real one (S1.77).
+
+The drivers of its sensors are in `hal`; the two meet on resources.
+"""

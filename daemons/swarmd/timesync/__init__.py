@@ -1,1 +1,4 @@
-"""Time synchronisation: one conversion function per hardware unit; clocks are never set."""
+"""Time synchronisation: one conversion function for the clock of each other node; clocks are never set.
+
+The service exchanges functions with partners; the broker measures the stamps.
+"""

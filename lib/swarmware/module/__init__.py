@@ -1,4 +1,4 @@
-"""The API of functional modules: boards, streams, inboxes, requests.
+"""The API of functional modules: boards, streams, inboxes, requests, and the clocks of their stamps.
 
 Sockets and mapped memory belong to the node.
 """

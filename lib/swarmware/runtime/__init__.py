@@ -1,4 +1,4 @@
-"""Execution of sans-io cores: their contract, their driver, the report of slow steps.
+"""What runs cores: their contract, driver and instants; atomic replacement of files, restarts, slow steps.
 
-Not here: decisions, and any input or output but waiting for a deadline.
+No decision of a daemon, and nothing of frames, resources or nodes.
 """

@@ -1,1 +1,1 @@
-"""The `app` commands: applications of the nodes."""
+"""The commands of `app`: the applications that run on the nodes, from their registers."""

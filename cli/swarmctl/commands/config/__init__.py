@@ -1,1 +1,1 @@
-"""The `config` commands: files of a node, and live settings."""
+"""The commands of `config`: the effective files of a node, and settings that change while it runs."""

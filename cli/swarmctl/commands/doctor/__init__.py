@@ -1,1 +1,1 @@
-"""Checks of this machine and of its node."""
+"""The command `doctor`: checks of this machine and of its node, each with an advice."""

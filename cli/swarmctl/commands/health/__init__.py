@@ -1,1 +1,1 @@
-"""State, checks and faults of platforms."""
+"""The commands of `health`: states, checks and faults of platforms, and the removal of faults."""

@@ -1,1 +1,1 @@
-"""The `link` commands: neighbours of a platform."""
+"""The commands of `link`: neighbours of a platform with the quality of each link."""

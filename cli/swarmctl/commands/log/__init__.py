@@ -1,1 +1,1 @@
-"""The `log` commands: query, follow, export and count log entries."""
+"""The commands of `log`: query, follow, export and count entries, from disks of nodes or a database."""

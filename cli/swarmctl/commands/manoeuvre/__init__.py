@@ -1,1 +1,1 @@
-"""The commands hold, land and return; their logic, shared with `mission abort`, is in `swarmctl.vehicles`."""
+"""`hold`, `land` and `return`; `swarmctl.vehicles` has their logic, shared with `mission abort`."""

@@ -1,1 +1,1 @@
-"""The `mission` commands: check, start, follow and abort missions."""
+"""The commands of `mission`: check, start and abort missions, and follow their members."""

@@ -1,1 +1,1 @@
-"""The `node` commands: nodes of the swarm."""
+"""The commands of `node`: the table of all nodes, and what one node says of itself."""

@@ -1,1 +1,1 @@
-"""The `time` commands: conversions between the clocks of nodes."""
+"""The commands of `time`: conversions between the clocks of nodes, with their error bounds."""

@@ -1,1 +1,1 @@
-"""The `topo` command: the graph of links."""
+"""The command `topo`: the links of the swarm as a table, a graph or a picture."""

@@ -1,1 +1,1 @@
-"""The `traffic` commands: counters and rates of a broker."""
+"""The commands of `traffic`: counters of a broker, rates of channels, and their limits."""

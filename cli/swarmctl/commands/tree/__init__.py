@@ -1,1 +1,1 @@
-"""The `tree` commands: list, draw, read and watch resources; `swarmctl.resources.access` sets them."""
+"""The commands of `tree`: list, draw, read and watch resources; `swarmctl.resources.access` sets them."""

@@ -1,4 +1,4 @@
-"""Decisions of the broker: beacon codec, neighbours, routing, boards, sessions, queues, counters.
+"""Decisions of the broker: the beacon protocol, neighbours and routes, boards, admission, forwarding.
 
 No asyncio, zmq, socket, time, random or files in here: time is an argument, chance a callable.
 """

@@ -1,1 +1,1 @@
-"""What moves the broker's bytes: UDP datagrams and ZeroMQ over TCP. Decides nothing."""
+"""What moves the broker's bytes: UDP datagrams, ZeroMQ over TCP, their keys and counts. Decides nothing."""

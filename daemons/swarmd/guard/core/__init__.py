@@ -1,1 +1,1 @@
-"""Decisions of the guard: when a service is started, killed, restarted or given up. No process, no clock."""
+"""Decisions of the guard: when a service is started, killed, restarted or given up; no process or clock."""

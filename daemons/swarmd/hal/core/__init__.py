@@ -1,1 +1,1 @@
-"""Pure parts of the hardware abstraction: schedules and their figures, filters, packet timing."""
+"""Decisions of the hardware abstraction: when a device is read, filters of samples, stamps of packets."""

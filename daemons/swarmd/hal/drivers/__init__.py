@@ -1,1 +1,1 @@
-"""Drivers: one file per device or protocol; a driver knows its device and its resources, nothing else."""
+"""Drivers of devices: one file for each device or protocol, which knows its resources and nothing else."""

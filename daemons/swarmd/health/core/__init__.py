@@ -1,1 +1,1 @@
-"""Decisions of the monitor: states of faults, checks of modules, own rules. No sockets."""
+"""Decisions of the monitor: states of faults, checks of modules, own rules; no sockets or clock."""

@@ -1,1 +1,1 @@
-"""Decisions of the mission daemon: pure, time is an argument; no input or output of any kind."""
+"""Decisions of the mission daemon: admission, barrier, execution, state; no input, output or clock."""

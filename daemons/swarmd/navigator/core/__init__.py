@@ -1,1 +1,1 @@
-"""Sans-io core of the navigator: estimator, planner, formation keeping; no input, output or clock."""
+"""Decisions of the navigator: estimator, planner, controllers, formation; no input, output or clock."""

@@ -1,1 +1,1 @@
-"""Decisions of the register: the newest table of each other computer. No input, output or clock."""
+"""Decisions of the register: the newest table of each other computer; no input, output or clock."""

@@ -1,1 +1,1 @@
-"""Sans-io core of the simulation: models of vehicle, sensors, battery; no input, output or clock."""
+"""Decisions of the simulation: models of vehicle, sensors and battery; no input, output or clock."""

@@ -1,1 +1,1 @@
-"""Decisions of time synchronisation: exchanges in, conversion functions out. No socket or clock."""
+"""Decisions of time synchronisation: exchanges in, conversion functions out; no socket or clock."""

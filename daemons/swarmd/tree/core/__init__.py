@@ -1,1 +1,1 @@
-"""Decisions of the tree: index, structure exchange, subscriptions, settings. No socket, file or clock."""
+"""Decisions of the tree: structures, subscriptions, notifications, settings; no socket, file or clock."""

@@ -1,0 +1,83 @@
+"""Every package says what may live in it, every daemon has its floors, a thin file is a noun of its own."""
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ROOTS = ("lib", "daemons", "cli")
+PACKAGES = sorted(path.parent for root in ROOTS for path in (ROOT / root).rglob("__init__.py"))
+PAGE = (ROOT / "share/doc/architecture.md").read_text("utf-8")
+CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+MIN_WORDS = 10
+"""Fewer only repeat the package's name."""
+THIN_LINES = 40
+THIN = {
+    "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",
+    "lib/swarmware/runtime/filewriter.py": "the one atomic file writer",
+    "lib/swarmware/runtime/instant.py": "waits for instants, which a core must not import",
+    "lib/swarmware/service/garbage.py": "the garbage collector of a process",
+    "lib/swarmware/service/installed.py": "the table of installed services",
+    "lib/swarmware/service/reason.py": "the line of an expected error",
+    "lib/swarmware/transport/shm/ticks.py": "the start time of a process, without pathlib and msgspec",
+    "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
+    "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
+    "daemons/swarmd/tree/core/quality.py": "the quality of a value",
+    "cli/swarmctl/commands/doctor/diagnosis.py": "the logic of the command, above its checks",
+    "cli/swarmctl/commands/mission/abort.py": "the logic of one command",
+    "cli/swarmctl/terminal/confirmation.py": "questions to the operator",
+    "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
+}
+"""Files of fewer lines that define no class of their own, and the noun that each is."""
+
+
+def name(package: Path) -> str:
+    return str(package.relative_to(ROOT)).partition("/")[2]
+
+
+def sources() -> list[Path]:
+    return [path for root in ROOTS for path in (ROOT / root).rglob("*.py") if "__" not in path.name]
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=name)
+def test_a_package_says_what_may_live_in_it(package: Path) -> None:
+    docstring = ast.get_docstring(ast.parse((package / "__init__.py").read_text("utf-8"))) or ""
+    purpose = docstring.partition("\n\n")[0]
+    assert len(re.findall(r"\w+", purpose)) >= MIN_WORDS, f"{name(package)}: {purpose!r}"
+    assert purpose.endswith(".")
+
+
+def test_the_page_of_the_architecture_has_each_package() -> None:
+    rows = re.findall(r"^\| `([\w/]+)` \| [^|]+ \| ([^|]*) \|$", PAGE.split("<!-- packages")[1], re.MULTILINE)
+    shown = {top for top, _ in rows} | {
+        f"{top}/{room}" for top, cell in rows for room in re.findall(r"`(.+?)`", cell)
+    }
+    assert shown == {name(package) for package in PACKAGES}
+
+
+def test_every_daemon_has_its_floors_and_a_folder_of_decisions() -> None:
+    daemons = {path.parent.name for path in (ROOT / "daemons/swarmd").glob("*/service.py")}
+    (floors,) = (contract for contract in CONTRACTS if contract["id"] == "daemon-floors")
+    (apart,) = (contract for contract in CONTRACTS if contract["id"] == "daemons")
+    assert {f"swarmd.{daemon}" for daemon in daemons} == set(floors["containers"]) == set(apart["modules"])
+    assert floors["exhaustive"]
+    assert [layer for layer in floors["layers"] if layer in {"service", "core", "(config)"}] == [
+        "service",
+        "core",
+        "(config)",
+    ]
+    assert daemons == {path.parent.name for path in (ROOT / "daemons/swarmd").glob("*/core/")}
+
+
+def test_a_thin_file_defines_a_class_or_is_a_noun_of_its_own() -> None:
+    thin = set()
+    for path in sources():
+        text = path.read_text("utf-8")
+        if path.name in {"command.py", "config.py"} or len(text.splitlines()) >= THIN_LINES:
+            continue
+        if not any(isinstance(node, ast.ClassDef) for node in ast.parse(text).body):
+            thin.add(str(path.relative_to(ROOT)))
+    assert thin == set(THIN), "merge it with its noun, or name the noun"
