@@ -214,7 +214,7 @@ def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
 def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(
     node: Machine, page: dict[str, list[str]]
 ) -> None:
-    day, devices = page["Every day"]
+    day, devices = page["Daily operation"]
     lines = day.splitlines()
     stop = next(number for number, line in enumerate(lines) if line.startswith("systemctl stop"))
     node.must("\n".join(lines[: stop + 1]))
@@ -228,7 +228,7 @@ def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(
 def test_an_upgrade_keeps_settings_and_a_removal_leaves_the_configuration(
     node: Machine, page: dict[str, list[str]]
 ) -> None:
-    upgrade, removal = page["A newer version, and none"]
+    upgrade, removal = page["Upgrade and removal"]
     node.must("swarmctl config set navigator/altitude_kp 1.7")
     node.must(upgrade)
     assert "1.7" in node.must("swarmctl config get navigator/altitude_kp")

@@ -12,8 +12,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from swarmd.health.config import Config as HealthConfig
 from swarmd.mission.config import Config as MissionConfig
+from swarmd.mission.core.announcement import INTERVAL_NS
 from swarmd.mission.core.barrier import ANNOUNCED, LATE_NS, PATIENCE
+from swarmd.timesync.core.exchange import ASK_FIRST_NS, ASK_NS
 from swarmd.tree.config import Config as TreeConfig
 from swarmd.tree.core.notification.lane import IN_FLIGHT_BYTES, WINDOW
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
@@ -23,17 +26,22 @@ from swarmd.tree.core.subscribers.subscriber import BYTES_LIMIT, ITEMS_LIMIT
 from swarmd.tree.core.subscription import make_subscription
 from swarmware.errors import KINDS, WireError
 from swarmware.mission.model import content_hash
-from swarmware.model.names import data_id
+from swarmware.model.names import PATTERN_LIMIT, WILDCARDS_LIMIT, data_id
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.rpc import IN_WORK_LIMIT
+from swarmware.module.streamwriter import STREAM_SLOT_BYTES, STREAM_SLOTS
+from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS
+from swarmware.node.master.master import APPLICATIONS_LIMIT
 from swarmware.node.master.record import Holder, RecordFile
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.duplicates import HOLD_NS
 from swarmware.transport.delivery.outbox import GRACE_NS, LOCAL, REMOTE
+from swarmware.transport.messaging.ipc_transport import IPC_PATH_LIMIT
 from swarmware.transport.messaging.router import WINDOW as MESSAGE_WINDOW
+from swarmware.transport.shm import layout, readers
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import readers_folder
 from swarmware.transport.shm.notifier import ReaderNotifier
@@ -208,8 +216,8 @@ def test_the_record_of_the_master_is_as_the_page_says(tmp_path: Path) -> None:
     assert data[at["label"] : at["checksum"]] == b"register#1".ljust(48, b"\0")
     checksum = zlib.crc32(data[: at["checksum"]])
     assert int.from_bytes(data[at["checksum"] : at["checksum"] + 4], "little") == checksum
-    assert struct.unpack_from("<I", data, at["wanted by, pid"]) == (4712,)
-    assert word(data, at["wanted by, start"]) == 123457
+    assert struct.unpack_from("<I", data, at["candidate pid"]) == (4712,)
+    assert word(data, at["candidate start"]) == 123457
 
 
 def mark(descriptor: dict[str, object], lost: bool) -> int:
@@ -263,30 +271,43 @@ def test_the_bound_of_a_conversion_is_that_of_the_page() -> None:
 
 
 def test_the_figures_of_the_services_are_ours() -> None:
-    mission, tree = MissionConfig(), TreeConfig()
+    mission, tree, health = MissionConfig(), TreeConfig(), HealthConfig()
     for words in (
-        f"To the own node: {LOCAL.initial_ns // 10**6} ms, at most {LOCAL.max_ns // 10**6} ms",
-        f"To another one: {REMOTE.initial_ns // 10**6} ms as long as no round trip was measured",
-        f"{REMOTE.min_ns // 10**6} ms at least; at most {REMOTE.max_ns / 1e9} s",
-        f"It goes on for {GRACE_NS // 10**9} s from the first of these",
+        f"On the same node it is {LOCAL.initial_ns // 10**6} ms to {LOCAL.max_ns // 10**6} ms",
+        f"To another node it is {REMOTE.initial_ns // 10**6} ms until a round trip was measured",
+        f"{REMOTE.min_ns // 10**6} ms to {REMOTE.max_ns / 1e9} s",
+        f"continues for {GRACE_NS // 10**9} s from the first of these",
         f"{MESSAGE_WINDOW} messages of one data id",
-        f"known for the last {HOLD_NS // 10**9} s",
-        f"work on {IN_WORK_LIMIT} requests of one path",
-        f"is lost after {tree.lost_s:g} s and removed,",
-        f"or again what the template says, after {tree.expire_s:g} s",
-        f"its last {structure.HISTORY}",
+        f"arrived in the last {HOLD_NS // 10**9} s",
+        f"process {IN_WORK_LIMIT} requests of one path",
+        f"is lost after {tree.lost_s:g} s.",
+        f"After {tree.expire_s:g} s it is removed, or has the descriptor of the template again",
+        f"one of the owner's last {structure.HISTORY}",
         f"at most {structure.PATHS_LIMIT // 1000} 000 resources",
-        f"ahead ({REORDER_WINDOW} from `first` on",
+        f"buffers later ones ({REORDER_WINDOW} from `first` on",
         f"at most {WINDOW} notifications and {IN_FLIGHT_BYTES // 1024} KiB unacknowledged",
-        f"{ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB in one notification",
-        f"every {tree.min_interval_s} s. Changes of the structure wait {tree.coalesce_s} s",
-        f"waits there, for {mission.start_timeout_s:g} s",
-        f"its clock + a lead (at least {mission.barrier_lead_s} s;",
+        f"a notification at most {ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB",
+        f"Changes of the structure are collected for {tree.coalesce_s} s",
+        f"waits at it, for {mission.start_timeout_s:g} s",
+        f"The lead is at least {mission.barrier_lead_s} s;",
         f"more than {LATE_NS / 1e9} s too late",
         f"silent for {mission.lost_after_s:g} s; while a route to it exists, for"
         f" {PATIENCE * mission.lost_after_s:g} s",
-        f"The newest {['one', 'two', 'three'][ANNOUNCED - 1]} are kept",
+        f"The state contains the newest {['one', 'two', 'three'][ANNOUNCED - 1]}",
         f"exceeds {LINK_SKEW_LIMIT} per hop, with more than {HOPS_LIMIT} hops",
+        f"interval is the larger of the board's period and {tree.min_interval_s} s",
+        f"{readers.GRANULE_NS // 10**6} ms of the time of the folder",
+        f"At most {readers.ENTRIES} entries of one user count",
+        "FIFO `<run_dir>/bells/<pid>-<n>`, n the first free number from 0 (any name of 1 to 47 letters",
+        f"{BOARD_SLOTS} slots of {BOARD_SLOT_BYTES} bytes (boards) or {STREAM_SLOTS} of"
+        f" {STREAM_SLOT_BYTES // 1000} {STREAM_SLOT_BYTES % 1000:03} (streams)",
+        f"Slots of more than {layout.CHECKED_SLOT_BYTES // 1000} {layout.CHECKED_SLOT_BYTES % 1000} bytes have none",
+        f"(path of {IPC_PATH_LIMIT} bytes at most)",
+        f"{APPLICATIONS_LIMIT} applications at most",
+        f"every {ASK_NS // 10**9} s (every {ASK_FIRST_NS // 10**9} s at first)",
+        f"with at least {INTERVAL_NS // 10**6} ms between two writes",
+        f"{health.hung_s:g} s without a heartbeat",
+        f"At most {WILDCARDS_LIMIT} wildcards, {PATTERN_LIMIT} characters",
     ):
         assert words in TEXT, words
     told = re.findall(r"`(\w+)`", TEXT.split("with the kind of error: ")[1].split(", and a text")[0])

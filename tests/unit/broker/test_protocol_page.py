@@ -3,10 +3,14 @@
 import re
 from pathlib import Path
 
-from swarmd.broker.core.admission.sessions import ALIVE_NS, ENDED_NS
+from swarmd.broker.config import Config
+from swarmd.broker.core.admission.sessions import AGAIN_NS, ALIVE_NS, ENDED_NS
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import (
     BODY_LIMIT,
+    HOPS_MAX,
+    INFINITY,
+    NO_ECHO,
     Beacon,
     BoardValue,
     Echo,
@@ -15,27 +19,57 @@ from swarmd.broker.core.beacon.beacon import (
     PlatformKind,
     RouteRow,
 )
+from swarmd.broker.core.beacon.beacon_rate import (
+    CHANGING_HZ,
+    IDLE_HZ,
+    MIN_HZ,
+    OVERLOAD_RATIO,
+    SLOWDOWN_MAX,
+    TRIGGERED_NS,
+)
 from swarmd.broker.core.beacon.session_checks import CheckKind
-from swarmd.broker.core.beacon_protocol import DIRECT_COST, DIRECT_NS
+from swarmd.broker.core.beacon_protocol import DIRECT_COST, DIRECT_NS, HELLO_CHANGING_NS, HELLO_NS, SLOWER
+from swarmd.broker.core.boards.published_boards import REPEATS
+from swarmd.broker.core.boards.relay_cache import COPIES, OLDEST_NS, PERIOD_NS, REPEAT_NS
+from swarmd.broker.core.forwarding.forwarder import LOOP_NS
+from swarmd.broker.core.forwarding.frame_datagram import MAGIC as DATAGRAM_MAGIC
+from swarmd.broker.core.forwarding.frame_datagram import MISSES, RETRY_NS
+from swarmd.broker.core.forwarding.frame_datagram import VERSION as DATAGRAM_VERSION
 from swarmd.broker.core.topology.neighbour import (
+    CLOCK_HIGH_MAX,
+    COST_MAX,
     EXPECTED_MIN,
     FALSE_ALARM,
+    FIRST_PERIOD_NS,
+    LISTING_EACH_NS,
+    LISTING_NS,
     LISTINGS,
     LONG_WINDOW,
+    MISSES_MAX,
+    NOTICE_SLACK_NS,
     PERIODS,
+    QUALITY_NS,
+    QUALITY_STEP,
+    UNLISTED_SLACK_NS,
     WINDOW,
 )
 from swarmd.broker.core.topology.routing_table import (
+    FORWARD_AGAIN_NS,
     HOLD_NS,
     HYSTERESIS,
     REFRESH_MAX_NS,
     REFRESH_NS,
     REQUEST_AGAIN_NS,
     REQUEST_FOR_NS,
+    REQUESTED_ROWS,
+    RETRACTIONS,
     SOURCE_GC_NS,
     STRETCH_FROM,
     STRETCH_MAX,
 )
+from swarmd.broker.core.topology.topology import CHANGING_NS, JUMPS
+from swarmd.broker.core.traffic import IP_UDP_BYTES
+from swarmd.broker.links.zap import DOMAIN
 from swarmware.model import frame as wire
 from swarmware.model.access import Role
 from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
@@ -47,9 +81,12 @@ from swarmware.types.scalar import Text
 from swarmware.types.vehicle import Pose
 
 PAGE = (Path(__file__).parents[3] / "share" / "doc" / "protocol.md").read_text("utf-8")
+TEXT = " ".join(PAGE.split())
 GROUP = GroupKey(3, bytes(range(32)))
 SESSION = 0x0102030405060708
 SECOND = 1_000_000_000
+MS = 1_000_000
+NONCE_PERSONS = {"swarmware tick 1", "swarmware pair 1"}
 
 
 def example(name: str) -> bytes:
@@ -124,7 +161,7 @@ def test_the_flags_and_codecs_of_the_page_are_ours_and_the_others_are_called_res
     assert flags == set(Flag)
     assert "1 and 8 reserved" in PAGE
     assert {codec.name: int(codec) for codec in Codec} == {"NONE": 0, "ZLIB": 1, "ZSTD": 2, "PACKED": 7}
-    assert "1 zlib and 2 zstd of MessagePack: reserved" in PAGE
+    assert "1 zlib of MessagePack: used in datagrams (5.1) · 2 zstd of MessagePack: reserved" in TEXT
 
 
 def test_the_checks_and_roles_of_the_page_are_ours() -> None:
@@ -134,26 +171,70 @@ def test_the_checks_and_roles_of_the_page_are_ours() -> None:
     roles = re.findall(r"(\d) (observer|node|operator|maintainer)", PAGE)
     assert {int(number): name for number, name in roles} == {int(role): role.name.lower() for role in Role}
     assert f"silent for {ENDED_NS / 1e9} s, or for {ALIVE_NS / 1e9} s" in section
-    assert f"up for {DIRECT_NS // 10**9} s at a cost of {DIRECT_COST} at most" in PAGE
+    assert f"up for {DIRECT_NS // 10**9} s at a cost of at most {DIRECT_COST}" in TEXT
 
 
 def test_the_figures_of_the_page_are_ours() -> None:
+    limits = Config()
+    datagram = f"{22 + BODY_LIMIT + 16:,} bytes".replace(",", " ")
     for words in (
+        f"the group {limits.multicast_group}, port {limits.udp_port}",
+        f"one UDP datagram of at most {datagram}",
         f"{HOPS} at the sender",
-        f"{REPLAY_WINDOW} numbers back",
-        f"over the last {WINDOW}",
-        f"at least {EXPECTED_MIN} expected",
-        f"none comes for {LISTINGS} listing periods and 1 s",
-        f"{PERIODS} periods of the sender",
-        f"the last {LONG_WINDOW} datagrams",
-        f"{FALSE_ALARM:g} divided by the number of neighbours",
-        f"with the number of nodes above {STRETCH_FROM}, up to {STRETCH_MAX:g} times",
+        f"replay window has {REPLAY_WINDOW} numbers",
+        f"is sent every {HELLO_NS // SECOND} s, every {HELLO_CHANGING_NS // SECOND} s while links change",
+        f"clocks stay within ±2{power((CLOCK_HIGH_MAX << 32).bit_length() - 1)} µs",
+        f"the share of the last {WINDOW} datagrams",
+        f"every {LISTING_NS // SECOND} s, with more than {LISTING_NS // LISTING_EACH_NS} neighbours every"
+        f" {LISTING_EACH_NS // MS} ms times their number",
+        f"after {QUALITY_NS / SECOND} s when its quality has changed by {QUALITY_STEP}",
+        f"0x{NO_ECHO:X}: not given",
+        f"0x{INFINITY:X} retracts the route",
+        f"A changed value is in the next {['one', 'two', 'three'][REPEATS - 1]} datagrams",
+        f"1 to {HOPS_MAX}; any other number makes the body invalid",
+        f"At most once in {PERIOD_NS / SECOND} s per hop from the origin",
+        f"Not when {['one', 'two'][COPIES - 1]} other nodes",
+        f"is more than {OLDEST_NS // SECOND} s old",
+        f"may be relayed again after {REPEAT_NS / SECOND} s",
+        f"at {limits.tick_hz:g} Hz while its boards have subscribers or it relays boards of others,"
+        f" at {CHANGING_HZ:g} Hz for {CHANGING_NS // SECOND} s after a link came up or went down,"
+        f" otherwise at {IDLE_HZ:g} Hz",
+        f"down to {MIN_HZ} Hz, where",
+        f"is sent within {TRIGGERED_NS // MS} ms",
+        f"later than {['a fifth'][round(5 * OVERLOAD_RATIO) - 1]} of their period",
+        f"divides its rate by up to {SLOWDOWN_MAX:g}",
+        f"grows by {['a quarter'][round(4 * (SLOWER - 1)) - 1]}, the node sends a hello",
+        f"over the last {WINDOW} and at least {EXPECTED_MIN} expected",
+        f"no echo arrives for {LISTINGS} listing periods and {UNLISTED_SLACK_NS // SECOND} s",
+        f"{limits.link_timeout_s:g} s without a datagram, or after {PERIODS} periods of the sender",
+        f"the loss of the last {LONG_WINDOW} datagrams",
+        f"{FALSE_ALARM:g} divided by the number of neighbours; at most {MISSES_MAX}",
+        f"its next beacons, at most every {AGAIN_NS // MS} ms",
+        f"at most {COST_MAX}",
         f"better by more than {HYSTERESIS}",
         f"every {REQUEST_AGAIN_NS / SECOND} s, for {REQUEST_FOR_NS // SECOND} s",
+        f"(once in {FORWARD_AGAIN_NS / SECOND} s per destination)",
+        f"in its next {['one', 'two'][REQUESTED_ROWS - 1]} beacons",
+        f"metric 0xFFFF {['once', 'twice'][RETRACTIONS - 1]}",
+        f"at most by 2¹⁵, {['one', 'two', 'three', 'four'][JUMPS - 1]} times",
         f"every {REFRESH_NS / SECOND} s per hop of distance",
-        f"(metric / 256), at most {REFRESH_MAX_NS // SECOND} s",
-        f"stands still for {HOLD_NS // SECOND} s is lost",
+        f"(metric / 256), at the latest after {REFRESH_MAX_NS // SECOND} s",
+        f"with the number of nodes above {STRETCH_FROM}, up to {STRETCH_MAX:g} times",
+        f"does not change for {HOLD_NS // SECOND} s is lost",
         f"forgotten {SOURCE_GC_NS // SECOND} s after",
-        f"At most {22 + BODY_LIMIT + 16:,} bytes".replace(",", " "),
+        f"after {MISSES_MAX + PERIODS - 2} times the maximum period",
+        f"at least {PERIODS * FIRST_PERIOD_NS / SECOND} s, plus {NOTICE_SLACK_NS / SECOND} s",
+        f"ZAP domain is `{DOMAIN}`",
+        f"A frame that returns within {LOOP_NS // MS} ms",
+        f"as one datagram of at most {datagram}",
+        f"clear header: 0x{DATAGRAM_MAGIC:X} ‖ version {DATAGRAM_VERSION}",
+        f"the frames of {['one', 'two'][MISSES - 1]} datagrams in a row",
+        f"payload + {IP_UDP_BYTES} (IPv4 20, UDP 8)",
     ):
-        assert words in PAGE, words
+        assert words in TEXT, words
+    assert RETRY_NS == 60 * SECOND, "the connection for a minute"
+    assert set(re.findall(r'person = "([^"]+)"', PAGE)) >= NONCE_PERSONS
+
+
+def power(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
