@@ -301,7 +301,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
         "FIFO `<run_dir>/bells/<pid>-<n>`, n the first free number from 0 (any name of 1 to 47 letters",
         f"{BOARD_SLOTS} slots of {BOARD_SLOT_BYTES} bytes (boards) or {STREAM_SLOTS} of"
         f" {STREAM_SLOT_BYTES // 1000} {STREAM_SLOT_BYTES % 1000:03} (streams)",
-        f"Slots of more than {layout.CHECKED_SLOT_BYTES // 1000} {layout.CHECKED_SLOT_BYTES % 1000} bytes have none",
+        f"Slots of more than {layout.CHECKED_SLOT_BYTES:,} bytes have none".replace(",", " "),
         f"(path of {IPC_PATH_LIMIT} bytes at most)",
         f"{APPLICATIONS_LIMIT} applications at most",
         f"every {ASK_NS // 10**9} s (every {ASK_FIRST_NS // 10**9} s at first)",
