@@ -354,7 +354,7 @@ def types_page() -> str:
 
 def packages_table() -> str:
     """The packages of the code with the purpose in their docstrings, and the packages inside them."""
-    rows = ["\n| package | what lives there | packages inside |\n|---|---|---|\n"]
+    rows = ["\n| package | content | packages inside |\n|---|---|---|\n"]
     for top in (ROOT / name for name in PACKAGES):
         for folder in (top, *sorted(path.parent for path in top.glob("*/__init__.py"))):
             purpose = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""

@@ -116,3 +116,84 @@ def test_every_link_of_a_page_leads_somewhere(name: str) -> None:
 
 def test_no_text_rests_on_a_document_outside_the_repository() -> None:
     assert {name: ELSEWHERE.findall(text) for name, text in TEXTS.items() if ELSEWHERE.search(text)} == {}
+
+
+def read_pages() -> dict[str, str]:
+    """Documents that people write: not those that are generated, nor the history."""
+    return {
+        name: text
+        for name, text in TEXTS.items()
+        if name in DOCUMENTS and Path(name).name not in {"types.md", "cli.md", "CHANGELOG.md"}
+    }
+
+
+PAGES = read_pages()
+IDENTIFIER = re.compile(r"(?<![\w$])[A-Za-z_][A-Za-z0-9_]{2,}")
+OF_OTHERS = frozenset(
+    {
+        "activating",
+        "arived",
+        "nftables",
+        "rclpy",
+        "_part2",
+        "_ned",
+        "utimensat",
+        "u24",
+        "u64",
+        "u48",
+        "i24",
+        "i64",
+    }
+)
+"""Words in backticks that are from other programs, types of the wire, or examples of what is refused."""
+SECTIONS = re.compile(r"\bsections? (\d+(?:\.\d+)?)(?:(?:, | and | to )(\d+(?:\.\d+)?))*")
+IN_BRACKETS = re.compile(r"\((\d\.\d)[,)]")
+"""How the page of the protocol cites a section of its own."""
+CAPABILITY = re.compile(r"\bS\d\.\d+\b")
+
+
+@pytest.fixture(scope="module")
+def code() -> set[str]:
+    """Words of the code and of the names of files."""
+    text = "\n".join(text for name, text in TEXTS.items() if name not in PAGES)
+    names = " ".join(
+        str(path.relative_to(ROOT)) for place in PLACES[:-1] for path in (ROOT / place).rglob("*")
+    )
+    return set(re.findall(r"[A-Za-z_]\w+", f"{text} {names} {' '.join(DOCUMENTS)}"))
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_a_name_in_backticks_is_one_of_the_code(name: str, code: set[str]) -> None:
+    text = re.sub(r"```.*?```", "", PAGES[name], flags=re.DOTALL)
+    cited = {word for quoted in re.findall(r"`([^`\n]+)`", text) for word in IDENTIFIER.findall(quoted)}
+    assert sorted(cited - code - OF_OTHERS) == []
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_an_anchor_of_a_link_is_a_heading(name: str) -> None:
+    for page, anchor in re.findall(r"\]\((?!https?:)([^)\s#]*)#([^)\s]+)\)", PAGES[name]):
+        text = ((ROOT / name).parent / page if page else ROOT / name).read_text("utf-8")
+        headings = {
+            re.sub(r"[^\w -]", "", heading).strip().lower().replace(" ", "-")
+            for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+        }
+        assert anchor in headings, f"{name}: {page}#{anchor}"
+
+
+def test_a_section_that_the_protocol_cites_of_itself_has_a_heading() -> None:
+    text = re.sub(r"RFC \d+[^)\n]*|\w+\.md[^)\n]*", "", PAGES["share/doc/protocol.md"])  # of other documents
+    headings = set(re.findall(r"^#+ (\d+(?:\.\d+)?)", text, re.MULTILINE))
+    cited = {number for match in SECTIONS.finditer(text) for number in re.findall(r"\d+(?:\.\d+)?", match[0])}
+    in_brackets = set(IN_BRACKETS.findall(text))
+    assert cited
+    assert in_brackets
+    assert sorted((cited | in_brackets) - headings) == []
+
+
+def test_a_capability_that_is_cited_is_on_the_page_of_requirements() -> None:
+    known = set(re.findall(r"^\| (S\d\.\d+) \|", TEXTS["share/doc/requirements.md"], re.MULTILINE))
+    assert known
+    missing = {f"{name}: {cited}" for name, text in TEXTS.items() for cited in CAPABILITY.findall(text)} - {
+        f"{name}: {cited}" for name in TEXTS for cited in known
+    }
+    assert sorted(missing) == []

@@ -1,6 +1,7 @@
 """Every command has help and an example, and stands in the documentation."""
 
 import importlib.util
+import re
 import shlex
 from pathlib import Path
 from types import ModuleType
@@ -69,3 +70,66 @@ def test_a_generated_page_is_up_to_date(page: str) -> None:
     path, made = next((path, make()) for path, make in generator().PAGES.items() if path.name == page)
     assert path.exists(), "run `make docs`"
     assert path.read_text() == made, "run `make docs`"
+
+
+PAGES = {
+    str(path.relative_to(ROOT)): path.read_text("utf-8")
+    for path in (
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        *sorted((ROOT / "share/doc").rglob("*.md")),
+    )
+}
+
+
+def typed_lines(text: str) -> list[str]:
+    """Lines of code blocks that begin with the command, without their comments and what they are piped to."""
+    blocks = re.findall(r"^```\w*\n(.*?)^```|((?:^    .*\n)+)", text, re.MULTILINE | re.DOTALL)
+    return [
+        re.split(r"\s+#|\s+[|>] ", line.strip().removeprefix("$ "))[0]
+        for fenced, indented in blocks
+        for line in (fenced or indented).splitlines()
+        if line.strip().removeprefix("$ ").startswith("swarmctl ") and "$(" not in line and "[" not in line
+    ]
+
+
+def resolve(words: list[str]) -> tuple[str, list[str]]:
+    """The command that the words name, as far as they name one, and the rest of the words."""
+    name = "swarmctl"
+    for i, word in enumerate(words[1:], 1):
+        if f"{name} {word}" not in COMMANDS:
+            return name, words[i:]
+        name = f"{name} {word}"
+    return name, []
+
+
+@pytest.mark.parametrize("page", [page for page, text in PAGES.items() if typed_lines(text)])
+def test_a_command_line_of_a_page_is_one_that_is_accepted(page: str) -> None:
+    for line in typed_lines(PAGES[page]):
+        name, args = resolve(shlex.split(line))
+        assert name in COMMANDS, f"{page}: {line}"
+        assert not (isinstance(COMMANDS[name], click.Group) and args), f"{page}: {line}: no command {args[0]}"
+        if not isinstance(COMMANDS[name], click.Group):
+            COMMANDS[name].make_context(name, args, resilient_parsing=False, obj=None)
+
+
+@pytest.mark.parametrize("page", [page for page, text in PAGES.items() if "`swarmctl " in text])
+def test_a_command_in_a_sentence_exists_with_its_options(page: str) -> None:
+    for quoted in re.findall(r"`(swarmctl [^`\n]+)`", PAGES[page]):
+        words = re.sub(r"[…\[\]]", " ", quoted).split()
+        heads = words[1].split("|")
+        for head in heads:
+            if head.startswith("-") or head.isupper():
+                continue
+            name, args = resolve(["swarmctl", head, *words[2:]])
+            assert name in COMMANDS, f"{page}: `{quoted}`"
+            if isinstance(COMMANDS[name], click.Group) and args and "|" not in args[0]:
+                assert args[0].startswith("--") or args[0].isupper(), f"{page}: `{quoted}`: {args[0]}"
+            options = {
+                option
+                for words_of_it, command in COMMANDS.items()
+                if words_of_it == name or words_of_it.startswith(f"{name} ")
+                for param in command.params
+                for option in (*param.opts, *param.secondary_opts)
+            }
+            assert {arg for arg in args if arg.startswith("--")} <= options, f"{page}: `{quoted}`"
