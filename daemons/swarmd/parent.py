@@ -30,7 +30,7 @@ from swarmware.service.starting import (
     clear_start_record,
     launch,
     spawn_missing,
-    starting_pid,
+    start_record,
     write_start_record,
 )
 
@@ -68,8 +68,10 @@ def main(words: list[str]) -> int:
     name = GUARD if shared else WHOLE_NODE
 
     def one() -> StartedProcess:
-        if pid := starting_pid(WHOLE_NODE, run_dir):
-            return StartedProcess(pid)  # the parent before this one was killed, its child lives
+        pid, ticks = start_record(WHOLE_NODE, run_dir)
+        if pid:
+            # the parent before this one was killed, its child lives
+            return StartedProcess(pid, started=ticks)
         started = launch(services, config_dir, run_dir, notifies=True)
         write_start_record(WHOLE_NODE, started.pid, run_dir)
         return started
@@ -240,7 +242,9 @@ class Parent:
 
     def _follow(self, pid: int) -> bool:
         try:
-            self._process = ProcessHandle(pid)
+            child = self._child
+            started = child.started if child is not None and child.pid == pid else 0
+            self._process = ProcessHandle(pid, started)
         except OSError:
             return False
         self._pid = pid

@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 
 from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.transport.shm.ticks import start_ticks
+from swarmware.runtime.start_ticks import start_ticks
 
 MARK: Final = "SWARM_LAB"
 """Environment variable that every process of a lab inherits; its value is the lab's folder."""
@@ -35,11 +35,19 @@ class ProcessIdentity(msgspec.Struct, frozen=True, order=True):
         """Whether the process runs; a zombie does not."""
         return start_ticks(self.pid) == self.start_ticks != 0
 
+    def handle(self) -> ProcessHandle:
+        """Handle of this process.
+
+        Raises: ProcessLookupError when it has ended, OSError when it cannot be watched from here.
+        """
+        if not self.start_ticks:
+            raise ProcessLookupError(f"process {self.pid}: there was no such process")
+        return ProcessHandle(self.pid, self.start_ticks)
+
     def send(self, number: signal.Signals) -> None:
         """Sends a signal to this process, never to a later one of the same pid."""
-        with suppress(ProcessLookupError, PermissionError), closing(ProcessHandle(self.pid)) as process:
-            if self.alive():
-                process.signal(number)
+        with suppress(ProcessLookupError, PermissionError), closing(self.handle()) as process:
+            process.signal(number)
 
 
 def identity(pid: int) -> ProcessIdentity:
@@ -90,10 +98,9 @@ def wait_gone(processes: Iterable[ProcessIdentity], timeout_s: float) -> list[Pr
     try:
         for process in processes:
             with suppress(ProcessLookupError):
-                if process.alive():
-                    handle = ProcessHandle(process.pid)
-                    running[handle.fileno()] = handle, process
-                    poller.register(handle, select.POLLIN)
+                handle = process.handle()
+                running[handle.fileno()] = handle, process
+                poller.register(handle, select.POLLIN)
         deadline = time.monotonic() + timeout_s
         while running and (left := deadline - time.monotonic()) > 0:
             for fd, _ in poller.poll(left * 1000):

@@ -141,7 +141,7 @@ class Guard(Service):
             case ClearStartRecord(name):
                 self._supervisor.joined(name)
             case WatchProcess(name, pid):
-                if not self._supervisor.watch(name, pid):
+                if not self._supervisor.watch(name, pid, self._started(pid)):
                     self._on_exit(name, pid, ExitStatus())
             case Terminate(name, pid):
                 self._supervisor.terminate(name, pid)
@@ -150,6 +150,10 @@ class Guard(Service):
                 self._supervisor.kill(name, pid)
             case ReportRestart(service):
                 self._report_restart(service)
+
+    def _started(self, pid: int) -> int:
+        """Start of this process in clock ticks, by its application file; 0: it has none."""
+        return next((entry.pid_start for entry in self._table if entry.pid == pid), 0)
 
     def _settled(self) -> None:
         self._publish_status()

@@ -11,7 +11,7 @@ from typing import Protocol
 from swarmware.errors import NotFound
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import StartedProcess
-from swarmware.service.starting import clear_start_record, spawn, starting_pid
+from swarmware.service.starting import clear_start_record, spawn, start_record, starting_pid
 from swarmware.service.supervised_process import SupervisedProcess
 from swarmware.types.health import SupervisorKind
 
@@ -37,8 +37,11 @@ class Supervisor(Protocol):
         """Start the service; its pid, or 0 when it is not known yet."""
         ...
 
-    def watch(self, name: str, pid: int) -> bool:
-        """Call `on_exit` when this process ends; False when it has ended already."""
+    def watch(self, name: str, pid: int, started: int) -> bool:
+        """Call `on_exit` when this process ends; False when it has ended already.
+
+        `started`: its start in clock ticks, by its application file; 0: it has none.
+        """
         ...
 
     def joined(self, name: str) -> None:
@@ -81,15 +84,18 @@ class ProcessSupervisor:
         started = self._started[name] = spawn(name, self._config_dir, self._run_dir)
         return started.pid
 
-    def watch(self, name: str, pid: int) -> bool:
+    def watch(self, name: str, pid: int, started: int) -> bool:
         """Watch the process by pidfd, which reports its end within milliseconds."""
         if (known := self._children.pop(name, None)) is not None:
             known.close()
-        started = self._started.pop(name, None)
-        if started is None or started.pid != pid:
-            started = StartedProcess(pid)
+        process = self._started.pop(name, None)
+        if process is None or process.pid != pid:
+            recorded = start_record(name, self._run_dir)
+            if not started and recorded[0] != pid:
+                return False
+            process = StartedProcess(pid, started=started or recorded[1])
         with suppress(NotFound):
-            self._children[name] = SupervisedProcess(started, lambda how: self._ended(name, pid, how))
+            self._children[name] = SupervisedProcess(process, lambda how: self._ended(name, pid, how))
             return True
         return False
 
@@ -201,7 +207,7 @@ class InProcessSupervisor:
         """Return 0: the runner of the process starts the service."""
         return 0
 
-    def watch(self, name: str, pid: int) -> bool:
+    def watch(self, name: str, pid: int, started: int) -> bool:
         """Return True: the services end with this process."""
         return True
 

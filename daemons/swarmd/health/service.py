@@ -1,9 +1,8 @@
 """The monitor's shell: reads shared memory, watches processes, publishes state and faults."""
 
 import asyncio
-import os
 import signal
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Any
 
 from swarmd.health import config as settings
@@ -29,6 +28,7 @@ from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.node.applications import ApplicationEvent, Change
+from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.processes import ProcessWatcher
 from swarmware.service.service import Service
 from swarmware.transport.appfile.entry import AppEntry
@@ -232,12 +232,13 @@ class Health(Service):
     def _end_guard(self, pid: int) -> None:
         """Kill a guard without a heartbeat: only SIGKILL ends a stopped process; any daemon restarts it."""
         node = self.module.node
-        entry = next((one for one in self._entries.values() if one.name == GUARD), None)
-        alone = entry is not None and entry.config.get("supervisor", "self") == "self"
-        if self.config.restart_guard and alone and node.config.processes == "per-daemon":
+        entry = next((one for one in self._entries.values() if (one.name, one.pid) == (GUARD, pid)), None)
+        if entry is None or entry.config.get("supervisor", "self") != "self":
+            return  # another supervisor restarts it, or it has ended
+        if self.config.restart_guard and node.config.processes == "per-daemon":
             self.module.log.warning("guard: no heartbeat, pid %d is killed", pid)
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+            with suppress(ProcessLookupError), closing(ProcessHandle(pid, entry.pid_start)) as guard:
+                guard.signal(signal.SIGKILL)
 
     def _read_values(self, now_ns: int) -> list[Action]:
         actions: list[Action] = []

@@ -5,9 +5,12 @@ The parent of a node's processes imports this, so it imports next to nothing.
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 from contextlib import suppress
+
+from swarmware.runtime.start_ticks import start_ticks
 
 
 class ProcessHandle:
@@ -15,10 +18,17 @@ class ProcessHandle:
 
     __slots__ = ("_fd", "pid")
 
-    def __init__(self, pid: int) -> None:
-        """Raises: ProcessLookupError without such a process, OSError when it cannot be watched from here."""
+    def __init__(self, pid: int, started: int = 0) -> None:
+        """`started`: start, in clock ticks, of the process that had this pid when the pid was read;
+        0: it cannot have ended since then, as a child of this process that was not waited for.
+
+        Raises: ProcessLookupError when that process has ended, OSError when it cannot be watched from here.
+        """
         self.pid = pid
         self._fd = os.pidfd_open(pid)
+        if started and start_ticks(pid) != started:  # after the opening: the handle cannot change its process
+            self.close()
+            raise ProcessLookupError(errno.ESRCH, f"process {pid}: it has ended, a later one has its pid")
 
     def fileno(self) -> int:
         """Descriptor that is readable when the process has ended; -1 after `close`."""

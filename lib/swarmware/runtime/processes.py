@@ -12,10 +12,13 @@ from swarmware.runtime.pidfd import ProcessHandle
 class WatchedProcess:
     """One running process, child or not: reports its end, takes signals."""
 
-    def __init__(self, pid: int, on_end: Callable[[], None]) -> None:
-        """Raises: ProcessLookupError without such a process, OSError when it cannot be watched from here."""
+    def __init__(self, pid: int, on_end: Callable[[], None], *, started: int = 0) -> None:
+        """`started` as of a `ProcessHandle`.
+
+        Raises: ProcessLookupError without such a process, OSError when it cannot be watched from here.
+        """
         self.pid = pid
-        self._handle = ProcessHandle(pid)
+        self._handle = ProcessHandle(pid, started)
         self._on_end = on_end
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._handle.fileno(), self._ended)

@@ -11,8 +11,9 @@ import select
 import signal
 import socket
 import struct
-from contextlib import suppress
+from contextlib import closing, suppress
 
+from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.service.exit_status import ExitStatus
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
@@ -46,8 +47,10 @@ def own_folder(run_dir: Path, name: str) -> str:
 class StartedProcess:
     """A started process; `status` receives its exit status if the fork server is its parent."""
 
-    def __init__(self, pid: int, status: socket.socket | None = None) -> None:
+    def __init__(self, pid: int, status: socket.socket | None = None, started: int = 0) -> None:
+        """`started` as of a `ProcessHandle`: of a process that another one started."""
         self.pid = pid
+        self.started = started
         self.status = status
 
     def exit_status(self, timeout_s: float = 0.0) -> ExitStatus:
@@ -93,9 +96,13 @@ def request_fork(
 def _end_server(asking: socket.socket) -> None:
     """Kill a fork server that hangs; it does not fork for a closed connection."""
     pid, uid, _ = _PEER.unpack(asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
-    if uid == os.getuid() and pid > 0:
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
+    if uid != os.getuid() or pid <= 0:
+        return
+    with suppress(ProcessLookupError), closing(ProcessHandle(pid)) as server:
+        poller = select.poll()
+        poller.register(asking, 0)
+        if not poller.poll(0):  # still connected, so the server runs and the handle is its own
+            server.signal(signal.SIGKILL)
 
 
 def _collected(pid: int) -> ExitStatus:

@@ -11,10 +11,10 @@ import signal
 import sys
 from contextlib import suppress
 
+from swarmware.runtime.start_ticks import start_ticks
 from swarmware.service.fork import FOLDER as PARENT_FOLDER
 from swarmware.service.fork import StartedProcess, own_folder, request_fork
 from swarmware.transport.shm.lock import held_by_other, lock_within
-from swarmware.transport.shm.ticks import start_ticks
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
@@ -88,17 +88,23 @@ def write_start_record(name: str, pid: int, run_dir: PathLike[str] | str) -> Non
         file.write(f"{pid} {start_ticks(pid)}\n")
 
 
-def starting_pid(name: str, run_dir: PathLike[str] | str) -> int:
-    """pid of a process that was started for this service, still runs and has not joined yet; 0: none.
+def start_record(name: str, run_dir: PathLike[str] | str) -> tuple[int, int]:
+    """pid and start in clock ticks of a process that was started for this service and has not joined yet.
 
-    A supervisor killed right after a start leaves a process that has no application file yet.
+    Both are 0 when none runs. A supervisor killed right after a start leaves a process that has no
+    application file yet.
     """
     try:
         with open(os.path.join(run_dir, STARTING_DIR, name), encoding="ascii") as file:
             pid, started = map(int, file.read().split())
     except (OSError, ValueError):
-        return 0
-    return pid if start_ticks(pid) == started != 0 else 0
+        return 0, 0
+    return (pid, started) if start_ticks(pid) == started != 0 else (0, 0)
+
+
+def starting_pid(name: str, run_dir: PathLike[str] | str) -> int:
+    """pid of the process in the start record of this service; 0: none runs."""
+    return start_record(name, run_dir)[0]
 
 
 def clear_start_record(name: str, run_dir: PathLike[str] | str) -> None:

@@ -18,7 +18,7 @@ class SupervisedProcess:
         self._started = started
         self.pid = started.pid
         try:
-            self._process = WatchedProcess(self.pid, self._on_end)
+            self._process = WatchedProcess(self.pid, self._on_end, started=started.started)
         except ProcessLookupError:
             started.close()
             raise NotFound(f"process {self.pid}: it does not run") from None

@@ -14,12 +14,12 @@ import pytest
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module.module import Module
+from swarmware.runtime.start_ticks import start_ticks
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.appfile.table import scan
-from swarmware.transport.shm.ticks import start_ticks
 from swarmware.types.health import (
     FaultList,
     FaultQuery,

@@ -15,13 +15,13 @@ from typing import TypeVar
 import pytest
 
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.runtime.start_ticks import start_ticks
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import FOLDER, SOCKET, request_fork
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.table import scan
-from swarmware.transport.shm.ticks import start_ticks
 
 T = TypeVar("T")
 PATIENCE_S = 30.0

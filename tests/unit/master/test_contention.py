@@ -14,7 +14,7 @@ import pytest
 from swarmware.node.master import role as role_module
 from swarmware.node.master.record import Holder, RecordFile
 from swarmware.node.master.role import LOCK_NAME, LeaderCandidate
-from swarmware.transport.shm.ticks import start_ticks
+from swarmware.runtime.start_ticks import start_ticks
 
 OTHER = """
 import fcntl, sys

@@ -9,6 +9,7 @@ from contextlib import closing
 import pytest
 
 from swarmware.runtime.pidfd import ProcessHandle
+from swarmware.runtime.start_ticks import start_ticks
 
 
 def test_the_end_of_a_process_is_readable_and_a_signal_after_it_is_lost() -> None:
@@ -30,3 +31,15 @@ def test_a_process_that_does_not_run_has_no_handle() -> None:
     child.wait()
     with pytest.raises(ProcessLookupError):
         ProcessHandle(child.pid)
+
+
+def test_a_later_process_with_the_same_pid_has_no_handle() -> None:
+    child = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
+    try:
+        started = start_ticks(child.pid)
+        ProcessHandle(child.pid, started).close()
+        with pytest.raises(ProcessLookupError, match=f"process {child.pid}: it has ended, a later one"):
+            ProcessHandle(child.pid, started - 1)
+    finally:
+        child.kill()
+        child.wait()

@@ -7,9 +7,9 @@ import sys
 import msgspec
 import pytest
 
+from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.shm import layout
 from swarmware.transport.shm.owner import Owner
-from swarmware.transport.shm.ticks import start_ticks
 
 
 def test_this_process_is_alive() -> None:

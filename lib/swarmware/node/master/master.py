@@ -16,13 +16,13 @@ from swarmware.model.resource import Resource
 from swarmware.node.master.record import NOBODY, Holder
 from swarmware.node.master.role import LeaderCandidate
 from swarmware.runtime.processes import ProcessWatcher
+from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.appfile.trace import set_aside
 from swarmware.transport.shm.doorbell import DoorbellSenders, folder_lock
 from swarmware.transport.shm.lock import stands_at, try_lock
 from swarmware.transport.shm.notifier import ReaderNotifier
-from swarmware.transport.shm.ticks import start_ticks
 from swarmware.types import registry
 from swarmware.types.register import Application, ApplicationTable
 

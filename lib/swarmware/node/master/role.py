@@ -15,8 +15,8 @@ from typing import Final
 
 from swarmware.node.master.record import NOBODY, Holder, RecordFile
 from swarmware.runtime.processes import WatchedProcess
+from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.shm.lock import try_lock
-from swarmware.transport.shm.ticks import start_ticks
 
 LOCK_NAME: Final = "master.lock"
 RETRY_S: Final = 0.005

@@ -11,11 +11,11 @@ from swarmware.errors import Conflict, Denied, WireError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import check_application
+from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.appfile import trace
 from swarmware.transport.appfile.entry import AppEntry, decode, encode
 from swarmware.transport.shm.access import make_folder, share
 from swarmware.transport.shm.lock import RETRY_S, lock_within, stands_at, try_lock
-from swarmware.transport.shm.ticks import start_ticks
 
 LOCK_WAIT_S = 0.1
 """Wait for the lock of a free file, which others hold for some 10 µs to probe it."""

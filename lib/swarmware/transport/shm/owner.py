@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from swarmware.transport.shm.ticks import start_ticks
+from swarmware.runtime.start_ticks import start_ticks
 
 
 @functools.cache

@@ -1,0 +1,54 @@
+"""One way to name a process: signals go through a handle, and /proc has one reader per question."""
+
+import ast
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[2]
+BY_NUMBER: Final = {"kill", "killpg", "pidfd_open", "pidfd_send_signal"}
+"""Of `os` and `signal`: what names a process by a number that the kernel gives again."""
+HANDLE: Final = "lib/swarmware/runtime/pidfd.py"
+PROC: Final = {
+    "lib/swarmware/runtime/start_ticks.py": "field 22 of /proc/PID/stat: psutil gives wall clock times",
+    "lib/swarmware/service/status.py": "own memory, once a second, in daemons without psutil",
+    "lib/swarmware/transport/shm/owner.py": "the boot id, which psutil does not have",
+    "lib/swarmware/testing/leaks.py": "descriptors and children of a thread, not in psutil",
+    "daemons/swarmd/forkserver.py": "own threads and command line, before anything is imported",
+    "daemons/swarmd/broker/links/zmq_socket.py": "the thread ids of libzmq, to set their priority",
+    "cli/swarmlab/host.py": "the model of the processor, which psutil does not have",
+}
+"""Readers of /proc, each with what psutil would cost or lacks."""
+
+
+def sources() -> list[tuple[str, ast.Module]]:
+    """Path and syntax tree of each module."""
+    return [
+        (str(path.relative_to(ROOT)), ast.parse(path.read_text("utf-8")))
+        for folder in ("lib", "daemons", "cli")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    ]
+
+
+def test_a_process_is_signalled_by_its_handle_only() -> None:
+    found = [
+        f"{path}:{node.lineno} {ast.unparse(node.func)}; expected a ProcessHandle"
+        for path, tree in sources()
+        if path != HANDLE
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and isinstance(node.func.value, ast.Name)
+        and node.func.value.id in {"os", "signal"}
+        and node.func.attr in BY_NUMBER
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_proc_is_read_where_psutil_does_not_serve() -> None:
+    found = {
+        path
+        for path, tree in sources()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("/proc")
+    }
+    assert found == set(PROC), "expected psutil, or the reason against it in this list"
