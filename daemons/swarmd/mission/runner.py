@@ -7,14 +7,15 @@ from functools import partial
 
 from swarmd.mission.blocks.context import Context
 from swarmd.mission.blocks.plugins import Plugins
-from swarmd.mission.core.run import CRASHED, SUCCESS, BlockEnd, BlockResult, StartBlock
+from swarmd.mission.core.run import StartBlock
 from swarmd.mission.vehicle import VehicleClient
+from swarmware.mission.outcome import CANCELLED, CRASHED, SUCCESS, BlockOutcome, OutcomeKind
 from swarmware.mission.plugin import BlockError
 from swarmware.module.module import Module
 
 log = logging.getLogger("swarm.mission")
 
-Ended = Callable[[int, BlockResult, str], None]
+Ended = Callable[[int, BlockOutcome, str], None]
 """Called at the end of a block with its token, result and text."""
 Report = Callable[[int, float, str], None]
 
@@ -60,14 +61,14 @@ class BlockRunner:
     def _done(self, token: int, task: asyncio.Task[None]) -> None:
         self._tasks.pop(token, None)
         if task.cancelled():
-            self._ended(token, BlockResult(BlockEnd.CANCELLED), "")
+            self._ended(token, CANCELLED, "")
             return
         error = task.exception()
         if error is None:
             self._ended(token, SUCCESS, "")
         elif isinstance(error, BlockError):
-            self._ended(token, BlockResult(BlockEnd.ERROR, error.kind), str(error))
+            self._ended(token, BlockOutcome(OutcomeKind.ERROR, error.kind), str(error))
         else:
             # after any exception of a block the mission continues at its error successor or ends safely
             log.error("block %s failed", task.get_name(), exc_info=error)
-            self._ended(token, BlockResult(BlockEnd.ERROR, CRASHED), f"{type(error).__name__}: {error}")
+            self._ended(token, CRASHED, f"{type(error).__name__}: {error}")

@@ -17,7 +17,7 @@ from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
-from swarmd.mission.core.run import Action, Announce, BlockResult, CancelBlock, ProgressStep, StartBlock
+from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
@@ -28,6 +28,7 @@ from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import Conflict, SwarmError
 from swarmware.mission.assignment import Platform
 from swarmware.mission.catalogue import VEHICLES
+from swarmware.mission.outcome import BlockOutcome
 from swarmware.model.names import hardware_id
 from swarmware.model.resource import Resource
 from swarmware.module.board import BoardReader
@@ -353,7 +354,7 @@ class Mission(Service):
 
     # -- output
 
-    def _ended(self, token: int, result: BlockResult, text: str) -> None:
+    def _ended(self, token: int, result: BlockOutcome, text: str) -> None:
         self._driver.feed(self._core.on_ended(token, result, text, self.module.now_ns()))
 
     def _perform(self, action: Action) -> None:

@@ -11,9 +11,10 @@ import msgspec
 import msgspec.inspect
 
 from swarmware.errors import MissionError
-from swarmware.mission.catalogue import BlockType, Catalogue, Nothing, Params
+from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Nothing, Params
 from swarmware.mission.condition import parse as parse_condition
-from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, Edge
+from swarmware.mission.model import Block, Edge
+from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.mission.source import escape
 from swarmware.model.misfit import misfit
 
@@ -25,7 +26,10 @@ _MILLISECONDS: Final = "timeout"
 _SECONDS: Final = "timeout_s"
 _TIMEOUT_VALUE: Final = (_MILLISECONDS, _SECONDS)
 _EDGE_KEYS: Final = ("next", "on", *_TIMEOUT_EDGE, *_ERROR_EDGE, *_TIMEOUT_VALUE)
-_SUCCESSORS: Final = {"Decision": ("cases",), "DecisionRandom": ("nextIfTrue", "nextIfFalse")}
+_SUCCESSORS: Final[dict[str, tuple[str, ...]]] = {
+    BlockName.DECISION: ("cases",),
+    BlockName.DECISION_RANDOM: ("nextIfTrue", "nextIfFalse"),
+}
 """Keys for successors that single types have beside the common ones."""
 _NUMBER = re.compile(r"[+-]?(\d{1,18}\.?\d{0,18}|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
 
@@ -50,7 +54,7 @@ class BlockReader:
         self._id = block_id
         self._body = body
         self._pointer = pointer
-        self._edges: dict[str, Edge] = {}
+        self._edges: dict[BlockOutcome, Edge] = {}
         name = body["type"]
         known = catalogue.find(name)
         if known is None:
@@ -63,8 +67,8 @@ class BlockReader:
         """The block, as far as it could be understood."""
         timeout_s = self._timeout()
         self._successors()
-        if TIMEOUT in self._edges and timeout_s is None:
-            place = self._edges[TIMEOUT].pointer
+        if TIMED_OUT in self._edges and timeout_s is None:
+            place = self._edges[TIMED_OUT].pointer
             message = "a time-out successor, but no time-out: expected `timeout_s` in seconds beside it"
             self.remarks.append((place, "timeout", message))
         params = self._params()
@@ -108,28 +112,28 @@ class BlockReader:
             if not isinstance(self._body.get(key, ""), str):
                 self._report(key, "shape", f"expected a text, it is {self._body[key]!r}")
         match self._spec.name:
-            case "End":
+            case BlockName.END:
                 for key in ("next", *_ERROR_EDGE, *_TIMEOUT_EDGE, "on"):
                     if key in self._body:
                         self._report(key, "edge", "an End has no successor")
                 return
-            case "Fork":
+            case BlockName.FORK:
                 self._fork()
-            case "DecisionRandom":
-                self._edge("true", "nextIfTrue")
-                self._edge("false", "nextIfFalse")
+            case BlockName.DECISION_RANDOM:
+                self._edge(BlockOutcome(OutcomeKind.TRUE), "nextIfTrue")
+                self._edge(BlockOutcome(OutcomeKind.FALSE), "nextIfFalse")
                 if "next" in self._body:
                     self._report("next", "edge", "expected `nextIfTrue` and `nextIfFalse`, no `next`")
             case name:
-                if name == "Decision":
+                if name == BlockName.DECISION:
                     self._cases()
-                self._edge(OK, "next")
+                self._edge(SUCCESS, "next")
         for key in _TIMEOUT_EDGE:
             if key in self._body:
                 self._timeout_edge(self._body[key], key)
         for key in _ERROR_EDGE:
             if key in self._body:
-                self._error_edge(ERROR, self._body[key], key)
+                self._error_edge(ANY_ERROR, self._body[key], key)
         if "on" in self._body:
             self._on(self._body["on"])
 
@@ -141,7 +145,7 @@ class BlockReader:
         for index, target in enumerate(targets):
             if target in targets[:index]:
                 self._report(f"next/{index}", "edge", f"{target!r} is given twice: expected each once")
-            self._add(f"{OK}:{index}", target, f"next/{index}")
+            self._add(BlockOutcome(OutcomeKind.OK, branch=index), target, f"next/{index}")
 
     def _cases(self) -> None:
         cases = self._body.get("cases")
@@ -162,10 +166,10 @@ class BlockReader:
                 self._report(f"{place}/if", "condition", str(error))
                 continue
             pointer = f"{self._pointer}/{place}/next"
-            outcome = f"case:{index}"
+            outcome = BlockOutcome(OutcomeKind.CASE, branch=index)
             self._edges[outcome] = Edge(outcome, case["next"], pointer, condition)
 
-    def _edge(self, outcome: str, key: str) -> None:
+    def _edge(self, outcome: BlockOutcome, key: str) -> None:
         target = self._body.get(key)
         if isinstance(target, list) and len(target) == 1:
             target = target[0]
@@ -182,9 +186,9 @@ class BlockReader:
         elif not isinstance(target, str):
             self._report(key, "edge", f"expected a block, it is {target!r}")
         else:
-            self._add(TIMEOUT, target, key)
+            self._add(TIMED_OUT, target, key)
 
-    def _error_edge(self, outcome: str, target: Any, key: str) -> None:
+    def _error_edge(self, outcome: BlockOutcome, target: Any, key: str) -> None:
         if not self._spec.can_fail:
             self._report(key, "edge", f"a {self._spec.name} cannot fail: expected no `{key}`")
         elif not isinstance(target, str):
@@ -201,26 +205,27 @@ class BlockReader:
             return
         for word, target in others.items():
             place = f"on/{escape(word)}"
-            kind = word.removeprefix(f"{ERROR}:")
-            if word == TIMEOUT:
+            kind = word.removeprefix(f"{OutcomeKind.ERROR}:")
+            if word == OutcomeKind.TIMEOUT:
                 self._timeout_edge(target, place)
-            elif word == ERROR:
-                self._error_edge(ERROR, target, place)
+            elif word == OutcomeKind.ERROR:
+                self._error_edge(ANY_ERROR, target, place)
             elif self._known and kind not in self._spec.errors:
-                kinds = (*((TIMEOUT,) if self._spec.can_time_out else ()), ERROR, *self._spec.errors)
+                timeout = (OutcomeKind.TIMEOUT,) if self._spec.can_time_out else ()
+                kinds = (*timeout, OutcomeKind.ERROR, *self._spec.errors)
                 message = f"a {self._spec.name} does not end with {word!r}; expected {', '.join(kinds)}"
                 self._report(place, "edge", message)
             else:
-                self._error_edge(f"{ERROR}:{kind}", target, place)
+                self._error_edge(BlockOutcome(OutcomeKind.ERROR, kind), target, place)
 
-    def _add(self, outcome: str, target: str, key: str) -> None:
+    def _add(self, outcome: BlockOutcome, target: str, key: str) -> None:
         pointer = f"{self._pointer}/{key}"
         if outcome in self._edges:
             first = self._edges[outcome].pointer.removeprefix(f"{self._pointer}/")
             self._report(
                 key,
                 "twice",
-                f"the successor for {outcome!r} is given at `{first}` as well; expected one of them",
+                f"the successor for {outcome.label!r} is given at `{first}` as well; expected one of them",
             )
             return
         self._edges[outcome] = Edge(outcome, target, pointer)

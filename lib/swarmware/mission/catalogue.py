@@ -3,6 +3,7 @@
 One table; the loader, the checks, the JSON Schema, the documentation and the player derive from it.
 """
 
+from enum import StrEnum
 from importlib.metadata import entry_points
 from typing import Annotated, Final, Literal
 
@@ -161,6 +162,27 @@ class Hold(Params, frozen=True):
         return self.s
 
 
+class BlockName(StrEnum):
+    """Names of the built-in block types; packages add further ones."""
+
+    START = "Start"
+    END = "End"
+    FORK = "Fork"
+    JOIN = "Join"
+    DECISION = "Decision"
+    DECISION_RANDOM = "DecisionRandom"
+    BARRIER = "Barrier"
+    WAIT = "Wait"
+    ARM = "Arm"
+    DISARM = "Disarm"
+    TAKEOFF = "Takeoff"
+    GOTO = "Goto"
+    RETURN = "Return"
+    FORMATION = "Formation"
+    LAND = "Land"
+    HOLD = "Hold"
+
+
 class BlockType(msgspec.Struct, frozen=True):
     """Definition of one block type."""
 
@@ -186,7 +208,7 @@ class BlockType(msgspec.Struct, frozen=True):
     @property
     def can_time_out(self) -> bool:
         """Whether it may have a successor for its time-out."""
-        return not self.instant and self.name != "Wait"
+        return not self.instant and self.name != BlockName.WAIT
 
     @property
     def can_fail(self) -> bool:
@@ -199,19 +221,23 @@ _SPEED: Final = (("speed", "speed_m_s"),)
 _MOVES: Final = ("blocked", "disarmed", "no_position", "no_navigator")
 
 BLOCKS: Final = (
-    BlockType("Start", "Where the mission begins.", control=True, instant=True),
-    BlockType("End", "Ends the mission and cancels what still runs.", End, control=True, instant=True),
-    BlockType("Fork", "Starts all its successors at once.", control=True, instant=True),
-    BlockType("Join", "Waits until every branch that leads to it has arrived.", control=True, instant=True),
+    BlockType(BlockName.START, "Where the mission begins.", control=True, instant=True),
     BlockType(
-        "Decision",
+        BlockName.END, "Ends the mission and cancels what still runs.", End, control=True, instant=True
+    ),
+    BlockType(BlockName.FORK, "Starts all its successors at once.", control=True, instant=True),
+    BlockType(
+        BlockName.JOIN, "Waits until every branch that leads to it has arrived.", control=True, instant=True
+    ),
+    BlockType(
+        BlockName.DECISION,
         "Takes the first successor whose condition holds, else `next`.",
         control=True,
         instant=True,
         errors=("unknown_value",),
     ),
     BlockType(
-        "DecisionRandom",
+        BlockName.DECISION_RANDOM,
         "Takes one of two successors by chance.",
         DecisionRandom,
         control=True,
@@ -219,19 +245,29 @@ BLOCKS: Final = (
         aliases=(("chanceForTrue", "chance_for_true"),),
     ),
     BlockType(
-        "Barrier",
+        BlockName.BARRIER,
         "Waits until all members of the ensemble are there; all leave at one common time.",
         Barrier,
         control=True,
         errors=("broken",),
     ),
-    BlockType("Wait", "A pause of `ms` milliseconds or `s` seconds.", Wait, control=True),
-    BlockType("Arm", "Arms the motors.", timeout_s=10.0, kinds=VEHICLES, errors=("refused", "no_vehicle")),
+    BlockType(BlockName.WAIT, "A pause of `ms` milliseconds or `s` seconds.", Wait, control=True),
     BlockType(
-        "Disarm", "Disarms the motors.", timeout_s=10.0, kinds=VEHICLES, errors=("refused", "no_vehicle")
+        BlockName.ARM,
+        "Arms the motors.",
+        timeout_s=10.0,
+        kinds=VEHICLES,
+        errors=("refused", "no_vehicle"),
     ),
     BlockType(
-        "Takeoff",
+        BlockName.DISARM,
+        "Disarms the motors.",
+        timeout_s=10.0,
+        kinds=VEHICLES,
+        errors=("refused", "no_vehicle"),
+    ),
+    BlockType(
+        BlockName.TAKEOFF,
         "Climbs straight up to an altitude.",
         Takeoff,
         timeout_s=60.0,
@@ -241,7 +277,7 @@ BLOCKS: Final = (
         aliases=(("alt", "altitude_m"), ("altitude", "altitude_m"), *_SPEED),
     ),
     BlockType(
-        "Goto",
+        BlockName.GOTO,
         "Moves to a position.",
         Goto,
         timeout_s=300.0,
@@ -251,7 +287,7 @@ BLOCKS: Final = (
         aliases=_POINT,
     ),
     BlockType(
-        "Return",
+        BlockName.RETURN,
         "Moves at its present height to where it was armed; a landed vehicle that flies stays.",
         Return,
         timeout_s=300.0,
@@ -261,7 +297,7 @@ BLOCKS: Final = (
         aliases=_SPEED,
     ),
     BlockType(
-        "Formation",
+        BlockName.FORMATION,
         "Takes a slot in a formation; with `advance`, keeps it along a course to its end.",
         Formation,
         timeout_s=600.0,
@@ -271,7 +307,7 @@ BLOCKS: Final = (
         aliases=(*_SPEED, ("spacing", "spacing_m"), ("offset", "offset_m")),
     ),
     BlockType(
-        "Land",
+        BlockName.LAND,
         "Lands where it is; a vehicle that does not fly stops.",
         Land,
         timeout_s=120.0,
@@ -281,7 +317,7 @@ BLOCKS: Final = (
         aliases=_SPEED,
     ),
     BlockType(
-        "Hold",
+        BlockName.HOLD,
         "Stays where it is.",
         Hold,
         timeout_s=30.0,

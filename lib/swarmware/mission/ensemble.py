@@ -7,8 +7,9 @@ import msgspec
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.finding import TOO_LARGE, Finding, Severity, too_large
-from swarmware.mission.meetings import BROKEN, Participant, TooLarge, search
-from swarmware.mission.model import TIMEOUT, Block, MissionDefinition
+from swarmware.mission.meetings import Participant, TooLarge, search
+from swarmware.mission.model import Block, MissionDefinition
+from swarmware.mission.outcome import BARRIER_BROKEN, TIMED_OUT
 
 PARALLEL = 4
 """Number of simultaneous barriers from which they are reported as the reason of a too large check."""
@@ -102,7 +103,7 @@ def _without_successor(roles: list[EnsembleRole]) -> list[Finding]:
     found: list[Finding] = []
     for role in roles:
         for block in role.mission.barriers():
-            if block.successor(BROKEN) is None and block.successor(TIMEOUT) is None:
+            if block.successor(BARRIER_BROKEN) is None and block.successor(TIMED_OUT) is None:
                 message = (
                     f"when barrier {block.id!r} breaks (a member was lost, or failed), this mission fails; "
                     'expected nextTimeout, or on: {"broken": …}'

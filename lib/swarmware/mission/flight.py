@@ -2,17 +2,18 @@
 
 from collections.abc import Callable
 
-from swarmware.mission.catalogue import End, Goto
+from swarmware.mission.catalogue import BlockName, End, Goto
 from swarmware.mission.finding import Remark, Severity
-from swarmware.mission.model import OK, MissionDefinition
+from swarmware.mission.model import MissionDefinition
 from swarmware.mission.net import Bits, Firing, Marking
+from swarmware.mission.outcome import SUCCESS
 
 Trace = Callable[[], tuple[str, ...]]
 """Returns the counter-example of the current state; called only for a remark."""
 
 RULES = frozenset({"below-ground", "not-in-the-air"})
 """Rules that apply only to flying vehicles."""
-_NEED_AIR = frozenset({"Goto", "Formation"})
+_NEED_AIR = frozenset({BlockName.GOTO, BlockName.FORMATION})
 
 
 def below_ground(mission: MissionDefinition) -> list[Remark]:
@@ -50,11 +51,11 @@ class FlightPhases:
     def after(self, step: Firing, marking: Marking) -> tuple[Marking, ...]:
         """The possible markings after a step, in the air or on the ground."""
         kind = self._mission.blocks[step.block].type
-        if not self._air or kind not in {"Takeoff", "Land"}:
+        if not self._air or kind not in {BlockName.TAKEOFF, BlockName.LAND}:
             return (marking,)
-        there = marking | self._air if kind == "Takeoff" else marking & ~self._air
+        there = marking | self._air if kind == BlockName.TAKEOFF else marking & ~self._air
         # after an error the vehicle may be in the air or on the ground
-        return (there,) if step.outcome == OK or there == marking else (there, marking)
+        return (there,) if step.outcome == SUCCESS or there == marking else (there, marking)
 
     def look(self, marking: Marking, trace: Trace) -> None:
         """Check the blocks that are active in a state of the mission."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from swarmware.mission.catalogue import Wait
+from swarmware.mission.catalogue import BlockName, Wait
 from swarmware.mission.finding import Remark
 from swarmware.mission.model import STEPS_LIMIT, Block, MissionDefinition
 
@@ -27,7 +27,7 @@ def check(mission: MissionDefinition) -> list[Remark]:
     instant = {block.id: block for block in mission.blocks.values() if block.spec.instant}
     steps = _steps(instant)
     for block in mission.blocks.values():
-        begins = block.type == "Start" or block.id not in instant
+        begins = block.type == BlockName.START or block.id not in instant
         targets = [edge.target for edge in block.edges] if begins else []
         longest = max((steps.get(target, 1) for target in targets), default=0)
         if longest + 1 >= STEPS_LIMIT:
@@ -86,5 +86,5 @@ def _steps(blocks: Mapping[str, Block]) -> dict[str, int]:
                 continue
             stack.pop()
             counts = [found.get(target, 1) for target in targets]
-            found[name] = 1 + (sum(counts) if block.type == "Fork" else max(counts, default=0))
+            found[name] = 1 + (sum(counts) if block.type == BlockName.FORK else max(counts, default=0))
     return found

@@ -10,7 +10,7 @@ import msgspec
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding, Unbound, substitute
 from swarmware.mission.block_reader import BlockReader, nearest
-from swarmware.mission.catalogue import Catalogue, built_in
+from swarmware.mission.catalogue import BlockName, Catalogue, built_in
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.finding import Finding
@@ -100,7 +100,7 @@ class _Loader:
         self._declared = self._params(top.get("params", {}))
         bound = {key: self._substituted(key, value) for key, value in top.items()}
         blocks = self._blocks(bound["mission"])
-        starts = [block.id for block in blocks.values() if block.type == "Start"]
+        starts = [block.id for block in blocks.values() if block.type == BlockName.START]
         self._one_start_some_end(blocks, starts)
         mission = MissionDefinition(
             self._source.file,
@@ -168,7 +168,7 @@ class _Loader:
 
     def _target(self, target: str, pointer: str, blocks: dict[str, Block], raw: Iterable[str]) -> None:
         if target in blocks:
-            if blocks[target].type == "Start":
+            if blocks[target].type == BlockName.START:
                 self._report(pointer, "into-start", f"leads to {target!r}, the Start: expected another block")
         elif target not in raw:
             near = get_close_matches(target, islice(raw, HINTS_LIMIT), n=1)
@@ -181,7 +181,7 @@ class _Loader:
         for extra in starts[1:]:
             message = f"a second Start beside {starts[0]!r}: expected exactly one"
             self._report(f"/mission/{escape(extra)}", "start", message)
-        if not any(block.type == "End" for block in blocks.values()):
+        if not any(block.type == BlockName.END for block in blocks.values()):
             self._report("/mission", "end", "no End block: expected at least one")
 
     def _on_failure(self, raw: Any) -> str:

@@ -14,13 +14,13 @@ import msgspec
 
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.model import ERROR, OK, TIMEOUT, Block, MissionDefinition
+from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, build
+from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
 from swarmware.mission.reduction import reduce
 
 AHEAD_LIMIT: Final = 3
 """Maximum difference of the visits of a barrier between two members: a larger one is treated as equal."""
-BROKEN: Final = f"{ERROR}:broken"
 
 _STATE: Final = 600
 """Memory of a visited state of the ensemble without its members, in bytes."""
@@ -112,9 +112,9 @@ class _Role:
                 gates = self.gates_of(marking)
                 if len(gates) > 1 or next(self.local(marking), None):
                     return self.part.copies
-                for outcome in (OK, BROKEN, TIMEOUT):
+                for outcome in (SUCCESS, BARRIER_BROKEN, TIMED_OUT):
                     after, _ = self.leave(marking, gates[0], outcome)
-                    if outcome == OK and after:
+                    if outcome == SUCCESS and after:
                         queue.append(after)
                     elif after and any(result for result, _ in self.results(after)):
                         return self.part.copies
@@ -131,12 +131,12 @@ class _Role:
                 result = _fire(marking, step)
                 yield result, step.outputs & self._barriers if result else 0, " → ".join(step.labels)
 
-    def leave(self, marking: Marking, place: Marking, outcome: str) -> tuple[Marking, Marking]:
+    def leave(self, marking: Marking, place: Marking, outcome: BlockOutcome) -> tuple[Marking, Marking]:
         """The member leaves a barrier: its marking and the entered barriers."""
         block = self.gates[place][0]
-        if outcome == BROKEN and not any(edge.outcome == BROKEN for edge in block.edges):
+        if outcome == BARRIER_BROKEN and not any(edge.outcome == BARRIER_BROKEN for edge in block.edges):
             # as in the player: a broken barrier counts as an early time-out
-            outcome = TIMEOUT if block.successor(TIMEOUT) else BROKEN
+            outcome = TIMED_OUT if block.successor(TIMED_OUT) else BARRIER_BROKEN
         target = block.successor(outcome)
         edges = {edge.outcome for edge in block.edges if edge.target == target}
         for step in self.bits.steps(place):
@@ -251,13 +251,13 @@ class _Ensemble:
 
     def _decisions(
         self, now: Everybody, meeting: BarrierVisit, group: list[tuple[int, int, Marking]]
-    ) -> Iterator[tuple[list[str], bool, str]]:
+    ) -> Iterator[tuple[list[BlockOutcome], bool, str]]:
         """Possible results of a barrier visit for the members that wait there."""
         members, over = now
         barrier, visit = meeting
         known = dict(over).get(meeting)
         if known is not None:
-            yield [OK if known else BROKEN] * len(group), known, "was over"
+            yield [SUCCESS if known else BARRIER_BROKEN] * len(group), known, "was over"
             return
         gates = [self._roles[number].gates[place] for number, _, place in group]
         _, params, _ = gates[0]
@@ -272,21 +272,22 @@ class _Ensemble:
         gone = sum(1 for marking, _ in participants if not marking)
         ahead = any(marking and visits[barrier] > visit for states in members for marking, visits in states)
         if len(group) >= needed:
-            yield [OK] * len(group), True, "opened"
+            yield [SUCCESS] * len(group), True, "opened"
             if params.quorum == "all" and len(participants) > 1:
                 # of equal members, one that is late represents all
                 alike = {(n, members[n][i]): number for number, (n, i, _) in enumerate(group)}
                 for late in alike.values():
                     yield (
-                        [BROKEN if n == late else OK for n in range(len(group))],
+                        [BARRIER_BROKEN if n == late else SUCCESS for n in range(len(group))],
                         True,
                         "opened, one was late",
                     )
         elif len(participants) - gone < needed or ahead:
-            yield [BROKEN] * len(group), False, "broke"
+            yield [BARRIER_BROKEN] * len(group), False, "broke"
         for first, (block, _, _) in enumerate(gates):
             if block.timeout_s is not None:
-                yield [TIMEOUT if n == first else BROKEN for n in range(len(group))], False, "timed out"
+                outcomes = [TIMED_OUT if n == first else BARRIER_BROKEN for n in range(len(group))]
+                yield outcomes, False, "timed out"
 
     def _go(self, now: Everybody, move: Move) -> None:
         """Enter the state after a move."""

@@ -5,14 +5,9 @@ from typing import Final
 
 import msgspec
 
-from swarmware.mission.catalogue import BlockType, Params
+from swarmware.mission.catalogue import BlockName, BlockType, Params
 from swarmware.mission.condition import ConditionExpression
-
-OK: Final = "ok"
-TIMEOUT: Final = "timeout"
-ERROR: Final = "error"
-CANCELLED: Final = "cancelled"
-"""The four outcomes of a block; an error has a kind: `error:blocked`."""
+from swarmware.mission.outcome import ANY_ERROR, BlockOutcome, OutcomeKind
 
 STEPS_LIMIT: Final = 1_000
 """Maximum blocks that the player enters in one event; the check refuses a mission that needs more."""
@@ -24,8 +19,7 @@ ON_FAILURE: Final = ("land", "hold", "return")
 class Edge(msgspec.Struct, frozen=True):
     """The successor of a block for one outcome."""
 
-    outcome: str
-    """ok · timeout · error · error:<kind> · case:<n> · true · false."""
+    outcome: BlockOutcome
     target: str
     """Id of the block that follows."""
     pointer: str
@@ -50,15 +44,15 @@ class Block(msgspec.Struct, frozen=True):
         """Name of the block's type."""
         return self.spec.name
 
-    def successor(self, outcome: str) -> str | None:
+    def successor(self, outcome: BlockOutcome) -> str | None:
         """Successor for this outcome: the exact one, else the general error successor, else none.
 
         It never falls through to `next`.
         """
         targets = {edge.outcome: edge.target for edge in self.edges}
-        if outcome in targets:
-            return targets[outcome]
-        return targets.get(ERROR) if outcome.startswith(f"{ERROR}:") else None
+        if outcome in targets or outcome.kind is not OutcomeKind.ERROR:
+            return targets.get(outcome)
+        return targets.get(ANY_ERROR)
 
 
 class MissionDefinition(msgspec.Struct, frozen=True):
@@ -80,7 +74,7 @@ class MissionDefinition(msgspec.Struct, frozen=True):
 
     def barriers(self) -> tuple[Block, ...]:
         """The blocks of type Barrier."""
-        return tuple(block for block in self.blocks.values() if block.type == "Barrier")
+        return tuple(block for block in self.blocks.values() if block.type == BlockName.BARRIER)
 
 
 def content_hash(*parts: str) -> str:

@@ -9,7 +9,9 @@ from typing import Final
 
 import msgspec
 
-from swarmware.mission.model import ERROR, TIMEOUT, Block, MissionDefinition
+from swarmware.mission.catalogue import BlockName
+from swarmware.mission.model import Block, MissionDefinition
+from swarmware.mission.outcome import FAILS, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 
 Marking = int
 """A bit for each place that holds a token: a marking of thousands of places is a few hundred bytes."""
@@ -22,7 +24,7 @@ class Transition(msgspec.Struct, frozen=True):
     """Takes one token from each of its inputs and puts one on each of its outputs."""
 
     block: str
-    outcome: str
+    outcome: BlockOutcome
     inputs: frozenset[str]
     outputs: tuple[str, ...]
     """Empty: the End."""
@@ -34,7 +36,7 @@ class Transition(msgspec.Struct, frozen=True):
     @property
     def label(self) -> str:
         """How it is called in a counter-example."""
-        return self.block if self.outcome == "ok" else f"{self.block}:{self.outcome}"
+        return self.block if self.outcome == SUCCESS else f"{self.block}:{self.outcome.label}"
 
 
 class Net(msgspec.Struct, frozen=True):
@@ -61,16 +63,12 @@ def join_place(source: str, join: str) -> str:
     return f"{source}→{join}"
 
 
-FAILS: Final = "fails"
-"""Outcome that ends the mission because its block has no successor for it."""
-
-
 def build(mission: MissionDefinition, *, failing: bool = False) -> Net:
     """The net of a mission whose successors all exist.
 
     `failing`: with a transition for each block that can end the mission by an error or a time-out.
     """
-    joins = {block.id for block in mission.blocks.values() if block.type == "Join"}
+    joins = {block.id for block in mission.blocks.values() if block.type == BlockName.JOIN}
     owner = {block_id: block_id for block_id in mission.blocks if block_id not in joins}
     places: dict[str, set[str]] = {join: set() for join in joins}
     for block in mission.blocks.values():
@@ -88,11 +86,11 @@ def build(mission: MissionDefinition, *, failing: bool = False) -> Net:
         inputs = frozenset(places[block.id] if block.id in joins else {block.id})
         if not inputs:
             continue
-        if block.type == "End":
-            transitions.append(Transition(block.id, "ok", inputs, ()))
-        elif block.type == "Fork":
+        if block.type == BlockName.END:
+            transitions.append(Transition(block.id, SUCCESS, inputs, ()))
+        elif block.type == BlockName.FORK:
             outputs = tuple(place_of(block.id, edge.target) for edge in block.edges)
-            transitions.append(Transition(block.id, "ok", inputs, outputs))
+            transitions.append(Transition(block.id, SUCCESS, inputs, outputs))
         else:
             transitions += [
                 Transition(block.id, edge.outcome, inputs, (place_of(block.id, edge.target),))
@@ -105,9 +103,9 @@ def build(mission: MissionDefinition, *, failing: bool = False) -> Net:
 
 
 def _can_fail(block: Block) -> bool:
-    ways = [f"{ERROR}:{kind}" for kind in block.spec.errors]
+    ways = [BlockOutcome(OutcomeKind.ERROR, kind) for kind in block.spec.errors]
     if block.timeout_s is not None and block.spec.can_time_out:
-        ways.append(TIMEOUT)
+        ways.append(TIMED_OUT)
     return any(block.successor(way) is None for way in ways)
 
 
@@ -115,7 +113,7 @@ class Firing(msgspec.Struct, frozen=True):
     """A transition over markings."""
 
     block: str
-    outcome: str
+    outcome: BlockOutcome
     labels: tuple[str, ...]
     inputs: Marking
     outputs: Marking

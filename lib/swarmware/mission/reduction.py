@@ -17,6 +17,7 @@ import msgspec
 
 from swarmware.mission.budget import Budget
 from swarmware.mission.net import Net, Transition
+from swarmware.mission.outcome import SUCCESS
 
 _COST: Final = 200
 _COST_OF_OUTPUT: Final = 4
@@ -158,7 +159,7 @@ class _Reducer:
             self._enclose(place, self._within.get(member, ()))
             self._redirect(member, place)
         if not exits:
-            self._add(Transition(self._net.owner[place], "ok", frozenset({place}), (place,)))
+            self._add(Transition(self._net.owner[place], SUCCESS, frozenset({place}), (place,)))
         self._slow((place,))
         return True
 

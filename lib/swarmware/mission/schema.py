@@ -6,9 +6,12 @@ from typing import Any, Final
 import msgspec
 
 from swarmware.mission.block_reader import TIMEOUT_LIMIT_S, TIMEOUT_MIN_MS
-from swarmware.mission.catalogue import BlockType, Catalogue, Wait, built_in
-from swarmware.mission.model import ERROR, ON_FAILURE, TIMEOUT
+from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Wait, built_in
+from swarmware.mission.model import ON_FAILURE
+from swarmware.mission.outcome import OutcomeKind
 
+_TIMEOUT: Final = OutcomeKind.TIMEOUT.value
+_ERROR: Final = OutcomeKind.ERROR.value
 _BLOCK: Final = {"$ref": "#/$defs/block"}
 _ONE: Final = {"anyOf": [_BLOCK, {"type": "array", "items": _BLOCK, "minItems": 1, "maxItems": 1}]}
 _NUMBER_TEXT: Final = {"$ref": "#/$defs/number_text"}
@@ -109,15 +112,15 @@ def _at_most_one(names: tuple[str, ...]) -> dict[str, Any]:
 def _successors(block: BlockType, properties: dict[str, Any], groups: list[dict[str, Any]]) -> list[str]:
     """Adds the ways out; returns those that must be there."""
     match block.name:
-        case "End":
+        case BlockName.END:
             return []
-        case "Fork":
+        case BlockName.FORK:
             properties["next"] = {"type": "array", "items": _BLOCK, "minItems": 1, "uniqueItems": True}
             return ["next"]
-        case "DecisionRandom":
+        case BlockName.DECISION_RANDOM:
             properties |= {"nextIfTrue": _ONE, "nextIfFalse": _ONE}
             return ["nextIfTrue", "nextIfFalse"]
-        case "Decision":
+        case BlockName.DECISION:
             case = {
                 "type": "object",
                 "required": ["if", "next"],
@@ -129,22 +132,22 @@ def _successors(block: BlockType, properties: dict[str, Any], groups: list[dict[
     others: dict[str, Any] = {}
     if block.can_time_out:
         _timeouts(block, properties, groups)
-        others[TIMEOUT] = _BLOCK
+        others[_TIMEOUT] = _BLOCK
     if block.can_fail:
         properties |= dict.fromkeys(_ERROR_EDGES, _BLOCK)
-        groups.append(_one_of_these(_ERROR_EDGES, ERROR))
-        others[ERROR] = _BLOCK
+        groups.append(_one_of_these(_ERROR_EDGES, _ERROR))
+        others[_ERROR] = _BLOCK
     for kind in block.errors:
-        others |= {kind: _BLOCK, f"{ERROR}:{kind}": _BLOCK}
+        others |= {kind: _BLOCK, f"{_ERROR}:{kind}": _BLOCK}
     if others:
-        twice = [_at_most_one((kind, f"{ERROR}:{kind}")) for kind in block.errors]
+        twice = [_at_most_one((kind, f"{_ERROR}:{kind}")) for kind in block.errors]
         properties["on"] = {
             "type": "object",
             "properties": others,
             "additionalProperties": False,
             **({"allOf": twice} if twice else {}),
         }
-    return ["cases", "next"] if block.name == "Decision" else ["next"]
+    return ["cases", "next"] if block.name == BlockName.DECISION else ["next"]
 
 
 def _timeouts(block: BlockType, properties: dict[str, Any], groups: list[dict[str, Any]]) -> None:
@@ -153,11 +156,14 @@ def _timeouts(block: BlockType, properties: dict[str, Any], groups: list[dict[st
     properties["timeout"] = {"description": "Milliseconds, as in BDL.", **_lenient(milliseconds)}
     properties["timeout_s"] = {"description": "Seconds.", **_lenient(seconds)}
     properties |= dict.fromkeys(_TIMEOUT_EDGES, _BLOCK)
-    groups += [_at_most_one(("timeout", "timeout_s")), _one_of_these(_TIMEOUT_EDGES, TIMEOUT)]
+    groups += [
+        _at_most_one(("timeout", "timeout_s")),
+        _one_of_these(_TIMEOUT_EDGES, _TIMEOUT),
+    ]
     if block.timeout_s is None:
         # without a time-out its successor would never follow
         value = {"anyOf": [{"required": ["timeout"]}, {"required": ["timeout_s"]}]}
-        groups += [{"if": edge, "then": value} for edge in _spellings(_TIMEOUT_EDGES, TIMEOUT)]
+        groups += [{"if": edge, "then": value} for edge in _spellings(_TIMEOUT_EDGES, _TIMEOUT)]
 
 
 def _spellings(keys: tuple[str, ...], outcome: str) -> list[dict[str, Any]]:

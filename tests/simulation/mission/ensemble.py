@@ -11,25 +11,16 @@ import msgspec
 from swarmd.mission.config import Config
 from swarmd.mission.core.executor import START, MissionExecutor
 from swarmd.mission.core.lead import lead_ns
-from swarmd.mission.core.run import (
-    SUCCESS,
-    Action,
-    Announce,
-    BlockEnd,
-    BlockResult,
-    CancelBlock,
-    ProgressStep,
-    Run,
-    StartBlock,
-)
+from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, Run, StartBlock
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
 from swarmware.mission.model import Block, MissionDefinition
+from swarmware.mission.outcome import SUCCESS, BlockOutcome, OutcomeKind
 from swarmware.types.mission import BarrierResult, Member, MissionState
 
 S = 1_000_000_000
-CANCELLED = BlockResult(BlockEnd.CANCELLED)
+CANCELLED = BlockOutcome(OutcomeKind.CANCELLED)
 BUILT_IN = {
     name: load(
         '{"mission": {"s": {"type": "Start", "next": "b"}, '
@@ -235,11 +226,11 @@ class Ensemble:
             return
         node.running[token] = (block, True)
         fails = not landing and self.chance.random() < self.world.fail
-        result = BlockResult(BlockEnd.ERROR, block.spec.errors[0]) if fails else SUCCESS
+        result = BlockOutcome(OutcomeKind.ERROR, block.spec.errors[0]) if fails else SUCCESS
         seconds = self.chance.uniform(*self.world.block_s)
         self.at(self.now_ns + round(seconds * S), lambda: self._ended(node, token, result))
 
-    def _ended(self, node: Node, token: int, result: BlockResult) -> None:
+    def _ended(self, node: Node, token: int, result: BlockOutcome) -> None:
         if not node.alive or token not in node.running:
             return
         block, _ = node.running.pop(token)

@@ -1,9 +1,9 @@
 """Results of blocks by their label, for tests."""
 
-from swarmd.mission.core.run import BlockEnd, BlockResult
+from swarmware.mission.outcome import BlockOutcome, OutcomeKind
 
 
-def result(label: str) -> BlockResult:
+def result(label: str) -> BlockOutcome:
     """The result `ok`, `timeout`, `cancelled` or `error:<kind>`."""
     end, _, error = label.partition(":")
-    return BlockResult(BlockEnd(end), error)
+    return BlockOutcome(OutcomeKind(end), error)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.unit.mission.results import result
 
 from swarmd.mission.checking import refuse
 from swarmware.errors import MissionError
@@ -86,7 +87,7 @@ def test_short_spellings_mean_the_names_with_units() -> None:
 def test_a_timeout_successor_has_three_spellings(edges: dict[str, Any]) -> None:
     text = line({"type": "Barrier", "id": "x", "timeout": "3000", **edges})
     block = load(text, "m.json", HERE).blocks["b1"]
-    assert block.successor("timeout") == "b2"
+    assert block.successor(result("timeout")) == "b2"
     assert block.timeout_s == 3.0
 
 
@@ -103,10 +104,10 @@ def test_an_error_takes_its_own_successor_then_the_general_one_never_next() -> N
         {"type": "Land"},
     )
     block = load(text, "m.json", HERE).blocks["b1"]
-    assert block.successor("ok") == "b2"
-    assert block.successor("error:blocked") == "b2"
-    assert block.successor("error:disarmed") == "b3"
-    assert block.successor("timeout") is None
+    assert block.successor(result("ok")) == "b2"
+    assert block.successor(result("error:blocked")) == "b2"
+    assert block.successor(result("error:disarmed")) == "b3"
+    assert block.successor(result("timeout")) is None
 
 
 DECISION = {"type": "Decision", "cases": [{"if": "battery < 30 %", "next": "b2"}]}

@@ -12,7 +12,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.mission.core.run import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockResult
+from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
 from swarmware.types.mission import INACTIVE, Arrival, BarrierResult, Member, MissionPhase, MissionState
 
 OVER: Final = INACTIVE | {MissionPhase.ENDING, MissionPhase.RECOVERING}
@@ -50,7 +50,7 @@ class Passed(msgspec.Struct, frozen=True):
     """The end of a wait at a barrier."""
 
     token: int
-    result: BlockResult
+    result: BlockOutcome
     text: str = ""
 
 
@@ -206,7 +206,7 @@ class Barriers:
             if not self._is_there(name, waiting.spec, now_ns)
         )
 
-    def _result(self, waiting: _Waiting, now_ns: int) -> tuple[BlockResult, str] | None:
+    def _result(self, waiting: _Waiting, now_ns: int) -> tuple[BlockOutcome, str] | None:
         spec = waiting.spec
         key = (spec.barrier, spec.visit)
         if key not in self._known:

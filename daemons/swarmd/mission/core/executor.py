@@ -12,14 +12,10 @@ from swarmd.mission.core.announcement import Announcer
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
 from swarmd.mission.core.player import Player
 from swarmd.mission.core.run import (
-    BARRIER_BROKEN,
     PLAYING,
     STARTED,
-    SUCCESS,
-    TIMED_OUT,
     Action,
     Announce,
-    BlockResult,
     CancelBlock,
     EnterBarrier,
     LeaveBarrier,
@@ -35,7 +31,8 @@ from swarmd.mission.core.run import (
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
-from swarmware.mission.model import TIMEOUT, Block, MissionDefinition
+from swarmware.mission.model import Block, MissionDefinition
+from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
@@ -196,7 +193,7 @@ class MissionExecutor:
             self._barriers.on_alive(platform, now_ns)
         return []
 
-    def on_ended(self, token: int, result: BlockResult, text: str, now_ns: int) -> list[Action]:
+    def on_ended(self, token: int, result: BlockOutcome, text: str, now_ns: int) -> list[Action]:
         """A functional block has ended."""
         self._ratios.pop(token, None)
         if self._player is not None:
@@ -284,7 +281,7 @@ class MissionExecutor:
         self._since_ns = now_ns
         self._actions.append(ProgressStep("", "Mission", f"state:{self._phase}", text, self._playing))
 
-    def _start(self, result: BlockResult, text: str, now_ns: int) -> None:
+    def _start(self, result: BlockOutcome, text: str, now_ns: int) -> None:
         run, barriers = self._run, self._barriers
         if run is None or barriers is None or self._phase is not MissionPhase.READY:
             return
@@ -304,13 +301,13 @@ class MissionExecutor:
         self._player = Player(mission, self._lookup, self._chance, self._tokens)
         self._feed(self._player.start(now_ns), now_ns)
 
-    def _leave_barrier(self, token: int, result: BlockResult, text: str, now_ns: int) -> None:
+    def _leave_barrier(self, token: int, result: BlockOutcome, text: str, now_ns: int) -> None:
         block = self._blocks.pop(token, None)
         if block is None or self._player is None:
             return  # another barrier that ended at the same time has ended the mission
-        if result == BARRIER_BROKEN and not any(edge.outcome == result.label for edge in block.edges):
+        if result == BARRIER_BROKEN and not any(edge.outcome == result for edge in block.edges):
             # a broken barrier counts as an early time-out, unless the block has an edge for it
-            result = TIMED_OUT if block.successor(TIMEOUT) else result
+            result = TIMED_OUT if block.successor(TIMED_OUT) else result
         self._feed(self._player.on_ended(token, result, now_ns, text), now_ns)
 
     def _enter_barrier(self, token: int, block: Block, visit: int, now_ns: int) -> None:

@@ -8,11 +8,6 @@ import msgspec
 
 from swarmd.mission.core.run import (
     STARTED,
-    SUCCESS,
-    TIMED_OUT,
-    UNKNOWN_VALUE,
-    BlockEnd,
-    BlockResult,
     CancelBlock,
     EnterBarrier,
     LeaveBarrier,
@@ -23,16 +18,22 @@ from swarmd.mission.core.run import (
     StartBlock,
 )
 from swarmware.errors import Conflict
-from swarmware.mission.catalogue import Barrier, DecisionRandom, End, Wait
+from swarmware.mission.catalogue import Barrier, BlockName, DecisionRandom, End, Wait
 from swarmware.mission.condition import Lookup
-from swarmware.mission.model import OK, STEPS_LIMIT, Block, MissionDefinition
+from swarmware.mission.model import STEPS_LIMIT, Block, MissionDefinition
 from swarmware.mission.net import join_place
+from swarmware.mission.outcome import (
+    ABANDONED,
+    CANCELLED,
+    SUCCESS,
+    TIMED_OUT,
+    UNKNOWN_VALUE,
+    BlockOutcome,
+    OutcomeKind,
+)
 
 CANCEL_NS: Final = 2_000_000_000
 """A cancelled block that has not ended by then is abandoned."""
-
-CANCELLED: Final = BlockResult(BlockEnd.CANCELLED)
-ABANDONED: Final = BlockResult(BlockEnd.ABANDONED)
 
 
 class PlayerPhase(StrEnum):
@@ -59,7 +60,7 @@ class _Running(msgspec.Struct):
     block: Block
     token: int
     deadline_ns: int | None
-    result: BlockResult | None = None
+    result: BlockOutcome | None = None
     """Its result once it is cancelled; None: it runs."""
 
 
@@ -98,7 +99,7 @@ class Player:
                 if any(edge.target == join.id for edge in block.edges)
             )
             for join in mission.blocks.values()
-            if join.type == "Join"
+            if join.type == BlockName.JOIN
         }
 
     @property
@@ -122,7 +123,7 @@ class Player:
         self._enter("", self._mission.start, now_ns)
         return self._taken()
 
-    def on_ended(self, token: int, result: BlockResult, now_ns: int, text: str = "") -> list[PlayerAction]:
+    def on_ended(self, token: int, result: BlockOutcome, now_ns: int, text: str = "") -> list[PlayerAction]:
         """A block or a wait at a barrier has ended; the end of an abandoned block is ignored."""
         running = self._running.pop(token, None)
         if running is None:
@@ -147,7 +148,7 @@ class Player:
                 del self._running[running.token]
                 self._actions.append(ProgressStep(running.block.id, running.block.type, ABANDONED.label))
                 self._leave(running, running.result, "", now_ns)
-            elif running.block.type == "Wait":
+            elif running.block.type == BlockName.WAIT:
                 del self._running[running.token]
                 self._leave(running, SUCCESS, "", now_ns)
             else:
@@ -177,53 +178,53 @@ class Player:
             block = self._mission.blocks[target]
             self._entered.add(target)
             match block.type:
-                case "End":
-                    self._actions.append(ProgressStep(block.id, block.type, OK))
+                case BlockName.END:
+                    self._actions.append(ProgressStep(block.id, block.type, SUCCESS.label))
                     result = PlayResult(block.params.result if isinstance(block.params, End) else "done")
                     why = f": {self._cause}" if self._cause else ""
                     reason = "" if result is PlayResult.DONE else f"came to {block.id}{why}"
                     self._end(result, reason, now_ns)
                     return
-                case "Join":
+                case BlockName.JOIN:
                     self._arrived.add(join_place(source, target))
                     places = self._places[target]
                     if not places <= self._arrived:
                         continue
                     self._arrived -= places
-                    outcomes = [OK]
-                case "Fork":
+                    outcomes = [SUCCESS]
+                case BlockName.FORK:
                     outcomes = [edge.outcome for edge in block.edges]
-                case "Decision":
+                case BlockName.DECISION:
                     outcomes = [self._decide(block)]
-                case "DecisionRandom":
+                case BlockName.DECISION_RANDOM:
                     chance = block.params.chance_for_true if isinstance(block.params, DecisionRandom) else 0.0
-                    outcomes = ["true" if self._chance() < chance else "false"]
-                case "Start":
-                    outcomes = [OK]
+                    kind = OutcomeKind.TRUE if self._chance() < chance else OutcomeKind.FALSE
+                    outcomes = [BlockOutcome(kind)]
+                case BlockName.START:
+                    outcomes = [SUCCESS]
                 case _:
                     self._begin(block, now_ns)
                     continue
-            if block.type != "Start":
-                self._actions.append(
-                    ProgressStep(block.id, block.type, OK if block.type == "Fork" else outcomes[0])
-                )
+            if block.type != BlockName.START:
+                outcome = SUCCESS if block.type == BlockName.FORK else outcomes[0]
+                self._actions.append(ProgressStep(block.id, block.type, outcome.label))
             for outcome in reversed(outcomes):
                 follower = block.successor(outcome)
                 if follower is None:
-                    self._end(PlayResult.FAILED, f"{block.id} ended with {outcome}", now_ns)
+                    self._end(PlayResult.FAILED, f"{block.id} ended with {outcome.label}", now_ns)
                     return
                 work.append((target, follower))
         self._end(PlayResult.FAILED, f"{target} is in a livelock", now_ns)
 
-    def _decide(self, block: Block) -> str:
+    def _decide(self, block: Block) -> BlockOutcome:
         for edge in block.edges:
             if edge.condition is not None:
                 holds = edge.condition.holds(self._lookup)
                 if holds is None:
-                    return BlockResult(BlockEnd.ERROR, UNKNOWN_VALUE).label
+                    return UNKNOWN_VALUE
                 if holds:
                     return edge.outcome
-        return OK
+        return SUCCESS
 
     def _begin(self, block: Block, now_ns: int) -> None:
         if block.id in self.active:
@@ -233,7 +234,7 @@ class Player:
         seconds = block.params.duration_s if isinstance(block.params, Wait) else block.timeout_s
         deadline_ns = None if seconds is None else now_ns + round(seconds * 1e9)
         self._actions.append(ProgressStep(block.id, block.type, STARTED))
-        if block.type == "Barrier":
+        if block.type == BlockName.BARRIER:
             # `Barriers` handles its time-out: it breaks the barrier for all members
             # blocks with the same id are visits of one barrier
             barrier = block.params.id if isinstance(block.params, Barrier) else block.id
@@ -242,10 +243,10 @@ class Player:
             self._actions.append(EnterBarrier(token, block, visit))
             return
         self._running[token] = _Running(block, token, deadline_ns)
-        if block.type != "Wait":
+        if block.type != BlockName.WAIT:
             self._actions.append(StartBlock(token, block))
 
-    def _leave(self, running: _Running, result: BlockResult, text: str, now_ns: int) -> None:
+    def _leave(self, running: _Running, result: BlockOutcome, text: str, now_ns: int) -> None:
         block = running.block
         result = running.result or result
         self._actions.append(ProgressStep(block.id, block.type, result.label, text))
@@ -255,17 +256,17 @@ class Player:
         reason = f"{block.id} ended with {result.label}" + (f": {text}" if text else "")
         if result != SUCCESS:
             self._cause = reason
-        follower = block.successor(result.label)
+        follower = block.successor(result)
         if follower is None:
             self._end(PlayResult.FAILED, reason, now_ns)
         else:
             self._enter(block.id, follower, now_ns)
 
-    def _cancel(self, running: _Running, result: BlockResult, now_ns: int) -> None:
-        if running.block.type in {"Wait", "Barrier"}:
+    def _cancel(self, running: _Running, result: BlockOutcome, now_ns: int) -> None:
+        if running.block.type in {BlockName.WAIT, BlockName.BARRIER}:
             del self._running[running.token]
             self._actions.append(ProgressStep(running.block.id, running.block.type, result.label))
-            if running.block.type == "Barrier":
+            if running.block.type == BlockName.BARRIER:
                 self._actions.append(LeaveBarrier(running.token))
             return
         if running.result is None:

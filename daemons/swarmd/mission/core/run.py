@@ -7,7 +7,7 @@ import msgspec
 
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.model import CANCELLED, ERROR, OK, TIMEOUT, Block, MissionDefinition
+from swarmware.mission.model import Block, MissionDefinition
 from swarmware.types.mission import Member, MissionPhase, MissionState
 
 
@@ -75,43 +75,6 @@ def follow(phase: MissionPhase, event: PhaseEvent) -> MissionPhase:
         return TRANSITIONS[phase, event]
     except KeyError:
         raise Conflict(f"mission is {phase}: expected another state for {event!r}") from None
-
-
-class BlockEnd(StrEnum):
-    """Kind of the end of a block."""
-
-    OK = OK
-    TIMEOUT = TIMEOUT
-    ERROR = ERROR
-    CANCELLED = CANCELLED
-    ABANDONED = "abandoned"
-    """It was cancelled and did not end."""
-
-
-BROKEN: Final = "broken"
-"""Kind of the error of a barrier at which a needed member will not arrive."""
-CRASHED: Final = "crashed"
-"""Kind of the error of a block that raised an exception which is not a BlockError."""
-UNKNOWN_VALUE: Final = "unknown_value"
-"""Kind of the error of a Decision whose condition has no value."""
-
-
-class BlockResult(msgspec.Struct, frozen=True):
-    """Result of a block that has ended."""
-
-    end: BlockEnd
-    error: str = ""
-    """Kind of the error, of the end ERROR only."""
-
-    @property
-    def label(self) -> str:
-        """Its name in a mission's edges and in progress events: `error:blocked`."""
-        return f"{self.end}:{self.error}" if self.error else str(self.end)
-
-
-SUCCESS: Final = BlockResult(BlockEnd.OK)
-TIMED_OUT: Final = BlockResult(BlockEnd.TIMEOUT)
-BARRIER_BROKEN: Final = BlockResult(BlockEnd.ERROR, BROKEN)
 
 
 class PlayResult(StrEnum):
