@@ -14,7 +14,7 @@ import tomli_w
 
 from swarmlab.provision.provisioning import LIDAR, STATION, TEMPLATES, VEHICLE
 from swarmware.errors import ConfigError, SwarmError
-from swarmware.mission.catalogue import VEHICLES
+from swarmware.model.platform_kind import VEHICLES, PlatformKind
 from swarmware.transport.security import make_swarm
 
 CONFIG: Final = Path("/etc/swarm")
@@ -26,14 +26,16 @@ GROUP: Final = "239.255.42.42"
 PORT: Final = 17420
 
 
-def claim(kind: str, directory: Path, remembered: Path) -> str:
+def claim(kind: PlatformKind, directory: Path, remembered: Path) -> str:
     """Name of this container's platform: its former one, else the lowest free one.
 
     The name is locked while this process, or the program that replaces it, runs: containers of one
     service share only the volume.
     Raises: ConfigError when all names are taken.
     """
-    names = [kind] if kind == "gcs" else [f"{kind}{number}" for number in range(1, MAX_PER_KIND + 1)]
+    names = (
+        [kind] if kind == PlatformKind.GCS else [f"{kind}{number}" for number in range(1, MAX_PER_KIND + 1)]
+    )
     before = remembered.read_text("utf-8").strip() if remembered.exists() else ""
     directory.mkdir(parents=True, exist_ok=True)
     for name in sorted(names, key=lambda name: name != before):
@@ -52,14 +54,14 @@ def claim(kind: str, directory: Path, remembered: Path) -> str:
     )
 
 
-def settings(name: str, kind: str, address: str, mongodb_uri: str) -> dict[str, dict[str, Any]]:
+def settings(name: str, kind: PlatformKind, address: str, mongodb_uri: str) -> dict[str, dict[str, Any]]:
     """The files of this node, by path below the configuration folder."""
     files: dict[str, dict[str, Any]] = {
         "node.toml": {
             "platform": name,
             "kind": kind,
             "template": TEMPLATES[kind],
-            "services": list(STATION if kind == "gcs" else VEHICLE),
+            "services": list(STATION if kind == PlatformKind.GCS else VEHICLE),
             "keys_dir": str(KEYS / name),
         },
         "services/broker.toml": {
@@ -68,7 +70,7 @@ def settings(name: str, kind: str, address: str, mongodb_uri: str) -> dict[str, 
             "bind_address": address,
             "udp_port": PORT,
             # some bridges do not forward multicast: the ground station is also a seed, by name
-            "seeds": [] if kind == "gcs" else [f"gcs:{PORT}"],
+            "seeds": [] if kind == PlatformKind.GCS else [f"gcs:{PORT}"],
         },
     }
     if mongodb_uri:
@@ -92,7 +94,7 @@ def share_keys(directory: Path) -> None:
 
 def main() -> None:
     """Writes the configuration, then becomes the node."""
-    kind = os.environ.get("SWARM_KIND", "uav")
+    kind = PlatformKind(os.environ.get("SWARM_KIND", PlatformKind.UAV))
     try:
         address = socket.gethostbyname(socket.gethostname())
         share_keys(KEYS)

@@ -9,6 +9,7 @@ PROTOCOL = {
     "AttributeError",  # of `__getattr__`
     "IndexError",  # of a container
     "KeyboardInterrupt",  # handed on
+    "ProcessLookupError",  # of a handle, as the kernel raises it for a process that has ended
     "SystemExit",
     "TypeError",  # a mistake in our own table of commands
 }

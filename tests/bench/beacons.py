@@ -28,7 +28,7 @@ import uvloop
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.sessions import Sessions
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformKind
+from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
@@ -89,7 +89,7 @@ class LinkPeer:
     def __init__(self, name: str, others: list[str], keys: Keys) -> None:
         self.hw = hardware_id(name)
         self.protocol = BeaconProtocol(
-            NodeIdentity(self.hw, name, "main", PlatformKind.UAV, 1, b""),
+            NodeIdentity(self.hw, name, "main", PlatformCode.UAV, 1, b""),
             Topology(self.hw, 1, SECOND, 0),
             Counters(),
             busy_hz=10.0,

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 import swarmware.types
 from swarmware.errors import WireError
+from swarmware.model.open_enum import OpenEnum
 from swarmware.types import registry
 from swarmware.types.health import Fault, Phase
 from swarmware.types.mission import MissionPhase, MissionState
-from swarmware.types.open_enum import OpenEnum
 from swarmware.types.tree import Quality, TreeEntry
 from swarmware.types.vehicle import NavState, NavStatus
 

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from swarmware.model.frame import Codec
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types import registry
 from swarmware.types.mission import PHASES, Arrival, BarrierResult, MissionPhase, MissionState
 from swarmware.types.vehicle import Pose
@@ -82,7 +83,7 @@ def test_a_mission_state_coded_by_the_table_of_the_page_is_the_state() -> None:
         0.2,
         "flying",
         "formation",
-        "uav",
+        PlatformKind.UAV,
     )
     assert state.pack() == head + rest
 

@@ -11,6 +11,7 @@ import msgspec
 from swarmctl.session.processes import NODE_MARK, ProcessIdentity, marked, marks
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 from swarmware.model import document
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.runtime.filewriter import replace_file
 
 FILE: Final = "lab.json"
@@ -21,7 +22,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
     """One node of a lab."""
 
     platform: str
-    kind: str
+    kind: PlatformKind
     folder: str
     """Folder with all files of this node except its shared memory."""
     shm_dir: str
@@ -110,7 +111,7 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def station(self) -> LabNode:
         """The ground station's node, which commands join."""
-        return next(node for node in self.nodes if node.kind == "gcs")
+        return next(node for node in self.nodes if node.kind == PlatformKind.GCS)
 
     @property
     def running(self) -> bool:

@@ -15,13 +15,14 @@ from swarmctl.vehicles.observer import (
 from swarmctl.vehicles.selection import choose
 from swarmware.errors import SwarmError
 from swarmware.model import names
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionAbort
 
 ABORT = "cmd/abort"
 
 
 async def manoeuvre(
-    session: Session, order: MissionAbort, chosen: Mapping[str, str], wait_s: float
+    session: Session, order: MissionAbort, chosen: Mapping[str, PlatformKind], wait_s: float
 ) -> list[VehicleResult]:
     """Orders a built-in mission at these vehicles; returns the result of each. Ground stations only stop."""
     observer = VehicleObserver(session, chosen)

@@ -8,8 +8,8 @@ from typing import Any, Final, Generic, TypeVar
 import msgspec
 
 from swarmctl.session.session import Session
-from swarmctl.vehicles.selection import STATION
 from swarmware.errors import NoAnswer, Partial, SwarmError
+from swarmware.model.platform_kind import NO_KIND, PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.types.mission import INACTIVE, MissionPhase, MissionState
@@ -32,7 +32,7 @@ GRACE_S: Final = 3.0
 class VehicleSnapshot(msgspec.Struct, frozen=True):
     """Newest states of one vehicle."""
 
-    kind: str
+    kind: PlatformKind
     mission: MissionState | None
     vehicle: VehicleState | None
     nav: NavStatus | None
@@ -57,7 +57,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
         """Whether it keeps its position, on the ground or in the air."""
         if self.vehicle is None:
             return False
-        if self.kind == "uav" and self.vehicle.landed:
+        if self.kind == PlatformKind.UAV and self.vehicle.landed:
             return True
         return self.nav is not None and self.nav.state in STANDING and self.speed_m_s < STILL_M_S
 
@@ -67,13 +67,13 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
         vehicle = self.vehicle
         if vehicle is None or vehicle.armed or not vehicle.landed:
             return False
-        return self.kind == "uav" or self.speed_m_s < STILL_M_S
+        return self.kind == PlatformKind.UAV or self.speed_m_s < STILL_M_S
 
     def words(self) -> str:
         """Short description: `landed 0.0 m disarmed`."""
         if self.vehicle is None:
             return "unknown"
-        if self.kind == "uav":
+        if self.kind == PlatformKind.UAV:
             doing = "landed" if self.vehicle.landed else "holding" if self.standing else "flying"
         elif self.pose is None:
             doing = "somewhere"
@@ -129,7 +129,7 @@ class _Boards(Generic[T]):
 class VehicleObserver:
     """The boards with the states of vehicles; what is not mirrored here yet will be."""
 
-    def __init__(self, session: Session, kinds: Mapping[str, str]) -> None:
+    def __init__(self, session: Session, kinds: Mapping[str, PlatformKind]) -> None:
         self._session = session
         self._kinds = kinds
         self._missions = self._board("mission/state", MissionState)
@@ -146,7 +146,7 @@ class VehicleObserver:
         """Newest states of a vehicle; `vehicle`: newer than its board, from its own answer."""
         mission = self._missions.value(platform)
         return VehicleSnapshot(
-            self._kinds.get(platform, "") or (mission.kind if mission else ""),
+            self._kinds.get(platform) or (mission.kind if mission else NO_KIND),
             mission,
             vehicle or self._vehicles.value(platform),
             self._navs.value(platform),
@@ -175,7 +175,7 @@ class VehicleObserver:
         """The result for one vehicle, with its newest state."""
         snapshot = self.snapshot(platform, vehicle)
         away_m = snapshot.from_home_m
-        words = snapshot.words() if snapshot.kind != STATION else ""
+        words = snapshot.words() if snapshot.kind != PlatformKind.GCS else ""
         return VehicleResult(
             platform,
             ok,
@@ -222,7 +222,7 @@ class ManoeuvreProgress:
         if mission is None or sequence == self._sequence or mission.state not in INACTIVE:
             self._ended_ns = None
             return None
-        if snapshot.kind == STATION:
+        if snapshot.kind == PlatformKind.GCS:
             return True
         if mission.state is not MissionPhase.FAILED and self._done(snapshot):
             return True

@@ -1,7 +1,6 @@
 """Selection of vehicles: by name, by pattern, or all."""
 
 from collections.abc import Iterable
-from typing import Final
 
 import click
 
@@ -11,27 +10,30 @@ from swarmctl.session.session import Session
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.model import names
 from swarmware.model.names import Pattern
+from swarmware.model.platform_kind import NO_KIND, PlatformKind
 from swarmware.types.mission import MissionState
 
-STATION: Final = "gcs"
 
-
-async def kinds(session: Session) -> dict[str, str]:
+async def kinds(session: Session) -> dict[str, PlatformKind]:
     """Kinds of all known platforms, including unreachable ones; empty: not received yet."""
     boards = session.module.readers("/*/mission/state", MissionState)
     found = {}
     for name in await platforms(session):
         state = boards[name].value if name in boards else None
-        found[name] = session.module.node.config.kind if name == session.here else state.kind if state else ""
+        found[name] = (
+            session.module.node.config.kind if name == session.here else state.kind if state else NO_KIND
+        )
     return found
 
 
 async def is_station(session: Session, platform: str) -> bool:
     """Whether a platform is known to be a ground station."""
-    return (await kinds(session)).get(platform) == STATION
+    return (await kinds(session)).get(platform) == PlatformKind.GCS
 
 
-async def choose(session: Session, wanted: Iterable[str], *, everything: bool = False) -> dict[str, str]:
+async def choose(
+    session: Session, wanted: Iterable[str], *, everything: bool = False
+) -> dict[str, PlatformKind]:
     """The selected vehicles in natural order, with their kinds; `-n` selects one as well.
 
     Raises: UsageError when none was named, NotFound when nothing matches, InvalidInput for a ground station.
@@ -40,7 +42,7 @@ async def choose(session: Session, wanted: Iterable[str], *, everything: bool = 
     if everything == bool(words):
         raise click.UsageError("expected names of platforms, or --all")
     known = await kinds(session)
-    moving = {name: kind for name, kind in known.items() if kind != STATION}
+    moving = {name: kind for name, kind in known.items() if kind != PlatformKind.GCS}
     there = ", ".join(moving) or "none"
     chosen: set[str] = set(moving) if everything else set()
     for word in words:

@@ -7,6 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import InvalidInput
+from swarmware.model.platform_kind import PlatformKind
 
 MIN_NODES: Final = 3
 """Minimum: a ground station, a ground vehicle as leader, and an air vehicle."""
@@ -22,7 +23,7 @@ class PlannedNode(msgspec.Struct, frozen=True):
     """One node of a lab that is planned."""
 
     platform: str
-    kind: str
+    kind: PlatformKind
     """ugv | usv | uav | gcs."""
     offset_s: float
     drift_ppm: float
@@ -51,10 +52,10 @@ def members(nodes: int, seed: int, usv: int = 0) -> tuple[PlannedNode, ...]:
     Raises: InvalidInput when the number is out of range.
     """
     ground, air = kinds(nodes, usv)
-    who = [("gcs", "gcs")]
-    who += [(f"ugv{i}", "ugv") for i in range(1, ground + 1)]
-    who += [(f"usv{i}", "usv") for i in range(1, usv + 1)]
-    who += [(f"uav{i}", "uav") for i in range(1, air + 1)]
+    who = [("gcs", PlatformKind.GCS)]
+    who += [(f"ugv{i}", PlatformKind.UGV) for i in range(1, ground + 1)]
+    who += [(f"usv{i}", PlatformKind.USV) for i in range(1, usv + 1)]
+    who += [(f"uav{i}", PlatformKind.UAV) for i in range(1, air + 1)]
     chance = random.Random(seed)
     return tuple(
         PlannedNode(

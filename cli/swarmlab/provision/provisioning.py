@@ -18,6 +18,7 @@ from swarmctl.session.labs import LabNode, LabState
 from swarmlab.provision import plan
 from swarmlab.provision.plan import PlannedNode
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.transport.security import make_swarm
 
 SHM: Final = Path("/dev/shm")
@@ -82,7 +83,7 @@ def make(spec: LabSpec) -> LabState:
         )
         labs.save(lab)
         keys = folder / "keys"
-        make_swarm(keys, {m.platform: "maintainer" if m.kind == "gcs" else "node" for m in who})
+        make_swarm(keys, {m.platform: "maintainer" if m.kind == PlatformKind.GCS else "node" for m in who})
         for node in lab.nodes:
             _write(lab, node, keys)
     except BaseException:
@@ -178,7 +179,7 @@ def _write(lab: LabState, node: LabNode, keys: Path) -> None:
             "platform": node.platform,
             "kind": node.kind,
             "template": TEMPLATES[node.kind],
-            "services": list(STATION if node.kind == "gcs" else VEHICLE),
+            "services": list(STATION if node.kind == PlatformKind.GCS else VEHICLE),
             "processes": node.processes,
             "run_dir": str(node.run_dir),
             "shm_dir": node.shm_dir,
@@ -200,7 +201,7 @@ def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
             "udp_port": lab.udp_port,
         },
     }
-    if node.kind != "gcs":
+    if node.kind != PlatformKind.GCS:
         settings["sim"] = {
             "world": lab.experiment,
             "seed": lab.seed,

@@ -14,6 +14,7 @@ from swarmlab.report.report import P95, ExperimentReport, MeanMax, Percentiles, 
 from swarmlab.report.run_metadata import RunMetadata
 from swarmware.geometry.world import World
 from swarmware.model.config import load, share_dir
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types import net
 from swarmware.types.log import LogGap
 from swarmware.types.mission import MissionProgress
@@ -50,7 +51,7 @@ class Analysis:
         self._metadata = metadata
         self._recording = recording
         self._world = world
-        self._vehicles = [node.platform for node in metadata.nodes if node.kind != "gcs"]
+        self._vehicles = [node.platform for node in metadata.nodes if node.kind != PlatformKind.GCS]
         self._end_s = self._mission_end_s()
         self._axis = tracks.axis(0.0, self._end_s)
         self._tracks = {p: self._trimmed(recording.track(p)) for p in self._vehicles}
@@ -147,7 +148,7 @@ class Analysis:
 
         The ground station's own order crossed no link and does not count.
         """
-        gcs = next(node for node in self._metadata.nodes if node.kind == "gcs")
+        gcs = next(node for node in self._metadata.nodes if node.kind == PlatformKind.GCS)
         station = gcs.clock.clock
         instructed_mono_ns = station.to_mono_ns(self._metadata.instructed_ns)
         found = []
@@ -179,9 +180,9 @@ class Analysis:
         metadata = self._metadata
         receipts = {receipt.platform: receipt.command_ms for receipt in self._receipts()}
         formed = self._formed_errors()
-        ground = sum(node.kind == "ugv" for node in metadata.nodes)
-        air = sum(node.kind == "uav" for node in metadata.nodes)
-        surface = sum(node.kind == "usv" for node in metadata.nodes)
+        ground = sum(node.kind == PlatformKind.UGV for node in metadata.nodes)
+        air = sum(node.kind == PlatformKind.UAV for node in metadata.nodes)
+        surface = sum(node.kind == PlatformKind.USV for node in metadata.nodes)
         afloat = f"{surface} surface vessels, " if surface else ""
         return PlotData(
             title=f"{metadata.experiment.capitalize()} of {len(metadata.nodes)} nodes",

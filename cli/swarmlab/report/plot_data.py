@@ -4,6 +4,7 @@ import msgspec
 
 from swarmlab.measure.tracks import TimeSeries, VehicleTrack
 from swarmware.geometry.world import Obstacle
+from swarmware.model.platform_kind import PlatformKind
 
 
 class ObservedLink(msgspec.Struct, frozen=True):
@@ -20,7 +21,7 @@ class NodeFigures(msgspec.Struct, frozen=True, kw_only=True):
     """Figures of one node."""
 
     platform: str
-    kind: str
+    kind: PlatformKind
     egress_kbps: float = 0.0
     ingress_kbps: float = 0.0
     receipt_ms: float | None = None
@@ -45,7 +46,7 @@ class PlotData(msgspec.Struct, frozen=True, kw_only=True):
     nodes: tuple[NodeFigures, ...]
     tracks: dict[str, VehicleTrack]
     """Paths while the mission ran."""
-    kinds: dict[str, str]
+    kinds: dict[str, PlatformKind]
     leader: str = ""
     course: tuple[tuple[float, float], ...] = ()
     obstacles: tuple[Obstacle, ...] = ()

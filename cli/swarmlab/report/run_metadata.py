@@ -7,6 +7,7 @@ import msgspec
 from swarmlab.measure.clocks import ClockTruth
 from swarmlab.measure.host import HostInfo
 from swarmlab.run.notify import Restarts
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import OrderReceipt
 
 
@@ -14,7 +15,7 @@ class NodeMetadata(msgspec.Struct, frozen=True, kw_only=True):
     """One node as observed by the lab."""
 
     platform: str
-    kind: str
+    kind: PlatformKind
     radius_m: float
     """Radius of the vehicle; 0: not a vehicle."""
     clock: ClockTruth

@@ -20,6 +20,7 @@ from swarmlab.run.capacity import Capacity
 from swarmlab.run.running import RunningLab
 from swarmlab.run.watch import SwarmWatch
 from swarmware.errors import NoAnswer
+from swarmware.model.platform_kind import PlatformKind
 
 T = TypeVar("T")
 
@@ -80,7 +81,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
         if rest := order[capacity.first :]:
             await capacity.measure(running.state, capacity.first)
             await running.start(rest, UP_S)
-    vehicles = [node.platform for node in lab.nodes if node.kind != "gcs"]
+    vehicles = [node.platform for node in lab.nodes if node.kind != PlatformKind.GCS]
     with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
         async with connect(station_settings(lab)) as session:
             watch = SwarmWatch.open(session)

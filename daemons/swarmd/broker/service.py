@@ -8,7 +8,7 @@ from typing import ClassVar
 import msgspec
 
 from swarmd.broker import config as settings
-from swarmd.broker.core.beacon.beacon import PlatformKind
+from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.former_session import FormerSession
@@ -63,7 +63,7 @@ class Broker(Service):
                 node.hardware,
                 node.platform,
                 node.config.unit,
-                PlatformKind[node.config.kind.upper()],
+                PlatformCode[node.config.kind.upper()],
                 self.module.clock.boot_id,
                 keys.curve_public if keys.is_open else b"",
             ),

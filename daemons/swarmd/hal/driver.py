@@ -7,6 +7,7 @@ import msgspec
 
 from swarmd.hal.config import Config
 from swarmware.errors import SwarmError
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 
 
@@ -39,7 +40,7 @@ class Driver(ABC):
 class Site(msgspec.Struct, frozen=True):
     """The platform on which a driver runs."""
 
-    kind: str
+    kind: PlatformKind
     """uav | ugv | usv | gcs."""
     data_dir: str
     """The folder share/swarm/data."""

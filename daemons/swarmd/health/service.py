@@ -23,6 +23,7 @@ from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
 from swarmware.model import paths, template
 from swarmware.model.names import Pattern
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
@@ -84,7 +85,7 @@ class Health(Service):
         self._guard_board = module.reader("guard/status", GuardStatus)
         patterns = config.platforms
         if patterns is None:
-            patterns = ("*",) if node.config.kind == "gcs" else ()
+            patterns = ("*",) if node.config.kind == PlatformKind.GCS else ()
         self._required_platforms = [Pattern(text) for text in patterns]
         self._routes = module.reader("net/routes", Routes) if self._required_platforms else None
         """None: no platform is required, so none is looked for."""

@@ -3,9 +3,9 @@
 from typing import Final
 
 from swarmware.mission.binding import Binding
-from swarmware.mission.catalogue import VEHICLES
 from swarmware.mission.loader import load
 from swarmware.mission.model import MissionDefinition
+from swarmware.model.platform_kind import VEHICLES, PlatformKind
 
 TEXTS: Final = {
     "land": """{"mission": {
@@ -33,7 +33,7 @@ TEXTS: Final = {
 }
 
 
-def built_in(platform: str, kind: str) -> dict[str, MissionDefinition]:
+def built_in(platform: str, kind: PlatformKind) -> dict[str, MissionDefinition]:
     """The built-in missions of a platform of this kind; a ground station has none: nothing is to be made
     safe."""
     if kind not in VEHICLES:

@@ -12,11 +12,11 @@ from swarmd.mission.config import Config
 from swarmd.mission.store import MissionStore
 from swarmware.errors import NotFound, SwarmError
 from swarmware.mission.assignment import Assignment, MemberAssignment, Platform, assign
-from swarmware.mission.catalogue import VEHICLES
 from swarmware.mission.folder import Folder, files_hash, from_files
 from swarmware.mission.model import content_hash
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, natural
+from swarmware.model.platform_kind import VEHICLES
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.mission import (

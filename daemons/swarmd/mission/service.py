@@ -27,9 +27,9 @@ from swarmd.mission.values import Values
 from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import Conflict, SwarmError
 from swarmware.mission.assignment import Platform
-from swarmware.mission.catalogue import VEHICLES
 from swarmware.mission.outcome import BlockOutcome
 from swarmware.model.names import hardware_id
+from swarmware.model.platform_kind import VEHICLES
 from swarmware.model.resource import Resource
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet

@@ -8,6 +8,7 @@ from swarmd.mission.core.nav_fault import NavFaultTimeouts
 from swarmd.mission.home import Home
 from swarmware.errors import Denied, NoAnswer, NotFound, SwarmError
 from swarmware.mission.plugin import BlockError
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -64,7 +65,7 @@ class VehicleClient:
     @property
     def flies(self) -> bool:
         """Whether the vehicle can fly."""
-        return self._module.node.config.kind == "uav"
+        return self._module.node.config.kind == PlatformKind.UAV
 
     @property
     def home(self) -> Pose | None:

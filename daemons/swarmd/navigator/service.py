@@ -11,6 +11,7 @@ from swarmd.navigator.inputs import Fresh, Inputs
 from swarmware.errors import missing_extra
 from swarmware.geometry.world import World
 from swarmware.model.config import load
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.service.service import Service
 from swarmware.types.scalar import Float
@@ -82,9 +83,9 @@ class Navigator(Service):
         self._setpoints.write(Setpoint(0.0))
 
 
-def controller(kind: str, config: settings.Config) -> Controller:
+def controller(kind: PlatformKind, config: settings.Config) -> Controller:
     """The controller for a kind of platform."""
-    if kind == "uav":
+    if kind == PlatformKind.UAV:
         return AirController(config)
     try:
         # imports numpy, which the node of an air vehicle does not need

@@ -6,6 +6,7 @@ import msgspec
 
 from swarmware.errors import InvalidInput
 from swarmware.model.names import Pattern, check_path
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.tree import Rule
 
 KEPT: Final = ("nav/pose", "power/battery", "vehicle/state", "mission/state")
@@ -67,8 +68,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         for path in self.keep or ():
             check_path(path)
 
-    def kept(self, kind: str) -> tuple[str, ...]:
+    def kept(self, kind: PlatformKind) -> tuple[str, ...]:
         """Paths that are kept at a node of this kind."""
         if self.keep is not None:
             return self.keep
-        return KEPT if kind == "gcs" else ()
+        return KEPT if kind == PlatformKind.GCS else ()

@@ -6,6 +6,7 @@ from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding
 from swarmware.mission.folder import Folder, RoleSpec, name_roles
 from swarmware.model.names import natural
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Member, ParamValue
 
 
@@ -13,7 +14,7 @@ class Platform(msgspec.Struct, frozen=True):
     """A platform that may get a role."""
 
     name: str
-    kind: str
+    kind: PlatformKind
 
 
 class MemberAssignment(msgspec.Struct, frozen=True):

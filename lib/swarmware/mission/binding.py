@@ -6,6 +6,7 @@ from typing import Any, Final
 import msgspec
 
 from swarmware.mission.source import escape
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import ParamValue
 
 _NAME = re.compile(r"\$(param\.[A-Za-z_][A-Za-z0-9_]*|[a-z_]+)")
@@ -18,7 +19,7 @@ class Binding(msgspec.Struct, frozen=True):
     """Values for one platform's copy of a mission."""
 
     id: str = "uav1"
-    kind: str = "uav"
+    kind: PlatformKind = PlatformKind.UAV
     role: str = "all"
     mission: str = "mission"
     params: dict[str, ParamValue] = {}

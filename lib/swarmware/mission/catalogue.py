@@ -10,14 +10,11 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from swarmware.errors import InvalidInput, MissionError
+from swarmware.model.platform_kind import VEHICLES, PlatformKind
 
 GROUP: Final = "swarmware.blocks"
 """Entry-point group of third parties' blocks."""
 
-VEHICLES: Final = ("uav", "ugv", "usv")
-"""Platform kinds that move."""
-FLYING: Final = "uav"
-"""Kind of the platforms that fly."""
 
 Points = tuple[tuple[float, ...], ...]
 """Positions in the map frame, metres."""
@@ -194,7 +191,7 @@ class BlockType(msgspec.Struct, frozen=True):
     """The player executes it; otherwise a plug-in does."""
     timeout_s: float | None = None
     """Default time-out; None: none."""
-    kinds: tuple[str, ...] = ()
+    kinds: tuple[PlatformKind, ...] = ()
     """Kinds of platform that can execute it; empty: all."""
     errors: tuple[str, ...] = ()
     """Kinds of error with which it may end."""
@@ -271,7 +268,7 @@ BLOCKS: Final = (
         "Climbs straight up to an altitude.",
         Takeoff,
         timeout_s=60.0,
-        kinds=("uav",),
+        kinds=(PlatformKind.UAV,),
         errors=_MOVES,
         motion=True,
         aliases=(("alt", "altitude_m"), ("altitude", "altitude_m"), *_SPEED),

@@ -10,7 +10,7 @@ from swarmware.errors import ConfigError, NotFound
 from swarmware.mission import flight, soundness, vocabulary
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
-from swarmware.mission.catalogue import FLYING, Catalogue, built_in, installed
+from swarmware.mission.catalogue import Catalogue, built_in, installed
 from swarmware.mission.ensemble import EnsembleRole, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
@@ -18,6 +18,7 @@ from swarmware.mission.loader import Reading, read
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
+from swarmware.model.platform_kind import PlatformKind
 
 _GRAPH_RULES = frozenset({"edge", "no-such-block", "into-start", "start", "shape"})
 """Rules whose findings prevent the exploration of the graph."""
@@ -49,7 +50,7 @@ def check_text(
     catalogue: Catalogue | None = None,
     budget: Budget | None = None,
     *,
-    kinds: Iterable[str] = (),
+    kinds: Iterable[PlatformKind] = (),
 ) -> tuple[Reading, list[Finding]]:
     """Reads and checks one member's mission: the mission as read, and all findings.
 
@@ -62,7 +63,7 @@ def check_text(
     if mission is not None:
         findings += _conditions(mission, text, file, players, binding.id)
     if mission is not None and not any(finding.rule in _GRAPH_RULES for finding in findings):
-        remarks = soundness.check(mission, budget, flies=FLYING in players)
+        remarks = soundness.check(mission, budget, flies=PlatformKind.UAV in players)
         if remarks:
             source = parse_source(text, file)
             for remark in remarks:
@@ -72,7 +73,7 @@ def check_text(
 
 
 def _conditions(
-    mission: MissionDefinition, text: str, file: str, kinds: tuple[str, ...], own: str
+    mission: MissionDefinition, text: str, file: str, kinds: tuple[PlatformKind, ...], own: str
 ) -> list[Finding]:
     """Findings of the conditions: checks their resources against the templates of the possible platforms."""
     problems = vocabulary.shipped().check(mission, kinds, own) if mission.resources() else []
@@ -106,7 +107,7 @@ def check_folder(
         file = folder.place(role.file)
         binding = folder.example(role)
         reading, found = check_text(text, file, binding, catalogue, budget, kinds=role.kinds)
-        findings += found if set(role.kinds) == {FLYING} else map(_for_some, found)
+        findings += found if set(role.kinds) == {PlatformKind.UAV} else map(_for_some, found)
         used.update(reading.params)
         if reading.mission is not None:
             roles.append(

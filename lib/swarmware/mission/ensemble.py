@@ -10,6 +10,7 @@ from swarmware.mission.finding import TOO_LARGE, Finding, Severity, too_large
 from swarmware.mission.meetings import Participant, TooLarge, search
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import BARRIER_BROKEN, TIMED_OUT
+from swarmware.model.platform_kind import PlatformKind
 
 PARALLEL = 4
 """Number of simultaneous barriers from which they are reported as the reason of a too large check."""
@@ -23,7 +24,7 @@ class EnsembleRole(msgspec.Struct, frozen=True):
     """The mission of a role, bound to one of its platforms."""
 
     name: str
-    kinds: tuple[str, ...]
+    kinds: tuple[PlatformKind, ...]
     mission: MissionDefinition
     take: int
     """Number of platforms with this role; 0: any."""
@@ -75,7 +76,7 @@ def _part(role: EnsembleRole) -> Participant:
         for block in role.mission.barriers()
         if isinstance(block.params, Barrier) and isinstance(block.params.quorum, int)
     ]
-    station = role.kinds == ("gcs",)
+    station = role.kinds == (PlatformKind.GCS,)
     copies = min(COPIES_LIMIT, max(1 if station else 2, *quorums, 1), role.take or COPIES_LIMIT)
     return Participant(role.name, role.mission, copies, station)
 

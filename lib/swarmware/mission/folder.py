@@ -9,18 +9,18 @@ import msgspec
 
 from swarmware.errors import ConfigError, InvalidInput, NotFound
 from swarmware.mission.binding import Binding
-from swarmware.mission.catalogue import VEHICLES, Catalogue, Name, built_in
+from swarmware.mission.catalogue import Catalogue, Name, built_in
 from swarmware.mission.model import content_hash
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model import document
 from swarmware.model.config import parse as parse_toml
+from swarmware.model.platform_kind import VEHICLES, PlatformKind
 from swarmware.types.mission import MissionFile, ParamValue
 
 MANIFEST: Final = "mission.toml"
 FILE_LIMIT: Final = 64
 """Maximum number of files of one mission."""
-KINDS: Final = ("uav", "ugv", "usv", "gcs")
 
 FileName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$")]
 
@@ -42,7 +42,7 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     name: Name
     file: FileName
     """Name of the role's BDL file."""
-    kinds: tuple[str, ...]
+    kinds: tuple[PlatformKind, ...]
     """Kinds of platform that can have the role."""
     take: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
     """Number of platforms with the role; 0: all remaining ones of these kinds."""
@@ -53,8 +53,8 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     def __post_init__(self) -> None:
         """Check that the kinds are known."""
-        if not self.kinds or any(kind not in KINDS for kind in self.kinds):
-            raise InvalidInput(f"kinds of role {self.name!r}: expected some of {', '.join(KINDS)}")
+        if not self.kinds or not all(kind.known for kind in self.kinds):
+            raise InvalidInput(f"kinds of role {self.name!r}: expected some of {', '.join(PlatformKind)}")
 
 
 class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -189,7 +189,9 @@ def from_files(
     return Folder(where, manifest, {name: texts[name] for name in sorted(used)}, digest)
 
 
-def _able(text: str, name: str, catalogue: Catalogue) -> tuple[tuple[str, ...], dict[str, ParamValue]]:
+def _able(
+    text: str, name: str, catalogue: Catalogue
+) -> tuple[tuple[PlatformKind, ...], dict[str, ParamValue]]:
     """Kinds of vehicle that can execute every block, and the parameters; the check reports errors."""
     try:
         top = parse_source(text, name).value

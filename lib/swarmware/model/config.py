@@ -12,6 +12,7 @@ from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import document
 from swarmware.model.misfit import misfit
 from swarmware.model.names import check_application, check_platform, segment
+from swarmware.model.platform_kind import PlatformKind
 
 T = TypeVar("T")
 
@@ -36,7 +37,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """Name of the platform: [a-z][a-z0-9_]{0,30}."""
     unit: str = "main"
     """Name of this computer on the platform."""
-    kind: Literal["uav", "ugv", "usv", "gcs"] = "uav"
+    kind: PlatformKind = PlatformKind.UAV
     template: str = "multirotor"
     """Resource template, a file of share/swarm/templates without its ending."""
     services: tuple[str, ...] = (
@@ -72,6 +73,10 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         """Check constraints between fields; msgspec converts ValueError to its ValidationError."""
         check_platform(self.platform)
         check_platform(self.unit)
+        if not self.kind.known:
+            raise InvalidInput(
+                f"key kind: invalid enum value {self.kind.value!r}; expected one of {', '.join(PlatformKind)}"
+            )
         seen: dict[str, str] = {}
         for name in self.services:
             check_application(name)

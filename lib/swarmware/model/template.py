@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from hashlib import blake2b
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -11,6 +11,7 @@ from msgspec import UNSET, Meta, UnsetType
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import config, document
 from swarmware.model.names import Pattern
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Access, Category, Kind, Link, Plain, Resource
 
 HASH_BYTES: Final = 8
@@ -42,9 +43,6 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     description: str | UnsetType = UNSET
 
 
-PlatformKind = Literal["uav", "ugv", "usv", "gcs"]
-
-
 class TemplateFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One file of the templates folder."""
 
@@ -55,6 +53,14 @@ class TemplateFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     remove: tuple[str, ...] = ()
     resources: dict[str, Entry] = {}
 
+    def __post_init__(self) -> None:
+        """Check that the kinds are known."""
+        if unknown := [kind for kind in self.kinds if not kind.known]:
+            raise InvalidInput(
+                f"key kinds: invalid enum value {unknown[0].value!r}; "
+                f"expected some of {', '.join(PlatformKind)}"
+            )
+
 
 class Template(msgspec.Struct, frozen=True):
     """Resources of a kind of platform, with inheritance applied."""
@@ -63,7 +69,7 @@ class Template(msgspec.Struct, frozen=True):
     description: str
     resources: tuple[Resource, ...]
     """Resources, sorted by path."""
-    kinds: tuple[str, ...] = ()
+    kinds: tuple[PlatformKind, ...] = ()
     """Kinds of platforms that it describes; empty: neither the file nor its bases name one."""
 
     @property
@@ -99,7 +105,7 @@ def load(name: str, folder: Path) -> Template:
     return Template(name, top.description, resources, _kinds(top, folder))
 
 
-def _kinds(file: TemplateFile, folder: Path) -> tuple[str, ...]:
+def _kinds(file: TemplateFile, folder: Path) -> tuple[PlatformKind, ...]:
     """Kinds of the file itself, or else of its bases, the last base first."""
     for parent in () if file.kinds else reversed(_parents(file)):
         if kinds := _kinds(_read(folder / (parent + _ENDING)), folder):

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from swarmware.model.open_enum import OpenEnum
 from swarmware.types.bounds import Seconds
-from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
 
 Confirm = Annotated[int, msgspec.Meta(ge=1, le=10_000)]

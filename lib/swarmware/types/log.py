@@ -2,7 +2,7 @@
 
 import msgspec
 
-from swarmware.types.open_enum import OpenEnum
+from swarmware.model.open_enum import OpenEnum
 from swarmware.types.registry import register
 
 

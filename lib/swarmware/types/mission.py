@@ -5,7 +5,8 @@ from typing import ClassVar, Final, Self
 import msgspec
 
 from swarmware.errors import WireError
-from swarmware.types.open_enum import OpenEnum
+from swarmware.model.open_enum import OpenEnum
+from swarmware.model.platform_kind import NO_KIND, PlatformKind
 from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
 
@@ -32,7 +33,8 @@ NOT_STARTED: Final = MissionPhase.IDLE
 """State of a member whose order was withdrawn before the mission began."""
 INACTIVE: Final = frozenset({NOT_STARTED, MissionPhase.DONE, MissionPhase.FAILED, MissionPhase.ABORTED})
 """States in which nothing is played: the mission has not started or has ended."""
-KINDS: Final = ("", "uav", "ugv", "usv", "gcs")
+KINDS: Final = (NO_KIND, *PlatformKind)
+"""In the order in which they are numbered on the wire."""
 HASH_DIGITS: Final = 8
 """Of a mission's hash, on its board: enough to distinguish the versions of one mission."""
 
@@ -96,7 +98,7 @@ class Member(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     platform: str
     role: str
-    kind: str
+    kind: PlatformKind
 
 
 @register
@@ -239,8 +241,8 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     """Text for operators."""
     mission: str = ""
     """Name of the played mission, or of the built-in one that brings the vehicle to safety."""
-    kind: str = ""
-    """Kind of the platform, one of KINDS, for the assignment of roles."""
+    kind: PlatformKind = NO_KIND
+    """Kind of the platform, for the assignment of roles."""
 
     forms: ClassVar[tuple[Form, ...]] = (
         Form("always", _HEAD_PARTS, "MessagePack array of active, arrivals, meetings, text and mission"),

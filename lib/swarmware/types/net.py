@@ -2,8 +2,9 @@
 
 import msgspec
 
+from swarmware.model.open_enum import OpenEnum
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.bounds import Count, Instant, Uint32
-from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
 
 
@@ -36,8 +37,8 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Name of its platform; empty until its first hello."""
     unit: str
     hardware: int
-    kind: str
-    """uav | ugv | usv | gcs | other."""
+    kind: PlatformKind
+    """`other`: one that this node does not know."""
     state: LinkStatus
     address: str
     """Source address of its datagrams, `host:port`."""

@@ -2,7 +2,8 @@
 
 import msgspec
 
-from swarmware.types.open_enum import OpenEnum
+from swarmware.model.open_enum import OpenEnum
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.registry import register
 
 
@@ -75,7 +76,7 @@ class NodeInfo(msgspec.Struct, frozen=True):
 
     platform: str
     unit: str
-    kind: str
+    kind: PlatformKind
     template: str
     version: str
     boot_id: int

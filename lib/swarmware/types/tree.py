@@ -4,8 +4,8 @@ from typing import Annotated, Final
 
 import msgspec
 
+from swarmware.model.open_enum import OpenEnum
 from swarmware.types.bounds import Count, Finite, Hertz, Instant, PathText, Seconds, Uint16, Uint32
-from swarmware.types.open_enum import OpenEnum
 from swarmware.types.registry import register
 
 PATTERNS_LIMIT: Final = 1000

@@ -6,8 +6,8 @@ from typing import ClassVar, Final, Self
 import msgspec
 
 from swarmware.errors import InvalidInput, WireError
+from swarmware.model.open_enum import OpenEnum
 from swarmware.types.bounds import Finite
-from swarmware.types.open_enum import OpenEnum
 from swarmware.types.quantised import Form, Part, packer
 from swarmware.types.registry import register
 

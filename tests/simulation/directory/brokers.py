@@ -7,7 +7,7 @@ from typing import Final
 from swarmd.broker.config import Config
 from swarmd.broker.core.action import Action, PollInputs, SendBeacon, WriteMirrors
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Header, PlatformKind
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Header, PlatformCode
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
@@ -44,7 +44,7 @@ class BrokerNode:
         self.hw = hardware_id(name)
         self.clock = clock
         self.core = BrokerCore(
-            NodeIdentity(self.hw, name, "main", PlatformKind.UAV, 1, b""),
+            NodeIdentity(self.hw, name, "main", PlatformCode.UAV, 1, b""),
             config or Config(),
             session,
             connections=False,

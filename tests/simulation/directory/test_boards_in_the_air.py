@@ -16,7 +16,7 @@ import pytest
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import Header, PlatformKind
+from swarmd.broker.core.beacon.beacon import Header, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
@@ -41,7 +41,7 @@ class Radio:
         """Its clock minus the true one."""
         self.counters = Counters()
         topology = Topology(self.hw, 1, SECOND, 0)
-        identity = NodeIdentity(self.hw, name, "main", PlatformKind.UAV, 1, b"")
+        identity = NodeIdentity(self.hw, name, "main", PlatformCode.UAV, 1, b"")
         self.protocol = BeaconProtocol(
             identity, topology, self.counters, busy_hz=10.0, relay_bytes_s=Config().relay_bytes_s
         )

@@ -14,7 +14,7 @@ from typing import Final
 import pytest
 
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NO_ECHO, Beacon, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NO_ECHO, Beacon, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology.neighbour import NeighbourTable
@@ -55,7 +55,7 @@ class Whole(Node):
 
     def __init__(self, cell: "Cell", index: int) -> None:
         super().__init__(cell, index)
-        identity = NodeIdentity(self.hw, f"uav{index}", "main", PlatformKind.UAV, 1, b"")
+        identity = NodeIdentity(self.hw, f"uav{index}", "main", PlatformCode.UAV, 1, b"")
         topology = Topology(self.hw, 1, SECOND, 0)
         self.protocol = BeaconProtocol(identity, topology, Counters(), busy_hz=10.0, relay_bytes_s=3000.0)
         self.protocol.set_plan(TreePlan(1, (BoardPublication("nav/pose", POSE, "Pose"),)))
@@ -128,7 +128,7 @@ class Light(Node):
             others.append(Echo(self.cell.nodes[self.filler].hw, 0, NO_ECHO, 255))
         period_ms = min(round(1000 / model.protocol.beacon_hz()), 0xFFFF)
         name = f"uav{self.index}"
-        hello = Hello(1, 0, 1, 1, 0, PlatformKind.UAV, name, b"", period_ms, listing_ns // 1_000_000)
+        hello = Hello(1, 0, 1, 1, 0, PlatformCode.UAV, name, b"", period_ms, listing_ns // 1_000_000)
         beacon = codec.decode(codec.encode(Beacon(hello, echoes + tuple(others))))
         self.table.sent(self.sequence, now_ns)
         self.count(size + OVERHEAD)

@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, Hello, PlatformCode
 from swarmd.broker.core.topology.neighbour import LISTING_NS
 from swarmd.broker.core.topology.topology import RouteChanged, Topology
 
@@ -156,7 +156,7 @@ class Swarm:
         sequence = topology.next_sequence()
         header = Header(0, node.hw, sequence, (now_ns // 1000) & 0xFFFF_FFFF, node.session)
         period_ns = self.period_ns(topology)
-        hello = Hello(1, 0, 1, 1, 0, PlatformKind.UAV, "uav", b"", period_ns // 1_000_000, LISTING_MS)
+        hello = Hello(1, 0, 1, 1, 0, PlatformCode.UAV, "uav", b"", period_ns // 1_000_000, LISTING_MS)
         declared = hello if period_ns > node.period_ns or sequence % 10 == 0 else None
         node.period_ns = period_ns
         body = codec.encode(Beacon(declared, shape.echoes, shape.rows, shape.requests))

@@ -16,6 +16,7 @@ from swarmd.sim.core.simulation import Simulation
 from swarmware.geometry.formation import FormationSlots, place
 from swarmware.geometry.world import World
 from swarmware.model.config import load
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.vehicle import Collision, Goal, GoalKind, NavState, NavStatus, Pose
 
 ROOT = Path(__file__).parents[3]
@@ -44,7 +45,7 @@ class Vehicle:
         self._radio = radio
         start = where.start_pose(kind, number, (chance.uniform(-1, 1), chance.uniform(-1, 1)))
         config = SimConfig()
-        self.simulation = Simulation(config, where, kind, start, chance.gauss, chance.random)
+        self.simulation = Simulation(config, where, PlatformKind(kind), start, chance.gauss, chance.random)
         nav = NavConfig()
         pilot = AirController(nav) if kind == "uav" else GroundController(nav)
         self.navigator = NavigatorCore(nav, name, where.origin, pilot)

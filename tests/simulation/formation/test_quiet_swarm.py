@@ -15,6 +15,7 @@ from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, ReadBoards, VehicleCore
 from swarmware.geometry.world import Bounds, World
 from swarmware.model.names import data_id
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, TreePlan
 from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint
@@ -40,7 +41,7 @@ class Platform:
         self.name = names[index]
         start = Pose.planar(4.0 * index, 0.0, 0.0, 0.3)
         chance = air.random
-        simulation = Simulation(SimConfig(), WORLD, "uav", start, chance.gauss, chance.random)
+        simulation = Simulation(SimConfig(), WORLD, PlatformKind.UAV, start, chance.gauss, chance.random)
         self.vehicle = VehicleCore(SimConfig(), simulation)
         self.navigator = NavigatorCore(Config(), self.name, WORLD.origin, AirController(Config()))
         self.stated = b""

@@ -17,6 +17,7 @@ from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome, OutcomeKind
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import BarrierResult, Member, MissionState
 
 S = 1_000_000_000
@@ -241,9 +242,9 @@ class Ensemble:
 def swarm(ground: int, air: int) -> tuple[Member, ...]:
     """Members in the order in which the formation mission has them."""
     return (
-        *(Member(f"ugv{n}", "ground", "ugv") for n in range(1, ground + 1)),
-        *(Member(f"uav{n}", "air", "uav") for n in range(1, air + 1)),
-        Member("gcs", "control", "gcs"),
+        *(Member(f"ugv{n}", "ground", PlatformKind.UGV) for n in range(1, ground + 1)),
+        *(Member(f"uav{n}", "air", PlatformKind.UAV) for n in range(1, air + 1)),
+        Member("gcs", "control", PlatformKind.GCS),
     )
 
 

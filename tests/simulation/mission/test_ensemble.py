@@ -10,6 +10,7 @@ from swarmware.mission.check import check_folder
 from swarmware.mission.finding import Finding
 from swarmware.mission.folder import from_files
 from swarmware.mission.soundness import check
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Member, MissionFile
 
 SIXTEEN = swarm(5, 10)
@@ -219,7 +220,7 @@ def wild(seed: int) -> tuple[list[str], list[tuple[str, str, int]]]:
     ids = [f"m{n}" for n in range(chance.randint(1, 3))]
     roles = [("ground", "ugv", chance.randint(1, 2)), ("air", "uav", chance.randint(1, 2))]
     roles = roles[: chance.randint(1, 2)]
-    texts = [wild_mission(chance, Member("x", name, kind), ids) for name, kind, _ in roles]
+    texts = [wild_mission(chance, Member("x", name, PlatformKind(kind)), ids) for name, kind, _ in roles]
     return texts, roles
 
 
@@ -235,7 +236,9 @@ def verdict(texts: list[str], roles: list[tuple[str, str, int]]) -> list[Finding
 
 def played(texts: list[str], roles: list[tuple[str, str, int]], seed: int) -> Ensemble:
     members = tuple(
-        Member(f"{kind}{n}", name, kind) for name, kind, take in roles for n in range(1, take + 1)
+        Member(f"{kind}{n}", name, PlatformKind(kind))
+        for name, kind, take in roles
+        for n in range(1, take + 1)
     )
     ensemble = Ensemble(members, seed, World(loss=0.1))
     by_role = {role[0]: text for role, text in zip(roles, texts, strict=True)}

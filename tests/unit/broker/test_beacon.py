@@ -21,7 +21,7 @@ from swarmd.broker.core.beacon.beacon import (
     Header,
     Hello,
     MemberRow,
-    PlatformKind,
+    PlatformCode,
     RelayedValue,
     RouteRow,
     SequenceRequest,
@@ -51,7 +51,7 @@ HELLOS = st.builds(
     tcp_port=U16,
     tree_version=U32,
     mission=U32,
-    kind=st.sampled_from(PlatformKind),
+    kind=st.sampled_from(PlatformCode),
     name=NAMES,
     curve_public=st.sampled_from([b"", bytes(range(32))]),
     period_ms=U16,
@@ -64,7 +64,7 @@ BEACONS = st.builds(
     echoes=some(st.builds(Echo, U32, U8, st.integers(0, NO_ECHO), U8)),
     rows=some(st.builds(RouteRow, U32, U16, U16)),
     requests=some(st.builds(SequenceRequest, U32, U16, U8)),
-    members=some(st.builds(MemberRow, U32, U32, st.sampled_from(PlatformKind), NAMES)),
+    members=some(st.builds(MemberRow, U32, U32, st.sampled_from(PlatformCode), NAMES)),
     values=some(st.builds(BoardValue, U32, FINE_AGES, st.booleans(), PAYLOADS)),
     relays=some(
         st.builds(
@@ -138,14 +138,14 @@ def test_the_header_is_the_one_of_the_protocol_page() -> None:
 
 def test_the_body_is_the_one_of_the_protocol_page() -> None:
     hello = Hello(
-        0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, PlatformKind.UGV, "ugv1", b"", 450, 2000
+        0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, PlatformCode.UGV, "ugv1", b"", 450, 2000
     )
     beacon = Beacon(
         hello,
         (Echo(0x0A0B0C0D, 0x7F, 0x030201, 255),),
         (RouteRow(0x0A0B0C0D, 0x1234, 256),),
         (SequenceRequest(0x0A0B0C0D, 0x1235, 24),),
-        (MemberRow(0x0A0B0C0D, 9, PlatformKind.UAV, "uav2"),),
+        (MemberRow(0x0A0B0C0D, 9, PlatformCode.UAV, "uav2"),),
         (BoardValue(0x01020304, 12_300, True, b"pose"),),
         (RelayedValue(0x0A0B0C0D, 0x01020304, 0x060504030201, 4_000_000, 2, False, b"x"),),
         (SessionCheck(CheckKind.ANSWER, 0x0A0B0C0D, 0x04030201),),
@@ -187,9 +187,9 @@ def test_bytes_behind_the_last_part_are_refused() -> None:
 
 
 def test_an_unknown_kind_of_platform_is_another_one() -> None:
-    body = bytearray(codec.encode(Beacon(members=(MemberRow(1, 2, PlatformKind.UAV, "a"),))))
+    body = bytearray(codec.encode(Beacon(members=(MemberRow(1, 2, PlatformCode.UAV, "a"),))))
     body[2 + 8] = 200
-    assert codec.decode(bytes(body)).members[0].kind is PlatformKind.OTHER
+    assert codec.decode(bytes(body)).members[0].kind is PlatformCode.OTHER
 
 
 @pytest.mark.parametrize("version", [3, 7])

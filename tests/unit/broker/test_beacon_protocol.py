@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformKind, RouteRow
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformCode, RouteRow
 from swarmd.broker.core.beacon_protocol import (
     SILENCE_NS,
     BeaconProtocol,
@@ -39,7 +39,7 @@ class Node:
         """Its clock minus the test's."""
         self.counters = Counters()
         self.protocol = BeaconProtocol(
-            NodeIdentity(self.hw, name, "main", PlatformKind.UAV, boot_id, b""),
+            NodeIdentity(self.hw, name, "main", PlatformCode.UAV, boot_id, b""),
             Topology(self.hw, 100 * session, SECOND, -(1 << 62)),
             self.counters,
             busy_hz=10.0,
@@ -337,7 +337,7 @@ def test_names_and_trees_go_over_the_next_hop(one: Node, other: Node) -> None:
 
 def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None:
     meet(one, other)
-    row = MemberRow(other.hw, 99, PlatformKind.UAV, "uav2")
+    row = MemberRow(other.hw, 99, PlatformCode.UAV, "uav2")
     liar = hardware_id("uav9")
     one.protocol.on_beacon(Header(0, liar, 1, 0, 1), Beacon(members=(row,)), ("h", 2), 400 * MS)
     member = one.protocol.nodes.get(other.hw)

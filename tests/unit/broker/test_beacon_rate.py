@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from swarmd.broker.core.beacon.beacon import PlatformKind
+from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import (
     AIRTIME,
     EVALUATED_MIN,
@@ -193,7 +193,7 @@ def test_a_node_that_is_short_at_its_full_rate_does_not_swing() -> None:
 
 
 def test_a_stretched_period_is_declared_before_links_fall() -> None:
-    identity = NodeIdentity(1, "uav1", "main", PlatformKind.UAV, 1, b"")
+    identity = NodeIdentity(1, "uav1", "main", PlatformCode.UAV, 1, b"")
     protocol = BeaconProtocol(
         identity, Topology(1, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=0.0
     )

@@ -7,7 +7,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.action import Action
 from swarmd.broker.core.admission.sessions import digest
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformKind, RouteRow
+from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode, RouteRow
 from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RelayCache
@@ -26,7 +26,7 @@ class Shell:
     def __init__(self) -> None:
         config = Config(multicast_group="", bind_address="127.0.0.1")
         self.core = BrokerCore(
-            NodeIdentity(hardware_id("uav1"), "uav1", "main", PlatformKind.UAV, 1, b""),
+            NodeIdentity(hardware_id("uav1"), "uav1", "main", PlatformCode.UAV, 1, b""),
             config,
             1,
             connections=False,

@@ -4,7 +4,7 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformKind
+from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import airtime_s, beacon_hz
 from swarmd.broker.core.forwarding.forwarder import LOOP_NS, ForwardDecision, ForwardStep, FrameForwarder
 from swarmd.broker.core.forwarding.send_queue import (
@@ -154,7 +154,7 @@ def test_all_that_waits_comes_back_when_the_way_is_closed() -> None:
 
 
 def hello(name: str, tree_version: int = 1) -> Hello:
-    return Hello(1, 0, 1, tree_version, 0, PlatformKind.UAV, name)
+    return Hello(1, 0, 1, tree_version, 0, PlatformCode.UAV, name)
 
 
 UAV2 = hardware_id("uav2")
@@ -173,20 +173,20 @@ def test_a_node_is_who_its_hardware_id_says() -> None:
 
 def test_a_far_member_is_said_three_times_when_it_changes_and_then_seldom() -> None:
     members = NodeTable(ME)
-    members.on_row(MemberRow(UAV2, 1, PlatformKind.UAV, "uav2"), 1)
+    members.on_row(MemberRow(UAV2, 1, PlatformCode.UAV, "uav2"), 1)
 
     def said(now_ns: int) -> list[MemberRow]:
         return members.rows(now_ns, 500, NOBODY, lambda _: A)
 
     assert [len(said(slot)) for slot in range(2, 7)] == [1, 1, 1, 0, 0]
     assert len(said(REPEAT_NS + 5)) == 1
-    members.on_row(MemberRow(UAV2, 2, PlatformKind.UAV, "uav2"), REPEAT_NS + 6)
+    members.on_row(MemberRow(UAV2, 2, PlatformCode.UAV, "uav2"), REPEAT_NS + 6)
     assert [row.tree_version for row in said(REPEAT_NS + 7)] == [2]
 
 
 def test_member_rows_are_repeated_when_somebody_new_is_in_range() -> None:
     members = NodeTable(ME)
-    members.on_row(MemberRow(UAV2, 1, PlatformKind.UAV, "uav2"), 1)
+    members.on_row(MemberRow(UAV2, 1, PlatformCode.UAV, "uav2"), 1)
     for slot in range(4):
         members.rows(slot, 500, NOBODY, lambda _: A)
     assert members.rows(5, 500, NOBODY, lambda _: A) == []

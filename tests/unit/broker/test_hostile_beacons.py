@@ -14,7 +14,7 @@ from swarmd.broker.core.beacon.beacon import (
     Header,
     Hello,
     MemberRow,
-    PlatformKind,
+    PlatformCode,
     RelayedValue,
     RouteRow,
     SequenceRequest,
@@ -54,7 +54,7 @@ def hellos(name: str) -> st.SearchStrategy[Hello]:
         tcp_port=U16,
         tree_version=U32,
         mission=U32,
-        kind=st.sampled_from(PlatformKind),
+        kind=st.sampled_from(PlatformCode),
         name=st.just(name) | st.sampled_from([ME, "", "UAV", "uav2.", "uav2..x", "ä", "x" * 150]),
         curve_public=st.sampled_from([b"", bytes(32)]),
         period_ms=U16,
@@ -69,7 +69,7 @@ def beacons(name: str) -> st.SearchStrategy[Beacon]:
         echoes=many(st.builds(Echo, NODES, U8, st.integers(0, 0xFF_FFFF), U8)),
         rows=many(st.builds(RouteRow, NODES, U16, U16)),
         requests=many(st.builds(SequenceRequest, NODES, U16, U8)),
-        members=many(st.builds(MemberRow, NODES, U32, st.just(PlatformKind.UAV), st.sampled_from(OTHERS))),
+        members=many(st.builds(MemberRow, NODES, U32, st.just(PlatformCode.UAV), st.sampled_from(OTHERS))),
         values=many(st.builds(BoardValue, DATA, AGES, st.booleans(), PAYLOADS), 4),
         relays=many(
             st.builds(
@@ -96,7 +96,7 @@ def datagrams(draw: st.DrawFn) -> tuple[Header, bytes, int]:
 
 def protocol() -> BeaconProtocol:
     mine = BeaconProtocol(
-        NodeIdentity(hardware_id(ME), ME, "main", PlatformKind.UAV, 1, b""),
+        NodeIdentity(hardware_id(ME), ME, "main", PlatformCode.UAV, 1, b""),
         Topology(hardware_id(ME), 1, SECOND, 0),
         Counters(),
         busy_hz=10.0,

@@ -6,7 +6,7 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.topology.neighbour import (
@@ -56,7 +56,7 @@ class Peer:
         neighbour = self.table.on_header(header, restarted, AT, now_ns, self.changes)
         assert neighbour is not None
         if hello:
-            said = Hello(BOOT, tx_us >> 32, 1, 0, 0, PlatformKind.UAV, "uav2", b"", self.period_ms, 2000)
+            said = Hello(BOOT, tx_us >> 32, 1, 0, 0, PlatformCode.UAV, "uav2", b"", self.period_ms, 2000)
             self.table.on_hello(neighbour, header, said)
         return self.table.on_echoes(neighbour, header, echoes, now_ns, self.changes)
 

@@ -16,7 +16,7 @@ from swarmd.broker.core.beacon.beacon import (
     Echo,
     Header,
     Hello,
-    PlatformKind,
+    PlatformCode,
     RouteRow,
 )
 from swarmd.broker.core.beacon.beacon_rate import (
@@ -98,7 +98,7 @@ def example(name: str) -> bytes:
 
 def beacon() -> Beacon:
     return Beacon(
-        hello=Hello(0x1122334455667788, 1, 7447, 42, 0, PlatformKind.UAV, "uav3"),
+        hello=Hello(0x1122334455667788, 1, 7447, 42, 0, PlatformCode.UAV, "uav3"),
         echoes=(Echo(hardware_id("gcs"), 0x2A, 50_000, 255),),
         rows=(RouteRow(hardware_id("uav7"), 0x1234, 512),),
         values=(BoardValue(data_id("nav/pose", "Pose"), 12_300, True, Pose.planar(1.0, 2.0, 3.0).pack()),),

@@ -5,7 +5,7 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.beacon.beacon import NEVER_NS, Echo, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.beacon import NEVER_NS, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.declared_period import CEILINGS_NS, LOWER_NS, DeclaredPeriod, ceiling_ns
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, NeighbourTable, notice_ns
@@ -31,7 +31,7 @@ def test_no_link_outlives_the_notice_whatever_its_loss(period_ms: int, every: in
         neighbour = table.on_header(header, False, ("h", 1), now_ns, [])
         assert neighbour is not None
         table.on_hello(
-            neighbour, header, Hello(1, 0, 1, 0, 0, PlatformKind.UAV, "uav2", b"", period_ms, 9999)
+            neighbour, header, Hello(1, 0, 1, 0, 0, PlatformCode.UAV, "uav2", b"", period_ms, 9999)
         )
         table.sent(sequence, now_ns - 2 * MS)
         table.on_echoes(neighbour, header, (Echo(ME, sequence & 0xFF, 1000, 255),), now_ns, [])

@@ -22,6 +22,7 @@ from swarmctl.resources.access import set_resource
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
 from swarmware.types.net import Neighbours, Routes, RouteState
@@ -110,7 +111,9 @@ async def test_applications_of_a_platform_without_a_register_are_not_found() -> 
 
 
 async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
-    info = NodeInfo("uav1", "main", "uav", "multirotor", "0.1.0", 7, 61.0, ("broker",), "/etc/swarm", "one")
+    info = NodeInfo(
+        "uav1", "main", PlatformKind.UAV, "multirotor", "0.1.0", 7, 61.0, ("broker",), "/etc/swarm", "one"
+    )
     for json_wanted in (False, True):
         session = ScriptedSession({"/uav1/sys/node/info": info}, json=json_wanted)
         await show_node(session, "uav1")

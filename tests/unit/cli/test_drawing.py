@@ -6,13 +6,15 @@ import msgspec
 
 from swarmctl.commands.topo.graph import edges, to_dot, to_png
 from swarmctl.commands.tree.drawing import tree
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState
 from swarmware.types.tree import Quality, TreeEntry
 
 
 def heard(platform: str, *, loss_in: float = 0.0, loss_out: float = 0.0, state: str = "up") -> NeighbourState:
     return NeighbourState(
-        platform, "main", 1, "uav", LinkStatus(state), "127.0.0.1:1", 0, 0.0, 10.0, loss_in, loss_out, 0.2,
+        platform, "main", 1, PlatformKind.UAV, LinkStatus(state), "127.0.0.1:1", 0, 0.0, 10.0,
+        loss_in, loss_out, 0.2,
         256, 0, 0, 1, ConnectionStatus.CONNECTED, True,
     )  # fmt: skip
 

@@ -13,10 +13,15 @@ from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.check import check_folder
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder, from_files
+from swarmware.model.platform_kind import PlatformKind
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = re.findall(r"```json\n(.*?)```", (ROOT / "share/doc/missions.md").read_text(), re.DOTALL)[0]
-SWARM = [Platform("uav1", "uav"), Platform("ugv1", "ugv"), Platform("gcs", "gcs")]
+SWARM = [
+    Platform("uav1", PlatformKind.UAV),
+    Platform("ugv1", PlatformKind.UGV),
+    Platform("gcs", PlatformKind.GCS),
+]
 HOP = net(s="Start>t", t={"type": "Takeoff", "alt": 3, "next": "l"}, l="Land>e", e="End")
 
 

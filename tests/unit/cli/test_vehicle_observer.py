@@ -12,6 +12,7 @@ from swarmctl.vehicles.observer import (
     raise_failures,
 )
 from swarmware.errors import NoAnswer, Partial, SwarmError
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState
 from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState
 
@@ -29,7 +30,9 @@ def sight(
     pose: Pose | None = Pose.planar(0.0, 0.0),  # noqa: B008 - frozen
     home: Pose | None = None,
 ) -> VehicleSnapshot:
-    return VehicleSnapshot(kind, MissionState(7, "00112233", MissionPhase(state)), vehicle, nav, pose, home)
+    return VehicleSnapshot(
+        PlatformKind(kind), MissionState(7, "00112233", MissionPhase(state)), vehicle, nav, pose, home
+    )
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,9 @@ from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Site
 from swarmware.errors import ConfigError, NotFound
+from swarmware.model.platform_kind import PlatformKind
 
-UGV, UAV, GCS = (Site(kind, "/nowhere") for kind in ("ugv", "uav", "gcs"))
+UGV, UAV, GCS = (Site(kind, "/nowhere") for kind in (PlatformKind.UGV, PlatformKind.UAV, PlatformKind.GCS))
 
 
 def names(config: Config, site: Site) -> list[str]:

@@ -14,6 +14,7 @@ from swarmlab.report.plot_data import PlotData
 from swarmlab.report.report import ExperimentReport, MeanMax
 from swarmlab.report.run_metadata import NodeMetadata, RunMetadata
 from swarmlab.run.notify import Restarts
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.log import GapCause, LogGap
@@ -152,7 +153,7 @@ def facts() -> RunMetadata:
         nodes=tuple(
             NodeMetadata(
                 platform=p,
-                kind=KINDS[p],
+                kind=PlatformKind(KINDS[p]),
                 radius_m=0.0 if p == "gcs" else 0.3,
                 clock=truth,
                 processes="one",

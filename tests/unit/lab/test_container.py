@@ -10,29 +10,34 @@ import tomli_w
 from swarmlab import container
 from swarmware.errors import ConfigError
 from swarmware.model.config import NodeConfig, parse
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.transport.security import Keys
 
 
 def test_each_container_gets_a_name_of_its_own_and_the_same_again(tmp_path: Path) -> None:
     claims = tmp_path / "claims"
-    names = [container.claim("uav", claims, tmp_path / str(number) / "platform") for number in range(3)]
+    names = [
+        container.claim(PlatformKind.UAV, claims, tmp_path / str(number) / "platform") for number in range(3)
+    ]
     assert names == ["uav1", "uav2", "uav3"]
-    assert container.claim("ugv", claims, tmp_path / "ground") == "ugv1"
-    assert container.claim("gcs", claims, tmp_path / "station") == "gcs"
+    assert container.claim(PlatformKind.UGV, claims, tmp_path / "ground") == "ugv1"
+    assert container.claim(PlatformKind.GCS, claims, tmp_path / "station") == "gcs"
     with pytest.raises(ConfigError, match="all taken"):
-        container.claim("gcs", claims, tmp_path / "second")
+        container.claim(PlatformKind.GCS, claims, tmp_path / "second")
 
 
 def test_a_container_that_comes_back_has_its_old_name_when_it_is_free(tmp_path: Path) -> None:
     (tmp_path / "platform").write_text("uav7")
-    assert container.claim("uav", tmp_path / "claims", tmp_path / "platform") == "uav7"
+    assert container.claim(PlatformKind.UAV, tmp_path / "claims", tmp_path / "platform") == "uav7"
     (tmp_path / "other").write_text("uav7")
-    assert container.claim("uav", tmp_path / "claims", tmp_path / "other") == "uav1"
+    assert container.claim(PlatformKind.UAV, tmp_path / "claims", tmp_path / "other") == "uav1"
 
 
 @pytest.mark.parametrize(("name", "kind"), [("gcs", "gcs"), ("ugv1", "ugv"), ("uav2", "uav")])
 def test_the_daemons_accept_what_it_writes(name: str, kind: str) -> None:
-    for path, content in container.settings(name, kind, "172.18.0.3", "mongodb://mongo:27017").items():
+    for path, content in container.settings(
+        name, PlatformKind(kind), "172.18.0.3", "mongodb://mongo:27017"
+    ).items():
         cls: type[msgspec.Struct] = NodeConfig
         if path != "node.toml":
             cls = import_module(f"swarmd.{Path(path).stem}.config").Config

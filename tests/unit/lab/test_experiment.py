@@ -12,6 +12,7 @@ from swarmlab.run.mission_run import MissionRun
 from swarmlab.run.notify import Restarts
 from swarmlab.run.watch import MissionMembers, MissionOutcome
 from swarmware.mission.folder import from_files
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState, OrderReceipt, TaskAnswer
 
 
@@ -91,7 +92,8 @@ def test_nobody_waits_for_members_that_were_withdrawn_at_the_start() -> None:
 
 def node_facts(platform: str, *, ended: str = "", reasons: tuple[str, ...] = ()) -> NodeMetadata:
     return NodeMetadata(
-        platform=platform, kind="uav", radius_m=0.3, clock=ClockTruth(0, 0), processes="one", outcome="",
+        platform=platform, kind=PlatformKind.UAV, radius_m=0.3, clock=ClockTruth(0, 0),
+        processes="one", outcome="",
         ended=ended, restarts=Restarts(len(reasons), reasons), log=f"logs/{platform}/log.txt",
     )  # fmt: skip
 

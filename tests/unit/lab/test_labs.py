@@ -8,6 +8,7 @@ import pytest
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
+from swarmware.model.platform_kind import PlatformKind
 
 
 @pytest.fixture(autouse=True)
@@ -21,7 +22,7 @@ def make(folder: Path, name: str, *, living: bool, created: int = 1) -> LabState
     nodes = tuple(
         LabNode(
             platform=platform,
-            kind=kind,
+            kind=PlatformKind(kind),
             folder=str(folder / name / "n" / platform),
             shm_dir="/dev/shm/x",
             processes="one",

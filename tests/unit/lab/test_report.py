@@ -14,6 +14,7 @@ from swarmlab.report import page, plots, report
 from swarmlab.report.plot_data import NodeFigures, ObservedLink, PlotData
 from swarmlab.report.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
 from swarmware.geometry.world import Box, Circle
+from swarmware.model.platform_kind import PlatformKind
 
 GOOD = ExperimentReport(
     nodes=16,
@@ -105,12 +106,12 @@ def scene() -> PlotData:
     return PlotData(
         title="Formation <of> 3 & more",
         subtitle="seed 1",
-        nodes=tuple(NodeFigures(platform=name, kind=kind) for name, kind in kinds.items()),
+        nodes=tuple(NodeFigures(platform=name, kind=PlatformKind(kind)) for name, kind in kinds.items()),
         tracks={
             name: VehicleTrack(name, t_s, xyz + i, np.zeros(len(t_s)))
             for i, name in enumerate(("ugv1", "uav1"))
         },
-        kinds=kinds,
+        kinds={name: PlatformKind(kind) for name, kind in kinds.items()},
         leader="ugv1",
         course=((0, 0), (60, 0)),
         obstacles=(

@@ -15,6 +15,7 @@ from swarmlab.run import running
 from swarmlab.run.notify import Restarts
 from swarmlab.run.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.runtime.restart_policy import RestartPolicy
 
 READY = """
@@ -41,7 +42,7 @@ def lab(tmp_path: Path, names: list[str]) -> LabState:
         nodes.append(
             LabNode(
                 platform=name,
-                kind="uav",
+                kind=PlatformKind.UAV,
                 folder=str(tmp_path / name),
                 shm_dir=str(tmp_path / name / "shm"),
                 processes="one",

@@ -16,6 +16,7 @@ from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError, WireError
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.model import content_hash
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types import registry
 from swarmware.types.mission import Arrival, BarrierResult, Member, MissionOrder, MissionPhase, MissionState
 
@@ -35,7 +36,7 @@ STATE = MissionState(
     0.5,
     "advance: 0.1 m off its slot",
     "formation",
-    "uav",
+    PlatformKind.UAV,
 )
 
 
@@ -48,7 +49,7 @@ def order(text: str = TEXT, **changed: object) -> MissionOrder:
         file="hop/air.json",
         text=text,
         text_hash=content_hash(text),
-        members=(Member("uav1", "air", "uav"), Member("uav2", "air", "uav")),
+        members=(Member("uav1", "air", PlatformKind.UAV), Member("uav2", "air", PlatformKind.UAV)),
         params={"height": 8.0},
         issuer="gcs",
         issued_ns=0,
@@ -59,7 +60,7 @@ def order(text: str = TEXT, **changed: object) -> MissionOrder:
 
 def admit(order: MissionOrder, now_ns: int = S, kind: str = "uav") -> Run:
     """The order as the daemon takes it."""
-    desk = OrderAdmission("uav1", kind)
+    desk = OrderAdmission("uav1", PlatformKind(kind))
     binding = desk.verify(order, now_ns, 10 * S)
     checker = Checker(built_in())
     return desk.run(order, asyncio.run(checker.load(order.text, order.file, binding)))
@@ -76,8 +77,8 @@ def test_a_good_order_becomes_a_run_with_its_parameters() -> None:
     [
         ({"text_hash": "0"}, "hash differs"),
         ({"text_hash": content_hash(TEXT + " ")}, "hash differs"),
-        ({"members": (Member("uav2", "air", "uav"),)}, "uav1 is not among its members"),
-        ({"members": (Member("uav1", "air", "uav"),) * 2}, "is listed twice"),
+        ({"members": (Member("uav2", "air", PlatformKind.UAV),)}, "uav1 is not among its members"),
+        ({"members": (Member("uav1", "air", PlatformKind.UAV),) * 2}, "is listed twice"),
         ({"params": {"height": "high"}}, "/params/height"),
         ({"params": {"height": -3.0}}, "/mission/t/alt"),
     ],
@@ -98,8 +99,8 @@ def test_an_order_in_the_name_of_another_platform_is_refused(sender: str) -> Non
     with pytest.raises(
         MissionError, match=f"order of gcs: sent by {sender}; expected it from its issuer itself"
     ):
-        OrderAdmission("uav1", "uav").verify(order(), S, 10 * S, sender)
-    OrderAdmission("uav1", "uav").verify(order(), S, 10 * S, "gcs")
+        OrderAdmission("uav1", PlatformKind.UAV).verify(order(), S, 10 * S, sender)
+    OrderAdmission("uav1", PlatformKind.UAV).verify(order(), S, 10 * S, "gcs")
 
 
 def test_an_unsound_mission_is_refused_with_the_place() -> None:
@@ -134,7 +135,7 @@ def test_a_state_is_the_same_after_the_beacon() -> None:
     back = MissionState.unpack(memoryview(packed))
     assert msgspec.structs.replace(back, progress_ratio=0.5) == STATE
     assert back.progress_ratio == pytest.approx(0.5, abs=0.002)
-    idle = MissionState(0, "", MissionPhase.IDLE, kind="gcs")
+    idle = MissionState(0, "", MissionPhase.IDLE, kind=PlatformKind.GCS)
     assert MissionState.unpack(idle.pack()) == idle
 
 

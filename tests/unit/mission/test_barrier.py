@@ -4,12 +4,13 @@ import pytest
 from tests.unit.mission.results import result
 
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Arrival, BarrierResult, Member, MissionPhase, MissionState
 
 S = 1_000_000_000
 LEAD = S // 4
 NAMES = ("a", "b", "c")
-MEMBERS = tuple(Member(name, "role", "uav") for name in NAMES)
+MEMBERS = tuple(Member(name, "role", PlatformKind.UAV) for name in NAMES)
 GATE = BarrierSpec("x", 1, timeout_s=10.0)
 
 
@@ -74,7 +75,11 @@ def test_a_quorum_opens_the_barrier_and_latecomers_pass() -> None:
 
 
 def test_only_the_named_roles_meet() -> None:
-    members = (Member("a", "lead", "ugv"), Member("b", "air", "uav"), Member("c", "air", "uav"))
+    members = (
+        Member("a", "lead", PlatformKind.UGV),
+        Member("b", "air", PlatformKind.UAV),
+        Member("c", "air", PlatformKind.UAV),
+    )
     e = Ensemble(members)
     e.arrive("b", "c", gate=BarrierSpec("x", 1, roles=("air",)))
     e.talk(S)
@@ -202,7 +207,11 @@ def test_a_stranger_is_not_listened_to() -> None:
 
 
 def with_a_station(strict: frozenset[str] = frozenset()) -> Ensemble:
-    members = (Member("a", "air", "uav"), Member("b", "air", "uav"), Member("c", "control", "gcs"))
+    members = (
+        Member("a", "air", PlatformKind.UAV),
+        Member("b", "air", PlatformKind.UAV),
+        Member("c", "control", PlatformKind.GCS),
+    )
     e = Ensemble(members)
     e.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, lambda: LEAD, strict) for m in members}
     for barriers in e.of.values():

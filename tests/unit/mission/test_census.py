@@ -3,10 +3,11 @@
 import pytest
 
 from swarmd.mission.core.census import Census
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState
 
 S = 1_000_000_000
-IDLE = MissionState(0, "", MissionPhase.IDLE, kind="uav")
+IDLE = MissionState(0, "", MissionPhase.IDLE, kind=PlatformKind.UAV)
 
 
 def why(census: Census, now_ns: int) -> dict[str, str]:
@@ -52,7 +53,7 @@ def test_who_is_only_on_the_roster_is_known_too(heard: bool) -> None:
 
 def test_who_states_a_run_is_found_by_its_epoch() -> None:
     census = Census("gcs", 3 * S)
-    census.on_state("uav1", MissionState(7, "h", MissionPhase.READY, kind="uav"), 10 * S)
+    census.on_state("uav1", MissionState(7, "h", MissionPhase.READY, kind=PlatformKind.UAV), 10 * S)
     census.on_state("uav2", IDLE, 10 * S)
-    census.on_state("uav3", MissionState(6, "h", MissionPhase.DONE, kind="uav"), 10 * S)
+    census.on_state("uav3", MissionState(6, "h", MissionPhase.DONE, kind=PlatformKind.UAV), 10 * S)
     assert census.in_run(7) == ["uav1"]

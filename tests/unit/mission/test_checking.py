@@ -16,6 +16,7 @@ from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder, from_files
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionFile
 
 T = TypeVar("T")
@@ -91,10 +92,10 @@ def test_a_mission_is_checked_once_whatever_it_is_called_for(monkeypatch: pytest
         large = lattice(9, 2)
         first = await checker.check(alone(large))
         assert await checker.check(alone(large)) is first
-        binding = Binding("uav1", "uav")
+        binding = Binding("uav1", PlatformKind.UAV)
         mission = await checker.load(large, "m.json", binding)
         assert await checker.load(large, "m.json", binding) is mission
-        assert await checker.load(large, "m.json", Binding("uav2", "uav")) is not mission
+        assert await checker.load(large, "m.json", Binding("uav2", PlatformKind.UAV)) is not mission
 
     asyncio.run(work())
     assert apart.jobs == 3

@@ -14,13 +14,14 @@ from swarmware.errors import Conflict
 from swarmware.mission.binding import Binding
 from swarmware.mission.condition import Scalar
 from swarmware.mission.loader import load
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Member, MissionPhase, MissionState
 
 S = 1_000_000_000
 LAND = load(net(s="Start>land", land={"type": "Land", "next": "e"}, e="End"), "land", Binding())
 HOLD = load(net(s="Start>hold", hold={"type": "Hold", "next": "e"}, e="End"), "hold", Binding())
 ARM = net(s="Start>a", a={"type": "Arm", "next": "e", "timeout_s": 5}, e="End")
-A, B = Member("a", "x", "uav"), Member("b", "x", "uav")
+A, B = Member("a", "x", PlatformKind.UAV), Member("b", "x", PlatformKind.UAV)
 
 
 class Values:

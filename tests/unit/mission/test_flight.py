@@ -13,6 +13,7 @@ from swarmware.mission.check import check_folder, check_text
 from swarmware.mission.finding import Finding
 from swarmware.mission.folder import from_files
 from swarmware.mission.plugin import BlockError
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionFile
 
 
@@ -25,7 +26,7 @@ HOP = net(s="Start>t", t={**UP, "next": "g"}, g=go("l"), l="Land>e", e="End")
 
 
 def found(text: str, kind: str = "uav") -> list[Finding]:
-    return check_text(text, "m.json", Binding(f"{kind}1", kind))[1]
+    return check_text(text, "m.json", Binding(f"{kind}1", PlatformKind(kind)))[1]
 
 
 def rules(text: str, kind: str = "uav") -> list[tuple[str, str, str]]:

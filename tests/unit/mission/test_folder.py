@@ -14,6 +14,7 @@ from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.check import check_files, check_folder
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import from_files, read_folder
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionFile
 
 MANIFEST = """
@@ -58,11 +59,11 @@ AIR = part(
 )
 FILES = {"mission.toml": MANIFEST, "leader.json": LEADER, "air.json": AIR, "control.json": part(MEET)}
 SWARM = [
-    Platform("uav10", "uav"),
-    Platform("gcs", "gcs"),
-    Platform("uav2", "uav"),
-    Platform("ugv2", "ugv"),
-    Platform("ugv1", "ugv"),
+    Platform("uav10", PlatformKind.UAV),
+    Platform("gcs", PlatformKind.GCS),
+    Platform("uav2", PlatformKind.UAV),
+    Platform("ugv2", PlatformKind.UGV),
+    Platform("ugv1", PlatformKind.UGV),
 ]
 
 
@@ -99,8 +100,15 @@ def test_the_operator_may_give_other_parameters() -> None:
 def test_a_required_role_without_a_platform_is_named() -> None:
     folder = from_files(files(), "")
     with pytest.raises(MissionError, match="role 'leader': no ugv"):
-        assign(folder, [Platform("uav1", "uav"), Platform("gcs", "gcs")], {})
-    assert len(assign(folder, [Platform("uav1", "uav"), Platform("ugv1", "ugv")], {}).member_assignments) == 2
+        assign(folder, [Platform("uav1", PlatformKind.UAV), Platform("gcs", PlatformKind.GCS)], {})
+    assert (
+        len(
+            assign(
+                folder, [Platform("uav1", PlatformKind.UAV), Platform("ugv1", PlatformKind.UGV)], {}
+            ).member_assignments
+        )
+        == 2
+    )
 
 
 def test_the_hash_is_of_all_names_and_contents() -> None:

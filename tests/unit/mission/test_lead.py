@@ -3,6 +3,7 @@
 import pytest
 
 from swarmd.mission.core.lead import LEAD_MAX_NS, lead_ns, lead_to_ns
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState, Routes, RouteState
 
 S = 1_000_000_000
@@ -18,7 +19,7 @@ def neighbour(platform: str, tick_hz: float) -> NeighbourState:
         platform,
         "main",
         1,
-        "uav",
+        PlatformKind.UAV,
         LinkStatus.UP,
         "127.0.0.1:1",
         0,

@@ -17,9 +17,10 @@ from swarmware.mission.catalogue import Formation, Goto, Takeoff, Wait
 from swarmware.mission.check import check_files, check_text
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.loader import load, read
+from swarmware.model.platform_kind import PlatformKind
 
 PUBLISHED = Path(__file__).parents[2] / "data" / "bdl"
-HERE = Binding("uav3", "uav", "air", "survey")
+HERE = Binding("uav3", PlatformKind.UAV, "air", "survey")
 
 
 def mission(blocks: dict[str, Any], **top: Any) -> str:
@@ -243,7 +244,7 @@ def test_parameters_and_variables_take_their_place_with_their_type() -> None:
         params={"head": "ugv1", "way": [[0, 0], [5, 1]], "slot": 1},
         requires=["battery > $param.slot %"],
     )
-    binding = Binding("uav3", "uav", "air", "survey", {"slot": 4, "way": ((0.0, 0.0), (9.0, 9.0))})
+    binding = Binding("uav3", PlatformKind.UAV, "air", "survey", {"slot": 4, "way": ((0.0, 0.0), (9.0, 9.0))})
     loaded = load(text, "m.json", binding)
     params = loaded.blocks["b1"].params
     assert isinstance(params, Formation)

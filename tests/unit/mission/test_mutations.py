@@ -19,6 +19,7 @@ from swarmware.mission.finding import sound
 from swarmware.mission.folder import MANIFEST, from_files
 from swarmware.mission.schema import mission_schema
 from swarmware.model.config import share_dir
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionFile
 
 FORMATION = share_dir() / "missions" / "formation"
@@ -103,7 +104,9 @@ def test_a_changed_mission_is_judged_by_loader_and_schema_alike(part: int) -> No
                 mutate(chance, document)
         text = json.dumps(document)
         kind = chance.choice(["uav", "ugv", "gcs"])
-        reading, findings = check_text(text, "m.json", Binding("uav1", kind), budget=Budget(QUICK_BYTES))
+        reading, findings = check_text(
+            text, "m.json", Binding("uav1", PlatformKind(kind)), budget=Budget(QUICK_BYTES)
+        )
         "".join(map(str, findings)).encode()
         form = [finding for finding in reading.findings if finding.rule not in BEYOND_FORM]
         if "$" not in text:

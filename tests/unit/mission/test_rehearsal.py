@@ -14,10 +14,15 @@ from swarmd.mission.values import Values
 from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.check import check_text
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 
-UAV1, UAV2, GCS = Platform("uav1", "uav"), Platform("uav2", "uav"), Platform("gcs", "gcs")
+UAV1, UAV2, GCS = (
+    Platform("uav1", PlatformKind.UAV),
+    Platform("uav2", PlatformKind.UAV),
+    Platform("gcs", PlatformKind.GCS),
+)
 MANIFEST = """
 name = "climb"
 [[roles]]

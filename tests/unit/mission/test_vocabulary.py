@@ -9,6 +9,7 @@ from swarmware.mission.check import check_text
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.loader import load
 from swarmware.mission.vocabulary import Vocabulary
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Resource
 
 
@@ -17,7 +18,9 @@ def found(condition: str, kinds: tuple[str, ...] = (), kind: str = "uav") -> lis
         '{"requires": [' + json.dumps(condition) + '],\n "mission": {"s": {"type": "Start", "next": "e"},'
         ' "e": {"type": "End"}}}'
     )
-    return check_text(text, "m.json", Binding(f"{kind}1", kind), kinds=kinds)[1]
+    return check_text(
+        text, "m.json", Binding(f"{kind}1", PlatformKind(kind)), kinds=map(PlatformKind, kinds)
+    )[1]
 
 
 @pytest.mark.parametrize(

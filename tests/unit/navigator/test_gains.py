@@ -7,6 +7,7 @@ import pytest
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.altitude import AltitudeHold
 from swarmd.navigator.service import GAINS, controller, with_gains
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.model.template import load
 
@@ -50,4 +51,4 @@ def test_new_gains_work_at_once() -> None:
 
 @pytest.mark.parametrize(("kind", "flies"), [("uav", True), ("ugv", False), ("usv", False)])
 def test_the_kind_of_platform_chooses_the_controller(kind: str, flies: bool) -> None:
-    assert controller(kind, Config()).flies is flies
+    assert controller(PlatformKind(kind), Config()).flies is flies

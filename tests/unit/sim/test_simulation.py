@@ -8,6 +8,7 @@ from swarmd.sim.config import BatteryConfig, Config
 from swarmd.sim.core.simulation import BOUNDS, GROUND, Simulation, SimulationOutput
 from swarmware.errors import Denied
 from swarmware.geometry.world import Bounds, Circle, World
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.vehicle import Pose, Setpoint
 
 WORLD = World(
@@ -24,7 +25,12 @@ class Run:
     def __init__(self, kind: str = "ugv", config: Config | None = None, start: Pose | None = None) -> None:
         chance = random.Random(1)
         self.simulation = Simulation(
-            config or Config(), WORLD, kind, start or Pose.planar(0.0, 0.0), chance.gauss, chance.random
+            config or Config(),
+            WORLD,
+            PlatformKind(kind),
+            start or Pose.planar(0.0, 0.0),
+            chance.gauss,
+            chance.random,
         )
         self.now_ns = 5_000_000_000
         self.samples: list[SimulationOutput] = []

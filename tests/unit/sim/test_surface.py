@@ -11,13 +11,14 @@ from swarmd.sim.core.surface import Surface
 from swarmware.errors import InvalidInput
 from swarmware.geometry.world import World
 from swarmware.model.config import load, share_dir
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.vehicle import Pose, Setpoint
 
 DT = 0.02
 
 
 def vessel(armed: bool = True) -> Surface:
-    made = model(Config(), "usv", Pose.planar(0.0, 0.0))
+    made = model(Config(), PlatformKind.USV, Pose.planar(0.0, 0.0))
     assert isinstance(made, Surface)
     made.armed = armed
     return made
@@ -90,4 +91,4 @@ def test_every_vehicle_has_a_place_to_start_in_every_world(world: str, kind: str
 
 def test_what_has_no_body_is_not_simulated() -> None:
     with pytest.raises(InvalidInput, match="'gcs'"):
-        model(Config(), "gcs", Pose.planar(0.0, 0.0))
+        model(Config(), PlatformKind.GCS, Pose.planar(0.0, 0.0))

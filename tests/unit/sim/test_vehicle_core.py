@@ -10,6 +10,7 @@ from swarmd.sim.core.simulation import Simulation
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishState, ReadBoards, VehicleCore
 from swarmware.errors import Denied
 from swarmware.geometry.world import Bounds, World
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.testing.virtual import VirtualTime
 from swarmware.types.vehicle import Pose, Setpoint
 
@@ -24,7 +25,7 @@ class Rig:
         chance = random.Random(1)
         self.time = VirtualTime(5_000 * MS)
         self.simulation = Simulation(
-            Config(), WORLD, kind, Pose.planar(0.0, 0.0), chance.gauss, chance.random
+            Config(), WORLD, PlatformKind(kind), Pose.planar(0.0, 0.0), chance.gauss, chance.random
         )
         self.core = VehicleCore(Config(), self.simulation)
         self.driver = self.time.drive(self.core, self.perform)

@@ -10,6 +10,7 @@ from swarmd.tree.core.timers import Timers
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
 from swarmware.model.names import hardware_id
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Resource
 from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState, Routes, RouteState
 from swarmware.types.tree import Rule
@@ -22,7 +23,8 @@ def route(platform: str, via: str, version: int = 5, hardware: int | None = None
 
 def neighbour(platform: str, state: str, version: int = 5, unit: str = "main") -> NeighbourState:
     return NeighbourState(
-        platform, unit, hardware_id(platform, unit), "uav", LinkStatus(state), "127.0.0.1:1", 0, 0.0, 10.0,
+        platform, unit, hardware_id(platform, unit), PlatformKind.UAV, LinkStatus(state),
+        "127.0.0.1:1", 0, 0.0, 10.0,
         0.0, 0.0, None, 256, version, 0, 1, ConnectionStatus.CONNECTED, True,
     )  # fmt: skip
 

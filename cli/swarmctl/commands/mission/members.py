@@ -9,6 +9,7 @@ from swarmctl.session.session import Session
 from swarmctl.vehicles.observer import first_of
 from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.model import names
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import INACTIVE, NOT_STARTED, MissionPhase, MissionState, MissionStatus
 from swarmware.types.rpc import Empty
 
@@ -23,7 +24,7 @@ class ActiveMission(msgspec.Struct, frozen=True):
     mission: str
     epoch: int
     members: tuple[str, ...]
-    kinds: dict[str, str]
+    kinds: dict[str, PlatformKind]
     """Kinds of the members, as far as known."""
     plays: bool
     """Whether it has not ended at every member."""

@@ -9,6 +9,7 @@ from swarmctl.vehicles.observer import VehicleObserver, VehicleResult, print_res
 from swarmctl.vehicles.selection import choose
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model import names
+from swarmware.model.platform_kind import NO_KIND, PlatformKind
 from swarmware.types.vehicle import ArmRequest, KillRequest, VehicleState
 
 ARM = "sys/vehicle/arm"
@@ -21,7 +22,7 @@ class MotorRequests:
     """One request to some vehicles, followed until each reports its motors as requested."""
 
     def __init__(
-        self, session: Session, path: str, value: Request, chosen: Mapping[str, str], wait_s: float
+        self, session: Session, path: str, value: Request, chosen: Mapping[str, PlatformKind], wait_s: float
     ) -> None:
         self._session = session
         self._path = path
@@ -98,11 +99,11 @@ async def kill(session: Session, platform: str, reason: str, wait_s: float) -> N
 
     Raises: as `MotorRequests.run`.
     """
-    await _request(session, "kill", KILL, KillRequest(platform, reason), {platform: ""}, wait_s)
+    await _request(session, "kill", KILL, KillRequest(platform, reason), {platform: NO_KIND}, wait_s)
 
 
 async def _request(
-    session: Session, name: str, path: str, value: Request, chosen: Mapping[str, str], wait_s: float
+    session: Session, name: str, path: str, value: Request, chosen: Mapping[str, PlatformKind], wait_s: float
 ) -> None:
     found = await MotorRequests(session, path, value, chosen, wait_s).run()
     if session.settings.json:

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, PlatformKind
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.beacon_codec import (
     ECHO_BYTES,
     REQUEST_BYTES,
@@ -60,7 +60,7 @@ class NodeIdentity(msgspec.Struct, frozen=True):
     hw: int
     platform: str
     unit: str
-    kind: PlatformKind
+    kind: PlatformCode
     boot_id: int
     curve_public: bytes
     """Empty where the key is on the roster."""

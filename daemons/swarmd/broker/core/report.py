@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from typing import Final
 
-from swarmd.broker.core.beacon.beacon import INFINITY, PlatformKind
+from swarmd.broker.core.beacon.beacon import INFINITY, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import Neighbour
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import (
     ConnectionStatus,
     LinkStatus,
@@ -72,7 +73,7 @@ class NetReport:
             platform=member.platform if member is not None else "",
             unit=member.unit if member is not None else "",
             hardware=neighbour.hw,
-            kind=(hello.kind if hello is not None else PlatformKind.OTHER).name.lower(),
+            kind=PlatformKind((hello.kind if hello is not None else PlatformCode.OTHER).name.lower()),
             state=LINK_STATUS[neighbour.state],
             address=f"{neighbour.address[0]}:{neighbour.address[1]}",
             since_ns=neighbour.since_ns,

@@ -7,6 +7,7 @@ import msgspec
 from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Driver, Site
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -140,7 +141,7 @@ class SimSonar(Driver):
 def make(config: Config, site: Site) -> list[Driver]:
     """Creates the drivers of a simulated vehicle; none for a ground station."""
     rates = config.sim
-    if site.kind == "gcs":
+    if site.kind == PlatformKind.GCS:
         return []
     rest_hz = rates.rest_hz
     found: list[Driver] = [
@@ -149,6 +150,6 @@ def make(config: Config, site: Site) -> list[Driver]:
         SimDevice("range", "sensor/range", Range, rates.range_hz, rest_hz),
         SimDevice("battery", "power/battery", BatteryState, rates.battery_hz, rest_hz),
     ]
-    if site.kind == "uav":
+    if site.kind == PlatformKind.UAV:
         found.append(SimSonar(rates.sonar_hz, rest_hz, rates.sonar_window))
     return found

@@ -4,6 +4,7 @@ from swarmd.mission.core.run import Run
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding
 from swarmware.mission.model import MissionDefinition, content_hash
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionOrder
 
 
@@ -11,7 +12,7 @@ class OrderAdmission:
     """Checks orders: first the order itself, then, once its mission is read, whether this platform can play
     it."""
 
-    def __init__(self, platform: str, kind: str) -> None:
+    def __init__(self, platform: str, kind: PlatformKind) -> None:
         self._platform = platform
         self._kind = kind
 

@@ -13,11 +13,11 @@ from typing import Final
 import msgspec
 
 from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import INACTIVE, Arrival, BarrierResult, Member, MissionPhase, MissionState
 
 OVER: Final = INACTIVE | {MissionPhase.ENDING, MissionPhase.RECOVERING}
 """States of a member that will not arrive at any further barrier."""
-STATION: Final = "gcs"
 """Kind of the members that the others do not need to continue (S1.5)."""
 ORDERED: Final = frozenset({MissionPhase.ABORTED})
 """States that a ground station enters only on an instruction: then it counts like any other member."""
@@ -102,7 +102,7 @@ class Barriers:
         """`lead`: returns the nanoseconds from the opening of a barrier to the common time."""
         self._me = me
         self._members = members
-        self._stations = frozenset(member.platform for member in members if member.kind == STATION)
+        self._stations = frozenset(member.platform for member in members if member.kind == PlatformKind.GCS)
         self._strict = strict
         """Barriers that a ground station breaks like any other member."""
         self._epoch = epoch

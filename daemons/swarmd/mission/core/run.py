@@ -8,6 +8,7 @@ import msgspec
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.model import Block, MissionDefinition
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Member, MissionPhase, MissionState
 
 
@@ -23,7 +24,7 @@ class Run(msgspec.Struct, frozen=True):
 
     def strict_barriers(self) -> frozenset[str]:
         """Ids of the barriers that name the role of a ground station, which must then be present."""
-        stations = {member.role for member in self.members if member.kind == "gcs"}
+        stations = {member.role for member in self.members if member.kind == PlatformKind.GCS}
         params = [block.params for block in self.mission.barriers()]
         return frozenset(p.id for p in params if isinstance(p, Barrier) and stations & set(p.roles))
 

@@ -13,6 +13,7 @@ from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
 from swarmd.sim.core.surface import Surface
 from swarmware.errors import Denied, InvalidInput
 from swarmware.geometry.world import World
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -112,7 +113,7 @@ class Simulation:
     """
 
     def __init__(
-        self, config: Config, world: World, kind: str, start: Pose, gauss: Gauss, uniform: Uniform
+        self, config: Config, world: World, kind: PlatformKind, start: Pose, gauss: Gauss, uniform: Uniform
     ) -> None:
         self._config = config
         self._world = world
@@ -318,17 +319,17 @@ class Simulation:
         )
 
 
-def model(config: Config, kind: str, start: Pose) -> VehicleModel:
+def model(config: Config, kind: PlatformKind, start: Pose) -> VehicleModel:
     """The vehicle model for a kind of platform: uav multirotor, ugv ground vehicle, usv surface vessel.
 
     Raises: InvalidInput for a kind without a vehicle, such as gcs.
     """
     match kind:
-        case "uav":
+        case PlatformKind.UAV:
             return Multirotor(config.multirotor, start)
-        case "ugv":
+        case PlatformKind.UGV:
             return Ground(config.ground, start)
-        case "usv":
+        case PlatformKind.USV:
             return Surface(config.surface, start)
         case _:
             raise InvalidInput(f"kind {kind!r}: nothing to simulate; expected uav, ugv or usv")

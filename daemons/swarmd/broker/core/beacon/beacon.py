@@ -30,7 +30,7 @@ _OLD: Final = 0x8000
 _OLD_UNIT_US: Final = 100_000
 
 
-class PlatformKind(IntEnum):
+class PlatformCode(IntEnum):
     """Kind of the platform of a node."""
 
     OTHER = 0
@@ -65,7 +65,7 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     tree_version: int
     mission: int
     """Digest of the active mission; 0: none."""
-    kind: PlatformKind
+    kind: PlatformCode
     name: str
     """Platform, or platform.unit where the unit is not `main`."""
     curve_public: bytes = b""
@@ -114,7 +114,7 @@ class MemberRow(msgspec.Struct, frozen=True, gc=False):
 
     hw: int
     tree_version: int
-    kind: PlatformKind
+    kind: PlatformCode
     name: str
 
 

@@ -19,7 +19,7 @@ from swarmd.broker.core.beacon.beacon import (
     Header,
     Hello,
     MemberRow,
-    PlatformKind,
+    PlatformCode,
     RelayedValue,
     RouteRow,
     SequenceRequest,
@@ -361,11 +361,11 @@ def _decode_relays(data: bytes, at: int) -> tuple[tuple[RelayedValue, ...], int]
     return tuple(relays), at
 
 
-def _platform_kind(number: int) -> PlatformKind:
+def _platform_kind(number: int) -> PlatformCode:
     try:
-        return PlatformKind(number)
+        return PlatformCode(number)
     except ValueError:
-        return PlatformKind.OTHER
+        return PlatformCode.OTHER
 
 
 def _size(payload: bytes, packed: bool) -> tuple[int, bytes]:

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformKind
+from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformCode
 from swarmd.broker.core.beacon.beacon_codec import member_bytes
 from swarmware.errors import InvalidInput
 from swarmware.model.names import check_platform, hardware_id
@@ -24,7 +24,7 @@ class KnownNode(msgspec.Struct, gc=False):
     hw: int
     platform: str
     unit: str
-    kind: PlatformKind = PlatformKind.OTHER
+    kind: PlatformCode = PlatformCode.OTHER
     tree_version: int = 0
     announced_ns: int = 0
     announcements: int = ANNOUNCEMENTS
@@ -59,7 +59,7 @@ class NodeTable:
         """Takes the member row of a node that is not in range. False: name and hardware id do not match."""
         return self._learn(row.hw, row.name, row.kind, row.tree_version, now_ns)
 
-    def _learn(self, hw: int, name: str, kind: PlatformKind, tree_version: int, now_ns: int) -> bool:
+    def _learn(self, hw: int, name: str, kind: PlatformCode, tree_version: int, now_ns: int) -> bool:
         node = self._all.get(hw)
         if node is None or node.name != name:
             platform, _, unit = name.partition(".")
