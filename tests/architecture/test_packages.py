@@ -22,7 +22,7 @@ THIN = {
     "lib/swarmware/service/garbage.py": "the garbage collector of a process",
     "lib/swarmware/service/installed.py": "the table of installed services",
     "lib/swarmware/service/reason.py": "the line of an expected error",
-    "lib/swarmware/transport/shm/ticks.py": "the start time of a process, without pathlib and msgspec",
+    "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",
