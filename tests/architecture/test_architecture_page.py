@@ -28,6 +28,41 @@ def test_a_file_of_the_architecture_is_there(name: str) -> None:
     assert places(name), f"{name}: below none of lib/swarmware, daemons/swarmd, cli; expected a file"
 
 
+WAYS = ARCHITECTURE.partition("## 4.")[2].partition("## 8.")[0]
+"""The four paths: in their figures each file has its functions that act."""
+
+
+def acts(line: str) -> list[tuple[str, str]]:
+    """Each function that a line of a way names, with the file before it."""
+    parts = FILE.split(line)
+    return [
+        (name, function)
+        for name, text in zip(parts[1::2], parts[2::2], strict=True)
+        for function in re.findall(r"\b(\w+)\(", text)
+    ]
+
+
+STEPS = sorted(
+    {
+        step
+        for line in "".join(re.findall(r"```\n(.*?)```", WAYS, re.DOTALL)).splitlines()
+        for step in acts(line)
+    }
+)
+
+
+@pytest.mark.parametrize("step", STEPS, ids="".join)
+def test_a_function_of_a_way_is_in_its_file(step: tuple[str, str]) -> None:
+    name, function = step
+    assert any(re.search(rf"\bdef {function}\(", place.read_text("utf-8")) for place in places(name)), step
+
+
+def test_every_step_of_a_way_names_a_function() -> None:
+    for figure in re.findall(r"```\n(.*?)```", WAYS, re.DOTALL):
+        for line in figure.splitlines():
+            assert set(FILE.findall(line)) == {name for name, _ in acts(line)}, line
+
+
 def test_the_layers_of_the_page_are_those_of_the_contract() -> None:
     (shown,) = re.findall(r"```layers\n(.*?)\n```", ARCHITECTURE, re.DOTALL)
     (floors,) = (contract["layers"] for contract in CONTRACTS if contract["id"] == "floors")
