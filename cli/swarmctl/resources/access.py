@@ -130,7 +130,7 @@ async def set_resource(session: Session, path: str, text: str, *, version: int |
     Raises: as `write` and `confirm`.
     """
     full = session.path(path)
-    if will := await consequence(session, full):
+    if not yes and (will := await consequence(session, full)):
         confirm(yes, f"set {full}: {will}")
     done = await write(session, full, text, version)
     if session.settings.json:

@@ -187,6 +187,7 @@ async def test_a_resource_that_wants_a_confirmation_is_not_set_without() -> None
     assert SET not in session.asked
     await set_resource(session, "config/gain", "1.5", version=None, yes=True)
     assert session.stdout.getvalue() == f"{GAIN} = 1.5 (version 2)\n"
+    assert session.asked.count(LIST) == 1, "who has confirmed needs no question for the confirmation"
 
 
 async def test_the_last_change_of_a_setting_is_taken_back_and_both_values_are_printed() -> None:

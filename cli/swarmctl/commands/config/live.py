@@ -55,7 +55,7 @@ async def undo_setting(session: Session, key: str, *, yes: bool) -> None:
     Raises: NotFound when it was not changed; as `confirm`.
     """
     path = session.path(f"config/{key}")
-    if will := await consequence(session, path):
+    if not yes and (will := await consequence(session, path)):
         confirm(yes, f"undo the last change of {path}: {will}")
     before = await read(session, path, fresh=True)
     done = await undo(session, path)
