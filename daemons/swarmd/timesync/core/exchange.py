@@ -80,8 +80,10 @@ class ExchangeCore:
 
     def _end_round(self, now_ns: int) -> None:
         self._is_round = False
-        functions = self._time.functions(now_ns)
-        found = [functions.of(platform) for platform in self._far]
+        found = []
+        if self._far:
+            functions = self._time.functions(now_ns)
+            found = [functions.of(platform) for platform in self._far]
         is_young = any(one is None or one.samples < YOUNG_SAMPLES for one in found)
         is_soon = is_young or not self._far or bool(self._missing)
         self._next_ns = now_ns + (ASK_FIRST_NS if is_soon else ASK_NS)

@@ -24,10 +24,12 @@ FIRST_SOLVES_S: Final = 0.1
 """First pause between two estimations; each estimation doubles it."""
 
 TOGETHER_NS: Final = 500_000_000
-"""Estimations that are not urgent are done at multiples of this: those of several units in one wake-up,
-together with the other periodic work of the process."""
+"""Estimations that are not urgent are done at multiples of this, together with the other periodic work of the
+process."""
 TOGETHER_RATIO: Final = 2
 """Applied only to pauses of at least this many periods of `TOGETHER_NS`."""
+SLACK_NS: Final = 100_000_000
+"""A long pause may end so much later: the span of a window of 60 s is a little shorter than 60 s."""
 SURPRISE_PAUSE_S: Final = 1.0
 """Pause between two estimations after an exchange that deviates from the prediction."""
 
@@ -39,6 +41,18 @@ def due_together_ns(since_ns: int, pause_ns: int) -> int:
     """The end of a pause; of a long one the next instant at which others end, too."""
     due_ns = since_ns + pause_ns
     return due_ns if pause_ns < TOGETHER_RATIO * TOGETHER_NS else -(-due_ns // TOGETHER_NS) * TOGETHER_NS
+
+
+def estimation_due_ns(since_ns: int, pause_ns: int) -> int:
+    """The end of a pause between estimations; long ones that are equal end together, at a multiple of them.
+
+    Estimations in one wake-up share the caches of the processor, and one publication.
+    """
+    due_ns = since_ns + pause_ns
+    if pause_ns < TOGETHER_RATIO * TOGETHER_NS:
+        return due_ns
+    period_ns = (pause_ns + SLACK_NS) // TOGETHER_NS * TOGETHER_NS
+    return (due_ns + SLACK_NS) // period_ns * period_ns
 
 
 class Exchange(msgspec.Struct, frozen=True, gc=False):
@@ -197,7 +211,7 @@ class ClockEstimator:
         if self._solved_ns is None:
             return self._newest_ns
         pause_s = min(SURPRISE_PAUSE_S, self._next_pause_s) if self._surprised else self._next_pause_s
-        return due_together_ns(self._solved_ns, round(pause_s * 1e9))
+        return estimation_due_ns(self._solved_ns, round(pause_s * 1e9))
 
     def solve(self, now_ns: int) -> bool:
         """Estimates the function; True when this detected a small clock step."""

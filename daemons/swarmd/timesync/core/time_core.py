@@ -203,9 +203,6 @@ class TimeCore:
         self._expiry_ns = None
         for function, until_ns in self._composed(now_ns):
             known = best.get(function.hardware)
-            # a partner's function is never better than current packets
-            if self._is_measured(function.hardware, now_ns):
-                continue
             if known is None or _better(function, known, now_ns):
                 best[function.hardware] = function
                 self._expiry_ns = until_ns if self._expiry_ns is None else min(self._expiry_ns, until_ns)
@@ -236,8 +233,10 @@ class TimeCore:
         return function
 
     def _composed(self, now_ns: int) -> list[tuple[Conversion, int]]:
-        """Composed functions over partners, each with the instant at which it expires."""
+        """Composed functions of units not measured here, each with the instant at which it expires."""
         out: list[tuple[Conversion, int]] = []
+        # a partner's function is never better than current packets
+        measured = {hardware for hardware in self._peers if self._is_measured(hardware, now_ns)}
         for hardware, (theirs, at_ns) in self._partner_functions.items():
             link = self._peers[hardware].conversion
             if link is None:
@@ -245,7 +244,7 @@ class TimeCore:
             for further in theirs.functions:
                 # functions of this unit, or composed over it, are skipped: they would loop
                 mine = further.hardware == self._me[2] or further.via == self._me[0]
-                if mine or link.hops + further.hops > HOPS_LIMIT:
+                if mine or further.hardware in measured or link.hops + further.hops > HOPS_LIMIT:
                     continue
                 composed = link.then(further, theirs.platform)
                 until_ns = min(at_ns + STATED_NS, composed.t0_ns + LINK_AGE_NS * composed.hops)
