@@ -103,6 +103,8 @@ class Sim(Service):
                 self._look_ns = now_ns + round(_LOOK_S * 1e9)
                 self._neighbours = dict(self._poses)
             for platform, reader in self._neighbours.items():
+                if core.is_clear(platform, now_ns):
+                    continue
                 pose = reader.value
                 if pose is None or pose is self._taken_poses.get(platform):
                     continue

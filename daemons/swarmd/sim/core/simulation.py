@@ -7,6 +7,7 @@ import msgspec
 
 from swarmd.sim.config import Config
 from swarmd.sim.core.battery import Battery
+from swarmd.sim.core.contacts import Contacts, collision
 from swarmd.sim.core.ground import Ground
 from swarmd.sim.core.multirotor import Multirotor
 from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
@@ -37,8 +38,6 @@ _SCANNER_M: Final = 0.3
 _BATTERY_HZ: Final = 1.0
 _RELEASE_M: Final = 0.1
 """Distance at which a contact ends."""
-_NEIGHBOUR_AGE_S: Final = 1.0
-"""Maximum age of the pose of another platform in a collision check."""
 
 
 class VehicleModel(Protocol):
@@ -133,8 +132,7 @@ class Simulation:
         self._touched: frozenset[str] = frozenset()
         self._parked: Pose | None = None
         """Pose at which it rests with its motors off: it does not change between samples."""
-        self._close: set[str] = set()
-        self._near: dict[str, tuple[Pose, int]] = {}
+        self._contacts = Contacts(self.vehicle.radius_m)
         rates = config.sensors
         self._moving = _SamplePeriods(
             self._every(rates.gnss_hz),
@@ -183,7 +181,11 @@ class Simulation:
 
     def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None:
         """Takes the pose of another platform, stamped in the own clock."""
-        self._near[platform] = (pose, stamp_ns)
+        self._contacts.on_neighbour(platform, pose, stamp_ns)
+
+    def is_clear(self, platform: str, now_ns: int) -> bool:
+        """Whether a platform is so far away that its pose does not matter yet."""
+        return self._contacts.is_clear(platform, now_ns)
 
     def advance(self, now_ns: int) -> SimulationOutput | None:
         """Simulates all samples up to now; None when no new sample is due."""
@@ -229,8 +231,8 @@ class Simulation:
         first, self._steps = self._steps, self._steps + count
         vehicle = self.vehicle
         self._battery.draw(vehicle.power_w(), count * self._dt_s)
-        if self._near and self._steps // self._every_contact > first // self._every_contact:
-            return self._contacts(vehicle.pose(), 0.0, self._stamp_ns())
+        if self._contacts and self._steps // self._every_contact > first // self._every_contact:
+            return self._touching(vehicle.pose(), 0.0, self._stamp_ns())
         return []
 
     def _step(self) -> list[Collision]:
@@ -248,12 +250,12 @@ class Simulation:
         self._battery.draw(vehicle.power_w(), self._dt_s)
         pose = vehicle.pose()
         speed = math.hypot(before.vx_m_s, before.vy_m_s, before.vz_m_s)
-        hits = [_collision(GROUND, pose, impact_m_s)] if impact_m_s > 0.0 else []
+        hits = [collision(GROUND, pose, impact_m_s)] if impact_m_s > 0.0 else []
         self._parked = pose if pose == before and not vehicle.armed else None
         if pose.x_m != before.x_m or pose.y_m != before.y_m or pose.z_m != before.z_m:
             hits += self._obstacles(before, pose, speed)
-        if self._near and self._steps % self._every_contact == 0:
-            hits += self._contacts(pose, speed, stamp_ns)
+        if self._contacts and self._steps % self._every_contact == 0:
+            hits += self._touching(pose, speed, stamp_ns)
         return hits
 
     def _obstacles(self, before: Pose, pose: Pose, speed_m_s: float) -> list[Collision]:
@@ -271,31 +273,10 @@ class Simulation:
         ):
             # obstacles are rigid; the vehicle may only move away
             self.vehicle.stop_at(before.x_m, before.y_m, before.z_m)
-        return [_collision(name, pose, speed_m_s) for name in sorted(new)]
+        return [collision(name, pose, speed_m_s) for name in sorted(new)]
 
-    def _contacts(self, pose: Pose, speed_m_s: float, stamp_ns: int) -> list[Collision]:
-        hits = []
-        for platform, (other, other_ns) in list(self._near.items()):
-            age_s = (stamp_ns - other_ns) / 1e9
-            if age_s > _NEIGHBOUR_AGE_S:
-                del self._near[platform]
-                self._close.discard(platform)
-                continue
-            gap = math.dist(
-                (pose.x_m, pose.y_m, pose.z_m),
-                (
-                    other.x_m + other.vx_m_s * age_s,
-                    other.y_m + other.vy_m_s * age_s,
-                    other.z_m + other.vz_m_s * age_s,
-                ),
-            )
-            if gap < 2 * self.vehicle.radius_m:
-                if platform not in self._close:
-                    hits.append(_collision(platform, pose, speed_m_s))
-                self._close.add(platform)
-            else:
-                self._close.discard(platform)
-        return hits
+    def _touching(self, pose: Pose, speed_m_s: float, stamp_ns: int) -> list[Collision]:
+        return [collision(platform, pose, speed_m_s) for platform in self._contacts.check(pose, stamp_ns)]
 
     def _sample(self, first: int, hits: tuple[Collision, ...]) -> SimulationOutput:
         def due(every: int) -> bool:
@@ -333,7 +314,3 @@ def model(config: Config, kind: PlatformKind, start: Pose) -> VehicleModel:
             return Surface(config.surface, start)
         case _:
             raise InvalidInput(f"kind {kind!r}: nothing to simulate; expected uav, ugv or usv")
-
-
-def _collision(other: str, pose: Pose, speed_m_s: float) -> Collision:
-    return Collision(other, round(pose.x_m, 3), round(pose.y_m, 3), round(pose.z_m, 3), round(speed_m_s, 3))

@@ -12,7 +12,7 @@ class ReadBoards(msgspec.Struct, frozen=True):
     """Action: read the set-point, then call `on_boards_read`."""
 
     neighbours: bool
-    """Also read the poses of other platforms: a collision check is due."""
+    """Also read the poses of other platforms that are not clear: a collision check is due."""
 
 
 class PublishOutput(msgspec.Struct, frozen=True, gc=False):
@@ -47,6 +47,10 @@ class VehicleCore:
         """Takes the pose of another platform, stamped in the own clock."""
         self._simulation.on_neighbour(platform, pose, stamp_ns)
         return []
+
+    def is_clear(self, platform: str, now_ns: int) -> bool:
+        """Whether the pose of a platform need not be read: it is too far away to be touched."""
+        return self._simulation.is_clear(platform, now_ns)
 
     def on_arm(self, armed: bool, now_ns: int) -> tuple[VehicleState, list[Action]]:
         """Arms or disarms the motors.
