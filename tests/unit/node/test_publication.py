@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from swarmware.node.publication import Publication
+from swarmware.transport.shm import layout
 from swarmware.transport.shm.doorbell import DoorbellSenders
 from swarmware.transport.shm.ring import RingReader
 
@@ -65,6 +66,18 @@ def test_a_damaged_ring_is_replaced_and_its_sequence_goes_on(
         assert publication.publish(b"three") == 3
         assert reader.next() == b"three"
         assert reader.lost == 0
+
+
+@pytest.mark.parametrize("word", range(layout.STATIC_BYTES // 8))
+def test_every_word_of_the_header_that_never_changes_is_checked(publication: Publication, word: int) -> None:
+    publication.publish(b"one")
+    with publication.path.open("r+b") as file:
+        file.seek(8 * word)
+        before = file.read(8)
+        file.seek(8 * word)
+        file.write(bytes([before[0] ^ 0x40]) + before[1:])
+    assert publication.tend()
+    assert not publication.tend()
 
 
 @pytest.mark.parametrize("harm", [cut, grow, garble, swap, mark, Path.unlink])

@@ -142,6 +142,8 @@ class Simulation:
             self._every(rates.sonar_hz) if self.vehicle.flies else None,
         )
         self._resting = self._moving.not_faster(self._every(rates.rest_hz))
+        self._due_after = (-1, self._moving, 0)
+        """Instant of the next sample after a step, with the periods for which it holds."""
         self._every_contact = self._every(config.contacts_hz)
         self.output_hz = config.rate_hz / min(self._moving.all())
         """Rate of the true pose: it comes with the fastest sensor."""
@@ -214,10 +216,14 @@ class Simulation:
         if not self._begun:
             return None
         # a parked vehicle is only simulated at the samples of its sensors
-        return self._periods().next_after(self._steps) * self._dt_ns
+        periods = self._periods()
+        if self._due_after[0] != self._steps or self._due_after[1] is not periods:
+            self._due_after = (self._steps, periods, periods.next_after(self._steps) * self._dt_ns)
+        return self._due_after[2]
 
     def _periods(self) -> _SamplePeriods:
-        return self._resting if self.state().resting else self._moving
+        vehicle = self.vehicle
+        return self._resting if vehicle.landed and not vehicle.armed else self._moving
 
     def _is_parked(self) -> bool:
         vehicle = self.vehicle

@@ -35,6 +35,8 @@ W_EPOCH = 6
 W_FIRST = 7
 """Sequence before the first one in this file."""
 W_STATIC_CRC = 8
+STATIC_BYTES = 8 * (W_STATIC_CRC + 1)
+"""The words up to here never change while the file is at its path."""
 W_PID, W_START, W_BOOT_LOW, W_BOOT_HIGH = 9, 10, 11, 12
 W_NEWEST = 16
 """Sequence of the newest complete frame, on a cache line of its own; equal to W_FIRST: none yet."""

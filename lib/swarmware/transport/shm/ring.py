@@ -68,6 +68,8 @@ class RingWriter:
         self._fence = Fence()
         self._loan: memoryview | None = None
         self.nonce = self._words[layout.W_NONCE]
+        self._static = self._map[: layout.STATIC_BYTES]
+        """The words that never change while the file is at its path."""
 
     @property
     def sequence(self) -> int:
@@ -163,13 +165,7 @@ class RingWriter:
         found = self._found()
         if found is None or found.st_size != len(self._map):
             return False
-        words = self._words
-        return (
-            words[layout.W_NONCE] == self.nonce
-            and words[_MOVED] == 0
-            and words[_NEWEST] == self._sequence
-            and words[layout.W_STATIC_CRC] == layout.static_crc(words)
-        )
+        return self._map[: layout.STATIC_BYTES] == self._static and self._words[_NEWEST] == self._sequence
 
     def _cut(self) -> bool:
         """Whether the file was truncated: access to the map of such a file ends the process."""
