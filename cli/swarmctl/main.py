@@ -7,7 +7,7 @@ from typing import Final
 import click
 
 from swarmctl.commandline.lazy import Lazy, LazyGroup
-from swarmctl.commandline.settings import PREFIX, CliSettings, settings
+from swarmctl.commandline.settings import PREFIX, CliSettings, settings, wants_structured
 from swarmctl.commandline.shared_options import shared_options
 from swarmware import __version__
 from swarmware.errors import Denied, NotFound, SwarmError
@@ -89,10 +89,10 @@ def main(args: list[str] | None = None) -> int:
     """Runs one command; every error becomes one line on stderr and an exit code (share/doc/cli.md)."""
     if _COMPLETE in os.environ:
         cli.main(args, prog_name=_NAME, complete_var=_COMPLETE)
-    words = sys.argv[1:] if args is None else list(args)
+    words = sys.argv[1:] if args is None else args
     try:
         # not cli.main(): it reports a reader that has closed the pipe (EPIPE) as a failure
-        with cli.make_context(_NAME, words, obj=CliSettings()) as ctx:
+        with cli.make_context(_NAME, list(words), obj=CliSettings()) as ctx:
             cli.invoke(ctx)
         sys.stdout.flush()
     except click.exceptions.Exit as done:
@@ -100,6 +100,8 @@ def main(args: list[str] | None = None) -> int:
     except click.exceptions.Abort:
         return INTERRUPTED
     except click.ClickException as error:
+        if wants_structured(words, os.environ):
+            return _fail(words, error.format_message(), error.exit_code)
         error.show()
         return error.exit_code
     except KeyboardInterrupt:
@@ -109,15 +111,15 @@ def main(args: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except SwarmError as error:
-        return _report(error)
+        return _report(words, error)
     except ExceptionGroup as group:
-        return _report(_first(group))
+        return _report(words, _first(group))
     except OSError as error:
         if error.filename is None:
-            return _report(error)
-        return _report(_of_file(error))
+            return _report(words, error)
+        return _report(words, _of_file(error))
     except Exception as error:  # noqa: BLE001 - the outermost place: a bug is one line and exit code 1
-        return _report(error)
+        return _report(words, error)
     return 0
 
 
@@ -137,14 +139,23 @@ def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
     return next((error for error in leaves if isinstance(error, SwarmError)), leaves[0])
 
 
-def _report(error: BaseException) -> int:
+def _report(words: list[str], error: BaseException) -> int:
     if os.environ.get(f"{PREFIX}_TRACEBACK"):
         import traceback
 
         traceback.print_exception(error)
     if isinstance(error, SwarmError):
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
+        return _fail(words, str(error), error.exit_code)
     where = f"; {PREFIX}_TRACEBACK=1 shows where"
-    print(f"error: {type(error).__name__}: {error}{where}", file=sys.stderr)
-    return 1
+    return _fail(words, f"{type(error).__name__}: {error}{where}", 1)
+
+
+def _fail(words: list[str], text: str, code: int) -> int:
+    """Prints an error in the form of the result, and returns the exit code."""
+    if wants_structured(words, os.environ):
+        from swarmctl.terminal.output import json_line
+
+        print(json_line({"error": text, "exit_code": code}), file=sys.stderr)
+    else:
+        print(f"error: {text}", file=sys.stderr)
+    return code

@@ -109,7 +109,7 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     remarks = [*metadata.remarks(), *shortfalls]
     remarks += [f"missed: {miss} ({found.host.summary()})" for miss in misses]
     (out_dir / PAGE).write_text(page.page(data, found, pictures, remarks), "utf-8")
-    if out.settings.json:
+    if out.settings.structured:
         out.exact(figures.rounded(found))
     else:
         out.table(figures.COLUMNS, figures.cells(found))

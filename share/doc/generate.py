@@ -22,6 +22,7 @@ import msgspec
 
 import swarmware.types
 from swarmctl.main import cli
+from swarmctl.terminal import documents
 from swarmd.tree.core.structure import structure
 from swarmlab.report import report
 from swarmware.model import resource, template
@@ -33,6 +34,7 @@ README = HERE.parent.parent / "README.md"
 MEASURED = HERE / "formation-16.json"
 """The report.json of the run that the README shows."""
 PICTURE = HERE / "paths.png"
+SCHEMAS = HERE.parent / "swarm" / "schemas" / "swarmctl"
 REQUIREMENTS = HERE / "requirements.md"
 ARCHITECTURE = HERE / "architecture.md"
 ROOT = HERE.parent.parent
@@ -50,8 +52,22 @@ _HEAD = """# swarmctl
 One command for the whole swarm. This page is generated from the help texts by `make docs`;
 a test holds it against them.
 
-stdout is the result, stderr is talk. `--json` always works: one document per call, JSON Lines where it
-goes on; every document has a `schema_version`. A command joins the node that `--config DIR` names, else the
+stdout is the result, stderr the messages. `-o FORMAT` is accepted by every command:
+
+| format | result |
+|---|---|
+| `table` | a table, with colours on a terminal |
+| `wide` | the table with all its columns |
+| `json` (or `--json`) | one JSON document per call; JSON Lines where the result is continuous |
+| `jsonl` | JSON Lines: one document per item of a list |
+| `yaml` | YAML documents |
+
+Every JSON document and line has a `schema_version`; `share/swarm/schemas/swarmctl/` has the JSON Schema of
+each command, also of the lines on stderr (`message.schema.json`): with a structured result errors, warnings
+and messages are JSON, too. Instants and durations in nanoseconds (`…_ns`) and 64-bit identities are text, and
+so is every other integer beyond 2^53, which a reader with double precision would change.
+
+A command joins the node that `--config DIR` names, else the
 ground station of the lab that `--lab NAME` names, else the node of `SWARM_CONFIG` (which daemons and modules
 read, too), else the ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` says which platform
 is asked about. Every other option is also read from the environment: `SWARMCTL_NODE`, `SWARMCTL_JSON` …
@@ -395,14 +411,20 @@ PAGES = {
 }
 
 
+def schemas_of_commands() -> Iterator[tuple[Path, str]]:
+    """The JSON Schemas of the documents of the commands."""
+    for name, schema in documents.schemas():
+        yield SCHEMAS / name, msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
+
+
 def main(folder: str = "") -> int:
     """Writes the pages; with a report's folder that report is taken over first."""
     if folder:
         shutil.copyfile(Path(folder) / "report.json", MEASURED)
         shutil.copyfile(Path(folder) / "paths.png", PICTURE)
-    for path, make in PAGES.items():
-        text = make()
+    for path, text in (*((path, make()) for path, make in PAGES.items()), *schemas_of_commands()):
         if not path.exists() or path.read_text() != text:
+            path.parent.mkdir(exist_ok=True)
             path.write_text(text)
             sys.stdout.write(f"{path}\n")
     return 0

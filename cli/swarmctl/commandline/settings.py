@@ -1,6 +1,7 @@
 """Values of the options of every command: plain data, so that `--help` imports little."""
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -8,6 +9,11 @@ import click
 
 PREFIX: Final = "SWARMCTL"
 """Every option is also read from the environment: SWARMCTL_…"""
+
+
+FORMATS: Final = ("table", "wide", "json", "jsonl", "yaml")
+"""Forms of a result; `wide` is the table with all its columns."""
+STRUCTURED: Final = frozenset({"json", "jsonl", "yaml"})
 
 
 class CliSettings(NamedTuple):
@@ -19,11 +25,17 @@ class CliSettings(NamedTuple):
     """Running lab whose ground station is joined; empty: the newest."""
     config: str = ""
     """Configuration folder of the node to join, from `--config`."""
-    json: bool = False
+    output: str = "table"
+    """One of FORMATS."""
     timeout_s: float = 5.0
     quiet: bool = False
     verbose: bool = False
     no_color: bool = False
+
+    @property
+    def structured(self) -> bool:
+        """Whether the result is for programs: JSON or YAML, not a table."""
+        return self.output in STRUCTURED
 
     @property
     def config_dir(self) -> Path | None:
@@ -32,6 +44,23 @@ class CliSettings(NamedTuple):
 
         given = self.config or ("" if self.lab else os.environ.get(CONFIG_VARIABLE, ""))
         return Path(given) if given else None
+
+
+def wants_structured(words: Sequence[str], environ: Mapping[str, str]) -> bool:
+    """Whether the words of a command line, which may be wrong otherwise, ask for a structured result."""
+    found = environ.get(f"{PREFIX}_OUTPUT", "")
+    if environ.get(f"{PREFIX}_JSON", "").lower() in {"1", "true", "t", "yes", "y", "on"}:
+        found = "json"
+    for word, following in zip(words, [*words[1:], ""], strict=True):
+        if word == "--":
+            break
+        if word == "--json":
+            found = "json"
+        elif word in {"-o", "--output"}:
+            found = following
+        elif word.startswith(("-o", "--output=")):
+            found = word.removeprefix("--output=").removeprefix("-o")
+    return found in STRUCTURED
 
 
 def settings(ctx: click.Context) -> CliSettings:

@@ -6,7 +6,7 @@ from typing import Any, Final
 import click
 
 from swarmctl.commandline import completion
-from swarmctl.commandline.settings import PREFIX, settings
+from swarmctl.commandline.settings import FORMATS, PREFIX, settings
 
 
 def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
@@ -17,6 +17,10 @@ def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
     source = ctx.get_parameter_source(param.name or "")
     given = {"COMMANDLINE", "ENVIRONMENT"} if ctx.parent is None else {"COMMANDLINE"}
     if source is not None and source.name in given:
+        if param.name == "json":
+            if value:
+                ctx.obj = settings(ctx)._replace(output="json")
+            return
         ctx.obj = settings(ctx)._replace(**{param.name or "": value})
 
 
@@ -59,7 +63,15 @@ _SHARED: Final = (
         envvar=None,  # the one variable of daemons and modules, too: see `Settings.config_dir`
         allow_from_autoenv=False,
     ),
-    _option("--json", name="json", is_flag=True, help_text="Result as JSON."),
+    _option(
+        "--output",
+        "-o",
+        name="output",
+        type=click.Choice(FORMATS),
+        metavar="FORMAT",
+        help_text=f"Form of the result: {', '.join(FORMATS)}; default: table.",
+    ),
+    _option("--json", name="json", is_flag=True, help_text="Same as -o json."),
     _option(
         "--timeout",
         name="timeout_s",

@@ -47,6 +47,12 @@ class ResourceReading(msgspec.Struct, frozen=True):
         return f"{self.path}: lost; this is the last value, {age}"
 
 
+class Readings(msgspec.Struct, frozen=True):
+    """The newest values of resources that match a pattern."""
+
+    values: list[ResourceReading]
+
+
 class Written(msgspec.Struct, frozen=True):
     """A value that was set."""
 
@@ -133,7 +139,7 @@ async def set_resource(session: Session, path: str, text: str, *, version: int |
     if not yes and (will := await consequence(session, full)):
         confirm(yes, f"set {full}: {will}")
     done = await write(session, full, text, version)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(done)
     else:
         session.out.text(f"{done.path} = {brief(done.value)} (version {done.version})")

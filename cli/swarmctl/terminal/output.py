@@ -2,14 +2,15 @@
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, TextIO
 
 import msgspec
 
 from swarmctl.commandline.settings import CliSettings
+from swarmware.types.json_form import json_form
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 """Version of the JSON documents; it increases when a key changes its meaning or is removed."""
 
 Cell = str | int | float | bool | None
@@ -21,6 +22,8 @@ class Column(msgspec.Struct, frozen=True):
     name: str
     right: bool = False
     """Aligned to the right, for numbers."""
+    wide: bool = False
+    """Shown with `-o wide` only."""
 
 
 class Output:
@@ -55,16 +58,20 @@ class Output:
     def say(self, text: str) -> None:
         """Print a message about progress, unless --quiet is given."""
         if not self.settings.quiet:
-            print(text, file=self._err, flush=True)
+            self._talk("message", text)
 
     def detail(self, text: str) -> None:
         """Print a message if --verbose is given."""
         if self.settings.verbose:
-            print(text, file=self._err, flush=True)
+            self._talk("message", text)
 
     def warn(self, text: str) -> None:
         """Print a warning, also with --quiet."""
-        print(f"warning: {text}", file=self._err, flush=True)
+        self._talk("warning", text)
+
+    def _talk(self, kind: str, text: str) -> None:
+        line = text if kind == "message" else f"{kind}: {text}"
+        print(json_line({kind: text}) if self.settings.structured else line, file=self._err, flush=True)
 
     def text(self, text: str) -> None:
         """Print a result that is text."""
@@ -75,7 +82,11 @@ class Output:
         print(text, file=self._out, flush=True)
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
-        """Print a result as a table."""
+        """Print a result as a table; wide columns only with `-o wide`."""
+        if self.settings.output != "wide" and any(column.wide for column in columns):
+            kept = [place for place, column in enumerate(columns) if not column.wide]
+            rows = [[row[place] for place in kept] for row in rows]
+            columns = [columns[place] for place in kept]
         cells = [[show(cell) for cell in row] for row in rows]
         if not self.fancy:
             self.text(plain_table(columns, cells, title))
@@ -93,30 +104,50 @@ class Output:
             drawn.add_row(*(Text(cell) for cell in row))
         Console(file=self._out, highlight=False).print(drawn)
 
-    def document(self, value: Any) -> None:
-        """Print a JSON document: the version of the schema, then the fields of a Struct or dict."""
-        self.exact({"schema_version": SCHEMA_VERSION, **named(value)})
+    def document(self, value: msgspec.Struct) -> None:
+        """Print the result for programs: the version of the schema, then the fields.
+
+        As `jsonl` a result that begins with a list of objects is one line per item.
+        """
+        form: dict[str, Any] = json_form(value)
+        rows = next(iter(form.values()), None)
+        if self.settings.output == "jsonl" and isinstance(rows, list) and isinstance((rows or [{}])[0], dict):
+            for row in rows:
+                self._json_line(row)
+        elif self.settings.output == "jsonl":
+            self._json_line(form)
+        else:
+            self.exact({"schema_version": SCHEMA_VERSION, **form})
 
     def exact(self, value: Any) -> None:
-        """Print a JSON document with exactly these keys."""
-        data = msgspec.json.format(msgspec.json.encode(value), indent=2)
+        """Print a document with exactly these keys, as JSON or YAML."""
+        if self.settings.output == "yaml":
+            self._yaml(json_form(value))
+            return
+        data = msgspec.json.format(msgspec.json.encode(json_form(value)), indent=2)
         self.text(data.decode())
 
-    def line(self, value: Any) -> None:
-        """Print one line of JSON Lines, flushed because a reader may follow it."""
-        print(msgspec.json.encode(named(value)).decode(), file=self._out, flush=True)
+    def line(self, value: msgspec.Struct) -> None:
+        """Print one item of a continuous result, flushed because a reader may follow it."""
+        form: dict[str, Any] = json_form(value)
+        if self.settings.output == "yaml":
+            self._yaml({"schema_version": SCHEMA_VERSION, **form})
+        else:
+            self._json_line(form)
+
+    def _json_line(self, form: dict[str, Any]) -> None:
+        print(json_line(form), file=self._out, flush=True)
+
+    def _yaml(self, form: Any) -> None:
+        import yaml
+
+        yaml.safe_dump(form, self._out, sort_keys=False, allow_unicode=True, explicit_start=True)
+        self._out.flush()
 
 
-def named(value: Any) -> Any:
-    """A value with every Struct in it as its fields by name, including those encoded as arrays."""
-    if isinstance(value, msgspec.Struct):
-        keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
-        return {key: named(getattr(value, field)) for key, field in keys}
-    if isinstance(value, Mapping):
-        return {str(key): named(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [named(item) for item in value]
-    return value
+def json_line(form: dict[str, Any]) -> str:
+    """A document on one line."""
+    return msgspec.json.encode({"schema_version": SCHEMA_VERSION, **form}).decode()
 
 
 def show(cell: Cell) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from swarmctl.session.session import Session
 from swarmctl.vehicles.observer import (
     BUILT_IN,
+    CommandResult,
     ManoeuvreProgress,
     VehicleObserver,
     VehicleResult,
@@ -85,6 +86,6 @@ async def command(
     """
     chosen = await choose(session, wanted, everything=everything)
     found = await manoeuvre(session, MissionAbort(reason, then), chosen, wait_s)
-    if session.settings.json:
-        session.out.document({"command": then, "vehicles": found})
+    if session.settings.structured:
+        session.out.document(CommandResult(then, found))
     raise_failures(then, found)

@@ -103,6 +103,13 @@ class VehicleResult(msgspec.Struct, frozen=True):
     """Reason of a failure; empty: none."""
 
 
+class CommandResult(msgspec.Struct, frozen=True):
+    """Result of a command at each of its vehicles."""
+
+    command: str
+    vehicles: list[VehicleResult]
+
+
 class _Boards(Generic[T]):
     """One board of every platform, including this node."""
 
@@ -234,7 +241,7 @@ class ManoeuvreProgress:
 
 def print_result(session: Session, seen: VehicleResult, *, home: bool = False) -> None:
     """Prints one line for a vehicle; `home`: with its distance from where it was armed."""
-    if session.settings.json:
+    if session.settings.structured:
         return
     words = [
         seen.platform,

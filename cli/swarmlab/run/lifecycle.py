@@ -7,6 +7,8 @@ from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
+import msgspec
+
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.session import labs
 from swarmctl.session.labs import LabState
@@ -26,6 +28,21 @@ T = TypeVar("T")
 
 UP_S: Final = 120.0
 """Maximum wait for a swarm to start; two cores start sixteen nodes in a tenth of it."""
+
+
+class EndedLab(msgspec.Struct, frozen=True):
+    """A lab that was ended."""
+
+    name: str
+    nodes: int
+    forced: int
+    """Processes that did not end in time and were killed."""
+
+
+class EndedLabs(msgspec.Struct, frozen=True):
+    """Labs that were ended."""
+
+    ended: list[EndedLab]
 
 
 def run_interruptible(main: Coroutine[Any, Any, T]) -> T:
@@ -119,7 +136,7 @@ async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:
     name = running.state.name
     try:
         await bring_up(running, out)
-        if out.settings.json:
+        if out.settings.structured:
             out.document(listing.describe(running.state, time.time_ns()))
         if detach:
             out.say(f"lab {name} is up; `swarmctl lab down {name}` ends it")
@@ -154,6 +171,6 @@ def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
         forced = provisioning.down(lab, keep=keep)
         if forced:
             out.warn(f"lab {lab.name}: {forced} processes did not end in time and were killed")
-        ended.append({"name": lab.name, "nodes": len(lab.nodes), "forced": forced})
-    if out.settings.json:
-        out.document({"ended": ended})
+        ended.append(EndedLab(lab.name, len(lab.nodes), forced))
+    if out.settings.structured:
+        out.document(EndedLabs(ended))

@@ -29,6 +29,19 @@ class LabLine(msgspec.Struct, frozen=True):
     folder: str
 
 
+class LabList(msgspec.Struct, frozen=True):
+    """The labs of this user."""
+
+    labs: list[LabLine]
+
+
+class ProcessLogLine(msgspec.Struct, frozen=True):
+    """One line of a node's process log."""
+
+    node: str
+    text: str
+
+
 _COLUMNS = (
     Column("lab"),
     Column("experiment"),
@@ -63,8 +76,8 @@ def describe(lab: LabState, now_utc_ns: int) -> LabLine:
 def list_labs(out: Output) -> None:
     """Print the list of labs."""
     lines = [describe(lab, time.time_ns()) for lab in labs.labs()]
-    if out.settings.json:
-        out.document({"labs": lines})
+    if out.settings.structured:
+        out.document(LabList(lines))
         return
     rows = [
         (x.name, x.experiment, x.state, x.nodes, x.alive, f"{x.age_s:.0f} s", x.multicast, x.folder)
@@ -91,8 +104,8 @@ def print_logs(platform: str, lines: int, out: Output, *, follow: bool) -> None:
         except FileNotFoundError:
             continue
         for line in last:
-            if out.settings.json:
-                out.line({"node": node.platform, "text": line.rstrip("\n")})
+            if out.settings.structured:
+                out.line(ProcessLogLine(node.platform, line.rstrip("\n")))
             else:
                 out.text(f"{node.platform}: {line.rstrip()}" if len(nodes) > 1 else line.rstrip("\n"))
 

@@ -10,13 +10,16 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jsonschema
 import pytest
 
 from swarmctl import main as swarmctl
 from swarmctl.session import processes
+from swarmctl.terminal import documents
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
 
@@ -136,6 +139,24 @@ def ctl(lab: Lab, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
         with Path(os.devnull).open() as nobody, monkeypatch.context() as patch:
             patch.setattr(sys, "stdin", nobody)
             code = swarmctl.main(shlex.split(command))
-        return Done(code, *capsys.readouterr())
+        done = Done(code, *capsys.readouterr())
+        _validate(shlex.split(command), done.out)
+        return done
 
     return run
+
+
+def _validate(words: list[str], out: str) -> None:
+    """Each document matches the shipped schema of its command."""
+    if "--json" not in words or not out:
+        return
+    commands = [*(" ".join(pair) for pair in pairwise(words)), *words]
+    command = next((one for one in commands if one in documents.DOCUMENTS), None)
+    assert command, f"{words}: no schema"
+    found = json.loads(out) if out.startswith("{\n") else None
+    if command == "tree get" and found and "values" in found:
+        command = "tree get PATTERN"
+    if command == "mission start" and found is None:
+        command = "mission watch"
+    for one in [found] if found else [json.loads(line) for line in out.splitlines()]:
+        jsonschema.validate(one, documents.schema(command))

@@ -91,12 +91,12 @@ def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -
     found = ctl("log query nav/pose -n uav1 --limit 5 --json").lines
     assert [line["path"] for line in found] == ["/uav1/nav/pose"] * 5
     newest = ctl("log query '/*/nav/pose' --limit 4 --newest --since 1h --json").lines
-    assert newest == sorted(newest, key=lambda line: line["utc_ns"])
+    assert newest == sorted(newest, key=lambda line: int(line["utc_ns"]))
     began_utc_ns = utc_ns()
     tailed = ctl("log tail '/*/{nav,mission}/**' --count 40 --json").lines
     assert len(tailed) == 40
-    assert tailed == sorted(tailed, key=lambda line: line["utc_ns"])
-    assert tailed[0]["utc_ns"] >= began_utc_ns, "what was recorded before was not asked for"
+    assert tailed == sorted(tailed, key=lambda line: int(line["utc_ns"]))
+    assert int(tailed[0]["utc_ns"]) >= began_utc_ns, "what was recorded before was not asked for"
     assert {line["path"].split("/")[1] for line in tailed} >= {"uav1", "uav2", "ugv1"}
 
     for form in ("jsonl", "csv", "mcap"):
@@ -188,8 +188,8 @@ def test_a_mission_is_started_watched_and_aborted(lab: Lab, ctl: Ctl) -> None:
                     break
             assert ctl("mission status --json").document["state"]["mission"] == "formation"
             assert ctl("mission start formation --yes").code == 3, "one at a time"
-            told = ctl("mission abort --then land --yes --json").document["told"]
-            assert sorted(told) == ["gcs", "uav1", "uav2", "ugv1"]
+            reached = ctl("mission abort --then land --yes --json").document["reached"]
+            assert sorted(reached) == ["gcs", "uav1", "uav2", "ugv1"]
             rest, err = started.communicate(timeout=60)
         finally:
             started.kill()

@@ -114,10 +114,10 @@ async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
     info = NodeInfo(
         "uav1", "main", PlatformKind.UAV, "multirotor", "0.1.0", 7, 61.0, ("broker",), "/etc/swarm", "one"
     )
-    for json_wanted in (False, True):
-        session = ScriptedSession({"/uav1/sys/node/info": info}, json=json_wanted)
+    for output in ("table", "json"):
+        session = ScriptedSession({"/uav1/sys/node/info": info}, output=output)
         await show_node(session, "uav1")
-        if json_wanted:
+        if output == "json":
             assert session.document["uptime_s"] == 61.0
         else:
             assert "1m01s" in session.stdout.getvalue()
@@ -139,11 +139,11 @@ async def test_no_faults_are_talk_and_not_a_result() -> None:
 
 async def test_a_topology_with_a_silent_platform_is_printed_and_partial() -> None:
     answers = {"/gcs/sys/broker/links": Neighbours(), "/uav1/sys/broker/links": NoAnswer("uav1: silent")}
-    session = ScriptedSession(answers, json=True)
+    session = ScriptedSession(answers, output="json")
     with pytest.raises(Partial, match="1 of 2"):
         await show_topology(session, dot=False, png="")
     assert session.document["silent"] == ["uav1"]
-    assert session.stderr.getvalue() == "warning: uav1: silent\n"
+    assert json.loads(session.stderr.getvalue())["warning"] == "uav1: silent"
 
 
 async def test_a_value_is_printed_with_its_unit_and_a_lost_one_with_a_warning() -> None:
@@ -202,7 +202,7 @@ async def test_the_last_change_of_a_setting_is_taken_back_and_both_values_are_pr
     assert UNDO not in session.asked
     await undo_setting(session, "gain", yes=True)
     assert session.stdout.getvalue() == f"{GAIN} = 1.5 (version 2; was 4)\n"
-    session = ScriptedSession(answers, node="uav1", json=True)
+    session = ScriptedSession(answers, node="uav1", output="json")
     await undo_setting(session, "gain", yes=True)
     document = session.document
     assert (document["path"], document["before"], document["value"], document["version"]) == (
@@ -227,7 +227,7 @@ async def test_live_settings_are_printed_with_range_and_one_alone_as_its_value()
     session = ScriptedSession(answers, node="uav1")
     await print_settings(session, "gain")
     assert session.stdout.getvalue() == "1.5\n"
-    session = ScriptedSession(answers, node="uav1", json=True)
+    session = ScriptedSession(answers, node="uav1", output="json")
     await print_settings(session, "**")
     assert session.document["settings"][0]["path"] == GAIN
 

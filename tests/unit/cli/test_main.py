@@ -56,7 +56,7 @@ def probe(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def test_shared_options_stand_before_or_after_the_command(probe: ModuleType) -> None:
     assert swarmctl.main(["--json", "-n", "uav1", "probe", "show", "--timeout", "2", "--rate", "3"]) == 0
-    assert probe.seen == CliSettings(node="uav1", json=True, timeout_s=2.0)
+    assert probe.seen == CliSettings(node="uav1", output="json", timeout_s=2.0)
     assert probe.rate == 3.0
     assert swarmctl.main(["-n", "uav1", "probe", "show", "-n", "uav2", "-q"]) == 0
     assert probe.seen == CliSettings(node="uav2", quiet=True)
@@ -70,7 +70,7 @@ def test_every_option_is_also_read_from_the_environment(
     monkeypatch.setenv("SWARMCTL_JSON", "1")
     monkeypatch.setenv("SWARMCTL_PROBE_SHOW_RATE", "5")
     assert swarmctl.main(["probe", "show"]) == 0
-    assert probe.seen == CliSettings(node="uav7", timeout_s=9.0, json=True)
+    assert probe.seen == CliSettings(node="uav7", timeout_s=9.0, output="json")
     assert probe.rate == 5.0
     assert swarmctl.main(["probe", "show", "-n", "uav1"]) == 0
     assert probe.seen.node == "uav1", "the command line goes before the environment"

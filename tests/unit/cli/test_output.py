@@ -5,9 +5,10 @@ import json
 
 import msgspec
 import pytest
+import yaml
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.terminal.output import Column, Output, show
+from swarmctl.terminal.output import SCHEMA_VERSION, Column, Output, show
 
 
 class Terminal(io.StringIO):
@@ -56,19 +57,98 @@ def test_a_cell_is_never_taken_for_markup(monkeypatch: pytest.MonkeyPatch) -> No
     assert "[red]x[/red] [/nothing]" in out.getvalue()
 
 
+class Links(msgspec.Struct, frozen=True):
+    links: list[Link]
+
+
+class Stamped(msgspec.Struct, frozen=True):
+    stamp_ns: int
+    count: int
+    boot_id: int
+
+
+JSON = CliSettings(output="json")
+JSONL = CliSettings(output="jsonl")
+YAML = CliSettings(output="yaml")
+DOCUMENT = {"schema_version": SCHEMA_VERSION, "links": [{"to": "uav2", "loss_ratio": 0.5}]}
+
+
 def test_a_document_carries_its_schema_version_first() -> None:
     out = io.StringIO()
-    Output(CliSettings(), out).document({"links": [Link("uav2", 0.5)]})
-    assert json.loads(out.getvalue()) == {"schema_version": 1, "links": [{"to": "uav2", "loss_ratio": 0.5}]}
+    Output(JSON, out).document(Links([Link("uav2", 0.5)]))
+    assert json.loads(out.getvalue()) == DOCUMENT
     assert next(iter(json.loads(out.getvalue()))) == "schema_version"
 
 
-def test_lines_are_one_document_each() -> None:
+def test_a_document_as_yaml_is_the_same_as_json() -> None:
     out = io.StringIO()
-    printer = Output(CliSettings(), out)
+    Output(YAML, out).document(Links([Link("uav2", 0.5)]))
+    assert yaml.safe_load(out.getvalue()) == DOCUMENT
+
+
+def test_a_list_as_json_lines_is_one_complete_document_per_item() -> None:
+    out = io.StringIO()
+    Output(JSONL, out).document(Links([Link("a", 0), Link("b", 1)]))
+    found = [json.loads(line) for line in out.getvalue().splitlines()]
+    assert [(one["to"], one["schema_version"]) for one in found] == [
+        ("a", SCHEMA_VERSION),
+        ("b", SCHEMA_VERSION),
+    ]
+    out = io.StringIO()
+    Output(JSONL, out).document(Stamped(1, 2, 3))
+    assert len(out.getvalue().splitlines()) == 1
+    out = io.StringIO()
+    Output(JSONL, out).document(Links([]))
+    assert out.getvalue() == ""
+
+
+@pytest.mark.parametrize("settings", [JSON, JSONL])
+def test_items_of_a_continuous_result_are_lines_with_the_schema_version(settings: CliSettings) -> None:
+    out = io.StringIO()
+    printer = Output(settings, out)
     printer.line(Link("a", 0))
     printer.line(Link("b", 1))
-    assert [json.loads(line)["to"] for line in out.getvalue().splitlines()] == ["a", "b"]
+    found = [json.loads(line) for line in out.getvalue().splitlines()]
+    assert [one["to"] for one in found] == ["a", "b"]
+    assert {one["schema_version"] for one in found} == {SCHEMA_VERSION}
+
+
+def test_items_of_a_continuous_result_are_documents_of_yaml() -> None:
+    out = io.StringIO()
+    printer = Output(YAML, out)
+    printer.line(Link("a", 0))
+    printer.line(Link("b", 1))
+    assert [one["to"] for one in yaml.safe_load_all(out.getvalue())] == ["a", "b"]
+
+
+def test_integers_that_a_double_cannot_hold_are_text() -> None:
+    out = io.StringIO()
+    Output(JSON, out).document(Stamped(12, 2**53, 7))
+    assert json.loads(out.getvalue())["stamp_ns"] == "12", "its type does not depend on its value"
+    assert json.loads(out.getvalue())["boot_id"] == "7"
+    assert json.loads(out.getvalue())["count"] == 2**53
+    out = io.StringIO()
+    Output(JSON, out).document(Stamped(0, 2**53 + 1, 0))
+    assert json.loads(out.getvalue())["count"] == str(2**53 + 1)
+
+
+def test_what_goes_to_stderr_beside_a_structured_result_is_json_too() -> None:
+    err = io.StringIO()
+    printer = Output(JSON, io.StringIO(), err)
+    printer.say("starting")
+    printer.warn("slow")
+    assert [json.loads(line) for line in err.getvalue().splitlines()] == [
+        {"schema_version": SCHEMA_VERSION, "message": "starting"},
+        {"schema_version": SCHEMA_VERSION, "warning": "slow"},
+    ]
+
+
+def test_wide_columns_are_shown_with_wide_only() -> None:
+    columns = (Column("node"), Column("address", wide=True), Column("loss"))
+    for output, words in (("table", ["node", "loss"]), ("wide", ["node", "address", "loss"])):
+        out = io.StringIO()
+        Output(CliSettings(output=output), out).table(columns, [("a", "b", "c")])
+        assert out.getvalue().split("\n")[0].split() == words
 
 
 def test_talk_goes_to_stderr_and_quiet_silences_it_but_not_warnings() -> None:

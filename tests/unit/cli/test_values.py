@@ -7,9 +7,9 @@ import msgspec
 import pytest
 
 from swarmctl.resources.values import brief, decoded_payload, field, single, typed
-from swarmctl.terminal.output import named
 from swarmware.errors import InvalidInput
 from swarmware.types import registry
+from swarmware.types.json_form import json_form
 from swarmware.types.net import NeighbourState, Routes, RouteState
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import BatteryState
@@ -89,7 +89,7 @@ def test_a_value_on_one_line_keeps_the_centimetre_of_a_latitude(value: Any, text
 def test_json_has_names_also_for_what_goes_over_the_wire_as_arrays() -> None:
     route = RouteState("uav1", 1, "uav1", 256, 1, 0, 5)
     assert "platform" in NeighbourState.__struct_fields__
-    assert json.loads(msgspec.json.encode(named({"routes": Routes((route,)), "n": (1, None)}))) == {
+    assert json.loads(msgspec.json.encode(json_form({"routes": Routes((route,)), "n": (1, None)}))) == {
         "routes": {
             "routes": [
                 {
@@ -99,7 +99,7 @@ def test_json_has_names_also_for_what_goes_over_the_wire_as_arrays() -> None:
                     "metric": 256,
                     "hops": 1,
                     "tree_version": 0,
-                    "since_ns": 5,
+                    "since_ns": "5",
                 }
             ]
         },

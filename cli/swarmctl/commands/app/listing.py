@@ -1,11 +1,19 @@
 """Applications of a platform, or of all platforms, from a register."""
 
+import msgspec
+
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
 from swarmctl.terminal.quantities import spoken
 from swarmware.errors import NotFound
-from swarmware.types.register import Register
+from swarmware.types.register import KnownUnit, Register
 from swarmware.types.rpc import Empty
+
+
+class ApplicationList(msgspec.Struct, frozen=True):
+    """Tables of applications, one per unit."""
+
+    units: list[KnownUnit]
 
 
 async def list_applications(session: Session, everywhere: bool) -> None:
@@ -19,8 +27,8 @@ async def list_applications(session: Session, everywhere: bool) -> None:
         raise NotFound(
             f"register of {session.platform}: not known here; expected a table of its register daemon"
         )
-    if session.settings.json:
-        session.out.document({"units": units})
+    if session.settings.structured:
+        session.out.document(ApplicationList(units))
         return
     rows = [
         (

@@ -27,6 +27,12 @@ class EffectiveSetting(msgspec.Struct, frozen=True):
     """Origin of the value: `default`, or the file."""
 
 
+class EffectiveSettings(msgspec.Struct, frozen=True):
+    """Settings of a node's files."""
+
+    settings: list[EffectiveSetting]
+
+
 def effective(folder: Path, service: str) -> list[EffectiveSetting]:
     """Every key of the node, or of one service.
 
@@ -53,8 +59,8 @@ def print_effective(settings: CliSettings, service: str, out: Output, *, changed
     rows = effective(local_config_dir(settings), service)
     if changed:
         rows = [row for row in rows if row.origin != "default"]
-    if settings.json:
-        out.document({"settings": rows})
+    if settings.structured:
+        out.document(EffectiveSettings(rows))
         return
     out.table(
         [Column("SERVICE"), Column("KEY"), Column("FROM"), Column("VALUE")],

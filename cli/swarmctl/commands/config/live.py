@@ -1,5 +1,9 @@
 """Live settings of a platform: the resources below `config/`."""
 
+from typing import Any
+
+import msgspec
+
 from swarmctl.resources.access import read, read_all, undo
 from swarmctl.resources.listing import consequence, is_pattern, valued
 from swarmctl.resources.values import brief
@@ -7,6 +11,32 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column
 from swarmware.errors import NotFound
+
+
+class LiveSetting(msgspec.Struct, frozen=True):
+    """A setting that is changed while the node runs."""
+
+    path: str
+    value: Any
+    unit: str
+    range: tuple[float, float] | None
+    """Smallest and largest accepted value."""
+    version: int
+
+
+class LiveSettings(msgspec.Struct, frozen=True):
+    """Settings of a platform."""
+
+    settings: list[LiveSetting]
+
+
+class SettingUndone(msgspec.Struct, frozen=True):
+    """A setting whose last change was undone."""
+
+    path: str
+    before: Any
+    value: Any
+    version: int
 
 
 async def print_settings(session: Session, key: str) -> None:
@@ -25,18 +55,9 @@ async def print_settings(session: Session, key: str) -> None:
     if errors:
         raise errors[0]
     limits = {entry.path: entry.range for entry in entries}
-    if session.settings.json:
-        found = [
-            {
-                "path": r.path,
-                "value": r.value,
-                "unit": r.unit,
-                "range": limits[r.path],
-                "version": r.version,
-            }
-            for r in readings
-        ]
-        session.out.document({"settings": found})
+    if session.settings.structured:
+        found = [LiveSetting(r.path, r.value, r.unit, limits[r.path], r.version) for r in readings]
+        session.out.document(LiveSettings(found))
     elif not is_pattern(key):
         session.out.text(brief(readings[0].value))
     else:
@@ -59,10 +80,8 @@ async def undo_setting(session: Session, key: str, *, yes: bool) -> None:
         confirm(yes, f"undo the last change of {path}: {will}")
     before = await read(session, path, fresh=True)
     done = await undo(session, path)
-    if session.settings.json:
-        session.out.document(
-            {"path": done.path, "before": before.value, "value": done.value, "version": done.version}
-        )
+    if session.settings.structured:
+        session.out.document(SettingUndone(done.path, before.value, done.value, done.version))
     else:
         was, now = brief(before.value), brief(done.value)
         session.out.text(f"{done.path} = {now} (version {done.version}; was {was})")

@@ -2,13 +2,21 @@
 
 from typing import Final
 
-from swarmctl.commands.doctor.checks import examine
+import msgspec
+
+from swarmctl.commands.doctor.checks import CheckResult, examine
 from swarmctl.session.session import local_config_dir
 from swarmctl.terminal.output import Column, Output
 from swarmware.errors import NotFound
 
 WARNINGS: Final = 1
 ERRORS: Final = 2
+
+
+class Diagnosis(msgspec.Struct, frozen=True):
+    """Results of all checks."""
+
+    results: list[CheckResult]
 
 
 def diagnose(out: Output, *, fix: bool) -> int:
@@ -24,8 +32,8 @@ def diagnose(out: Output, *, fix: bool) -> int:
         out.say(f"{error}; only the machine is checked")
         folder = None
     results = examine(folder, fix=fix)
-    if out.settings.json:
-        out.document({"results": results})
+    if out.settings.structured:
+        out.document(Diagnosis(results))
     else:
         rows = [(result.verdict, result.check, result.text, result.advice) for result in results]
         out.table([Column("VERDICT"), Column("CHECK"), Column("FOUND"), Column("ADVICE")], rows)

@@ -1,5 +1,7 @@
 """State, checks and faults of platforms, from their monitors."""
 
+import msgspec
+
 from swarmctl.resources.fanout import platforms, read_boards, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Cell, Column
@@ -8,6 +10,21 @@ from swarmware.errors import NotFound, Partial
 from swarmware.model import names
 from swarmware.types.health import FaultClear, FaultList, FaultQuery, HealthReport, HealthState
 from swarmware.types.rpc import Empty
+
+
+class PlatformHealth(msgspec.Struct, frozen=True):
+    """State of a platform; None when it did not answer."""
+
+    platform: str
+    state: HealthState | None
+
+
+class HealthStates(msgspec.Struct, frozen=True):
+    """The health states of platforms."""
+
+    platforms: list[PlatformHealth]
+    silent: list[str]
+    """Platforms that did not answer."""
 
 
 async def list_states(session: Session) -> None:
@@ -19,9 +36,9 @@ async def list_states(session: Session) -> None:
     states, errors = await read_boards(session, asked, "health/state", HealthState)
     if session.settings.node and errors:
         raise errors[session.platform]
-    if session.settings.json:
-        rows = [{"platform": platform, "state": states.get(platform)} for platform in asked]
-        session.out.document({"platforms": rows, "silent": sorted(errors)})
+    if session.settings.structured:
+        rows = [PlatformHealth(platform, states.get(platform)) for platform in asked]
+        session.out.document(HealthStates(rows, sorted(errors)))
     else:
         columns = [
             Column("PLATFORM"),
@@ -61,7 +78,7 @@ async def show_checks(session: Session, platform: str) -> None:
     """Prints each check of a platform and its newest result; empty: the platform that `-n` names."""
     target = names.check_platform(platform or session.platform)
     report = await session.ask(f"/{target}/sys/health/state", Empty(), HealthReport)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(report)
         return
     rows = [
@@ -90,7 +107,7 @@ async def show_checks(session: Session, platform: str) -> None:
 async def list_faults(session: Session, cleared: bool) -> None:
     """Prints the faults of a platform; with `cleared` also cleared ones."""
     found = await session.ask("sys/health/faults", FaultQuery(cleared), FaultList)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     if not found.faults:
@@ -132,7 +149,7 @@ async def clear_faults(session: Session, pattern: str) -> None:
     cleared = await session.ask("sys/health/clear", FaultClear(pattern), FaultList)
     if not cleared.faults and pattern != "**":
         raise NotFound(f"{cleared.platform}: no fault matches {pattern}; `health faults` lists them")
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(cleared)
     for fault in cleared.faults:
         session.out.say(f"{cleared.platform}: {fault.check}: {fault.state} cleared")

@@ -9,7 +9,7 @@ from swarmware.types.rpc import Empty
 async def list_neighbours(session: Session) -> None:
     """Prints state, address, loss, round trip and cost of each."""
     found = await session.ask("sys/broker/links", Empty(), Neighbours)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     rows = [

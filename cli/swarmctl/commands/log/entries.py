@@ -4,10 +4,18 @@ from collections.abc import Mapping
 from itertools import islice
 from typing import Any
 
+import msgspec
+
 from swarmctl.commands.log import export, sources, tail
 from swarmctl.terminal.output import Column, Output
 from swarmware.errors import Partial
-from swarmware.recorder.query import Query, stats
+from swarmware.recorder.query import Query, QueueStats, stats
+
+
+class LogStatistics(msgspec.Struct, frozen=True):
+    """Number of entries of each queue."""
+
+    queues: list[QueueStats]
 
 
 def print_entries(options: Mapping[str, Any], out: Output) -> None:
@@ -52,8 +60,8 @@ def count_entries(options: Mapping[str, Any], out: Output, *, strict: bool) -> N
     """
     with sources.source(out.settings, options) as found:
         queues = stats(found.entries(Query()))
-    if out.settings.json:
-        out.document({"queues": queues})
+    if out.settings.structured:
+        out.document(LogStatistics(queues))
     else:
         rows = [
             (q.queue, q.entries, q.bytes, q.missing, (q.last_utc_ns - q.first_utc_ns) / 1e9) for q in queues

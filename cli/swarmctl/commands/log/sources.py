@@ -25,6 +25,24 @@ from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, LogSource, Query
 
 
+class PrintedEntry(msgspec.Struct, frozen=True):
+    """One log entry as a line of JSON."""
+
+    utc: str
+    """Wall clock of the logger, ISO 8601."""
+    utc_ns: int
+    stamp_ns: int
+    """Clock of the platform when the value was sent."""
+    path: str
+    type: str
+    queue: str
+    sequence: int
+    """Number in the queue."""
+    sender: str
+    """Sender of a command; else empty."""
+    value: Any
+
+
 class LoggerAddress(msgspec.Struct, frozen=True):
     """Keys of logger.toml: the database to which the log is forwarded."""
 
@@ -154,19 +172,19 @@ def instant_ns(text: str, now_ns: int) -> int:
 
 def show(out: Output, entry: LogEntry) -> None:
     """Print one entry, as a line of JSON or of text."""
-    if out.settings.json:
+    if out.settings.structured:
         out.line(
-            {
-                "utc": iso(entry.utc_ns),
-                "utc_ns": entry.utc_ns,
-                "stamp_ns": entry.stamp_ns,
-                "path": entry.topic,
-                "type": entry.type,
-                "queue": entry.queue,
-                "sequence": entry.sequence,
-                **({"sender": entry.sender} if entry.sender else {}),
-                "value": entry.plain(),
-            }
+            PrintedEntry(
+                iso(entry.utc_ns),
+                entry.utc_ns,
+                entry.stamp_ns,
+                entry.topic,
+                entry.type,
+                entry.queue,
+                entry.sequence,
+                entry.sender,
+                entry.plain(),
+            )
         )
         return
     sender = f"  from {entry.sender}" if entry.sender else ""

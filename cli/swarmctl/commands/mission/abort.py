@@ -1,13 +1,24 @@
 """Aborts a running mission at all its members, or at some."""
 
+import msgspec
+
 from swarmctl.commands.mission.members import find_active
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.vehicles.manoeuvre import manoeuvre
-from swarmctl.vehicles.observer import raise_failures
+from swarmctl.vehicles.observer import VehicleResult, raise_failures
 from swarmctl.vehicles.selection import choose, is_station
 from swarmware.errors import NotFound
 from swarmware.types.mission import MissionAbort
+
+
+class MissionAborted(msgspec.Struct, frozen=True):
+    """Result of an abort at each member."""
+
+    reached: list[str]
+    """Members that received the order."""
+    silent: list[str]
+    vehicles: list[VehicleResult]
 
 
 async def abort(
@@ -32,8 +43,8 @@ async def abort(
         chosen = {name: found.kinds[name] for name in found.members}
         confirm(yes, f"abort {found.mission} at {', '.join(chosen)}, then {then}")
     seen = await manoeuvre(session, MissionAbort(reason, then), chosen, wait_s)
-    if session.settings.json:
+    if session.settings.structured:
         reached = [one.platform for one in seen if one.reached]
         silent = [one.platform for one in seen if not one.reached]
-        session.out.document({"told": reached, "silent": silent, "vehicles": seen})
+        session.out.document(MissionAborted(reached, silent, seen))
     raise_failures("abort", seen)

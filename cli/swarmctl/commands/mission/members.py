@@ -30,6 +30,13 @@ class ActiveMission(msgspec.Struct, frozen=True):
     """Whether it has not ended at every member."""
 
 
+class MemberState(msgspec.Struct, frozen=True):
+    """A changed state of a member."""
+
+    platform: str
+    state: MissionState
+
+
 async def find_active(session: Session) -> ActiveMission:
     """The active run, else the newest one: of the platform that `-n` names, else of any.
 
@@ -121,8 +128,8 @@ def display_key(state: MissionState) -> object:
 
 
 def _print_state(session: Session, platform: str, state: MissionState) -> None:
-    if session.settings.json:
-        session.out.line({"platform": platform, "state": state})
+    if session.settings.structured:
+        session.out.line(MemberState(platform, state))
     else:
         blocks = ", ".join(state.active)
         session.out.now(

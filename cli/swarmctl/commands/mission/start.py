@@ -30,9 +30,9 @@ async def start(session: Session, mission: str, task: MissionTask, *, yes: bool,
         yes, f"start {plan.mission} with {who}{f', without {without}' if without else ''}: they will move"
     )
     answer = await session.ask("sys/mission/task", task, TaskAnswer, timeout_s=wait_s)
-    if session.settings.json and not watch:
+    if session.settings.structured and not watch:
         session.out.document(answer)
-    elif not session.settings.json:
+    elif not session.settings.structured:
         rows = [
             (
                 order.platform,

@@ -10,7 +10,7 @@ from swarmware.types.rpc import Empty
 async def list_missions(session: Session) -> None:
     """Prints the missions in the store of the platform of the session."""
     found = await session.ask("sys/mission/ls", Empty(), MissionList)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     rows = [(m.name, m.title, m.hash[:8], ", ".join(m.roles), m.sound, m.findings) for m in found.missions]
@@ -28,7 +28,7 @@ async def list_missions(session: Session) -> None:
 async def print_status(session: Session) -> None:
     """Prints the mission state of the platform of the session, and of the members that it receives."""
     found = await session.ask("sys/mission/status", Empty(), MissionStatus)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
     else:
         _show(session, found)

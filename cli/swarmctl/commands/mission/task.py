@@ -81,14 +81,20 @@ def _param(text: str) -> tuple[str, ParamValue]:
         ) from error
 
 
+class MissionVerdicts(msgspec.Struct, frozen=True):
+    """Results of the checks of missions."""
+
+    missions: list[MissionVerdict]
+
+
 def check_missions(missions: Iterable[str], out: Output) -> None:
     """Prints the result of each check and its findings.
 
     Raises: MissionError when one has errors; as `check_all`.
     """
     verdicts = check_all(missions)
-    if out.settings.json:
-        out.document({"missions": verdicts})
+    if out.settings.structured:
+        out.document(MissionVerdicts(verdicts))
     else:
         rows = [(v.source, "sound" if v.sound else "refused", len(v.findings)) for v in verdicts]
         out.table([Column("MISSION"), Column("VERDICT"), Column("FINDINGS", right=True)], rows)

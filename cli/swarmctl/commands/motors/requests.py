@@ -5,7 +5,13 @@ from collections.abc import Mapping
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
-from swarmctl.vehicles.observer import VehicleObserver, VehicleResult, print_result, raise_failures
+from swarmctl.vehicles.observer import (
+    CommandResult,
+    VehicleObserver,
+    VehicleResult,
+    print_result,
+    raise_failures,
+)
 from swarmctl.vehicles.selection import choose
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model import names
@@ -106,6 +112,6 @@ async def _request(
     session: Session, name: str, path: str, value: Request, chosen: Mapping[str, PlatformKind], wait_s: float
 ) -> None:
     found = await MotorRequests(session, path, value, chosen, wait_s).run()
-    if session.settings.json:
-        session.out.document({"command": name, "vehicles": found})
+    if session.settings.structured:
+        session.out.document(CommandResult(name, found))
     raise_failures(name, found)

@@ -35,6 +35,12 @@ class NodeOverview(msgspec.Struct, frozen=True):
     battery_ratio: float | None
 
 
+class NodeList(msgspec.Struct, frozen=True):
+    """The nodes of the swarm."""
+
+    nodes: list[NodeOverview]
+
+
 async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, SwarmError]]:
     """The platform that `-n` names, else all known ones; and the errors of those without an answer."""
     asked = [session.platform] if session.settings.node else await platforms(session)
@@ -116,8 +122,8 @@ async def list_nodes(session: Session) -> None:
     nodes, errors = await overview(session)
     if session.settings.node and errors:
         raise errors[session.platform]
-    if session.settings.json:
-        session.out.document({"nodes": nodes})
+    if session.settings.structured:
+        session.out.document(NodeList(nodes))
     else:
         session.out.table(*table(session, nodes))
     warn_errors(session, errors)
@@ -129,7 +135,7 @@ async def show_node(session: Session, platform: str) -> None:
     """Prints the identity of one node; empty: the platform that `-n` names."""
     target = names.check_platform(platform or session.platform)
     found = await session.ask(f"/{target}/sys/node/info", Empty(), NodeInfo)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     rows = [

@@ -9,7 +9,7 @@ from swarmware.types.time import TimeFunctions
 async def list_conversions(session: Session) -> None:
     """Prints offset, skew, bound and age of each."""
     found = await session.ask("sys/time/functions", Empty(), TimeFunctions)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     rows = [

@@ -20,4 +20,6 @@ def cmd(ctx: click.Context, dot: bool, png: str | None) -> None:
 
     if dot and png:
         raise click.UsageError("--dot or --png FILE, not both")
+    if dot and settings(ctx).structured:
+        raise click.UsageError(f"--dot or -o {settings(ctx).output}, not both")
     run(settings(ctx), show_topology, dot=dot, png=png or "")

@@ -1,12 +1,23 @@
 """The links of the swarm, queried from every platform."""
 
-from swarmctl.commands.topo.graph import edges, to_dot, to_png
+import msgspec
+
+from swarmctl.commands.topo.graph import TopologyEdge, edges, to_dot, to_png
 from swarmctl.resources.fanout import ask_all, platforms, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
 from swarmware.errors import Partial
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty
+
+
+class SwarmTopology(msgspec.Struct, frozen=True):
+    """Platforms and the links between them."""
+
+    nodes: list[str]
+    links: list[TopologyEdge]
+    silent: list[str]
+    """Platforms that did not answer."""
 
 
 async def show_topology(session: Session, *, dot: bool, png: str) -> None:
@@ -22,8 +33,8 @@ async def show_topology(session: Session, *, dot: bool, png: str) -> None:
         session.out.say(f"graph of {len(asked)} nodes and {len(found)} links to {png}")
     elif dot:
         session.out.text(to_dot(asked, found))
-    elif session.settings.json:
-        session.out.document({"nodes": asked, "links": found, "silent": sorted(errors)})
+    elif session.settings.structured:
+        session.out.document(SwarmTopology(asked, found, sorted(errors)))
     else:
         rows = [
             (

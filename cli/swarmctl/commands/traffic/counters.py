@@ -11,7 +11,7 @@ from swarmware.types.rpc import Empty
 async def list_counters(session: Session) -> None:
     """Prints the counters of each link and channel, and of refused input."""
     found = await session.ask("sys/broker/traffic", Empty(), Traffic)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     names: tuple[str, ...] = (

@@ -1,6 +1,7 @@
 """Rates of a broker's channels, from its counters, and limits set by an operator."""
 
 import click
+import msgspec
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
@@ -8,6 +9,30 @@ from swarmware.model import names
 from swarmware.model.names import Pattern
 from swarmware.types.net import ChannelLimits, SetChannel, Traffic
 from swarmware.types.rpc import Empty
+
+
+class ChannelRates(msgspec.Struct, frozen=True):
+    """Rates of one channel."""
+
+    channel: str
+    offered_hz: float
+    sent_hz: float
+    sent_bytes_s: float
+    received_hz: float
+    received_bytes_s: float
+    dropped_hz: float
+    held_back_hz: float
+
+
+class TrafficRates(msgspec.Struct, frozen=True):
+    """Rates of a platform's channels in one period."""
+
+    platform: str
+    at_ns: int
+    sent_bytes_s: float
+    """On the wire, of all channels."""
+    received_bytes_s: float
+    channels: list[ChannelRates]
 
 
 async def follow_rates(session: Session, period_s: float, count: int | None) -> None:
@@ -50,26 +75,9 @@ def _show_rates(session: Session, before: Traffic, now: Traffic) -> None:
         (now.sent_bytes - before.sent_bytes) / span_s,
         (now.received_bytes - before.received_bytes) / span_s,
     )
-    if session.settings.json:
-        names = (
-            "channel",
-            "offered_hz",
-            "sent_hz",
-            "sent_bytes_s",
-            "received_hz",
-            "received_bytes_s",
-            "dropped_hz",
-            "held_back_hz",
-        )
-        session.out.line(
-            {
-                "platform": session.platform,
-                "at_ns": now.at_ns,
-                "sent_bytes_s": total[0],
-                "received_bytes_s": total[1],
-                "channels": [dict(zip(names, row, strict=True)) for row in rates],
-            }
-        )
+    if session.settings.structured:
+        channels = [ChannelRates(*row) for row in rates]
+        session.out.line(TrafficRates(session.platform, now.at_ns, *total, channels))
         return
     if session.out.fancy:
         click.clear()
@@ -98,7 +106,7 @@ async def set_limit(session: Session, pattern: str, max_hz: float | None, durati
     traffic = await session.ask(f"/{target}/sys/broker/traffic", Empty(), Traffic)
     if not any(Pattern(local).matches(one.channel) for one in traffic.channels):
         session.out.warn(f"{target} has not sent a board that matches {local} yet; the limit is in force")
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(limits)
         return
     rows = [(one.pattern, one.max_hz, one.remaining_s) for one in limits.limits]

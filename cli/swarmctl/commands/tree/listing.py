@@ -10,7 +10,7 @@ from swarmware.types.tree import Quality
 async def list_resources(session: Session, pattern: str) -> None:
     """Prints the resources that match, a line each."""
     found = await listing(session, pattern)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     rows = [
@@ -44,7 +44,7 @@ async def list_resources(session: Session, pattern: str) -> None:
 async def draw_resources(session: Session, pattern: str) -> None:
     """Prints the resources that match below their branches."""
     found = await listing(session, pattern)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
     else:
         session.out.text("\n".join(tree(found.entries)))

@@ -1,6 +1,6 @@
 """Prints the newest values of resources."""
 
-from swarmctl.resources.access import ResourceReading, read, read_all
+from swarmctl.resources.access import Readings, ResourceReading, read, read_all
 from swarmctl.resources.listing import is_pattern, valued
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
@@ -18,7 +18,7 @@ async def print_values(session: Session, path: str, *, fresh: bool) -> None:
         return
     found = await read(session, session.path(name), fields, fresh=fresh)
     _warn_lost(session, found)
-    if session.settings.json:
+    if session.settings.structured:
         session.out.document(found)
         return
     session.out.text(_text(found, fields))
@@ -31,8 +31,8 @@ async def _print_all(session: Session, pattern: str, fields: str, *, fresh: bool
     found, errors = await read_all(session, [entry.path for entry in entries], fields, fresh=fresh)
     for reading in found:
         _warn_lost(session, reading)
-    if session.settings.json:
-        session.out.document({"values": found})
+    if session.settings.structured:
+        session.out.document(Readings(found))
     else:
         width = max((len(reading.path) for reading in found), default=0)
         for reading in found:

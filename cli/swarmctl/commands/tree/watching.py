@@ -93,7 +93,7 @@ async def print_changes(session: Session, path: str, count: int | None) -> None:
     printed = 0
     async for new in watch:
         value = field(new.value, new.path, fields)
-        if session.settings.json:
+        if session.settings.structured:
             session.out.line(msgspec.structs.replace(new, value=value))
         else:
             session.out.now(f"{new.path}  {brief(value)}" if is_pattern(name) else brief(value))

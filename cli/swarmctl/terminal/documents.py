@@ -1,0 +1,99 @@
+"""The type of each command's structured result, and its JSON Schema."""
+
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Any, Final
+
+import msgspec
+
+from swarmctl.terminal.output import SCHEMA_VERSION
+from swarmware.types.json_form import json_schema
+
+DOCUMENTS: Final = {
+    "node ls": "swarmctl.commands.node.overview:NodeList",
+    "node info": "swarmware.types.system:NodeInfo",
+    "app ls": "swarmctl.commands.app.listing:ApplicationList",
+    "tree ls": "swarmware.types.tree:TreeListing",
+    "tree show": "swarmware.types.tree:TreeListing",
+    "tree get": "swarmctl.resources.access:ResourceReading",
+    "tree get PATTERN": "swarmctl.resources.access:Readings",
+    "tree set": "swarmctl.resources.access:Written",
+    "tree watch": "swarmctl.commands.tree.watching:WatchedValue",
+    "topo": "swarmctl.commands.topo.topology:SwarmTopology",
+    "link ls": "swarmware.types.net:Neighbours",
+    "traffic ls": "swarmware.types.net:Traffic",
+    "traffic set": "swarmware.types.net:ChannelLimits",
+    "traffic top": "swarmctl.commands.traffic.rates:TrafficRates",
+    "mission ls": "swarmware.types.mission:MissionList",
+    "mission check": "swarmctl.commands.mission.task:MissionVerdicts",
+    "mission start": "swarmware.types.mission:TaskAnswer",
+    "mission status": "swarmware.types.mission:MissionStatus",
+    "mission watch": "swarmctl.commands.mission.follow:MemberState",
+    "mission abort": "swarmctl.commands.mission.abort:MissionAborted",
+    "hold": "swarmctl.vehicles.observer:CommandResult",
+    "land": "swarmctl.vehicles.observer:CommandResult",
+    "return": "swarmctl.vehicles.observer:CommandResult",
+    "arm": "swarmctl.vehicles.observer:CommandResult",
+    "disarm": "swarmctl.vehicles.observer:CommandResult",
+    "kill": "swarmctl.vehicles.observer:CommandResult",
+    "time ls": "swarmware.types.time:TimeFunctions",
+    "health ls": "swarmctl.commands.health.report:HealthStates",
+    "health info": "swarmware.types.health:HealthReport",
+    "health faults": "swarmware.types.health:FaultList",
+    "health clear": "swarmware.types.health:FaultList",
+    "log query": "swarmctl.commands.log.sources:PrintedEntry",
+    "log tail": "swarmctl.commands.log.sources:PrintedEntry",
+    "log stats": "swarmctl.commands.log.entries:LogStatistics",
+    "lab up": "swarmlab.run.listing:LabLine",
+    "lab ls": "swarmlab.run.listing:LabList",
+    "lab down": "swarmlab.run.lifecycle:EndedLabs",
+    "lab logs": "swarmlab.run.listing:ProcessLogLine",
+    "lab run": "swarmlab.report.report:ExperimentReport",
+    "lab report": "swarmlab.report.report:ExperimentReport",
+    "config get": "swarmctl.commands.config.live:LiveSettings",
+    "config set": "swarmctl.resources.access:Written",
+    "config undo": "swarmctl.commands.config.live:SettingUndone",
+    "config show": "swarmctl.commands.config.effective:EffectiveSettings",
+    "doctor": "swarmctl.commands.doctor.diagnosis:Diagnosis",
+    "message": "swarmctl.terminal.documents:Message",
+}
+"""`module:type` by command, and of the lines on stderr; imported only where a schema is made."""
+
+NO_DOCUMENT: Final = frozenset({"completion", "log export"})
+"""Commands whose result is text or a file in every format."""
+
+
+class Message(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A line on stderr beside a structured result: an error, a warning or a message."""
+
+    error: str = ""
+    exit_code: int = 0
+    warning: str = ""
+    message: str = ""
+
+
+def schemas() -> Iterator[tuple[str, dict[str, Any]]]:
+    """File name and JSON Schema of each command's document, or of each of its lines."""
+    for command in DOCUMENTS:
+        yield f"{command.lower().replace(' ', '-')}.schema.json", schema(command)
+
+
+def schema(command: str) -> dict[str, Any]:
+    """JSON Schema of a command's document: `schema_version` and the fields of its type."""
+    module, _, name = DOCUMENTS[command].partition(":")
+    cls = getattr(import_module(module), name)
+    defs = json_schema(cls)["$defs"]
+    top = defs.pop(name)
+    own = "schema_version" in top["properties"]
+    version: dict[str, Any] = {"type": "integer"} if own else {"const": SCHEMA_VERSION}
+    properties = {**top["properties"], "schema_version": version}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"swarmctl {command}",
+        "description": top["description"],
+        "type": "object",
+        "required": ["schema_version"] if cls.__struct_config__.omit_defaults else list(properties),
+        "properties": properties,
+        "additionalProperties": False,
+        "$defs": defs,
+    }

@@ -1,0 +1,102 @@
+"""The JSON form of values: fields by name, 64-bit integers as text; and the JSON Schema of that form."""
+
+import enum
+from collections.abc import Mapping
+from typing import Any, Final
+
+import msgspec
+
+from swarmware.types.open_enum import OpenEnum
+
+EXACT: Final = 1 << 53
+"""Largest magnitude of an integer that every JSON reader keeps exactly (IEEE 754 double)."""
+
+_WIDE: Final = frozenset({"boot_id", "digest", "set_digest"})
+_TEXT: Final = {"type": "string", "pattern": "^-?[0-9]+$", "description": "64-bit integer as text."}
+
+
+def is_wide(name: str) -> bool:
+    """Whether the integers of a field need 64 bits: nanoseconds and identities; they are always text."""
+    return name.endswith("_ns") or name in _WIDE
+
+
+def json_form(value: Any, name: str = "") -> Any:
+    """A value as plain data for JSON; `name` is the field that holds it.
+
+    Integers of wide fields and those beyond 2^53 are text; bytes are their number.
+    """
+    if isinstance(value, msgspec.Struct):
+        keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
+        return {key: json_form(getattr(value, field), key) for key, field in keys}
+    if isinstance(value, Mapping):
+        return {str(key): json_form(item, str(key)) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [json_form(item, name) for item in value]
+    if isinstance(value, bytes | bytearray | memoryview):
+        return f"{len(value)} bytes"
+    if isinstance(value, msgspec.msgpack.Ext):
+        return f"{len(bytes(value.data))} bytes"
+    if not isinstance(value, int) or isinstance(value, bool | enum.Enum):
+        return value
+    return str(value) if is_wide(name) or abs(value) > EXACT else value
+
+
+def json_schema(cls: Any, *, text: bool = True) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a type's JSON form; Structs are below `$defs`.
+
+    With `text` wide integers are text, as in `json_form`; without it all integers are numbers.
+    """
+    defs: dict[str, Any] = {}
+    found = _schema(msgspec.inspect.type_info(cls), "", defs, text)
+    return {**found, "$defs": defs} if defs else found
+
+
+def _schema(info: msgspec.inspect.Type, name: str, defs: dict[str, Any], text: bool) -> dict[str, Any]:
+    kinds = msgspec.inspect
+    match info:
+        case kinds.Metadata():
+            return _schema(info.type, name, defs, text)
+        case kinds.StructType():
+            return _reference(info, defs, text)
+        case kinds.UnionType():
+            return {"anyOf": [_schema(one, name, defs, text) for one in info.types]}
+        case kinds.NoneType():
+            return {"type": "null"}
+        case kinds.BoolType():
+            return {"type": "boolean"}
+        case kinds.IntType():
+            return dict(_TEXT) if text and is_wide(name) else {"type": "integer"}
+        case kinds.FloatType():
+            return {"type": ["number", "null"]}  # NaN and infinity are null
+        case kinds.StrType() | kinds.BytesType() | kinds.ByteArrayType() | kinds.MemoryViewType():
+            return {"type": "string"}
+        case kinds.EnumType():
+            values = [one.value for one in info.cls]
+            is_open = issubclass(info.cls, OpenEnum)
+            return {"type": "string", "examples": values} if is_open else {"enum": values}
+        case kinds.LiteralType():
+            return {"enum": list(info.values)}
+        case kinds.DictType():
+            return {"type": "object", "additionalProperties": _schema(info.value_type, "", defs, text)}
+        case kinds.TupleType():
+            items = [_schema(one, name, defs, text) for one in info.item_types]
+            return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
+        case kinds.ListType() | kinds.VarTupleType() | kinds.SetType() | kinds.FrozenSetType():
+            return {"type": "array", "items": _schema(info.item_type, name, defs, text)}
+        case _:
+            return {}  # any value: that of a type of the user's own
+
+
+def _reference(info: msgspec.inspect.StructType, defs: dict[str, Any], text: bool) -> dict[str, Any]:
+    name = info.cls.__name__
+    if name not in defs:
+        defs[name] = {}  # a type may hold itself
+        defs[name] = {
+            "type": "object",
+            "description": (info.cls.__doc__ or "").strip().split("\n", 1)[0],
+            "required": [field.encode_name for field in info.fields],
+            "properties": {
+                field.encode_name: _schema(field.type, field.encode_name, defs, text) for field in info.fields
+            },
+        }
+    return {"$ref": f"#/$defs/{name}"}
