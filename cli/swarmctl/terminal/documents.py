@@ -28,7 +28,7 @@ DOCUMENTS: Final = {
     "mission check": "swarmctl.commands.mission.task:MissionVerdicts",
     "mission start": "swarmware.types.mission:TaskAnswer",
     "mission status": "swarmware.types.mission:MissionStatus",
-    "mission watch": "swarmctl.commands.mission.follow:MemberState",
+    "mission watch": "swarmctl.commands.mission.members:MemberState",
     "mission abort": "swarmctl.commands.mission.abort:MissionAborted",
     "hold": "swarmctl.vehicles.observer:CommandResult",
     "land": "swarmctl.vehicles.observer:CommandResult",

@@ -66,7 +66,7 @@ def test_a_rate_limit_holds_within_a_second_and_ends_by_itself(lab: Lab, ctl: Ct
             free = rates(ctl("traffic top -n uav1 --count 1 --json").lines[0], "nav/pose")
             limits = ctl("traffic set '/uav1/nav/*' --rate 1hz --for 3s --json").document["limits"]
             assert [(one["pattern"], one["max_hz"]) for one in limits] == [("nav/*", 1.0)]
-            lines = ctl("traffic top -n uav1 --count 5 --json").lines
+            lines = ctl("traffic top -n uav1 --count 6 --json").lines
         finally:
             reader.send_signal(signal.SIGINT)
             reader.communicate(timeout=10)
@@ -74,8 +74,8 @@ def test_a_rate_limit_holds_within_a_second_and_ends_by_itself(lab: Lab, ctl: Ct
     assert free >= 3  # a vehicle at rest writes five poses a second
     limited = [rates(line, "nav/pose") for line in lines]
     # the first second after the command began before it, the next two are under the limit
-    assert max(limited[1:2]) <= 2
-    assert limited[-1] >= 3
+    assert limited[1] < 2.5, "two at the ends of a second are possible"
+    assert max(limited[-2:]) >= 2.5
     assert ctl("traffic set 'nav/*' --rate auto -n uav1 --json").document["limits"] == []
 
 
