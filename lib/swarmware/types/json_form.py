@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 
-from swarmware.types.open_enum import OpenEnum
+from swarmware.model.open_enum import OpenEnum
 
 EXACT: Final = 1 << 53
 """Largest magnitude of an integer that every JSON reader keeps exactly (IEEE 754 double)."""

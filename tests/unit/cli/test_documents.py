@@ -11,6 +11,7 @@ from swarmctl.main import cli
 from swarmctl.main import main as swarmctl
 from swarmctl.terminal import documents
 from swarmware.model.config import share_dir
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.json_form import json_form, json_schema
 from swarmware.types.system import NodeInfo
 
@@ -43,7 +44,9 @@ def test_no_schema_is_shipped_of_a_command_that_is_gone() -> None:
 
 
 def test_the_form_of_a_value_matches_its_schema() -> None:
-    info = NodeInfo("uav1", "main", "uav", "multirotor", "0.1", 2**63, 1.5, ("broker",), "/etc/swarm", "one")
+    info = NodeInfo(
+        "uav1", "main", PlatformKind.UAV, "multirotor", "0.1", 2**63, 1.5, ("broker",), "/etc/swarm", "one"
+    )
     schema = json_schema(NodeInfo)
     jsonschema.validate(json_form(info), schema)
     assert json_form(info)["boot_id"] == str(2**63)
