@@ -26,8 +26,6 @@ THIN = {
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",
-    "cli/swarmctl/commands/doctor/diagnosis.py": "the logic of the command, above its checks",
-    "cli/swarmctl/commands/mission/abort.py": "the logic of one command",
     "cli/swarmctl/terminal/confirmation.py": "questions to the operator",
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
 }
