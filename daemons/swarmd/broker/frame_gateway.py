@@ -10,14 +10,14 @@ from swarmd.broker.core.admission.access_filter import AccessFilter
 from swarmd.broker.core.broker import BrokerCore, LinkTarget
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.traffic import shares, values_in
+from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access
 from swarmware.model.clock import Clock
-from swarmware.model.frame import HOPS, Flag, Frame, FrameKind, decode, encode
+from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode, with_hops
 from swarmware.model.names import hardware_id
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.answer import answerable
@@ -51,6 +51,7 @@ class FrameGateway:
         self._messaging = messaging
         self._core = core
         self._counters = core.counters
+        self._accounts = FrameAccounts(core.counters, table)
         self._forwarder = core.forwarder
         self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
         """Of neighbours that frames went to, by hardware id; made again when their target changes."""
@@ -80,13 +81,16 @@ class FrameGateway:
             self.links.close()
             raise
 
-    def from_here(self, frame: Frame) -> None:
-        """Takes a frame of a local application for another platform; called by the message router."""
+    def from_here(self, frame: Frame, data: bytes | None = None) -> None:
+        """Takes a frame of a local application for another platform; called by the message router.
+
+        `data`: the frame as another process encoded it.
+        """
         decision = self._forwarder.from_here(frame, self._clock.now_ns())
-        self._onward(frame, decision)
+        self._onward(frame, decision, data)
         if decision.first:  # counted when it is on its way
-            for name, size in self._shares(frame):
-                self._counters.channel(name).offered(size)
+            for channel, size in self._accounts.channels(frame):
+                channel.offered(size)
 
     @contextmanager
     def batch(self) -> Iterator[None]:
@@ -120,7 +124,7 @@ class FrameGateway:
         self._peers.pop(hw, None)
         for item in self.links.disconnect(hw):
             decision = self._forwarder.reroute(item.frame, self._clock.now_ns())
-            self._onward(item.frame, decision, rerouted=True)
+            self._onward(item.frame, decision, item.data, rerouted=True)
 
     def _from_connection(self, data: bytes, user: str) -> None:
         arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
@@ -132,7 +136,7 @@ class FrameGateway:
         if frame.kind is FrameKind.HELLO:
             self._take_proof(frame, user)
         else:
-            self._take(frame, user, arrived_ns)
+            self._take(frame, data, user, arrived_ns)
         # counted when it is on its way
         name = self._core.nodes.platform(frame.sender_hw) if starts_here else user or "?"
         link = self._counters.link(name, "tcp")
@@ -147,7 +151,7 @@ class FrameGateway:
         if frame.kind is FrameKind.HELLO:
             self._counters.refused.malformed += 1  # sessions are proven over connections
             return
-        self._take(frame, "" if self._keys.is_open else peer.platform, arrived_ns)
+        self._take(frame, data, "" if self._keys.is_open else peer.platform, arrived_ns)
 
     def _decoded(self, data: bytes, user: str) -> Frame | None:
         self._counters.received_frames += 1
@@ -158,23 +162,24 @@ class FrameGateway:
             log.debug("frame from %s: %s", user or "loopback", error)
             return None
 
-    def _take(self, frame: Frame, user: str, now_ns: int) -> None:
+    def _take(self, frame: Frame, data: bytes, user: str, now_ns: int) -> None:
         """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
         counters = self._counters
+        other_hw = self._other_end(frame, user)
         decision = self._forwarder.from_neighbour(
             frame,
-            self._other_end(frame, user),
+            other_hw,
             now_ns,
-            direct=self._core.is_direct(frame.sender_hw, now_ns),
+            direct=other_hw != frame.sender_hw and self._core.is_direct(frame.sender_hw, now_ns),
         )
         if decision.step is ForwardStep.DELIVER:
             if not self._may_pass(frame, now_ns):
                 return
             self._messaging.deliver(frame)
-            for name, size in self._shares(frame):
-                counters.channel(name).received(size)
+            for channel, size in self._accounts.channels(frame):
+                channel.received(size)
             if decision.first:
-                counters.notifications += values_in(frame)
+                counters.notifications += self._accounts.values(frame)
                 counters.requests += frame.kind is FrameKind.REPLY
             return
         if decision.step is ForwardStep.SEND:
@@ -182,12 +187,13 @@ class FrameGateway:
                 counters.refused.expired += 1  # a refusal was sent to its sender
                 return
             counters.forwarded_frames += 1
-        self._onward(frame, decision)
+        self._onward(frame, decision, data)
 
     def _may_pass(self, frame: Frame, arrived_ns: int) -> bool:
         platform = self._core.nodes.platform(frame.sender_hw)
-        path = self._path_of(frame.data_id)
-        if path is None and not self._keys.is_open and answerable(frame):
+        asks = answerable(frame)
+        path = self._path_of(frame.data_id) if asks else None  # an answer needs no right
+        if path is None and asks and not self._keys.is_open:
             # also when an application is about to state it: without its path no right can be checked
             self._messaging.refuse(frame, Status.ABSENT, "no application here takes this path and type")
             return False
@@ -214,12 +220,15 @@ class FrameGateway:
         member = self._core.nodes.get(frame.sender_hw)
         return frame.sender_hw if member is not None and member.platform == user else hardware_id(user)
 
-    def _onward(self, frame: Frame, decision: ForwardDecision, *, rerouted: bool = False) -> None:
+    def _onward(
+        self, frame: Frame, decision: ForwardDecision, data: bytes | None, *, rerouted: bool = False
+    ) -> None:
+        """`data`: the frame as it came; only its number of hops may have changed."""
         if decision.step is ForwardStep.SEND:
             peer = self._peer(decision.via)
             if peer is not None:
-                if rerouted or not self._send_datagram(peer, frame, decision.first):
-                    self._send(peer, frame)
+                if rerouted or not frame.is_urgent or not self._send_datagram(peer, frame, decision.first):
+                    self._send(peer, frame, data)
                 return
         refused = self._counters.refused
         receiver = self._core.nodes.platform(frame.receiver_hw)
@@ -237,8 +246,6 @@ class FrameGateway:
 
     def _send_datagram(self, peer: LinkPeer, frame: Frame, first: bool) -> bool:
         """Sends the first attempt of an urgent frame as a datagram; repetitions take the connection."""
-        if not frame.flags & Flag.URGENT:
-            return False
         if first:
             return self.datagrams.send(peer, frame)
         self.datagrams.on_repeated(peer.hw)
@@ -246,29 +253,33 @@ class FrameGateway:
 
     def _sent_datagram(self, peer: LinkPeer, frame: Frame) -> None:
         self._counters.sent_frames += 1
-        for name, size in self._shares(frame):
-            self._counters.channel(name).sent(size)
+        for channel, size in self._accounts.channels(frame):
+            channel.sent(size)
 
-    def _send(self, peer: LinkPeer, frame: Frame) -> None:
-        gone = self.links.send(peer, encode(frame), frame)
+    def _send(self, peer: LinkPeer, frame: Frame, data: bytes | None = None) -> None:
+        if data is None:
+            data = encode(frame)
+        elif data[HOPS_AT] != frame.hops_left:
+            data = with_hops(data, frame.hops_left)
+        gone = self.links.send(peer, data, frame)
         if gone:
             self._gave_up(peer, gone)
 
-    def _sent(self, peer: LinkPeer, item: QueuedFrame) -> None:
+    def _sent(self, peer: LinkPeer, size: int, frame: Frame) -> None:
         """Counts a frame that a connection took; queued and rerouted frames are not counted."""
         self._counters.sent_frames += 1
         link = self._counters.link(peer.platform, "tcp")
         link.sent_frames += 1
-        link.sent_bytes += len(item.data)
-        for name, size in self._shares(item.frame):
-            self._counters.channel(name).sent(size)
+        link.sent_bytes += size
+        for channel, payload_bytes in self._accounts.channels(frame):
+            channel.sent(payload_bytes)
 
     def _peer(self, hw: int) -> LinkPeer | None:
         target = self._core.link_target(hw)
         if target is None:
             return None
         known = self._peers.get(hw)
-        if known is not None and known[0] == target:
+        if known is not None and (known[0] is target or known[0] == target):
             return known[1]
         curve = target.curve_public if self._keys.is_open else self._keys.curve_of(target.platform)
         if not curve:
@@ -296,16 +307,13 @@ class FrameGateway:
     def _gave_up(self, peer: LinkPeer, waiting: list[QueuedFrame]) -> None:
         for item in waiting:
             self._counters.link(peer.platform, "tcp").dropped += 1
-            for name, _ in self._shares(item.frame):
-                self._counters.channel(name).dropped += 1
+            for channel, _ in self._accounts.channels(item.frame):
+                channel.dropped += 1
             self._refuse(item.frame, f"{peer.platform} does not take it")
 
     def _refuse(self, frame: Frame, detail: str) -> None:
         if answerable(frame):
             self._messaging.refuse(frame, Status.UNREACHABLE, detail)
-
-    def _shares(self, frame: Frame) -> list[tuple[str, int]]:
-        return shares(frame, self._table.path_of)
 
     def _path_of(self, data_id: int) -> str | None:
         path = self._table.path_of(data_id)

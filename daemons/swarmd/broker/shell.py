@@ -90,7 +90,8 @@ class BrokerShell:
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
         log.info("listening: udp %d, tcp %d", self._transport.port, self._gateway.links.port)
-        messaging.set_gateway(self._gateway.from_here, self._gateway.batch)
+        gateway = self._gateway
+        messaging.set_gateway(gateway.from_here, gateway.batch, relay=gateway.from_here)
         try:
             await self._driver.run()
         finally:

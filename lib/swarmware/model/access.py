@@ -107,7 +107,7 @@ class Access:
         """
         if sender is None:
             return
-        needed = self.needed(verb, path)
+        needed = self._known.get((verb, path)) or self.needed(verb, path)
         if sender.role < needed:
             raise Denied(
                 f"{path}: {sender} may not {verb} it; expected role {needed.name.lower()}"

@@ -24,6 +24,9 @@ _MOVING = struct.Struct("<IqII")
 _MOVING_AT: Final = HEADER_BYTES - _MOVING.size
 """The end of the header: sequence, stamp and echo times."""
 
+HOPS_AT: Final = 6
+"""Offset of the hops left in an encoded frame."""
+
 HOPS: Final = 24
 """Hops a frame may take. Radios spread at random, each in range of nine others, are at most 14 hops apart
 among 100 and 22 among 300; among 500 a few pairs are up to 26 apart."""
@@ -78,6 +81,7 @@ _CODEC_SHIFT: Final = 8
 _CODEC_MASK: Final = 0x7 << _CODEC_SHIFT
 _CODECS: Final = {int(codec): codec for codec in Codec}
 _KINDS: Final = {int(kind): kind for kind in FrameKind}
+_PLAIN: Final = Codec.NONE
 
 
 class Frame(msgspec.Struct, gc=False):
@@ -161,6 +165,11 @@ def restamp(
         raise WireError(f"frame: stamp_ns is {stamp_ns}: expected 64 bits") from error
 
 
+def with_hops(frame: bytes, hops_left: int) -> bytes:
+    """An encoded frame with another number of hops left; nothing else of it is read or encoded again."""
+    return b"".join((frame[:HOPS_AT], hops_left.to_bytes(1), frame[HOPS_AT + 1 :]))
+
+
 _RANGES: Final = {
     "data_id": (0, ANY),
     "sender_hw": (0, ANY),
@@ -212,9 +221,12 @@ def decode(data: bytes | memoryview) -> Frame:
     kind = _KINDS.get(kind_number)
     if kind is None:
         raise WireError(f"frame of unknown kind {kind_number}: expected one of {sorted(_KINDS)}")
-    codec = _CODECS.get((flags & _CODEC_MASK) >> _CODEC_SHIFT)
-    if codec is None:
-        raise WireError(f"frame of unknown codec {(flags & _CODEC_MASK) >> _CODEC_SHIFT}")
+    codec = _PLAIN
+    if flags & _CODEC_MASK:
+        coded = _CODECS.get((flags & _CODEC_MASK) >> _CODEC_SHIFT)
+        if coded is None:
+            raise WireError(f"frame of unknown codec {(flags & _CODEC_MASK) >> _CODEC_SHIFT}")
+        codec, flags = coded, flags & ~_CODEC_MASK
     start = HEADER_BYTES + extension_length
     if len(data) < start:
         raise WireError(f"frame of {len(data)} bytes: its extension needs {start}")
@@ -229,9 +241,9 @@ def decode(data: bytes | memoryview) -> Frame:
         stamp_ns,
         echo_tx_us,
         echo_rx_us,
-        flags & ~_CODEC_MASK,
+        flags,
         codec,
         hops_left,
-        bytes(data[HEADER_BYTES:start]),
+        bytes(data[HEADER_BYTES:start]) if extension_length else b"",
         data[start:],
     )

@@ -1,6 +1,7 @@
 """Frames to addresses: to whom, of which type, numbered so that none is taken for another."""
 
 import secrets
+from typing import Final
 
 import msgspec
 
@@ -11,6 +12,9 @@ from swarmware.module.node_participant import NodeParticipant
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.types import registry
 
+ADDRESSES_MAX: Final = 4096
+"""Addresses that are kept between two messages to them."""
+
 
 class Address:
     """An address for values of one type, here or on another platform."""
@@ -19,6 +23,9 @@ class Address:
         self.platform, self._name = names.split(participant.local(path))
         """Platform: None for our own."""
         self.data_id = names.data_id(self._name, registry.type_name(cls))
+        node = participant.node
+        self.hardware = node.hardware if self.platform is None else names.hardware_id(self.platform)
+        """Receiver of its frames."""
         self._table = participant.node.table
 
     def mismatch(self) -> str:
@@ -37,7 +44,24 @@ class Addressing:
 
     def __init__(self, participant: NodeParticipant) -> None:
         self._participant = participant
+        self._hardware = participant.node.hardware
+        self._app_id = participant.app_id
+        self._clock = participant.node.clock
         self._sequences: dict[int, int] = {}
+        self._addresses: dict[tuple[str, type[msgspec.Struct]], Address] = {}
+
+    def address(self, path: str, cls: type[msgspec.Struct]) -> Address:
+        """The address for values of this type.
+
+        Raises: InvalidInput when it is not a path.
+        """
+        address = self._addresses.get((path, cls))
+        if address is None:
+            address = Address(self._participant, path, cls)
+            while len(self._addresses) >= ADDRESSES_MAX:
+                del self._addresses[next(iter(self._addresses))]
+            self._addresses[path, cls] = address
+        return address
 
     def frame(self, kind: FrameKind, address: Address, value: msgspec.Struct, timeout_s: float) -> Frame:
         """A frame with the value, to be delivered within the time.
@@ -51,16 +75,15 @@ class Addressing:
         sequence = self._sequences.get(address.data_id)
         sequence = secrets.randbits(32) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
         self._sequences[address.data_id] = sequence
-        node = self._participant.node
         return Frame(
             kind,
             address.data_id,
-            node.hardware,
-            self._participant.app_id,
-            node.hardware if address.platform is None else names.hardware_id(address.platform),
+            self._hardware,
+            self._app_id,
+            address.hardware,
             names.ANY,
             sequence,
-            node.clock.now_ns(),
+            self._clock.now_ns(),
             extension=with_lifetime(timeout_s),
             payload=payload,
         )

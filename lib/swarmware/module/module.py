@@ -17,7 +17,7 @@ from swarmware.model.frame import ADDRESSED, Flag, FrameKind
 from swarmware.model.resource import Kind, Link, Resource
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
-from swarmware.module.addressing import Address, Addressing
+from swarmware.module.addressing import Addressing
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.inbox import Inbox
@@ -376,12 +376,12 @@ class Module:
             taken = ", ".join(sorted(kind.name.lower() for kind in ADDRESSED))
             raise InvalidInput(f"{path}: a message of kind {kind.name.lower()}; expected one of {taken}")
         member = self._member
-        address = Address(member.participant, path, type(value))
-        if error_text := address.mismatch():
+        address = member.addressing.address(path, type(value))
+        if address.platform is None and (error_text := address.mismatch()):
             return Outcome(Status.REFUSED, self.platform, error_text)
         frame = member.addressing.frame(kind, address, value, timeout_s)
         frame.flags = _ACKED_URGENT if urgent else _ACKED
-        outcome = await self.node.messaging.send(frame, timeout_s)
+        outcome = await member.participant.node.messaging.send(frame, timeout_s)
         if outcome.status is Status.REFUSED and (error_text := address.mismatch()):
             return msgspec.structs.replace(outcome, detail=error_text)  # its owner came while we waited
         return outcome
@@ -425,7 +425,7 @@ class Module:
         TypeMismatch when it takes another type.
         """
         member = self._member
-        address = Address(member.participant, path, type(value))
+        address = member.addressing.address(path, type(value))
 
         def mismatch() -> str:
             error_text = address.mismatch()

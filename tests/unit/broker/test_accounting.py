@@ -4,13 +4,28 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.traffic import NOTIFY_ID, Counters, shares, values_in
+from swarmd.broker.core.traffic import NOTIFY_ID, Counters, FrameAccounts, shares
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.types import registry
 from swarmware.types.net import ChannelTraffic
 from swarmware.types.tree import TreeItem, TreeNotify
 
 PATHS = {5: "cmd/goto", NOTIFY_ID: "sys/tree/notify"}
+
+
+class Paths:
+    """The addresses that are served: any table may replace them."""
+
+    def __init__(self) -> None:
+        self.version = 0
+        self.table = dict(PATHS)
+
+    def path_of(self, data_id: int) -> str | None:
+        return self.table.get(data_id)
+
+
+def values_in(frame: Frame) -> int:
+    return FrameAccounts(Counters(), Paths()).values(frame)
 
 
 def note(*items: TreeItem, kind: FrameKind = FrameKind.NOTIFY) -> Frame:
@@ -67,3 +82,14 @@ def test_a_table_of_counters_stays_as_it_was_made() -> None:
     assert msgspec.msgpack.encode(channels[0]) == msgspec.msgpack.encode(
         ChannelTraffic("nav/pose", sent_frames=1, sent_bytes=24)
     )
+
+
+def test_a_queued_frame_is_counted_where_its_address_is_known_by_the_time_it_leaves() -> None:
+    paths, counters = Paths(), Counters()
+    accounts, frame = FrameAccounts(counters, paths), Frame(FrameKind.MESSAGE, 6, payload=b"12")
+    assert accounts.channels(frame) == [(counters.channel("message"), 2)]
+    paths.table[6] = "cmd/stop"
+    paths.version += 1
+    [(channel, size)] = accounts.channels(frame)
+    assert channel is counters.channel("cmd/stop")
+    assert size == 2

@@ -23,7 +23,7 @@ from swarmd.broker.core.action import (
 )
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
 from swarmd.broker.core.beacon import session_checks
-from swarmd.broker.core.beacon.beacon import Beacon, Header
+from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
@@ -140,6 +140,8 @@ class BrokerCore:
         """Samples since the last batch."""
         self._samples_ns = now_ns
         """Instant from which the next batch may be written."""
+        self._targets: dict[int, tuple[Hello, Address, LinkTarget]] = {}
+        """Of neighbours that frames went to, with the hello and address that they follow from."""
         self._claimants: dict[Address, int] = {}
         """Unicast senders without an accepted session, and until when beacons are sent to them."""
 
@@ -392,16 +394,17 @@ class BrokerCore:
         """Where a connection to a neighbour leads; None: it has not announced a port."""
         neighbour = self._neighbours.get(hw)
         if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
+            self._targets.pop(hw, None)
             return None
-        hello = neighbour.hello
-        return LinkTarget(
-            self.nodes.platform(hw),
-            neighbour.address[0],
-            hello.tcp_port,
-            hello.curve_public,
-            neighbour.session,
-            hello.frame_port,
+        hello, address, session = neighbour.hello, neighbour.address, neighbour.session
+        known = self._targets.get(hw)
+        if known is not None and known[0] is hello and known[1] == address and known[2].session == session:
+            return known[2]
+        target = LinkTarget(
+            self.nodes.platform(hw), address[0], hello.tcp_port, hello.curve_public, session, hello.frame_port
         )
+        self._targets[hw] = hello, address, target
+        return target
 
     def usual_period_ns(self) -> int:
         """Median time between two datagrams of a neighbour."""

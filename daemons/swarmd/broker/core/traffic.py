@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from copy import copy
-from typing import Final
+from typing import Final, Protocol
 
 from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
@@ -15,6 +15,8 @@ IP_UDP_BYTES: Final = 28
 """IPv4 and UDP headers of a datagram."""
 NOTIFY_ID: Final = data_id("sys/tree/notify", TreeNotify.__name__)
 NOTIFIES: Final = frozenset({FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.EVENT})
+_NAMES: Final = {kind: kind.name.lower() for kind in FrameKind}
+_NAMED_BY_KIND: Final = frozenset({FrameKind.ACK, FrameKind.HELLO})
 CHANNEL_LIMIT: Final = 4096
 EVERYBODY: Final = "*"
 """Link of multicast datagrams."""
@@ -118,18 +120,48 @@ def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str
         if note is not None and note.items:
             parts = [(item.path, len(item.data)) for item in note.items]
             return [*parts, ("sys/tree/notify", size - sum(part for _, part in parts))]
-    if frame.kind in {FrameKind.ACK, FrameKind.HELLO}:
-        return [(frame.kind.name.lower(), size)]
-    return [(path_of(frame.data_id) or frame.kind.name.lower(), size)]
+    if frame.kind in _NAMED_BY_KIND:
+        return [(_NAMES[frame.kind], size)]
+    return [(path_of(frame.data_id) or _NAMES[frame.kind], size)]
 
 
-def values_in(frame: Frame) -> int:
-    """Number of notified values in a frame."""
-    if frame.kind not in NOTIFIES:
-        return 0
-    if frame.data_id != NOTIFY_ID:
-        return 1
-    try:
-        return len(registry.decode(TreeNotify, frame.payload, frame.codec).items)
-    except WireError:
-        return 0
+class ServedPaths(Protocol):
+    """Paths of the addresses that applications of this node serve."""
+
+    @property
+    def version(self) -> int:
+        """Number of changes so far."""
+        ...
+
+    def path_of(self, data_id: int) -> str | None:
+        """The local path of an address with this data id."""
+        ...
+
+
+class FrameAccounts:
+    """Counters of the channels of frames.
+
+    A frame is offered and sent, or received, in one step: its channels are determined once.
+    """
+
+    def __init__(self, counters: Counters, paths: ServedPaths) -> None:
+        self._counters = counters
+        self._paths = paths
+        self._version = -1
+        self._frame: Frame | None = None
+        self._channels: list[tuple[ChannelCounters, int]] = []
+
+    def channels(self, frame: Frame) -> list[tuple[ChannelCounters, int]]:
+        """Channels of a frame, and its payload bytes in each."""
+        paths = self._paths
+        if frame is not self._frame or paths.version != self._version:
+            channel = self._counters.channel
+            self._channels = [(channel(name), size) for name, size in shares(frame, paths.path_of)]
+            self._frame, self._version = frame, paths.version
+        return self._channels
+
+    def values(self, frame: Frame) -> int:
+        """Number of notified values in a frame."""
+        if frame.kind not in NOTIFIES:
+            return 0
+        return len(self.channels(frame)) - 1 if frame.data_id == NOTIFY_ID else 1

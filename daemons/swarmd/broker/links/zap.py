@@ -37,11 +37,11 @@ class Zap:
         socket.bind(_ENDPOINT)
         self._port = ZmqSocket(socket, loop, self._answer)
 
-    def _answer(self, socket: Socket) -> bool:
+    def _answer(self, socket: Socket) -> None:
         try:
             parts = socket.recv_multipart(zmq.NOBLOCK)
         except zmq.Again:
-            return False
+            return
         request = parts[1] if len(parts) > 1 else b""
         user = self._judge(parts)
         if user is None:
@@ -49,7 +49,6 @@ class Zap:
         else:
             reply = [_VERSION, request, b"200", b"OK", user.encode(), b""]
         socket.send_multipart(reply)
-        return True
 
     def _judge(self, parts: list[bytes]) -> str | None:
         """User-Id of the connection, the member's platform; None: denied."""

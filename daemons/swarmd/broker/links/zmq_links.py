@@ -13,7 +13,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.forwarding.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
 from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
-from swarmd.broker.links.zmq_socket import ConnectionMonitor, Socket, ZmqSocket, make_context
+from swarmd.broker.links.zmq_socket import POLLOUT, ConnectionMonitor, Socket, ZmqSocket, make_context
 from swarmware.errors import ConfigError
 from swarmware.model.frame import FRAME_LIMIT, Frame
 from swarmware.transport.security import Keys
@@ -80,20 +80,19 @@ class _Connection:
         socket.connect(f"tcp://{peer.host}:{peer.port}")
         self._port = ZmqSocket(socket, links.loop, self._on_wake, self._wants)
 
-    def send_at_once(self, data: bytes, frame: Frame, now_ns: int) -> bool:
+    def send_at_once(self, data: bytes, frame: Frame) -> bool:
         """Send a frame before which none is queued; False when libzmq has no room for it."""
-        if not self.connected or self._port.is_closed():
+        if not self.connected or self._port.is_closed:
             return False
         try:
             self._port.socket.send(data, zmq.NOBLOCK)
         except zmq.Again:
             return False
-        self._links.sent_one(self._owner.peer, QueuedFrame(data, frame, now_ns))
-        self._port.again()  # as after `flush`
+        self._links.sent_one(self._owner.peer, len(data), frame)
         return True
 
     def flush(self, now_ns: int) -> None:
-        if self._port.is_closed():
+        if self._port.is_closed:
             return
         queue, connection_class, send = self._owner.queue, self._class, self._port.socket.send
         sent = False
@@ -109,18 +108,17 @@ class _Connection:
             except zmq.Again:
                 break
             queue.pop(connection_class)
-            self._links.sent_one(self._owner.peer, waiting)
+            self._links.sent_one(self._owner.peer, len(waiting.data), waiting.frame)
             sent = True
-        if sent:
-            self._port.again()  # a send processes mailbox commands and may clear the descriptor's edge
+        if sent and queue:
+            self._port.again()  # a send processes commands: the descriptor may be silent about new room
 
-    def _on_wake(self, socket: Socket) -> bool:
+    def _on_wake(self, socket: Socket) -> None:
         if self._owner.queue.has(self._class):
             self.flush(self._links.now_ns())
-        return False
 
     def _wants(self) -> int:
-        return zmq.POLLOUT if self._owner.queue.has(self._class) else 0
+        return POLLOUT if self._owner.queue.has(self._class) else 0
 
     def _on_event(self, event: int, value: int) -> None:
         if self._owner.denied:
@@ -164,17 +162,21 @@ class _PeerConnections:
         connected = all(one.connected for one in self._connections.values())
         return ConnectionStatus.CONNECTED if connected else ConnectionStatus.CONNECTING
 
-    def put(self, data: bytes, frame: Frame, now_ns: int) -> list[QueuedFrame]:
+    def put(self, data: bytes, frame: Frame, since_ns: int | None = None) -> list[QueuedFrame]:
+        """`since_ns`: when it was queued first, if it was."""
         wanted = connection_class(frame)
         connection = self._connections.get(wanted)
         if connection is None:
             connection = self._connections[wanted] = _Connection(self, wanted)
-        if self.links.defers(self):
-            return self.queue.put(data, frame, now_ns)
-        if not self.queue and connection.send_at_once(data, frame, now_ns):
+        deferred = self.links.deferred
+        if deferred is None and not self.queue and connection.send_at_once(data, frame):
             return []
-        gone = self.queue.put(data, frame, now_ns)
-        self.flush(now_ns)
+        now_ns = self.links.now_ns()
+        gone = self.queue.put(data, frame, now_ns if since_ns is None else since_ns)
+        if deferred is None:
+            self.flush(now_ns)
+        else:
+            deferred[self] = None
         return gone
 
     def flush(self, now_ns: int) -> None:
@@ -211,9 +213,12 @@ class ZmqLinks:
         now_ns: Callable[[], int],
         on_frame: OnFrame,
         on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
-        on_sent: Callable[[LinkPeer, QueuedFrame], None],
+        on_sent: Callable[[LinkPeer, int, Frame], None],
     ) -> None:
-        """Raises: ConfigError when the port cannot be bound."""
+        """`on_sent`: called with the bytes of a frame that a connection took.
+
+        Raises: ConfigError when the port cannot be bound.
+        """
         self.loop = loop
         self.keys = keys
         self.now_ns = now_ns
@@ -228,7 +233,7 @@ class ZmqLinks:
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
         self._on_frame = on_frame
         self._peers: dict[int, _PeerConnections] = {}
-        self._deferred: dict[_PeerConnections, None] | None = None
+        self.deferred: dict[_PeerConnections, None] | None = None
         """Connections with frames that wait for the end of `batch`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
         # before the first CURVE socket: without an authenticator libzmq accepts every client
@@ -285,40 +290,35 @@ class ZmqLinks:
         busy computer the receivers that it wakes take the processor, and the last frame waits for all of
         them.
         """
-        if self._deferred is not None:
+        if self.deferred is not None:
             yield  # the outer scope sends them
             return
-        self._deferred = {}
+        self.deferred = {}
         try:
             yield
         finally:
-            deferred, self._deferred = self._deferred, None
+            deferred, self.deferred = self.deferred, None
             now_ns = self.now_ns()
             for connections in deferred:
                 connections.flush(now_ns)
 
-    def defers(self, connections: _PeerConnections) -> bool:
-        """Whether the frames of these connections wait for the end of `batch`; records that they do."""
-        if self._deferred is None:
-            return False
-        self._deferred[connections] = None
-        return True
-
     def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> list[QueuedFrame]:
         """Sends or queues a frame for a neighbour; returns the frames that were dropped from the queue."""
         connections = self._peers.get(peer.hw)
+        if connections is not None and connections.peer is peer and not connections.denied:
+            return connections.put(data, frame)
         gone: list[QueuedFrame] = []
         if connections is not None and connections.denied:
             if self.now_ns() < connections.denied_until_ns:
                 return [QueuedFrame(data, frame, self.now_ns())]
             self._peers.pop(peer.hw).close()
             connections = None
-        if connections is None or (connections.peer is not peer and connections.peer != peer):
+        if connections is None or connections.peer != peer:
             waiting = connections.close() if connections is not None else []
             connections = self._peers[peer.hw] = _PeerConnections(self, peer)
             for item in waiting:
                 gone += connections.put(item.data, item.frame, item.since_ns)
-        return gone + connections.put(data, frame, self.now_ns())
+        return gone + connections.put(data, frame)
 
     def disconnect(self, hw: int) -> list[QueuedFrame]:
         """Closes the connections to a lost neighbour; returns the frames that were queued for it.
@@ -336,20 +336,19 @@ class ZmqLinks:
 
     # in
 
-    def _take(self, socket: Socket) -> bool:
+    def _take(self, socket: Socket) -> None:
         try:
             socket.recv(zmq.NOBLOCK)  # the routing id
         except zmq.Again:
-            return False
+            return
         part = socket.recv(zmq.NOBLOCK, copy=False)
         if part.more:
             socket.recv_multipart(zmq.NOBLOCK)  # a frame is one part
-            return True
+            return
         data = part.bytes
         self.received_frames += 1
         self.received_bytes += len(data)
         self._on_frame(data, str(part.get("User-Id")))
-        return True
 
     def _on_router_event(self, event: int, value: int) -> None:
         if event == zmq.EVENT_ACCEPTED:

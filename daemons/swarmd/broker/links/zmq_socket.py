@@ -13,6 +13,9 @@ from zmq.utils.monitor import parse_monitor_message
 Socket = zmq.Socket[bytes]
 TURN: Final = 64
 """Messages processed before control returns to the event loop."""
+POLLIN: Final = int(zmq.POLLIN)
+POLLOUT: Final = int(zmq.POLLOUT)
+"""As plain numbers: an operator of an enumeration takes ten times as long."""
 IO_NICE: Final = -10
 """Nice value of libzmq's own threads, where the host allows one below zero."""
 _THREADS: Final = Path("/proc/self/task")
@@ -45,18 +48,24 @@ def make_context(max_sockets: int) -> zmq.Context[Socket]:
 
 
 class ZmqSocket:
-    """Watches a socket's descriptor, which is edge-triggered: each wake-up drains it in bounded turns."""
+    """Watches a socket's descriptor and serves the socket in bounded turns.
+
+    The descriptor is readable while libzmq has commands for this thread, not while there are messages: after
+    each message the socket's events are queried, which processes the commands.
+    """
 
     def __init__(
         self,
         socket: Socket,
         loop: asyncio.AbstractEventLoop,
-        on_wake: Callable[[Socket], bool],
+        on_wake: Callable[[Socket], None],
         wants: Callable[[], int] | None = None,
     ) -> None:
-        """`on_wake` receives or sends and returns whether there may be more; `wants`: zmq.POLLOUT while
-        something waits to be sent, for sockets that send."""
+        """`on_wake` receives one message, or sends; `wants`: POLLOUT while something waits to be sent, for
+        sockets that send."""
         self.socket = socket
+        self.is_closed = False
+        """Whether a handler has closed the socket."""
         self._loop = loop
         self._on_wake = on_wake
         self._wants = wants
@@ -73,29 +82,19 @@ class ZmqSocket:
 
     def _turn(self) -> None:
         self._coming = False
-        socket = self.socket
+        events, on_wake, wanted = self.socket.getsockopt, self._on_wake, self._wants
         for _ in range(TURN):
-            if self.is_closed():
+            if self.is_closed:
                 return
-            if not self._on_wake(socket):
-                break
-        else:
-            self.again()
-            return
-        if self.is_closed():
-            return
-        # processes the commands left in the mailbox, so that the edge-triggered descriptor fires again
-        wants = zmq.POLLIN if self._wants is None else self._wants()
-        if int(socket.getsockopt(zmq.EVENTS)) & wants:
-            self.again()
-
-    def is_closed(self) -> bool:
-        """Whether a handler has closed the socket."""
-        return bool(self.socket.closed)
+            on_wake(self.socket)
+            if self.is_closed or not int(events(zmq.EVENTS)) & (POLLIN if wanted is None else wanted()):
+                return
+        self.again()
 
     def close(self) -> None:
         """Stops watching and closes the socket."""
-        if not self.is_closed():
+        if not self.is_closed:
+            self.is_closed = True
             self._loop.remove_reader(self._fd)
             self.socket.close(linger=0)
 
@@ -111,14 +110,13 @@ class ConnectionMonitor:
         monitor = socket.get_monitor_socket(EVENTS)
         self._port = ZmqSocket(monitor, loop, self._take)
 
-    def _take(self, monitor: Socket) -> bool:
+    def _take(self, monitor: Socket) -> None:
         try:
             parts = monitor.recv_multipart(zmq.NOBLOCK)
         except zmq.Again:
-            return False
+            return
         message = parse_monitor_message(parts)
         self._on_event(int(message["event"]), int(message["value"]))
-        return True
 
     def close(self) -> None:
         """Stops watching; call it before the watched socket is closed."""

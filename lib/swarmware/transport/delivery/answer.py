@@ -1,6 +1,7 @@
 """Answer frames, and the lifetime that a message carries in its header extension."""
 
 import struct
+from functools import lru_cache
 from typing import Final
 
 from swarmware.model.frame import ADDRESSED, HOPS, Flag, Frame, FrameKind
@@ -53,6 +54,7 @@ def reply(question: Frame, kind: FrameKind, payload: bytes, stamp_ns: int) -> Fr
     )
 
 
+@lru_cache(maxsize=256)
 def with_lifetime(timeout_s: float) -> bytes:
     """Header extension of a message that must not be delivered later than this after its stamp."""
     return _LIFETIME.pack(_LIFETIME_TAG, 4, min(max(0, round(timeout_s * 1000)), 0xFFFF_FFFF))

@@ -19,6 +19,7 @@ LOCAL: Final = RetransmitLimits(initial_ns=50_000_000, min_ns=50_000_000, max_ns
 REMOTE: Final = RetransmitLimits(initial_ns=300_000_000, min_ns=100_000_000, max_ns=2_400_000_000)
 """Between platforms, over radio links: 0.3, 0.6, 1.2 s until a round trip was measured."""
 
+_STATUSES: Final = {int(status): status for status in Status}
 _COMMANDS: Final = frozenset({FrameKind.MESSAGE, FrameKind.REQUEST})
 
 GRACE_NS: Final = 1_000_000_000
@@ -80,7 +81,7 @@ class Outbox:
 
     def on_submit(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """A new message or request."""
-        key = self.key(frame)
+        key = (frame.sender_app, frame.data_id, frame.sequence)
         pace = LOCAL if frame.receiver_hw == self._hardware else REMOTE
         round_trip = self._rtt.get(_way(frame))
         wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.initial_ns
@@ -94,10 +95,7 @@ class Outbox:
         pending = self._pending.get(key)
         if pending is None:
             return []
-        try:
-            status = Status(ack.status)
-        except ValueError:
-            status = Status.REFUSED
+        status = _STATUSES.get(ack.status, Status.REFUSED)
         outcome = Outcome(status, ack.where, ack.detail, ack.received_ns)
         if status is Status.UNREACHABLE:
             pending.soft_refusal = outcome
@@ -179,7 +177,10 @@ class Outbox:
         if pending.times_sent != 1 or pending.frame.kind is FrameKind.REQUEST:
             return  # Karn: the answered copy is unknown; the time of a request includes its handler
         way = _way(pending.frame)
-        self._rtt.setdefault(way, RttEstimator()).add(now_ns - pending.sent_ns)
+        estimator = self._rtt.get(way)
+        if estimator is None:
+            estimator = self._rtt[way] = RttEstimator()
+        estimator.add(now_ns - pending.sent_ns)
 
     def _schedule(self, key: Key, due_ns: int) -> None:
         heapq.heappush(self._due, (due_ns, next(self._order), key))

@@ -46,6 +46,8 @@ RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
 """Takes a request and, then or later, calls the function with its reply."""
 Gateway = Callable[[Frame], None]
 """Takes frames for other platforms: the broker, when it is in this process."""
+Relay = Callable[[Frame, bytes], None]
+"""Takes such a frame of another process of this node, decoded and as it came."""
 Batch = Callable[[], AbstractContextManager[None]]
 """Holds frames for other platforms back until its scope ends."""
 
@@ -77,6 +79,7 @@ class MessageEndpoint:
         self.address = self._transport.address
         """Where other processes of the node reach this one."""
         self._gateway: Gateway | None = None
+        self._relay: Relay | None = None
         self._batch: Batch = nullcontext
         self._message_handlers: dict[int, MessageHandler] = {}
         self._request_handlers: dict[int, RequestHandler] = {}
@@ -176,9 +179,12 @@ class MessageEndpoint:
 
     # -- the gateway: called by the broker
 
-    def set_gateway(self, gateway: Gateway | None, batch: Batch = nullcontext) -> None:
-        """Frames for other platforms go to this function."""
+    def set_gateway(
+        self, gateway: Gateway | None, batch: Batch = nullcontext, *, relay: Relay | None = None
+    ) -> None:
+        """Frames for other platforms go to this function, those of other processes to `relay`."""
         self._gateway = gateway
+        self._relay = relay
         self._batch = batch
         self._router.has_gateway = gateway is not None
 
@@ -189,7 +195,11 @@ class MessageEndpoint:
     def deliver(self, frame: Frame) -> None:
         """A frame came from another platform."""
         self._refresh_for(frame)
-        self._driver.feed(self._router.on_frame(frame, None, self._clock.now_ns()))
+        decision = self._router.route(frame)
+        if isinstance(decision, ToProcess):  # it passes: nothing changes in the router
+            self._transport.send(decision.address, encode(frame), urgent=frame.is_urgent)
+        else:
+            self._driver.feed(self._router.on_frame(frame, None, self._clock.now_ns()))
 
     def refuse(self, frame: Frame, status: Status, detail: str) -> None:
         """A message or request gets no further: its sender gets the reason."""
@@ -212,6 +222,12 @@ class MessageEndpoint:
             frame = decode(data)
         except WireError as error:
             self._on_malformed(str(error))
+            return
+        if self._relay is not None and self._router.is_for_gateway(frame):
+            self._relay(frame, data)  # it passes: nothing changes in the router
+            return
+        if self._router.is_served(frame):
+            self._driver.feed(self._router.on_arrival(frame, connection, self._clock.now_ns()))
             return
         self._refresh_for(frame)
         self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))

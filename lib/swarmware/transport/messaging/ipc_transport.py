@@ -49,27 +49,28 @@ class _SendQueue:
         self._urgent: deque[bytes] = deque()
         self._normal: deque[bytes] = deque()
         self._bytes = 0
-
-    def __len__(self) -> int:
-        return len(self._urgent) + len(self._normal)
+        self.waiting = 0
+        """Number of messages, as an attribute: each send compares it."""
 
     def put(self, data: bytes, *, urgent: bool) -> bool:
         queue = self._urgent if urgent else self._normal
         if len(queue) >= QUEUE_LIMIT or self._bytes + len(data) > QUEUE_BYTES:
             return False
         queue.append(data)
+        self.waiting += 1
         self._bytes += len(data)
         return True
 
     def pop(self) -> bytes:
         data = self._urgent.popleft() if self._urgent else self._normal.popleft()
+        self.waiting -= 1
         self._bytes -= len(data)
         return data
 
     def clear(self) -> None:
         self._urgent.clear()
         self._normal.clear()
-        self._bytes = 0
+        self.waiting = self._bytes = 0
 
 
 class IpcConnection:
@@ -109,7 +110,7 @@ class IpcConnection:
     @property
     def waits(self) -> bool:
         """Whether something is still to be sent, and can be."""
-        return not self.is_closed and not self._is_broken and bool(self._rest or self._queue)
+        return not self.is_closed and not self._is_broken and bool(self._rest or self._queue.waiting)
 
     def fileno(self) -> int:
         """Descriptor of the socket."""
@@ -119,7 +120,7 @@ class IpcConnection:
         """Send or queue a message; False when the queue is full or nothing can be sent any longer."""
         if self.is_closed or self._is_broken:
             return False
-        if self._rest or self._queue or not self._zmtp.is_ready:
+        if self._rest or self._queue.waiting or not self._zmtp.is_ready:
             return self._queue.put(data, urgent=urgent)
         self._write(message(data))
         return True
@@ -130,7 +131,7 @@ class IpcConnection:
             if not self._rest:
                 output = self._zmtp.take_output()
                 if not output:
-                    if not self._queue or not self._zmtp.is_ready:
+                    if not self._queue.waiting or not self._zmtp.is_ready:
                         break
                     output = message(self._queue.pop())
                 self._rest = output
@@ -266,12 +267,12 @@ class _IpcPeer:
             self._failures = 0
         if self._is_leaving:
             self._transport.forget(self._address)
-        elif self.queue and not self._transport.is_closed:
+        elif self.queue.waiting and not self._transport.is_closed:
             self._try_again()
 
     @property
     def waits(self) -> bool:
-        return bool(self.queue) or (self.connection is not None and self.connection.waits)
+        return bool(self.queue.waiting) or (self.connection is not None and self.connection.waits)
 
     def keep(self) -> None:
         """Its process is among the applications of the node."""
@@ -334,7 +335,8 @@ class IpcTransport:
         peer = self._peers.get(address)
         if peer is None:
             peer = self._peers[address] = _IpcPeer(self, address)
-        if peer.send(data, urgent=urgent):
+        connection = peer.connection
+        if (peer if connection is None else connection).send(data, urgent=urgent):
             return True
         self.dropped += 1
         return False

@@ -3,7 +3,6 @@
 Sans-io: time is an argument, the applications of the node are reported by events.
 """
 
-from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from enum import Enum
 from typing import Final
@@ -171,7 +170,7 @@ class MessageRouter:
         self._broker: str | None = None
         self._outbox = Outbox(hardware)
         self._received = DuplicateFilter()
-        self._windows: Counter[tuple[int, int]] = Counter()
+        self._windows: dict[tuple[int, int], int] = {}
         self._in_window: dict[Key, tuple[int, int]] = {}
         self._probed_ns = -PROBE_NS
 
@@ -223,6 +222,20 @@ class MessageRouter:
         served = self._served.get(frame.data_id)
         return served is None or frame.receiver_app not in (ANY, served.app_id)
 
+    def is_for_gateway(self, frame: Frame) -> bool:
+        """Whether its route is `ToGateway`."""
+        return self.has_gateway and frame.receiver_hw not in (self._hardware, ANY)
+
+    def is_served(self, frame: Frame) -> bool:
+        """Whether its route is `Deliver`."""
+        served = self._served.get(frame.data_id)
+        return (
+            served is not None
+            and frame.receiver_app in (ANY, served.app_id)
+            and frame.receiver_hw in (self._hardware, ANY)
+            and answerable(frame)
+        )
+
     def route(self, frame: Frame) -> Decision:
         """Where a frame goes. Changes nothing."""
         if frame.receiver_hw not in (self._hardware, ANY):
@@ -263,18 +276,21 @@ class MessageRouter:
 
     def on_message(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """An application of this process sends a message: it ends with a Complete."""
-        key = Outbox.key(frame)
+        key = (frame.sender_app, frame.data_id, frame.sequence)
         window = (frame.receiver_hw, frame.data_id)
-        if self._windows[window] >= WINDOW:
+        waiting = self._windows.get(window, 0)
+        if waiting >= WINDOW:
             detail = f"{WINDOW} messages wait for an answer"
             return [Complete(key, Outcome(Status.REFUSED, self._platform, detail))]
-        self._windows[window] += 1
+        self._windows[window] = waiting + 1
         self._in_window[key] = window
-        return self._own(self._outbox.on_submit(frame, timeout_ns, now_ns), now_ns)
+        self._outbox.on_submit(frame, timeout_ns, now_ns)  # its one action is to transmit
+        return self._send(frame, now_ns)
 
     def on_request(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """An application of this process sends a request: it ends with a Replied or a Complete."""
-        return self._own(self._outbox.on_submit(frame, timeout_ns, now_ns), now_ns)
+        self._outbox.on_submit(frame, timeout_ns, now_ns)  # its one action is to transmit
+        return self._send(frame, now_ns)
 
     def cancel(self, key: Key) -> None:
         """Its sender does not wait any longer."""
@@ -311,16 +327,18 @@ class MessageRouter:
     def _leave_window(self, key: Key) -> None:
         window = self._in_window.pop(key, None)
         if window is not None:
-            self._windows[window] -= 1
-            if not self._windows[window]:
-                del self._windows[window]
+            waiting = self._windows.pop(window) - 1
+            if waiting:
+                self._windows[window] = waiting
 
     def _send(self, frame: Frame, now_ns: int) -> list[Action]:
         decision = self.route(frame)
+        if isinstance(decision, ToProcess):
+            if frame.receiver_hw in (self._hardware, ANY):
+                self._outbox.reached(Outbox.key(frame))
+            return [decision]
         if isinstance(decision, Deliver):
             return [Arrive(frame)]
-        if isinstance(decision, ToProcess) and frame.receiver_hw in (self._hardware, ANY):
-            self._outbox.reached(Outbox.key(frame))
         return self._carry_on(decision, None, now_ns)
 
     # -- frames of others

@@ -14,6 +14,8 @@ _GREETING: Final = _SIGNATURE + b"\x03\x01" + _MECHANISM + bytes(32)
 _MAJOR: Final = 3
 _MORE: Final = 1
 _LONG: Final = 2
+_LONG_HEAD: Final = 9
+"""Flags and length of a long part."""
 _COMMAND: Final = 4
 _SHORT_MAX: Final = 255
 _COMMAND_LIMIT: Final = 4096
@@ -38,27 +40,22 @@ class ZmtpConnection:
         """Both ends have sent READY: messages may be sent."""
         self.ignored = 0
         """Messages of several parts."""
+        self.missing = 0
+        """Bytes that the message in the middle of its transfer still needs."""
+        self.has_output = True
+        """Whether `take_output` has something to send."""
+        self._output = _GREETING
         self._socket_type = socket_type
         self._has_greeting = False
         self._in_parts = False
-        self._output = _GREETING
         self._buffer = bytearray()
         self._needed = 0
         """Bytes that the buffer must have before it is looked at again."""
 
-    @property
-    def has_output(self) -> bool:
-        """Whether `take_output` has something to send."""
-        return bool(self._output)
-
-    @property
-    def missing(self) -> int:
-        """Bytes that the message in the middle of its transfer still needs."""
-        return max(0, self._needed - len(self._buffer)) if self._buffer else 0
-
     def take_output(self) -> bytes:
         """What is to be sent before any further message: greeting, READY, answers to PING."""
         output, self._output = self._output, b""
+        self.has_output = False
         return output
 
     def receive(self, data: bytes) -> list[bytes]:
@@ -69,11 +66,17 @@ class ZmtpConnection:
         if self.is_ready and not self._buffer and not self._in_parts:
             # nearly always it is one whole message
             size = len(data)
-            if data[0] == 0 and size > 1 and data[1] == size - 2:
-                return [data[2:]]
+            if data[0] == 0:
+                if size > 1 and data[1] == size - 2:
+                    return [data[2:]]
+            elif data[0] == _LONG and size > _LONG_HEAD:
+                length = size - _LONG_HEAD
+                if length <= FRAME_LIMIT and int.from_bytes(data[1:_LONG_HEAD], "big") == length:
+                    return [data[_LONG_HEAD:]]
         if self._buffer:
             self._buffer += data
-            if len(self._buffer) < self._needed:
+            self.missing = max(0, self._needed - len(self._buffer))
+            if self.missing:
                 return []
             data = bytes(self._buffer)
             self._buffer.clear()
@@ -83,6 +86,7 @@ class ZmtpConnection:
             start = self._take_parts(data, start, messages)
         if start is None or start < len(data):
             self._buffer += data[start or 0 :]
+            self.missing = max(0, self._needed - len(self._buffer))
         return messages
 
     def _take_greeting(self, data: bytes) -> int | None:
@@ -102,6 +106,7 @@ class ZmtpConnection:
             properties += _property(b"Identity", b"")
         ready = b"\x05READY" + properties
         self._output += bytes((_COMMAND, len(ready))) + ready
+        self.has_output = True
         return len(_GREETING)
 
     def _take_parts(self, data: bytes, start: int, messages: list[bytes]) -> int:
@@ -111,7 +116,7 @@ class ZmtpConnection:
             flags = data[start]
             if flags > _MORE + _LONG + _COMMAND or (flags & _COMMAND and flags & _MORE):
                 raise WireError(f"flags {flags:#04x} of a part: expected a message or a command")
-            body = start + (9 if flags & _LONG else 2)
+            body = start + (_LONG_HEAD if flags & _LONG else 2)
             if body > size:
                 self._needed = body - start
                 break
@@ -152,6 +157,7 @@ class ZmtpConnection:
             if len(pong) > _SHORT_MAX:
                 raise WireError(f"PING of {len(content)} bytes: expected at most 18")
             self._output += bytes((_COMMAND, len(pong))) + pong
+            self.has_output = True
 
 
 def message(data: bytes) -> bytes:

@@ -102,11 +102,11 @@ class FrameForwarder:
         return ForwardDecision(ForwardStep.SEND, via, first)
 
     def _first(self, frame: Frame, now_ns: int) -> bool:
-        identity = _identity(frame)
-        first = self._seen.pop(identity, None) is None
-        if len(self._seen) >= SEEN_MAX:
-            del self._seen[next(iter(self._seen))]
-        self._seen[identity] = (frame.hops_left, now_ns)
+        seen, identity = self._seen, _identity(frame)
+        first = seen.pop(identity, None) is None
+        if len(seen) >= SEEN_MAX:
+            del seen[next(iter(seen))]
+        seen[identity] = (frame.hops_left, now_ns)
         return first
 
 

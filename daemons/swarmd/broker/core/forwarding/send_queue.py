@@ -43,6 +43,7 @@ _BY_KIND: Final = {
     FrameKind.BOARD: Priority.STREAM,
     FrameKind.FILE: Priority.BULK,
 }
+"""All others are commands, requests and answers: `CONTROL`."""
 
 
 def priority(frame: Frame) -> Priority:
@@ -54,7 +55,9 @@ def priority(frame: Frame) -> Priority:
 
 def connection_class(frame: Frame) -> ConnectionClass:
     """Connection of a frame."""
-    return ConnectionClass.CONTROL if priority(frame) <= Priority.CONTROL else ConnectionClass.DATA
+    if frame.kind in _BY_KIND and not frame.is_urgent:
+        return ConnectionClass.DATA
+    return ConnectionClass.CONTROL
 
 
 class QueuedFrame(msgspec.Struct, frozen=True, gc=False):

@@ -1,0 +1,119 @@
+"""What a frame costs a process: counted in calls of Python functions, which no other load changes."""
+
+import asyncio
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
+
+import pytest
+
+from swarmware.model import names
+from swarmware.model.frame import HOPS, Frame, FrameKind, encode
+from swarmware.model.names import ANY
+from swarmware.module.module import Module
+from swarmware.node.node import Node
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.messaging.ipc_transport import IpcConnection, IpcTransport
+from swarmware.types.scalar import Blob
+
+THERE: Final = names.hardware_id("uav7")
+PASSING_CALLS: Final = 7
+"""Read, take apart, decode, route, hand on: 22 while each frame became an action first."""
+SENDING_CALLS: Final = 30
+"""From the module to the gateway; 44 while an address was parsed for each message."""
+
+
+class Calls:
+    """Python functions of this program that were called."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def on_event(self, frame: FrameType, event: str, _argument: Any) -> None:
+        if event == "call" and "swarmware" in frame.f_code.co_filename:
+            self.names.append(frame.f_code.co_qualname)
+
+
+@contextmanager
+def counted() -> Iterator[Calls]:
+    calls = Calls()
+    before = sys.getprofile()
+    sys.setprofile(calls.on_event)
+    try:
+        yield calls
+    finally:
+        sys.setprofile(before)
+
+
+@asynccontextmanager
+async def other_process(folder: Path) -> AsyncIterator[IpcTransport]:
+    def take(_data: bytes, _connection: IpcConnection) -> None: ...
+
+    transport = IpcTransport(folder / "other", take, lambda _: None)
+    try:
+        yield transport
+    finally:
+        transport.close()
+
+
+def message(sequence: int) -> Frame:
+    return Frame(FrameKind.MESSAGE, 11, 3, 5, THERE, ANY, sequence, 1, hops_left=HOPS, payload=bytes(300))
+
+
+class Relay:
+    """The gateway to other platforms."""
+
+    def __init__(self, node: Node) -> None:
+        self.came = asyncio.Event()
+        self.own: list[Frame] = []
+        self.others: list[tuple[Frame, bytes]] = []
+        node.messaging.set_gateway(self.own.append, relay=self._take)
+
+    def _take(self, frame: Frame, data: bytes) -> None:
+        self.others.append((frame, data))
+        self.came.set()
+
+    async def next(self) -> tuple[Frame, bytes]:
+        self.came.clear()
+        await asyncio.wait_for(self.came.wait(), 10)
+        return self.others[-1]
+
+
+async def test_a_frame_of_another_process_passes_as_the_bytes_that_came(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, other_process(tmp_path) as other:
+        relay = Relay(node)
+        for sequence in range(3):
+            sent = encode(message(sequence))
+            other.send(node.messaging.address, sent)
+            frame, data = await relay.next()
+            assert (frame.sequence, data) == (sequence, sent)
+        assert relay.own == []
+
+
+async def test_a_frame_that_passes_a_process_costs_a_handful_of_calls(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, other_process(tmp_path) as other:
+        relay = Relay(node)
+        other.send(node.messaging.address, encode(message(0)))
+        await relay.next()  # the connection is there
+        other.send(node.messaging.address, encode(message(1)))
+        with counted() as calls:
+            await relay.next()
+        assert len(calls.names) <= PASSING_CALLS, calls.names
+
+
+@pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.NOTIFY])
+async def test_a_message_to_another_platform_costs_its_sender_a_few_dozen_calls(
+    tmp_path: Path, kind: FrameKind
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("sender", node=node) as module:
+        relay = Relay(node)
+        for _ in range(2):  # the first one makes the address
+            sending = module.send("/uav7/cmd/note", Blob(bytes(200)), kind=kind)
+            with counted() as calls:
+                sending.send(None)  # up to where it waits for the answer
+            sending.close()
+        assert len(relay.own) == 2
+        assert len(calls.names) <= SENDING_CALLS, calls.names
