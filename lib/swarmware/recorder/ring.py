@@ -1,11 +1,13 @@
 """The local log ring: segments bounded by size and by free disk space, repaired after a crash."""
 
+import os
 import shutil
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import msgspec
 
+from swarmware.model.clock import utc_ns
 from swarmware.recorder.scan import MAGIC
 from swarmware.recorder.segment import TAIL, LogChannel, SegmentReader, SegmentWriter, ended
 
@@ -19,6 +21,8 @@ _EMPTY_FILE_BYTES: Final = 4096
 """A file up to this size without a complete record was cut at its creation: no entry is lost with it."""
 _SEGMENTS_READ: Final = 3
 """Maximum number of segments that a start reads to restore the sequence numbers."""
+_GRANULE_NS: Final = 20_000_000
+"""Two changes of the folder within this time may have the same time stamp."""
 
 
 class Hole(NamedTuple):
@@ -69,6 +73,10 @@ class LogRing:
         self.last_stamps: dict[str, int] = {}
         """Newest stamp of this boot, by local path; empty in a new ring."""
         self._recover()
+        self._listed_ns = -1
+        """Time of the folder when its finished segments were listed; -1: they have to be listed again."""
+        self._finished = (0, 0)
+        """Number and bytes of the segments that do not grow any more."""
         self._ended: SegmentWriter | None = None
         self._writer = self._open(self._last_number() + 1)
 
@@ -197,9 +205,18 @@ class LogRing:
             free += size
 
     def size(self) -> tuple[int, int]:
-        """Number of segments, and their size on disk in bytes."""
-        sizes = [path.stat().st_size for path in _files(self.directory)]
-        return len(sizes), sum(sizes)
+        """Number of segments, and their size on disk in bytes; the folder is listed when it has changed."""
+        changed_ns = os.stat(self.directory).st_mtime_ns  # noqa: PTH116  # after every batch: no Path object
+        if self._ended is not None or changed_ns != self._listed_ns:
+            sizes = [path.stat().st_size for path in _files(self.directory) if path != self._writer.path]
+            self._finished = len(sizes), sum(sizes)
+            settled = self._ended is None and utc_ns() - changed_ns > _GRANULE_NS
+            self._listed_ns = changed_ns if settled else -1
+        count, total = self._finished
+        try:
+            return count + 1, total + os.stat(self._writer.path).st_size  # noqa: PTH116
+        except FileNotFoundError:
+            return count, total  # somebody has removed it
 
     def close(self) -> None:
         """Writes the summary of the last segment and closes it."""

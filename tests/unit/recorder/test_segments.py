@@ -1,5 +1,6 @@
 """MCAP segments and the local ring: readable by others, bounded, whole after any cut."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from swarmware.recorder import ring as ring_module
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.ring import LogRing, segments
 from swarmware.recorder.segment import LogChannel, SegmentReader, SegmentWriter
@@ -159,6 +161,53 @@ def test_the_ring_keeps_its_bounds_and_its_counters_when_old_segments_go(tmp_pat
     again = LogRing(tmp_path)
     assert again.counters == {"uav1:navigator:out": 5000}
     again.close()
+
+
+def on_disk(directory: Path) -> tuple[int, int]:
+    sizes = [path.stat().st_size for path in directory.iterdir()]
+    return len(sizes), sum(sizes)
+
+
+def test_the_size_of_the_ring_is_that_of_its_files_whoever_changes_them(tmp_path: Path) -> None:
+    ring = LogRing(tmp_path, segment_bytes=20_000, ring_bytes=100_000, min_free_bytes=0, sync="none")
+    for number in range(30):
+        fill(ring, 50, start=50 * number)
+        ring.flush()
+        assert ring.size() == on_disk(tmp_path), f"batch {number}"
+        assert ring.size() == on_disk(tmp_path)
+    segments(tmp_path)[0].unlink()
+    assert ring.size() == on_disk(tmp_path)
+    segments(tmp_path)[-1].unlink()
+    assert ring.size() == on_disk(tmp_path), "also without the one that is being written"
+    ring.close()
+
+
+def test_the_folder_is_listed_only_when_it_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed: list[Path] = []
+    usual = ring_module._files
+
+    def files(directory: Path) -> list[Path]:
+        listed.append(directory)
+        return usual(directory)
+
+    ring = LogRing(tmp_path, segment_bytes=20_000, sync="none")
+    os.utime(tmp_path, (1_000_000, 1_000_000))  # it was changed long ago
+    monkeypatch.setattr(ring_module, "_files", files)
+    sizes = []
+    for number in range(10):
+        fill(ring, 1, start=number)
+        ring.flush()
+        sizes.append(ring.size())
+    assert len(listed) == 1
+    assert sizes == sorted(set(sizes)), "each batch makes it larger"
+    fill(ring, 1000)
+    ring.flush()
+    listed.clear()
+    assert ring.size() == on_disk(tmp_path)
+    assert len(listed) == 1, "a segment was added"
+    ring.close()
 
 
 def test_a_disk_without_the_wanted_space_gives_up_the_oldest_segments(tmp_path: Path) -> None:
