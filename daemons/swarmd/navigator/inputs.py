@@ -63,6 +63,9 @@ class Inputs:
             navigator.on_vehicle(vehicle)
         if (goal := self._goal.take()) is not None:
             navigator.on_goal(goal, now_ns)
+        if navigator.resting:
+            self._calls = 0  # nothing is avoided at rest; the first step after it reads all of them
+            return
         if self._calls % NEW_PLATFORMS_EVERY == 0:
             self._add_platforms()
         self._calls += 1

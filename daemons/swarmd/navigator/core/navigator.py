@@ -150,9 +150,13 @@ class NavigatorCore:
 
     def period_s(self) -> float:
         """Time from one control step to the next: longer for a vehicle that is disarmed and on the ground."""
-        config, vehicle = self._config, self._vehicle
-        rests = vehicle is not None and vehicle.resting
-        return 1 / (min(config.rate_hz, config.rest_hz) if rests else config.rate_hz)
+        config = self._config
+        return 1 / (min(config.rate_hz, config.rest_hz) if self.resting else config.rate_hz)
+
+    @property
+    def resting(self) -> bool:
+        """Whether the vehicle is disarmed and on the ground."""
+        return self._vehicle is not None and self._vehicle.resting
 
     def step(self, now_ns: int) -> NavigatorOutput:
         """Computes pose, set-point and status for this instant."""
