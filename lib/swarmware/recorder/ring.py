@@ -216,7 +216,7 @@ class LogRing:
         try:
             return count + 1, total + os.stat(self._writer.path).st_size  # noqa: PTH116
         except FileNotFoundError:
-            return count, total  # somebody has removed it
+            return count, total  # another process has removed it
 
     def close(self) -> None:
         """Writes the summary of the last segment and closes it."""
