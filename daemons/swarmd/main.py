@@ -105,13 +105,23 @@ def _units(config_dir: Path) -> int:
     return 0
 
 
+def _import_event_loop() -> None:
+    from swarmware.model.plugins import none_is_foreign
+    from swarmware.runtime.event_loop import import_without_tls
+
+    if none_is_foreign():
+        import_without_tls()
+
+
 def _run(config_dir: Path, names: list[str]) -> int:
+    _import_event_loop()
     from swarmware.service.runner import run_services
 
     return run_services(config_dir, list(dict.fromkeys(names)))
 
 
 def _forks(config_dir: Path, names: list[str]) -> int:
+    _import_event_loop()
     from swarmd.forkserver import ForkServer, preload
     from swarmware.model.config import load_node
 

@@ -17,7 +17,7 @@ HEAVY: Final = {
         "subprocess",
         "tomllib",
     ),
-    *("cryptography", "jsonschema", "matplotlib", "mcap", "msgpack", "msgspec", "numpy", "psutil", "pymongo"),
+    *("jsonschema", "matplotlib", "mcap", "msgpack", "msgspec", "nacl", "numpy", "psutil", "pymongo"),
     *("rich", "sortedcontainers", "tomli_w", "uvloop", "zmq", "zstandard"),
     *("swarmware.module", "swarmware.node", "swarmware.types", "swarmware.model.config"),
     *("swarmctl.terminal.output", "swarmlab.command"),

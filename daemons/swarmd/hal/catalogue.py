@@ -1,14 +1,12 @@
 """Registry of drivers by name: built-in, and plug-ins of the entry-point group `swarmware.drivers`."""
 
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Final
 
 from swarmd.hal.config import Config
 from swarmd.hal.driver import Driver, Factory, Site
 from swarmware.errors import ConfigError, NotFound
-
-GROUP: Final = "swarmware.drivers"
+from swarmware.model.plugins import DRIVER_GROUP, entry_points
 
 DRIVERS: Final = {
     "replay": "swarmd.hal.drivers.replay",
@@ -26,7 +24,7 @@ def find(name: str) -> Factory:
     if name in DRIVERS:
         make: Factory = import_module(DRIVERS[name]).make
         return make
-    points = {point.name: point for point in entry_points(group=GROUP)}
+    points = {point.name: point for point in entry_points(DRIVER_GROUP)}
     if name not in points:
         known = ", ".join(sorted({*DRIVERS, *points}))
         raise NotFound(f"driver {name!r}: not installed; expected one of {known}")

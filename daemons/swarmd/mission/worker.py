@@ -10,10 +10,10 @@ import msgspec
 
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
-from swarmware.mission.catalogue import installed
 from swarmware.mission.check import check_folder, check_text
 from swarmware.mission.finding import Finding, too_large
 from swarmware.mission.folder import Folder
+from swarmware.mission.installed import installed
 
 MEMORY_BYTES: Final = 512 << 20
 """Limit of the address space, eight times the check's own budget: it bounds memory that is not counted

@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-import secrets
+import os
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
@@ -62,7 +62,7 @@ class Tree(Service):
             module.platform,
             template.load(node.config.template, folder).resources,
             config,
-            epoch=secrets.randbits(31) + 1,
+            epoch=int.from_bytes(os.urandom(4)) // 2 + 1,
             templates=_templates(folder),
             keep=config.kept(node.config.kind),
         )

@@ -4,17 +4,12 @@ One table; the loader, the checks, the JSON Schema, the documentation and the pl
 """
 
 from enum import StrEnum
-from importlib.metadata import entry_points
 from typing import Annotated, Final, Literal
 
 import msgspec
 
 from swarmware.errors import InvalidInput, MissionError
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
-
-GROUP: Final = "swarmware.blocks"
-"""Entry-point group of third parties' blocks."""
-
 
 Points = tuple[tuple[float, ...], ...]
 """Positions in the map frame, metres."""
@@ -344,17 +339,3 @@ class Catalogue:
 def built_in() -> Catalogue:
     """The catalogue of built-in blocks."""
     return Catalogue(BLOCKS)
-
-
-def installed() -> Catalogue:
-    """The built-in blocks and those of installed packages.
-
-    Raises: MissionError when a package's entry point is not a block, or takes a name that is in use.
-    """
-    foreign: list[BlockType] = []
-    for point in entry_points(group=GROUP):
-        spec = getattr(point.load(), "spec", None)
-        if not isinstance(spec, BlockType):
-            raise MissionError(f"entry point {GROUP}:{point.name}: expected a class with `spec: BlockType`")
-        foreign.append(spec)
-    return Catalogue((*BLOCKS, *foreign))

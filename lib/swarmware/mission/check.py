@@ -10,10 +10,11 @@ from swarmware.errors import ConfigError, NotFound
 from swarmware.mission import flight, soundness, vocabulary
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
-from swarmware.mission.catalogue import Catalogue, built_in, installed
+from swarmware.mission.catalogue import Catalogue, built_in
 from swarmware.mission.ensemble import EnsembleRole, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import MANIFEST, Folder, read_folder
+from swarmware.mission.installed import installed
 from swarmware.mission.loader import Reading, read
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.source import SourceError

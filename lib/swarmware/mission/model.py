@@ -1,6 +1,5 @@
 """A loaded mission: blocks with typed parameters, and their successors."""
 
-from hashlib import blake2b
 from typing import Final
 
 import msgspec
@@ -8,6 +7,7 @@ import msgspec
 from swarmware.mission.catalogue import BlockName, BlockType, Params
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.outcome import ANY_ERROR, BlockOutcome, OutcomeKind
+from swarmware.model.digest import blake2b
 
 STEPS_LIMIT: Final = 1_000
 """Maximum blocks that the player enters in one event; the check refuses a mission that needs more."""

@@ -2,10 +2,10 @@
 
 import re
 from functools import lru_cache
-from hashlib import blake2b
 from typing import Final
 
 from swarmware.errors import InvalidInput
+from swarmware.model.digest import blake2b
 
 ANY: Final = 0xFFFF_FFFF
 """Receiver id of frames for all receivers (S1.49)."""

@@ -1,7 +1,6 @@
 """Resource templates: TOML files with the resources of a kind of platform, with inheritance."""
 
 from collections.abc import Mapping
-from hashlib import blake2b
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -10,6 +9,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import config, document
+from swarmware.model.digest import blake2b
 from swarmware.model.names import Pattern
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Access, Category, Kind, Link, Plain, Resource

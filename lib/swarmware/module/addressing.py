@@ -1,6 +1,6 @@
 """Frames to addresses: to whom, of which type, numbered so that none is taken for another."""
 
-import secrets
+import os
 from typing import Final
 
 import msgspec
@@ -73,7 +73,7 @@ class Addressing:
             raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {PAYLOAD_LIMIT}")
         # a random start: a restarted application is not taken for a duplicate of its former self
         sequence = self._sequences.get(address.data_id)
-        sequence = secrets.randbits(32) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
+        sequence = int.from_bytes(os.urandom(4)) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
         self._sequences[address.data_id] = sequence
         return Frame(
             kind,

@@ -4,14 +4,14 @@ import os
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import BinaryIO, Final
 
 import msgspec
-from mcap.writer import Writer
 
 from swarmware import __version__
 from swarmware.errors import InvalidInput
 from swarmware.recorder.entry import LogEntry, schema
+from swarmware.recorder.mcap_writer import McapWriter, channel_record
 from swarmware.recorder.scan import (
     CHANNEL,
     DATA_END,
@@ -123,9 +123,7 @@ class SegmentWriter:
     ) -> None:
         self.path = path
         self._out = AppendBuffer(path)
-        out: Any = self._out  # the only methods that the writer needs of a file
-        self._writer: Any = Writer(out, use_chunking=False)
-        self._writer.start(profile="", library=f"swarmware {__version__}")
+        self._writer = McapWriter(self._out, f"swarmware {__version__}")
         self._add_numbers(COUNTERS, counters)
         self._add_numbers(STAMPS, stamps or {})
         self._channels: dict[LogChannel, int] = {}
@@ -149,7 +147,7 @@ class SegmentWriter:
         copy = b""
         if number is None:
             number, copy = self._register(channel)
-        self._writer.add_message(number, utc_ns, payload, stamp_ns % _U64, sequence)
+        self._writer.add_message(number, sequence, utc_ns, stamp_ns % _U64, payload)
         self._out.write(copy)
         self.bytes += len(payload) + _SMALLEST
 
@@ -158,7 +156,7 @@ class SegmentWriter:
         schema_id = self._schemas.get(channel.type)
         if schema_id is None:
             data = schema(channel.type)
-            schema_id = self._writer.register_schema(channel.type, "jsonschema", data) if data else 0
+            schema_id = self._writer.register_schema(channel.type, data) if data else 0
             self._schemas[channel.type] = schema_id
         topic = f"/{channel.platform}/{channel.path}"
         metadata = {
@@ -170,9 +168,9 @@ class SegmentWriter:
         if channel.sender:
             metadata["sender"] = channel.sender
         metadata[CHECK] = _check(metadata, topic)
-        number: int = self._writer.register_channel(topic, "msgpack", schema_id, metadata)
+        number = self._writer.register_channel(schema_id, topic, metadata)
         self._channels[channel] = number
-        return number, _channel_record(number, schema_id, topic, metadata)
+        return number, channel_record(number, schema_id, topic, metadata)
 
     @property
     def pending_bytes(self) -> int:
@@ -399,21 +397,6 @@ def _numbers(body: bytes) -> tuple[str, dict[str, int]] | None:
 
 def _check(data: Mapping[str, str], name: str) -> str:
     return f"{zlib.crc32(repr((name, sorted(data.items()))).encode()):08x}"
-
-
-def _channel_record(number: int, schema_id: int, topic: str, metadata: Mapping[str, str]) -> bytes:
-    """The bytes of a channel record. Source: MCAP specification, Channel (op=0x04)."""
-    pairs = b"".join(_packed(key) + _packed(value) for key, value in metadata.items())
-    body = (
-        number.to_bytes(2, "little") + schema_id.to_bytes(2, "little") + _packed(topic) + _packed("msgpack")
-    )
-    body += len(pairs).to_bytes(4, "little") + pairs
-    return RECORD.pack(CHANNEL, len(body)) + body
-
-
-def _packed(text: str) -> bytes:
-    data = text.encode()
-    return len(data).to_bytes(4, "little") + data
 
 
 def _text(body: bytes, at: int) -> tuple[str, int]:

@@ -1,19 +1,16 @@
 """Installed services, by entry point."""
 
-from difflib import get_close_matches
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 
 from swarmware.errors import ConfigError, NotFound
+from swarmware.model.plugins import SERVICE_GROUP, EntryPoint, entry_points
 from swarmware.service.service import Service
-
-GROUP = "swarmware.services"
 
 
 @cache
 def installed() -> dict[str, EntryPoint]:
     """Entry points of services, by name."""
-    return {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda point: point.name)}
+    return {point.name: point for point in entry_points(SERVICE_GROUP)}
 
 
 def find(name: str) -> type[Service]:
@@ -23,6 +20,8 @@ def find(name: str) -> type[Service]:
     """
     points = installed()
     if name not in points:
+        from difflib import get_close_matches
+
         near = get_close_matches(name, points, n=1)
         hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(points)}"
         raise NotFound(f"service {name!r}: not installed; {hint}")

@@ -9,27 +9,22 @@ import os
 import struct
 from collections.abc import Iterable, Mapping
 from enum import IntEnum
-from hashlib import blake2b, sha512
 from pathlib import Path
 from typing import Final, TypeVar
 
 import msgspec
-from cryptography.exceptions import InvalidSignature, InvalidTag
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
-from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from swarmware.errors import ConfigError, Denied, InvalidInput
 from swarmware.model import document
 from swarmware.model.access import Role
+from swarmware.model.digest import blake2b
 from swarmware.model.names import check_platform
 from swarmware.runtime.filewriter import replace_file
+from swarmware.transport.sodium import KEY_BYTES, SealKey, SigningKey, curve_public, sha512, verify
 
 T = TypeVar("T")
 
 SEED_BYTES: Final = 32
-KEY_BYTES: Final = 32
-TAG_BYTES: Final = 16
 REPLAY_WINDOW: Final = 64
 """Maximum reordering of datagrams; an older one is refused."""
 SESSIONS_MAX: Final = 4
@@ -96,7 +91,7 @@ class Keys:
         self.roster = roster
         """None: no keys were made, and all senders on the loopback interface are accepted."""
         self.group = group
-        self._signing = Ed25519PrivateKey.from_private_bytes(seed)
+        self._signing = SigningKey(seed)
         self.curve_secret = _curve_secret(seed)
         self.curve_public = _curve_public(seed)
         valid = () if roster is None else roster.valid()
@@ -176,7 +171,7 @@ class Sealer:
     """Seals the datagrams of one sender's session; a sequence number may be used once."""
 
     def __init__(self, group: GroupKey, sender_hw: int, session: int) -> None:
-        self._seal = _session_key(group.key, sender_hw, session).encrypt
+        self._seal = _session_key(group.key, sender_hw, session).seal
         self._sender_hw = sender_hw
         self._last = -1
 
@@ -195,12 +190,12 @@ class Sealer:
 class ReceivedSession:
     """Opens the datagrams of one session of a sender, each once."""
 
-    __slots__ = ("_decrypt", "_seen", "_top", "number")
+    __slots__ = ("_open", "_seen", "_top", "number")
 
-    def __init__(self, number: int, key: ChaCha20Poly1305, sequence: int) -> None:
+    def __init__(self, number: int, key: SealKey, sequence: int) -> None:
         """`sequence`: of a datagram that was opened already; lower ones are taken within the window."""
         self.number = number
-        self._decrypt = key.decrypt
+        self._open = key.open
         self._top = sequence
         self._seen = 1
 
@@ -209,9 +204,8 @@ class ReceivedSession:
         ahead = sequence - self._top
         if ahead <= 0 and (ahead <= -REPLAY_WINDOW or self._seen >> -ahead & 1):
             return Refusal.REPLAYED
-        try:
-            body = self._decrypt(_NONCE.pack(sender_hw, sequence), box, clear)
-        except InvalidTag:
+        body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
+        if body is None:
             return Refusal.FORGED
         if ahead > 0:
             self._seen = (self._seen << ahead | 1) & _WINDOW_MASK if ahead < REPLAY_WINDOW else 1
@@ -265,9 +259,8 @@ class Opener:
         self, sender_hw: int, session: int, sequence: int, clear: bytes, box: bytes
     ) -> Opened | Refusal:
         key = _session_key(self._group.key, sender_hw, session)
-        try:
-            body = key.decrypt(_NONCE.pack(sender_hw, sequence), box, clear)
-        except InvalidTag:
+        body = key.open(_NONCE.pack(sender_hw, sequence), box, clear)
+        if body is None:
             return Refusal.FORGED
         known = self._senders.get(sender_hw)
         if known is None:
@@ -304,7 +297,7 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) ->
     A mapping gives each platform its role. An existing folder is overwritten.
     """
     roles = dict(platforms) if isinstance(platforms, Mapping) else dict.fromkeys(platforms, "node")
-    root = Ed25519PrivateKey.generate()
+    root = SigningKey(os.urandom(SEED_BYTES))
     group = GroupKey(0, os.urandom(KEY_BYTES))
     seeds = {check_platform(platform): os.urandom(SEED_BYTES) for platform in roles}
     roster = Roster(
@@ -316,19 +309,19 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) ->
     )
     signed = sign_roster(roster, root)
     directory.mkdir(parents=True, exist_ok=True)
-    replace_file(directory / "root.key", root.private_bytes_raw(), mode=0o600)
-    replace_file(directory / "root.pub", root.public_key().public_bytes_raw(), mode=0o644)
+    replace_file(directory / "root.key", root.seed, mode=0o600)
+    replace_file(directory / "root.pub", root.public, mode=0o644)
     for platform, seed in seeds.items():
         folder = directory / platform
         folder.mkdir(exist_ok=True)
         replace_file(folder / "node.key", seed, mode=0o600)
         replace_file(folder / "group.key", msgspec.json.encode(group), mode=0o600)
-        replace_file(folder / "root.pub", root.public_key().public_bytes_raw(), mode=0o644)
+        replace_file(folder / "root.pub", root.public, mode=0o644)
         replace_file(folder / "roster.json", signed, mode=0o644)
     return roster
 
 
-def sign_roster(roster: Roster, root: Ed25519PrivateKey) -> bytes:
+def sign_roster(roster: Roster, root: SigningKey) -> bytes:
     """Encode the roster: one line of JSON, one line with the root's signature of the first."""
     body = msgspec.json.encode(roster)
     return body + b"\n" + root.sign(body).hex().encode() + b"\n"
@@ -342,11 +335,11 @@ def read_roster(path: Path, root_public: bytes) -> Roster:
     body, _, rest = _read(path).partition(b"\n")
     try:
         signature = bytes.fromhex(rest.decode("ascii").strip())
-        Ed25519PublicKey.from_public_bytes(root_public).verify(signature, body)
+        genuine = verify(root_public, signature, body)
     except ValueError as error:
         raise ConfigError(f"{path}: expected a line of JSON and a line with its signature") from error
-    except InvalidSignature:
-        raise Denied(f"{path}: not signed by this swarm's root") from None
+    if not genuine:
+        raise Denied(f"{path}: not signed by this swarm's root")
     roster = _decode(path, body, Roster)
     for member in roster.members:
         try:
@@ -356,8 +349,8 @@ def read_roster(path: Path, root_public: bytes) -> Roster:
     return roster
 
 
-def _session_key(group_key: bytes, sender_hw: int, session: int) -> ChaCha20Poly1305:
-    return ChaCha20Poly1305(
+def _session_key(group_key: bytes, sender_hw: int, session: int) -> SealKey:
+    return SealKey(
         blake2b(
             _SESSION.pack(sender_hw, session), key=group_key, person=_TAGGED, digest_size=KEY_BYTES
         ).digest()
@@ -366,18 +359,18 @@ def _session_key(group_key: bytes, sender_hw: int, session: int) -> ChaCha20Poly
 
 def _curve_secret(seed: bytes) -> bytes:
     """X25519 form of an Ed25519 seed, clamped. Source: RFC 8032 section 5.1.5, RFC 7748 section 5."""
-    secret = bytearray(sha512(seed).digest()[:KEY_BYTES])
+    secret = bytearray(sha512(seed)[:KEY_BYTES])
     secret[0] &= 248
     secret[31] = secret[31] & 127 | 64
     return bytes(secret)
 
 
 def _curve_public(seed: bytes) -> bytes:
-    return X25519PrivateKey.from_private_bytes(_curve_secret(seed)).public_key().public_bytes_raw()
+    return curve_public(_curve_secret(seed))
 
 
 def _sign_public(seed: bytes) -> bytes:
-    return Ed25519PrivateKey.from_private_bytes(seed).public_key().public_bytes_raw()
+    return SigningKey(seed).public
 
 
 def _decode(path: Path, data: bytes, cls: type[T]) -> T:

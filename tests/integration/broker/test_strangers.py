@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 import pytest
 import zmq
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
 
 from swarmd.broker.config import Config
@@ -20,6 +19,7 @@ from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.security import Keys, Roster, RosterMember, make_swarm, sign_roster
+from swarmware.transport.sodium import SigningKey
 from swarmware.types.scalar import Text
 
 
@@ -37,7 +37,7 @@ async def test_a_stranger_with_another_group_key_is_dropped_and_counted(tmp_path
         assert {link.platform for link in traffic.links} == {"*", "uav2", "?"}
 
 
-def replace_key(folder: Path, root: Ed25519PrivateKey, names: tuple[str, str]) -> None:
+def replace_key(folder: Path, root: SigningKey, names: tuple[str, str]) -> None:
     """Makes keys with which `names[1]` is another one than the rest believes, in its own roster only."""
     platform = names[1]
     roster = msgspec.json.decode((folder / "roster.json").read_bytes().split(b"\n")[0], type=Roster)
@@ -50,14 +50,14 @@ def replace_key(folder: Path, root: Ed25519PrivateKey, names: tuple[str, str]) -
     )
     (folder / "node.key").write_bytes(bytes(range(32)))
     (folder / "roster.json").write_bytes(sign_roster(Roster(1, members), root))
-    (folder / "root.pub").write_bytes(root.public_key().public_bytes_raw())
+    (folder / "root.pub").write_bytes(root.public)
 
 
 @on_uvloop
 async def test_a_member_with_a_key_that_is_not_on_the_roster_is_denied_and_it_shows(tmp_path: Path) -> None:
     names = ("uav1", "uav2")
     make_swarm(tmp_path / "keys", dict.fromkeys(names, "operator"))
-    replace_key(tmp_path / "keys" / "uav2", Ed25519PrivateKey.generate(), names)
+    replace_key(tmp_path / "keys" / "uav2", SigningKey(bytes(range(32))), names)
     async with swarm(tmp_path, *names, keys=False) as pair:
         # the group key is right, so they hear each other
         await pair["uav1"].until_up("uav2")

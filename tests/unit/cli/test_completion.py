@@ -122,5 +122,5 @@ def test_completion_imports_nothing_heavy(cache: Path) -> None:
     done = subprocess.run([sys.executable, "-c", _PROBE], env=env, capture_output=True, text=True, check=True)
     count, modules = json.loads(done.stdout)
     assert count == 2
-    heavy = {"asyncio", "zmq", "msgspec", "cryptography", "mcap", "numpy", "rich", "uvloop", "tomllib"}
+    heavy = {"asyncio", "zmq", "msgspec", "nacl", "mcap", "numpy", "rich", "uvloop", "tomllib"}
     assert not heavy & set(modules)

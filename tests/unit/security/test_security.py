@@ -1,12 +1,13 @@
 """Keys, rosters and sealed datagrams: what is let in and what is not."""
 
+import os
 import stat
 from pathlib import Path
 
 import msgspec
 import pytest
 import zmq
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from hypothesis import given
 from hypothesis import strategies as st
 from zmq.utils import z85
@@ -27,6 +28,7 @@ from swarmware.transport.security import (
     read_roster,
     sign_roster,
 )
+from swarmware.transport.sodium import SigningKey
 
 GROUP = GroupKey(3, bytes(range(32)))
 HW = 0xCAFE
@@ -241,16 +243,16 @@ def test_a_platform_that_is_not_on_the_roster_is_denied(tmp_path: Path) -> None:
 def test_a_roster_that_the_root_did_not_sign_is_denied(tmp_path: Path) -> None:
     roster = make_swarm(tmp_path, ["uav1"])
     file = tmp_path / "uav1" / "roster.json"
-    file.write_bytes(sign_roster(roster, Ed25519PrivateKey.generate()))
+    file.write_bytes(sign_roster(roster, SigningKey(os.urandom(32))))
     with pytest.raises(Denied, match="not signed by this swarm's root"):
         Keys.load(tmp_path / "uav1", "uav1")
 
 
 def test_a_revoked_member_is_a_stranger(tmp_path: Path) -> None:
-    root = Ed25519PrivateKey.generate()
+    root = SigningKey(os.urandom(32))
     roster = Roster(2, (RosterMember("uav1", bytes(32), b"\1" * 32, serial=1),), revoked=(1,))
     (tmp_path / "roster.json").write_bytes(sign_roster(roster, root))
-    read = read_roster(tmp_path / "roster.json", root.public_key().public_bytes_raw())
+    read = read_roster(tmp_path / "roster.json", root.public)
     assert read == roster
     assert read.find("uav1") is None
     assert Keys("gcs", bytes(32), read, GROUP).by_curve(b"\1" * 32) is None

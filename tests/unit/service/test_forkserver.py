@@ -19,7 +19,7 @@ def test_the_imports_of_all_our_daemons_start_no_thread_and_open_nothing() -> No
 
 def test_a_service_of_somebody_else_is_not_imported_before_the_fork() -> None:
     look = (
-        "from importlib.metadata import EntryPoint\n"
+        "from swarmware.model.plugins import EntryPoint\n"
         "from swarmd import forkserver\n"
         "theirs = EntryPoint('planner', 'nosuch_package.planner:Planner', 'swarmware.services')\n"
         "forkserver.installed = lambda: {'planner': theirs}\n"

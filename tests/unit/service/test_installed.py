@@ -1,12 +1,11 @@
 """Services are found by entry point: what is not installed, or not a service, is refused by name."""
 
-from importlib.metadata import EntryPoint
-
 import pytest
 
 from swarmware.errors import ConfigError, NotFound, SwarmError
+from swarmware.model.plugins import EntryPoint
 from swarmware.service import installed as installed_services
-from swarmware.service.installed import GROUP, find, installed
+from swarmware.service.installed import find, installed
 from swarmware.service.service import Service
 
 
@@ -30,7 +29,7 @@ def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
         "strange": f"{__name__}:not_a_class",
         "plain": "pathlib:Path",
     }
-    points = {name: EntryPoint(name, value, GROUP) for name, value in values.items()}
+    points = {name: EntryPoint(name, value, "swarmware.services") for name, value in values.items()}
     monkeypatch.setattr(installed_services, "installed", lambda: points)
 
 

@@ -8,7 +8,6 @@ import resource
 import signal
 import socket
 from collections.abc import Callable, Iterator
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,6 +15,7 @@ import msgspec
 import pytest
 
 from swarmware.errors import ConfigError, InvalidInput, NotFound, SwarmError
+from swarmware.model.plugins import EntryPoint
 from swarmware.service import garbage
 from swarmware.service import installed as installed_services
 from swarmware.service.runner import run_services

@@ -1,14 +1,13 @@
 """Seals datagrams between a session of this node and one of a neighbour, which only these two can make."""
 
 import struct
-from hashlib import blake2b
 from typing import Final
 
 import msgspec
-from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X25519PublicKey
-from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
-from swarmware.transport.security import KEY_BYTES, Opened, ReceivedSession, Refusal
+from swarmware.model.digest import blake2b
+from swarmware.transport.security import Opened, ReceivedSession, Refusal
+from swarmware.transport.sodium import KEY_BYTES, SealKey, curve_shared
 
 _PERSON: Final = b"swarmware pair 1"
 _ENDS: Final = struct.Struct("<IQIQ")
@@ -31,27 +30,25 @@ class PairSeal:
     """
 
     def __init__(self, curve_secret: bytes, own: PairEnd, other: PairEnd) -> None:
-        """Raises: ValueError when the other key is none."""
-        shared = X25519PrivateKey.from_private_bytes(curve_secret).exchange(
-            X25519PublicKey.from_public_bytes(other.curve_public)
-        )
+        """Raises: InvalidInput when the other key is none."""
+        shared = curve_shared(curve_secret, other.curve_public)
         self.other = other
         self._own_hw = own.hw
-        self._encrypt = _key(shared, own, other).encrypt
+        self._seal = _key(shared, own, other).seal
         self._received = ReceivedSession(other.session, _key(shared, other, own), 0)
 
     def seal(self, sequence: int, clear: bytes, body: bytes) -> bytes:
         """The body encrypted, with a tag over it and the clear header."""
-        return self._encrypt(_NONCE.pack(self._own_hw, sequence), body, clear)
+        return self._seal(_NONCE.pack(self._own_hw, sequence), body, clear)
 
     def open(self, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body that the other node sealed, or why it is refused; each datagram is opened once."""
         return self._received.open(self.other.hw, sequence, clear, box)
 
 
-def _key(shared: bytes, sender: PairEnd, receiver: PairEnd) -> ChaCha20Poly1305:
+def _key(shared: bytes, sender: PairEnd, receiver: PairEnd) -> SealKey:
     ends = _ENDS.pack(sender.hw, sender.session, receiver.hw, receiver.session)
-    return ChaCha20Poly1305(
+    return SealKey(
         blake2b(
             ends + sender.curve_public + receiver.curve_public,
             key=shared,

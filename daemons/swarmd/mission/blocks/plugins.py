@@ -1,7 +1,6 @@
 """Classes of blocks by type: the built-in ones, and those of installed packages."""
 
 from collections.abc import Mapping
-from importlib.metadata import entry_points
 from typing import Final
 
 from swarmd.mission.blocks.formation import FormationBlock
@@ -14,8 +13,9 @@ from swarmd.mission.blocks.motions import (
     ReturnBlock,
     TakeoffBlock,
 )
-from swarmware.mission.catalogue import BLOCKS, GROUP, BlockType, Catalogue
+from swarmware.mission.catalogue import BLOCKS, BlockType, Catalogue
 from swarmware.mission.plugin import FunctionalBlock
+from swarmware.model.plugins import BLOCK_GROUP, entry_points
 
 BUILT_IN: Final[tuple[type, ...]] = (
     ArmBlock,
@@ -49,7 +49,7 @@ def installed() -> Plugins:
     """
     classes = {cls.spec.name: cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # each has a spec
     foreign: list[BlockType] = []
-    for point in entry_points(group=GROUP):
+    for point in entry_points(BLOCK_GROUP):
         cls = point.load()
         foreign.append(cls.spec)
         classes.setdefault(cls.spec.name, cls)

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from hashlib import blake2b
 from typing import Final
 
 import msgspec
 
 from swarmd.tree.core.structure.index import Leaf, pattern
 from swarmware.errors import InvalidInput
+from swarmware.model.digest import blake2b
 from swarmware.model.names import split
 from swarmware.model.resource import Kind
 from swarmware.types.tree import Rule

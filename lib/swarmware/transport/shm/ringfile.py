@@ -10,7 +10,6 @@ import contextlib
 import errno
 import mmap
 import os
-import secrets
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -195,7 +194,7 @@ def _make(
             return None
         try:
             if resume is None:
-                resume = (secrets.randbits(64), 0) if old_fd is None else _inherited_epoch(old_fd)
+                resume = _first_epoch() if old_fd is None else _inherited_epoch(old_fd)
             ring = _fill(fd, path, geometry, mode, resume)
             if old_fd is not None:
                 os.pwrite(
@@ -222,7 +221,7 @@ def _fill(fd: int, path: Path, geometry: Geometry, mode: int, resume: EpochPosit
     ring = _map(fd, geometry.file_bytes)
     words = memoryview(ring).cast("Q")
     epoch, first = resume
-    layout.write_header(words, geometry, nonce=secrets.randbits(64), epoch=epoch, first=first)
+    layout.write_header(words, geometry, nonce=int.from_bytes(os.urandom(8)), epoch=epoch, first=first)
     layout.write_owner(words, Owner.current())
     words.release()
     return ring
@@ -236,7 +235,11 @@ def _inherited_epoch(old_fd: int) -> EpochPosition:
         layout.read_header(words, os.fstat(old_fd).st_size, Path())
         if words[layout.W_FIRST] <= words[layout.W_NEWEST] < 1 << 63:
             return words[layout.W_EPOCH], words[layout.W_NEWEST]
-    return secrets.randbits(64), 0
+    return _first_epoch()
+
+
+def _first_epoch() -> EpochPosition:
+    return int.from_bytes(os.urandom(8)), 0
 
 
 def mark_moved(fd: int) -> None:

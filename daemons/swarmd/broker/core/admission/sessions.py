@@ -6,13 +6,13 @@ one is proven over a connection that only the key of the platform opens; until t
 accepted.
 """
 
-from hashlib import blake2b
 from typing import Final
 
 import msgspec
 
 from swarmd.broker.core.beacon.beacon import NEVER_NS
 from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
+from swarmware.model.digest import blake2b
 
 ALIVE_NS: Final = 1_500_000_000
 """A session without a datagram for this time has ended: two beacons a second are sent, one may be lost."""

@@ -3,12 +3,12 @@
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from functools import lru_cache
-from hashlib import blake2b
 from typing import Final
 
 import msgspec
 from sortedcontainers import SortedList
 
+from swarmware.model.digest import blake2b
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Resource
 

@@ -1,0 +1,46 @@
+"""The import of the event loop without OpenSSL.
+
+`asyncio` and `uvloop` import `ssl` for streams with TLS, which no part of a node uses: keys of the swarm
+protect what leaves the computer. OpenSSL takes 5 MB of resident memory in each process.
+"""
+
+import sys
+from types import ModuleType
+from typing import Final
+
+from swarmware.errors import SwarmError
+
+_SSL: Final = "ssl"
+
+
+class _Absent(type):
+    def __instancecheck__(cls, instance: object) -> bool:
+        raise SwarmError(
+            "this process has imported its event loop without TLS; expected an import of `ssl` before"
+        )
+
+
+class _NoTls(ModuleType):
+    """Stands for `ssl` while the event loop is imported: errors that are never raised, and numbers."""
+
+    class SSLContext(metaclass=_Absent):
+        """What a stream with TLS would be given."""
+
+    def __getattr__(self, name: str) -> object:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return 0 if name.isupper() else type(name, (Exception,), {})
+
+
+def import_without_tls() -> None:
+    """Import `asyncio` and `uvloop`; streams with TLS then fail. `ssl` itself can be imported afterwards.
+
+    Does nothing in a process that has imported one of them.
+    """
+    if _SSL in sys.modules or "asyncio" in sys.modules:
+        return
+    sys.modules[_SSL] = _NoTls(_SSL)
+    try:
+        import uvloop  # noqa: F401  # imports asyncio
+    finally:
+        del sys.modules[_SSL]

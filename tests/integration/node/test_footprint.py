@@ -1,0 +1,69 @@
+"""What the processes of a node on a small computer load, and how much memory that takes."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.appfile.table import scan
+
+SERVICES: Final = (
+    *("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal", "sim"),
+    "navigator",
+)
+HEAVY: Final = {
+    *("click", "cryptography", "jsonschema", "matplotlib", "mcap", "numpy", "pymongo", "rich"),
+    *("_hashlib", "_ssl", "email", "http", "importlib.metadata", "importlib.resources", "pydoc", "ssl"),
+    *("swarmctl", "swarmlab", "swarmware.testing", "unittest", "urllib.request", "zipfile"),
+}
+"""None of these is of use to a running node."""
+LIBRARIES: Final = re.compile(r"lib(crypto|ssl)[.-]|/cryptography/|/numpy")
+RATIO: Final = 5.5
+"""Resident memory of the process of a whole node to that of an interpreter that does nothing: 4.6 when this
+was written, 6.5 before."""
+_MARK: Final = "import time:"
+
+
+def resident_kb(pid: int | str) -> int:
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")))
+
+
+def bare_kb() -> int:
+    code = "print(*(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmRSS')))"
+    return int(subprocess.check_output([sys.executable, "-c", code]))
+
+
+def mapped(pid: int) -> set[str]:
+    """Files that a process has mapped."""
+    return {line.split()[-1] for line in Path(f"/proc/{pid}/maps").read_text().splitlines()}
+
+
+def imported(errors: str) -> set[str]:
+    """Modules of the report that the interpreter writes with `-X importtime`."""
+    return {line.rpartition("|")[2].strip() for line in errors.splitlines() if line.startswith(_MARK)}
+
+
+async def test_a_node_loads_no_plotting_database_tls_or_mail_and_stays_small(tmp_path: Path) -> None:
+    config = make_node(tmp_path, services={name: {} for name in SERVICES})
+    async with spawn(config, *SERVICES, env={"PYTHONPROFILEIMPORTTIME": "1"}) as process:
+        loaded = imported(process.stderr())
+        assert {"asyncio", "zmq", "swarmd.broker.shell", "swarmd.navigator.core.navigator"} <= loaded
+        assert not loaded & HEAVY
+        assert not {name for name in mapped(process.pid) if LIBRARIES.search(name)}
+        assert {entry.pid for entry in scan(tmp_path / "uav1/run")} == {process.pid}
+        assert resident_kb(process.pid) / bare_kb() < RATIO
+
+
+async def test_a_node_with_a_plugin_of_another_package_can_use_tls(tmp_path: Path) -> None:
+    (tmp_path / "theirs-1.0.dist-info").mkdir()
+    (tmp_path / "theirs-1.0.dist-info/entry_points.txt").write_text("[swarmware.drivers]\nx = theirs:make\n")
+    config = make_node(tmp_path, services={"register": {}})
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    env = {"PYTHONPROFILEIMPORTTIME": "1", "PYTHONPATH": path}
+    async with spawn(config, "register", env=env) as process:
+        assert "ssl" in imported(process.stderr())
