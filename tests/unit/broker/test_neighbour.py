@@ -1,7 +1,9 @@
 """Neighbours: up and down by deadline, in both directions, with what is measured on the way."""
 
 import random
+import sys
 from itertools import permutations
+from types import FrameType
 from typing import Final
 
 import pytest
@@ -449,3 +451,44 @@ def test_the_usual_period_is_that_of_most_whatever_one_declares_and_the_lost_hav
         peer.datagram(60 * SECOND, hello=True)
     table.advance(60 * SECOND)
     assert table.usual_period_ns() in (100 * MS, 200 * MS)
+
+
+def test_the_usual_period_follows_hellos_restarts_and_losses_at_once(table: NeighbourTable) -> None:
+    assert table.usual_period_ns() == 500 * MS  # of a node that has declared none
+    first, second = Peer(table, 20), Peer(table, 21)
+    first.datagram(SECOND, hello=True)
+    assert table.usual_period_ns() == 100 * MS
+    first.period_ms = 250
+    first.datagram(2 * SECOND, hello=True)
+    assert table.usual_period_ns() == 250 * MS
+    second.datagram(2 * SECOND)
+    assert table.usual_period_ns() == 500 * MS
+    second.datagram(2 * SECOND, hello=True)
+    assert table.usual_period_ns() == 250 * MS
+    second.datagram(3 * SECOND, restarted=True)
+    assert table.usual_period_ns() == 500 * MS
+    first.datagram(60 * SECOND)
+    table.advance(60 * SECOND)
+    assert table.usual_period_ns() == 250 * MS
+
+
+def test_the_periods_are_looked_at_again_only_after_a_change(table: NeighbourTable) -> None:
+    peers = [Peer(table, hw) for hw in range(20, 35)]
+    for peer in peers:
+        peer.datagram(SECOND, hello=True)
+    table.usual_period_ns()
+    looks = 0
+
+    def count(frame: FrameType, event: str, _argument: object) -> None:
+        nonlocal looks
+        looks += event == "call" and frame.f_code.co_name == "<genexpr>"
+
+    before = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        for peer in peers:
+            peer.datagram(2 * SECOND)
+            assert table.usual_period_ns() == 100 * MS
+    finally:
+        sys.setprofile(before)
+    assert looks == 0

@@ -109,9 +109,14 @@ class Udp:
     def receive(self) -> int:
         """Reads waiting datagrams, TURN per socket at most; returns the larger count of the two sockets."""
         self._read_ns = self._clock.now_ns()
-        count = self._drain(self._own, False)
+        # The kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn.
+        # In this order: a pause between the two makes stamps late, as a delay would. Early ones would be
+        # impossible, and taken for the step of a clock.
+        wall_ns = time.time_ns()
+        mono_ns = time.monotonic_ns()
+        count = self._drain(self._own, False, mono_ns, wall_ns - mono_ns)
         if self._all is not None:
-            count = max(count, self._drain(self._all, True))
+            count = max(count, self._drain(self._all, True, mono_ns, wall_ns - mono_ns))
         self._taken += count
         return count
 
@@ -147,13 +152,8 @@ class Udp:
             if sock is not None and sock.fileno() >= 0:
                 self._loop.remove_reader(sock.fileno())
 
-    def _drain(self, sock: socket.socket, by_multicast: bool) -> int:
-        # The kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn.
-        # In this order: a pause between the two makes stamps late, as a delay would. Early ones would be
-        # impossible, and taken for the step of a clock.
-        wall_ns = time.time_ns()
-        mono_ns = time.monotonic_ns()
-        apart_ns = wall_ns - mono_ns
+    def _drain(self, sock: socket.socket, by_multicast: bool, mono_ns: int, apart_ns: int) -> int:
+        """`apart_ns`: wall clock minus monotonic clock, at the instant `mono_ns`."""
         receive, unpack, on_datagram = sock.recvmsg, _TIMESPEC.unpack, self._on_datagram
         for count in range(TURN):
             try:

@@ -216,6 +216,7 @@ class NeighbourTable:
         self._common_ns = NEVER_NS
         self._active = 0
         """Number of neighbours whose link is not down."""
+        self._usual_ns: int | None = None  # until a period or a link changes
 
     def get(self, hw: int) -> Neighbour | None:
         """Neighbour of this hardware id in any state; None: unknown."""
@@ -235,8 +236,10 @@ class NeighbourTable:
 
     def usual_period_ns(self) -> int:
         """Median of the periods that the received nodes declare."""
-        periods_ns = sorted(one.period_ns for one in self._all.values() if one.state is not LinkState.DOWN)
-        return periods_ns[len(periods_ns) // 2] if periods_ns else FIRST_PERIOD_NS
+        if self._usual_ns is None:
+            all_ns = sorted(one.period_ns for one in self._all.values() if one.state is not LinkState.DOWN)
+            self._usual_ns = all_ns[len(all_ns) // 2] if all_ns else FIRST_PERIOD_NS
+        return self._usual_ns
 
     def active_count(self) -> int:
         """Number of nodes in range, which share the channel."""
@@ -262,6 +265,7 @@ class NeighbourTable:
         elif restarted:
             self._event(neighbour, LinkEvent.RESTARTED, rx_ns, changes)
             neighbour.restart(rx_ns)
+            self._usual_ns = None
         if neighbour.state is LinkState.DOWN:
             neighbour.revive(rx_ns)
             self._event(neighbour, LinkEvent.DATAGRAM, rx_ns, changes)
@@ -276,7 +280,7 @@ class NeighbourTable:
 
     def on_hello(self, neighbour: Neighbour, header: Header, hello: Hello) -> None:
         """Takes its name, the upper half of its clock, and its declared periods."""
-        neighbour.hello = hello
+        neighbour.hello, self._usual_ns = hello, None
         neighbour.period_ns = min(max(hello.period_ms, 1) * 1_000_000, _PERIOD_MAX_NS)
         neighbour.listing_ns = max(hello.listing_ms, 1) * 1_000_000
         neighbour.clock_us = hello.clock_high << 32 | header.tx_us
@@ -485,8 +489,8 @@ class NeighbourTable:
         if LinkState.UP in (after, neighbour.state):
             self._common_ns = NEVER_NS
         self._active += (after is not LinkState.DOWN) - (neighbour.state is not LinkState.DOWN)
-        neighbour.state = after
-        neighbour.since_ns = now_ns
+        neighbour.state, neighbour.since_ns = after, now_ns
+        self._usual_ns = None
 
 
 @lru_cache(maxsize=1024)
