@@ -14,6 +14,7 @@ from swarmware.health.reported_condition import ReportedCondition
 from swarmware.model import paths
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
+from swarmware.runtime.backoff import pause_after
 from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.immediate import Immediate
 from swarmware.runtime.instant import until
@@ -252,18 +253,18 @@ class HealthMonitor:
     async def _keep_registered(self, registration: CheckRegistration) -> None:
         """Register with the monitor, and again after each start of it, which may have lost its journal."""
         registered_ns = -1
-        attempt = 0
+        failures = 0
         while True:
             monitor = self._module.node.table.named("health")
             if monitor is not None and monitor.started_ns != registered_ns:
                 outcome = await self._module.send(ADDRESS, registration)
                 if outcome.status is Status.DELIVERED:
                     registered_ns = monitor.started_ns
-                    attempt = 0
+                    failures = 0
             if registered_ns >= 0:
                 clock = self._module.clock
                 await until(clock, next_multiple_ns(clock.now_ns(), LOOK_NS, LOOK_PHASE_NS))
             else:
-                await asyncio.sleep(RETRY_S[min(attempt, len(RETRY_S) - 1)])
-                attempt += 1
+                failures += 1
+                await asyncio.sleep(pause_after(failures, RETRY_S))
             self._module.node.table.refresh()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from swarmware.runtime.backoff import pause_after
+
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +47,7 @@ class RestartPolicy:
         if self._limit and self.consecutive > self._limit:
             return None
         self.restarts += 1
-        return self._pauses_s[min(self.consecutive, len(self._pauses_s)) - 1]
+        return pause_after(self.consecutive, self._pauses_s)
 
     def reset(self) -> None:
         """Forget the consecutive ends: an operator restarts it."""

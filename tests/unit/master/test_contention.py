@@ -64,7 +64,7 @@ def record(folder: Path) -> RecordFile:
 async def test_the_role_is_taken_over_when_its_holder_dies_whatever_it_has_written(
     tmp_path: Path, stated: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(role_module, "RETRY_LIMIT_S", 0.01)
+    monkeypatch.setattr(role_module, "RETRY_S", (0.005, 0.01))
     file = record(tmp_path)
     with other_process(tmp_path / LOCK_NAME) as process:
         start = start_ticks(process.pid)

@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.node.master.record import NOBODY, Holder, RecordFile
+from swarmware.runtime.backoff import pause_after
 from swarmware.runtime.processes import WatchedProcess
 from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.shm.lock import try_lock
 
 LOCK_NAME: Final = "master.lock"
-RETRY_S: Final = 0.005
-"""First pause while the holder of the lock has not written its record yet: some ten microseconds."""
-RETRY_LIMIT_S: Final = 0.2
-"""Last pause, for a holder that cannot be watched: one of another PID namespace."""
+RETRY_S: Final = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.2)
+"""Short at first: the holder of the lock writes its record within some ten microseconds. The last one is for
+a holder that cannot be watched: one of another PID namespace."""
 
 log = logging.getLogger("swarm.master")
 
@@ -52,7 +52,7 @@ class LeaderCandidate:
         self._mark = b""
         self._watched: WatchedProcess | None = None
         self._retry: asyncio.TimerHandle | None = None
-        self._retry_s = RETRY_S
+        self._failures = 0
         self._closed = False
         self.holding = False
         self.preferred = False
@@ -143,7 +143,7 @@ class LeaderCandidate:
         self._file.write_holder(Holder(epoch, *self._me, self._label))
         self._mark = self._file.mark()
         log.debug("%s is master, epoch %d", self._label, epoch)
-        self._retry_s = RETRY_S
+        self._failures = 0
         self._ring()
         self._on_gained(epoch)
         self._loop.call_soon(self.poll)  # the preferred process may have rung before we listened
@@ -172,12 +172,12 @@ class LeaderCandidate:
             process.close()
             self._again()
             return
-        self._retry_s = RETRY_S
+        self._failures = 0
         self._watched = process
 
     def _again(self) -> None:
-        self._retry = self._loop.call_later(self._retry_s, self._contend)
-        self._retry_s = min(2 * self._retry_s, RETRY_LIMIT_S)
+        self._failures += 1
+        self._retry = self._loop.call_later(pause_after(self._failures, RETRY_S), self._contend)
 
     def _unwatch(self) -> None:
         if self._retry is not None:

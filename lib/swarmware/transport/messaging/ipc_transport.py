@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.errors import InvalidInput, WireError
+from swarmware.runtime.backoff import pause_after
 from swarmware.transport.messaging.zmtp import DEALER, ROUTER, ZmtpConnection, message
 from swarmware.transport.shm.access import make_folder, share
 
@@ -257,8 +258,8 @@ class _IpcPeer:
         return self.connection
 
     def _try_again(self) -> None:
-        pause_s = RETRY_S[min(self._failures, len(RETRY_S) - 1)]
         self._failures += 1
+        pause_s = pause_after(self._failures, RETRY_S)
         self._retry = self._transport.loop.call_later(pause_s, self._connect)
 
     def _on_closed(self, connection: IpcConnection) -> None:

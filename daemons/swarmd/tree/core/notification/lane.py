@@ -8,6 +8,7 @@ import msgspec
 
 from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
+from swarmware.runtime.backoff import pause_after
 from swarmware.types.tree import TreeItem, TreeNotify
 
 WINDOW: Final = 64
@@ -164,8 +165,8 @@ class NotificationLane:
             self.failing_since_ns = now_ns
         # if a later one was delivered since, only this one was lost: retransmit at once
         if flight.sent_ns >= self._arrived_ns and now_ns >= self.backoff_until_ns:
-            self.backoff_until_ns = now_ns + pauses_ns[min(self._failures, len(pauses_ns) - 1)]
             self._failures += 1
+            self.backoff_until_ns = now_ns + pause_after(self._failures, pauses_ns)
         self._size -= flight.size
         flight.failed()
         flight.size = sum(len(item.data) for item in flight.notify.items)

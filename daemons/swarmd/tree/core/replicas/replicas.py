@@ -18,6 +18,7 @@ from swarmd.tree.core.timers import Timers
 from swarmware.errors import InvalidInput, OutOfRange, WireError
 from swarmware.model.names import check_platform
 from swarmware.model.resource import Resource
+from swarmware.runtime.backoff import pause_after
 from swarmware.types.net import BoardSubscription
 from swarmware.types.tree import (
     BoardLimit,
@@ -377,10 +378,9 @@ class Replicas:
 
     def _retry(self, replica: Replica, due: _Due, now_ns: int) -> None:
         if replica.up:
-            pauses = self._timeouts.retry_ns
-            pause_ns = pauses[min(replica.failures, len(pauses) - 1)]
-            self._timers.set((replica.platform, due), now_ns + pause_ns)
             replica.failures += 1
+            pause_ns = pause_after(replica.failures, self._timeouts.retry_ns)
+            self._timers.set((replica.platform, due), now_ns + pause_ns)
 
     def _on_index(self, replica: Replica, former: Index | None) -> None:
         """Its structure was replaced."""

@@ -1,0 +1,96 @@
+"""One way to do each thing: what has a place of its own in the library is not written again elsewhere."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+ROOT: Final = Path(__file__).parents[2]
+TREES: Final = {
+    str(path.relative_to(ROOT)): ast.parse(path.read_text("utf-8"))
+    for folder in ("lib", "daemons", "cli")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+}
+
+CALLS: Final = {
+    "replace a file": (
+        {"os.replace", "os.rename", "os.renames", "*.rename", "path.replace", "fresh.replace"},
+        {
+            "lib/swarmware/runtime/filewriter.py": "the writer of files",
+            "lib/swarmware/transport/shm/ringfile.py": "a ring gets its name when it is filled",
+            "lib/swarmware/transport/appfile/trace.py": "sets the file of a dead application aside",
+            "lib/swarmware/recorder/ring.py": "sets a damaged segment aside",
+            "daemons/swarmd/tree/store.py": "sets a damaged file aside",
+        },
+    ),
+    "map memory": (
+        {"mmap.mmap"},
+        {"lib/swarmware/transport/shm/ringfile.py": "makes and maps the files of rings"},
+    ),
+    "read a ring": (
+        {"RingReader"},
+        {
+            "lib/swarmware/transport/shm/ring.py": "the reader itself reopens",
+            "lib/swarmware/node/follower.py": "the follower of rings",
+            "cli/swarmctl/commands/doctor/checks.py": "reads once, without a node: it may be the broken part",
+        },
+    ),
+    "make a ZeroMQ socket": (
+        {"self._context.socket", "context.socket", "zmq.Context", "zmq.asyncio.Context"},
+        {
+            "daemons/swarmd/broker/links/zmq_socket.py": "the context, and the watching of each socket",
+            "daemons/swarmd/broker/links/zmq_links.py": "the connections of the broker, each a ZmqSocket",
+            "daemons/swarmd/broker/links/zap.py": "the authentication, in the context of the links",
+        },
+    ),
+    "write a temporary file": ({"tempfile.*"}, {"lib/swarmware/testing/process.py": "the stderr of a test"}),
+}
+"""What is done in one place: the calls, and the files that make them, each with its reason."""
+
+
+def calls(tree: ast.Module) -> Iterator[str]:
+    """Each called name, such as `os.replace`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func)
+
+
+def matches(name: str, wanted: set[str]) -> bool:
+    """Whether this call is one of those wanted; `*.rename`: of any object, `tempfile.*`: of a module."""
+    owner, _, verb = name.rpartition(".")
+    return name in wanted or f"*.{verb}" in wanted or f"{owner}.*" in wanted
+
+
+@pytest.mark.parametrize("what", CALLS)
+def test_it_is_done_in_one_place(what: str) -> None:
+    wanted, places = CALLS[what]
+    found = {path for path, tree in TREES.items() if any(matches(name, wanted) for name in calls(tree))}
+    assert found == set(places), f"to {what}: use the one place, or give a reason here"
+
+
+def is_own_backoff(node: ast.AST) -> bool:
+    """Whether this is `pauses[min(failures, len(pauses) - 1)]`, or `min(2 * pause, limit)`."""
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Call | ast.BinOp):
+        return "min(" in ast.unparse(node.slice) and "len(" in ast.unparse(node.slice)
+    if not (isinstance(node, ast.Call) and ast.unparse(node.func) == "min"):
+        return False
+    return any(
+        isinstance(side, ast.BinOp) and isinstance(side.op, ast.Mult | ast.Pow) and number in {"2", "2.0"}
+        for side in node.args
+        if isinstance(side, ast.BinOp)
+        for number in (ast.unparse(side.left), ast.unparse(side.right))
+    )
+
+
+BACKOFF: Final = {
+    "lib/swarmware/runtime/backoff.py": "the rule of a back-off",
+    "daemons/swarmd/logger/log_forwarder.py": "the size of a batch, which grows with success",
+    "lib/swarmware/transport/delivery/outbox.py": "a retransmission timeout: doubles the measured round trip",
+}
+
+
+def test_there_is_one_back_off() -> None:
+    found = {path for path, tree in TREES.items() if any(is_own_backoff(node) for node in ast.walk(tree))}
+    assert found == set(BACKOFF), "expected swarmware.runtime.backoff.pause_after, or a reason here"
