@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import swarmware.types
 from swarmware.errors import WireError
 from swarmware.model.open_enum import OpenEnum
+from swarmware.model.resource import Kind
 from swarmware.types import registry
 from swarmware.types.health import Fault, Phase
 from swarmware.types.mission import MissionPhase, MissionState
@@ -61,7 +62,7 @@ def test_a_known_value_is_its_member_and_its_string() -> None:
     assert state is NavState.ARRIVED
     assert (state, state.known) == ("arrived", True)
     assert f"{state}" == "arrived"
-    assert msgspec.json.encode(TreeEntry("/a/b", "board", "Text")).count(b'"none"') == 2
+    assert msgspec.json.encode(TreeEntry("/a/b", Kind.BOARD, "Text")).count(b'"none"') == 2
     assert Quality("none") is Quality.NONE
 
 

@@ -56,7 +56,7 @@ async def manoeuvre(
             if verdict is not None:
                 why = snapshot.mission.text if snapshot.mission else ""
                 text = "" if verdict else f"{order.then} ended: {why}"
-                settle(observer.result(name, verdict, True, after_s(), text))
+                settle(observer.result(name, verdict, True, after_s(), text, ended=not verdict))
         if len(found) < len(chosen):
             await observer.changed()
     for name in [name for name in chosen if name not in found]:

@@ -110,6 +110,10 @@ class CommandResult(msgspec.Struct, frozen=True):
     vehicles: list[VehicleResult]
 
 
+class EndedResult(VehicleResult, frozen=True):
+    """Result of a command that ended without success; any other failure is a missing answer."""
+
+
 class _Boards(Generic[T]):
     """One board of every platform, including this node."""
 
@@ -178,12 +182,14 @@ class VehicleObserver:
         after_s: float,
         text: str = "",
         vehicle: VehicleState | None = None,
+        *,
+        ended: bool = False,
     ) -> VehicleResult:
-        """The result for one vehicle, with its newest state."""
+        """The result for one vehicle, with its newest state; `ended`: the command ended without success."""
         snapshot = self.snapshot(platform, vehicle)
         away_m = snapshot.from_home_m
         words = snapshot.words() if snapshot.kind != PlatformKind.GCS else ""
-        return VehicleResult(
+        return (EndedResult if ended else VehicleResult)(
             platform,
             ok,
             reached,
@@ -264,7 +270,7 @@ def raise_failures(what: str, found: list[VehicleResult]) -> None:
     text = f"{what}: {', '.join(f'{seen.platform} ({seen.text})' for seen in bad)}"
     if len(bad) < len(found):
         raise Partial(text)
-    if all("ended" in seen.text for seen in bad):
+    if all(isinstance(seen, EndedResult) for seen in bad):
         raise SwarmError(text)
     raise NoAnswer(text)
 

@@ -18,6 +18,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.types import net
 from swarmware.types.log import LogGap
 from swarmware.types.mission import MissionProgress
+from swarmware.types.net import LinkTransport
 from swarmware.types.time import TimeFunctions
 from swarmware.types.vehicle import Collision, Goal
 
@@ -234,7 +235,7 @@ class Analysis:
             rtts = {function.platform: function.rtt_ns / 1e6 for function in newest if function.rtt_ns}
             for link in known[-1][1].links:
                 received = link.received_frames
-                if link.transport == "udp" and link.platform != "*" and received:
+                if link.transport == LinkTransport.UDP and link.platform != "*" and received:
                     quality = received / (received + link.lost)
                     found.append(ObservedLink(platform, link.platform, quality, rtts.get(link.platform)))
         return tuple(found)

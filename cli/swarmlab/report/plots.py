@@ -9,12 +9,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 from matplotlib.patches import Rectangle
 
+from swarmctl.commands.topo.picture import COLOURS, DrawnLink, colour, draw_topology
 from swarmlab.report.plot_data import ObservedLink, PlotData
 from swarmlab.report.report import Receipt
 from swarmware.geometry.world import Circle, Obstacle
@@ -31,8 +31,6 @@ PAPER_RECEIPT_MS: Final = 11.95
 INK: Final = "#1f2933"
 PALE: Final = "#9aa5b1"
 GRID: Final = "#e4e7eb"
-COLOURS: Final = {"ugv": "#d55e00", "uav": "#0072b2", "gcs": "#009e73", "usv": "#56b4e9"}
-"""Okabe and Ito's palette: distinguishable with every kind of colour vision."""
 WORDS: Final = {
     "ugv": "ground vehicle",
     "uav": "air vehicle",
@@ -227,31 +225,14 @@ def topology(data: PlotData) -> bytes:
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
-        names = [node.platform for node in data.nodes]
-        angles = np.linspace(math.pi / 2, math.pi / 2 - 2 * math.pi, len(names), endpoint=False)
-        place = {name: (math.cos(a), math.sin(a)) for name, a in zip(names, angles, strict=True)}
-        pairs = _pairs(tuple(n for n in data.neighbours if n.node in place and n.hears in place))
-        lines = [(place[a], place[b]) for a, b in pairs]
-        strengths = list(pairs.values())
-        colours = [(*mpl.colors.to_rgb("#3e4c59"), 0.08 + 0.47 * quality) for quality in strengths]
-        ax.add_collection(LineCollection(lines, colors=colours, linewidths=1))
-        for name, angle in zip(names, angles, strict=True):
-            x, y = place[name]
-            ax.plot(
-                x, y, marker="o", markersize=15, color=_colour(data, name), markeredgecolor="white", zorder=3
-            )
-            ax.text(
-                1.16 * math.cos(angle), 1.16 * math.sin(angle), name, ha="center", va="center", fontsize=9.5
-            )
+        nodes = {node.platform: node.kind for node in data.nodes}
+        pairs = _pairs(tuple(n for n in data.neighbours if n.node in nodes and n.hears in nodes))
         rtts = [n.rtt_ms for n in data.neighbours if n.rtt_ms is not None]
-        words = f"{len(pairs)} links between {len(names)} nodes"
+        words = f"{len(pairs)} links between {len(nodes)} nodes"
         if rtts:
             words += f", round trip p50 {np.percentile(rtts, 50):.2f} ms"
-        ax.set_title(f"Topology: {words}")
-        ax.set_xlim(-1.4, 1.4)
-        ax.set_ylim(-1.3, 1.3)
-        ax.set_aspect("equal")
-        ax.axis("off")
+        links = [DrawnLink(a, b, quality) for (a, b), quality in pairs.items()]
+        draw_topology(ax, nodes, links, f"Topology: {words}")
 
     return _png(draw, 7.5, 7)
 
@@ -261,7 +242,7 @@ def _pairs(neighbours: tuple[ObservedLink, ...]) -> dict[tuple[str, str], float]
     pairs: dict[tuple[str, str], float] = {}
     for link in neighbours:
         key = (min(link.node, link.hears), max(link.node, link.hears))
-        pairs[key] = min(pairs.get(key, 1.0), max(0.0, min(1.0, link.quality)))
+        pairs[key] = min(pairs.get(key, 1.0), link.quality)
     return pairs
 
 
@@ -318,7 +299,7 @@ def _spans(ax: Axes, data: PlotData) -> None:
 
 
 def _colour(data: PlotData, name: str) -> str:
-    return COLOURS.get(data.kinds.get(name, ""), INK)
+    return colour(data.kinds.get(name, ""))
 
 
 def _png(draw: Callable[[Figure], None], width_in: float, height_in: float) -> bytes:

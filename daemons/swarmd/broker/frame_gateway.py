@@ -24,7 +24,7 @@ from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security import Keys
-from swarmware.types.net import Denial
+from swarmware.types.net import Denial, LinkTransport
 
 log = logging.getLogger("swarm.broker")
 
@@ -139,7 +139,7 @@ class FrameGateway:
             self._take(frame, data, user, arrived_ns)
         # counted when it is on its way
         name = self._core.nodes.platform(frame.sender_hw) if starts_here else user or "?"
-        link = self._counters.link(name, "tcp")
+        link = self._counters.link(name, LinkTransport.TCP)
         link.received_frames += 1
         link.received_bytes += len(data)
 
@@ -268,7 +268,7 @@ class FrameGateway:
     def _sent(self, peer: LinkPeer, size: int, frame: Frame) -> None:
         """Counts a frame that a connection took; queued and rerouted frames are not counted."""
         self._counters.sent_frames += 1
-        link = self._counters.link(peer.platform, "tcp")
+        link = self._counters.link(peer.platform, LinkTransport.TCP)
         link.sent_frames += 1
         link.sent_bytes += size
         for channel, payload_bytes in self._accounts.channels(frame):
@@ -306,7 +306,7 @@ class FrameGateway:
 
     def _gave_up(self, peer: LinkPeer, waiting: list[QueuedFrame]) -> None:
         for item in waiting:
-            self._counters.link(peer.platform, "tcp").dropped += 1
+            self._counters.link(peer.platform, LinkTransport.TCP).dropped += 1
             for channel, _ in self._accounts.channels(item.frame):
                 channel.dropped += 1
             self._refuse(item.frame, f"{peer.platform} does not take it")

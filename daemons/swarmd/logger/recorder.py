@@ -9,6 +9,7 @@ from swarmd.logger.config import Config
 from swarmd.logger.core.sampling_plan import LoggedResource
 from swarmware.errors import SwarmError
 from swarmware.model.frame import Frame
+from swarmware.model.resource import Kind
 from swarmware.recorder.ring import LogRing, Repairs
 from swarmware.recorder.segment import BufferFull, LogChannel
 from swarmware.types import registry
@@ -117,7 +118,7 @@ class Recorder:
     def _channel(self, resource: LoggedResource, sender: str = "") -> LogChannel:
         channel = self._channels.get((resource, sender))
         if channel is None:
-            direction = "in" if resource.kind == "command" else "out"
+            direction = "in" if resource.kind == Kind.COMMAND else "out"
             queue = f"{self._platform}:{resource.module}:{direction}"
             channel = LogChannel(
                 self._platform, resource.path, str(resource.kind), resource.type, queue, sender

@@ -5,6 +5,7 @@ import contextlib
 import logging
 import threading
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -26,6 +27,16 @@ TIMEOUTS: Final = 2
 """Time-outs of an answer (`answer_s`) after which a batch is abandoned and repeated."""
 
 
+class UploadState(StrEnum):
+    """State of the upload."""
+
+    OFF = "off"
+    """No address is configured or the address is invalid, or nothing was tried yet."""
+    CONNECTED = "connected"
+    AWAY = "away"
+    """The server does not answer: the ring keeps the entries."""
+
+
 class Upload:
     """Forwards the ring until cancelled. A server that hangs delays neither the shutdown nor the ring."""
 
@@ -37,8 +48,13 @@ class Upload:
         self._written = asyncio.Event()
         self._store: MongoStore | None = None
         self._forwarder: LogForwarder | None = None
-        self.state = "off"
-        """off | connected | away: reason."""
+        self._state = UploadState.OFF
+        self._why = ""
+
+    @property
+    def state(self) -> str:
+        """State for operators, with the reason: `away: no answer within 5 s`."""
+        return f"{self._state}: {self._why}" if self._why else str(self._state)
 
     @property
     def forwarded(self) -> int:
@@ -53,7 +69,7 @@ class Upload:
     def backlog(self, counters: dict[str, int]) -> int:
         """Number of entries in the ring that are not stored yet."""
         if self._forwarder is None:
-            return sum(counters.values()) if self.state.startswith("away") else 0
+            return sum(counters.values()) if self._state is UploadState.AWAY else 0
         return self._forwarder.backlog(counters)
 
     def on_written(self) -> None:
@@ -71,7 +87,7 @@ class Upload:
                 except ConfigError as error:
                     # local logging continues without the upload
                     log.error("%s: forwarding is off", error)
-                    self.state = f"off: {error}"
+                    self._state, self._why = UploadState.OFF, str(error)
                     self._health.report(MONGODB, "misconfigured", level="warn", detail=str(error))
                     return
                 except (SwarmError, OSError) as error:
@@ -97,11 +113,11 @@ class Upload:
             batch.cancel()
         if not late:
             self._health.report(MONGODB)
-            self.state = "connected"
+            self._state, self._why = UploadState.CONNECTED, ""
         return stored
 
     def _report_fault(self, state: str, why: str) -> None:
-        self.state = f"away: {why}"
+        self._state, self._why = UploadState.AWAY, why
         self._health.report(MONGODB, state, level="warn", detail=why)
 
     def _forward(self) -> int:

@@ -97,25 +97,8 @@ class TreeView:
         if resource.kind not in _VALUELESS:
             frame = self._frame(platform, resource.path)
         age_s = None if frame is None else self._age_s(platform, frame)
-        return TreeEntry(
-            names.join(platform, resource.path),
-            str(resource.kind),
-            resource.type,
-            resource.unit,
-            resource.access,
-            resource.rate_hz,
-            resource.category,
-            resource.link,
-            resource.owner,
-            age_s,
-            self._quality(platform, leaf, age_s, known=frame is not None),
-            resource.range,
-            resource.choices,
-            resource.log,
-            resource.reply,
-            resource.description,
-            resource.confirm,
-        )
+        quality = self._quality(platform, leaf, age_s, known=frame is not None)
+        return TreeEntry.of(resource, names.join(platform, resource.path), age_s, quality)
 
     # -- values
 

@@ -3,7 +3,7 @@
 import math
 
 from swarmware.errors import InvalidInput
-from swarmware.types.health import OK_STATE
+from swarmware.types.health import Level
 
 
 class Below:
@@ -20,9 +20,9 @@ class Below:
         self._warn = warn
         self._error = error
         self._hysteresis = hysteresis
-        self._state = OK_STATE
+        self._state: Level = "ok"
 
-    def __call__(self, value: float) -> str:
+    def __call__(self, value: float) -> Level:
         """The state for a value; NaN is an error: the value was not measured."""
         error_at = self._limit(self._error, self._state == "error")
         warn_at = self._limit(self._warn, self._state in {"warn", "error"})
@@ -31,7 +31,7 @@ class Below:
         elif warn_at is not None and value < warn_at:
             self._state = "warn"
         else:
-            self._state = OK_STATE
+            self._state = "ok"
         return self._state
 
     def _limit(self, limit: float | None, inside: bool) -> float | None:

@@ -7,6 +7,7 @@ hundredth), 'text', true, false, resource paths with an optional field, age(path
 import operator
 import re
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Final, Protocol
 
 import msgspec
@@ -138,9 +139,21 @@ def parse(text: str) -> ConditionExpression:
         raise MissionError(f"condition of {len(text)} characters: expected at most {LENGTH_LIMIT}")
     reader = _ConditionParser(text)
     node = reader.either(0)
-    if reader.kind != "end":
+    if reader.kind is not TokenKind.END:
         raise reader.error("and, or, or the end")
     return ConditionExpression(text, node)
+
+
+class TokenKind(StrEnum):
+    """Kinds of tokens; the values are the groups of the expression that finds them."""
+
+    NUMBER = "number"
+    TEXT = "text"
+    PATH = "path"
+    SYMBOL = "symbol"
+    END = "end"
+    OTHER = "other"
+    """No token."""
 
 
 class _ConditionParser:
@@ -149,7 +162,7 @@ class _ConditionParser:
     def __init__(self, text: str) -> None:
         self._text = text
         self._at = 0
-        self.kind = ""
+        self.kind = TokenKind.OTHER
         self.word = ""
         self._number = 0.0
         self._percent = False
@@ -157,29 +170,29 @@ class _ConditionParser:
         self._advance()
 
     def error(self, expected: str) -> MissionError:
-        place = f"at {self.word!r}" if self.kind != "end" else "at its end"
+        place = f"at {self.word!r}" if self.kind is not TokenKind.END else "at its end"
         return MissionError(f"condition {self._text!r} {place}: expected {expected}")
 
     def _advance(self) -> None:
         rest = self._text[self._at :]
         if not rest.strip():
-            self.kind, self.word = "end", ""
+            self.kind, self.word = TokenKind.END, ""
             return
         found = _TOKEN.match(self._text, self._at)
         if found is None:
-            self.kind, self.word = "?", rest.strip()[:10]
+            self.kind, self.word = TokenKind.OTHER, rest.strip()[:10]
             raise self.error("a number, a resource path, 'text' or a comparison")
         self._at = found.end()
         self._begin = found.start() + len(found[0]) - len(found[0].lstrip())
-        self.kind = found.lastgroup or ""
-        if found["number"] is not None:
-            self.kind, self.word = "number", found[0].strip()
+        self.kind = TokenKind.NUMBER if found["number"] is not None else TokenKind(found.lastgroup or "")
+        if self.kind is TokenKind.NUMBER:
+            self.word = found[0].strip()
             self._percent = found["percent"] is not None
             self._number = float(found["number"]) / (100.0 if self._percent else 1.0)
         else:
             self.word = found[self.kind]
 
-    def _take(self, kind: str, word: str) -> bool:
+    def _take(self, kind: TokenKind, word: str) -> bool:
         if self.kind == kind and self.word == word:
             self._advance()
             return True
@@ -187,28 +200,28 @@ class _ConditionParser:
 
     def either(self, depth: int) -> Node:
         node = self._both(depth)
-        while self._take("path", "or"):
+        while self._take(TokenKind.PATH, "or"):
             node = Either(node, self._both(depth))
         return node
 
     def _both(self, depth: int) -> Node:
         node = self._not(depth)
-        while self._take("path", "and"):
+        while self._take(TokenKind.PATH, "and"):
             node = Both(node, self._not(depth))
         return node
 
     def _not(self, depth: int) -> Node:
         if depth > DEPTH_LIMIT:
             raise self.error(f"at most {DEPTH_LIMIT} nested parts")
-        if self._take("path", "not"):
+        if self._take(TokenKind.PATH, "not"):
             return Not(self._not(depth + 1))
-        if self._take("symbol", "("):
+        if self._take(TokenKind.SYMBOL, "("):
             node = self.either(depth + 1)
-            if not self._take("symbol", ")"):
+            if not self._take(TokenKind.SYMBOL, ")"):
                 raise self.error(")")
             return node
         left = self._operand()
-        if self.kind == "symbol" and self.word in _COMPARE:
+        if self.kind is TokenKind.SYMBOL and self.word in _COMPARE:
             symbol = self.word
             self._advance()
             return Compare(symbol, left, self._operand())
@@ -218,21 +231,22 @@ class _ConditionParser:
 
     def _operand(self) -> Operand:
         kind, word, number, percent, begin = self.kind, self.word, self._number, self._percent, self._begin
-        if kind not in {"number", "text", "path"} or (kind == "path" and word in {"and", "or", "not"}):
+        is_value = kind in {TokenKind.NUMBER, TokenKind.TEXT, TokenKind.PATH}
+        if not is_value or (kind is TokenKind.PATH and word in {"and", "or", "not"}):
             raise self.error("a number, a resource path or 'text'")
         self._advance()
-        if kind == "number":
+        if kind is TokenKind.NUMBER:
             return Literal(number, percent)
-        if kind == "text":
+        if kind is TokenKind.TEXT:
             return Literal(word)
         if word in {"true", "false"}:
             return Literal(word == "true")
-        if word == "age" and self._take("symbol", "("):
+        if word == "age" and self._take(TokenKind.SYMBOL, "("):
             path, begin = self.word, self._begin
-            if self.kind != "path" or not self._resource(path):
+            if self.kind is not TokenKind.PATH or not self._resource(path):
                 raise self.error("a resource path")
             self._advance()
-            if not self._take("symbol", ")"):
+            if not self._take(TokenKind.SYMBOL, ")"):
                 raise self.error(")")
             return Age(path, begin)
         full = SHORT_NAMES.get(word.lower(), word)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from enum import StrEnum
 from typing import Literal
 
 import msgspec
 
 from swarmware.errors import InvalidInput
 from swarmware.model import names
+from swarmware.model.open_enum import OpenEnum
 
 
-class Kind(StrEnum):
+class Kind(OpenEnum):
     """Kind of a resource, which determines how its values are transported."""
 
     BRANCH = "branch"
@@ -94,6 +94,8 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
         names.check_path(self.path)
         if self.path.startswith("/"):
             raise InvalidInput(f"path {self.path!r}: names a platform; expected a local path: nav/pose")
+        if not self.kind.known:
+            raise InvalidInput(f"kind of {self.path}: {self.kind.value!r}, expected one of {', '.join(Kind)}")
         if not self.category:
             periodic = self.rate_hz > 0 and self.kind in {Kind.BOARD, Kind.STREAM}
             msgspec.structs.force_setattr(self, "category", "periodic" if periodic else "conditional")

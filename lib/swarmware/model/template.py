@@ -24,6 +24,9 @@ _encoder = msgspec.msgpack.Encoder()
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Entry of one resource in one file; omitted fields are inherited."""
 
+    # the fields of a `Resource` once more, because each may be missing and its limits are in the schema for
+    # editors; made from them the type checker and the schema would lose both
+
     kind: Kind | UnsetType = UNSET
     type: str | UnsetType = UNSET
     reply: str | UnsetType = UNSET

@@ -1,7 +1,7 @@
 """Health: what is checked, how it stands, which faults there are, and what the guard does about processes."""
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 import msgspec
 
@@ -23,7 +23,7 @@ OK_STATE = "ok"
 
 def default_level(state: str) -> Level:
     """Default level of a state: `ok`, `warn` for `warn`, `error` for any other."""
-    return "ok" if state == OK_STATE else "warn" if state == "warn" else "error"
+    return cast(Level, state) if state in WORSE else "error"
 
 
 class Phase(StrEnum):

@@ -63,6 +63,6 @@ class LogStats(msgspec.Struct, frozen=True):
     backlog: int = 0
     """Entries in the ring that MongoDB has not acknowledged."""
     mongodb: str = "off"
-    """off | connected | away: reason."""
+    """off, connected or away, then the reason: a text for operators."""
     complete_utc_ns: int = 0
     """Logger's wall clock: all earlier entries are in the local ring."""

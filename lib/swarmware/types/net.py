@@ -19,6 +19,15 @@ class LinkStatus(OpenEnum):
     DOWN = "down"
 
 
+class LinkTransport(OpenEnum):
+    """What a link sends by."""
+
+    UDP = "udp"
+    """Beacons, and frames as datagrams."""
+    TCP = "tcp"
+    """Frames by ZeroMQ."""
+
+
 class ConnectionStatus(OpenEnum):
     """State of the TCP connections to a neighbour."""
 
@@ -103,8 +112,7 @@ class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
 
     platform: str
     """Neighbour; `*` for multicast."""
-    transport: str
-    """Transport of the link: udp | tcp."""
+    transport: LinkTransport
     sent_frames: int = 0
     sent_bytes: int = 0
     received_frames: int = 0

@@ -1,10 +1,11 @@
 """The resource tree between processes and platforms: requests, structures, subscriptions, notifications."""
 
-from typing import Annotated, Final
+from typing import Annotated, Final, Self
 
 import msgspec
 
 from swarmware.model.open_enum import OpenEnum
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.bounds import Count, Finite, Hertz, Instant, PathText, Seconds, Uint16, Uint32
 from swarmware.types.registry import register
 
@@ -119,9 +120,12 @@ class TreeList(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One resource of an answer of `sys/tree/list`."""
 
+    # no `Resource` inside: that one refuses what contradicts itself or is not known here, but the listing of
+    # a later version is shown as it is; the path is global here, age and quality are those at one node
+
     path: str
     """Global."""
-    kind: str
+    kind: Kind
     type: str
     unit: str = ""
     access: str = "r"
@@ -139,6 +143,18 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     description: str = ""
     confirm: str = ""
     """Effect of setting it, which an operator must confirm; empty: no confirmation."""
+
+    @classmethod
+    def of(cls, resource: Resource, path: str, age_s: float | None, quality: Quality) -> Self:
+        """The entry of a resource; `path`: its global path."""
+        shared = {field: getattr(resource, field) for field in _OF_RESOURCE}
+        return cls(path=path, age_s=age_s, quality=quality, **shared)
+
+
+_OF_RESOURCE: Final = tuple(
+    field for field in TreeEntry.__struct_fields__ if field not in {"path", "age_s", "quality"}
+)
+"""Fields of an entry that are those of its resource."""
 
 
 @register

@@ -23,6 +23,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.model.resource import Kind
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
 from swarmware.types.net import Neighbours, Routes, RouteState
@@ -99,7 +100,9 @@ def value(path: str, number: float, **more: Any) -> TreeValue:
 
 
 def listing(*paths: str, confirm: str = "") -> TreeListing:
-    entries = [TreeEntry(path, "setting", "Float", unit="m", access="rw", confirm=confirm) for path in paths]
+    entries = [
+        TreeEntry(path, Kind.SETTING, "Float", unit="m", access="rw", confirm=confirm) for path in paths
+    ]
     return TreeListing(tuple(entries))
 
 

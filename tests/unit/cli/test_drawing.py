@@ -1,12 +1,17 @@
 """The tree as lines, the swarm as a graph."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
+from swarmctl.commands.topo import graph
 from swarmctl.commands.topo.graph import edges, to_dot, to_png
+from swarmctl.commands.topo.picture import DrawnLink, draw_topology
 from swarmctl.commands.tree.drawing import tree
+from swarmlab.report import plots
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.model.resource import Kind
 from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState
 from swarmware.types.tree import Quality, TreeEntry
 
@@ -25,10 +30,10 @@ def said(**neighbours: list[NeighbourState]) -> dict[str, Neighbours]:
 
 def test_a_tree_is_drawn_in_the_order_of_people() -> None:
     entries = [
-        TreeEntry("/uav10/nav/pose", "board", "Pose", rate_hz=20.0, quality=Quality.LIVE),
-        TreeEntry("/uav2/nav", "branch", "", description="Where it is"),
-        TreeEntry("/uav2/nav/pose", "board", "Pose"),
-        TreeEntry("/uav2/power/voltage", "board", "Float", unit="V"),
+        TreeEntry("/uav10/nav/pose", Kind.BOARD, "Pose", rate_hz=20.0, quality=Quality.LIVE),
+        TreeEntry("/uav2/nav", Kind.BRANCH, "", description="Where it is"),
+        TreeEntry("/uav2/nav/pose", Kind.BOARD, "Pose"),
+        TreeEntry("/uav2/power/voltage", Kind.BOARD, "Float", unit="V"),
     ]
     assert tree(entries) == [
         "├── uav2",
@@ -74,6 +79,50 @@ def test_edges_stand_in_the_order_of_numbers() -> None:
 
 def test_a_picture_is_written_also_of_a_node_alone(tmp_path: Path) -> None:
     target = tmp_path / "graph.png"
-    to_png(["gcs"], [], str(target))
+    to_png({"gcs": PlatformKind.GCS}, [], str(target))
     assert target.read_bytes().startswith(b"\x89PNG")
     assert msgspec.json.encode(edges({})) == b"[]"
+
+
+class Axes:
+    """What was drawn, in place of matplotlib's axes."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[float, str]] = []
+        self.nodes: dict[str, tuple[float, float]] = {}
+        self.colours: list[str] = []
+
+    def plot(self, x: Any, _y: Any, **look: Any) -> None:
+        if isinstance(x, list):
+            self.lines.append((look["alpha"], look["linestyle"]))
+        else:
+            self.colours.append(look["color"])
+
+    def text(self, x: float, y: float, name: str, **_: Any) -> None:
+        self.nodes[name] = (round(x, 3), round(y, 3))
+
+    def __getattr__(self, _: str) -> Any:
+        return lambda *_words, **_look: None
+
+
+def test_the_command_and_the_report_draw_one_picture_of_a_topology() -> None:
+    axes = Axes()
+    kinds = {"gcs": PlatformKind.GCS, "uav1": PlatformKind.UAV, "x": PlatformKind("boat")}
+    links = [
+        DrawnLink("gcs", "uav1", 1.0),
+        DrawnLink("gcs", "x", 0.25, both=False),
+        DrawnLink("x", "gcs", -1),
+    ]
+    draw_topology(axes, kinds, links, "three")
+    assert axes.nodes == {"gcs": (0.0, 1.16), "uav1": (1.005, -0.58), "x": (-1.005, -0.58)}, "clockwise"
+    assert axes.colours == ["#009e73", "#0072b2", "#1f2933"], "by kind, also one that is not known"
+    (best, solid), (poor, dashed), (worst, _) = axes.lines
+    assert (solid, dashed) == ("-", "--")
+    assert best > poor > worst > 0
+    pictures = [Path(module.__file__ or "").read_text("utf-8") for module in (graph, plots)]
+    assert all("draw_topology(" in text and "math.cos" not in text for text in pictures)
+
+
+def test_the_kind_of_a_platform_is_what_its_neighbours_know() -> None:
+    answers = said(gcs=[heard("uav1")])
+    assert graph.kinds(["gcs", "uav1"], answers) == {"gcs": "", "uav1": PlatformKind.UAV}

@@ -6,6 +6,7 @@ import pytest
 
 from swarmctl.vehicles.observer import (
     BUILT_IN,
+    EndedResult,
     ManoeuvreProgress,
     VehicleResult,
     VehicleSnapshot,
@@ -111,7 +112,8 @@ def seen(platform: str, ok: bool, reached: bool = True, text: str = "") -> Vehic
         ([seen("a", True), seen("b", False, False, "no answer")], Partial),
         ([seen("a", False, False, "no answer")], NoAnswer),
         ([seen("a", False, True, "not seen to be done within 5 s")], NoAnswer),
-        ([seen("a", False, True, "land ended: blocked")], SwarmError),
+        ([seen("a", False, True, "no answer: its session ended")], NoAnswer),
+        ([EndedResult("a", False, True, "landed", 1.0, text="land: blocked")], SwarmError),
     ],
 )
 def test_the_result_is_an_exit_code(found: list[VehicleResult], error: type[SwarmError]) -> None:

@@ -19,7 +19,7 @@ from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.log import GapCause, LogGap
 from swarmware.types.mission import MissionProgress, OrderReceipt
-from swarmware.types.net import LinkTraffic, Refused, Traffic
+from swarmware.types.net import LinkTraffic, LinkTransport, Refused, Traffic
 from swarmware.types.time import Conversion, TimeFunctions
 from swarmware.types.vehicle import Collision, Goal, GoalKind, Pose
 
@@ -76,7 +76,11 @@ def traffic(platform: str, t_s: float) -> Traffic:
         notifications=round(20 * up_s),
         tick_hz=10,
         refused=Refused(),
-        links=(LinkTraffic("gcs" if platform != "gcs" else "uav1", "udp", received_frames=99, lost=1),),
+        links=(
+            LinkTraffic(
+                "gcs" if platform != "gcs" else "uav1", LinkTransport.UDP, received_frames=99, lost=1
+            ),
+        ),
     )
 
 

@@ -1,14 +1,15 @@
 """The graph of a swarm: edges from the neighbour tables of all nodes."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import msgspec
 
+from swarmctl.commands.topo.picture import DrawnLink, draw_topology
 from swarmware.errors import missing_extra
 from swarmware.model import names
+from swarmware.model.platform_kind import NO_KIND, PlatformKind
 from swarmware.types.net import LinkStatus, Neighbours
 
 
@@ -63,8 +64,14 @@ def to_dot(nodes: list[str], found: list[TopologyEdge]) -> str:
     return "\n".join([*lines, "}"])
 
 
-def to_png(nodes: list[str], found: list[TopologyEdge], target: str) -> None:
-    """A picture with the nodes on a circle; the worse the link, the paler the line.
+def kinds(asked: list[str], answers: Mapping[str, Neighbours]) -> dict[str, PlatformKind]:
+    """Kind of each platform, as its neighbours know it."""
+    known = {one.platform: one.kind for answer in answers.values() for one in answer.neighbours}
+    return {platform: known.get(platform, NO_KIND) for platform in asked}
+
+
+def to_png(nodes: Mapping[str, PlatformKind], found: list[TopologyEdge], target: str) -> None:
+    """Draw the graph into a file.
 
     Raises: ConfigError without matplotlib.
     """
@@ -72,7 +79,7 @@ def to_png(nodes: list[str], found: list[TopologyEdge], target: str) -> None:
         _draw(nodes, found, file)
 
 
-def _draw(nodes: list[str], found: list[TopologyEdge], file: BinaryIO) -> None:
+def _draw(nodes: Mapping[str, PlatformKind], found: list[TopologyEdge], file: BinaryIO) -> None:
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -81,26 +88,9 @@ def _draw(nodes: list[str], found: list[TopologyEdge], file: BinaryIO) -> None:
 
     figure = Figure(figsize=(8, 8))
     canvas: Any = FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    place = {
-        node: (math.cos(math.tau * i / len(nodes)), math.sin(math.tau * i / len(nodes)))
-        for i, node in enumerate(nodes)
-    }
-    for edge in found:
-        (x0, y0), (x1, y1) = place[edge.a], place[edge.b]
-        loss = max(edge.loss_ab_ratio, edge.loss_ba_ratio)
-        axes.plot(
-            [x0, x1],
-            [y0, y1],
-            color="#1f77b4",
-            alpha=max(0.1, 1 - loss),
-            linestyle="-" if edge.both else "--",
-            zorder=1,
-        )
-    colours = {"gcs": "#d62728", "ugv": "#8c564b", "uav": "#2ca02c", "usv": "#9467bd"}
-    for node, (x, y) in place.items():
-        axes.scatter([x], [y], s=900, color=colours.get(node.rstrip("0123456789"), "#7f7f7f"), zorder=2)
-        axes.annotate(node, (x, y), ha="center", va="center", color="white", fontsize=8, zorder=3)
-    axes.set_axis_off()
-    axes.set_title(f"{len(nodes)} nodes, {len(found)} links")
+    lines = [
+        DrawnLink(edge.a, edge.b, 1 - max(edge.loss_ab_ratio, edge.loss_ba_ratio), edge.both)
+        for edge in found
+    ]
+    draw_topology(figure.subplots(), nodes, lines, f"{len(nodes)} nodes, {len(found)} links")
     canvas.print_png(file)

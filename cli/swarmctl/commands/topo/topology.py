@@ -2,7 +2,7 @@
 
 import msgspec
 
-from swarmctl.commands.topo.graph import TopologyEdge, edges, to_dot, to_png
+from swarmctl.commands.topo.graph import TopologyEdge, edges, kinds, to_dot, to_png
 from swarmctl.resources.fanout import ask_all, platforms, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
@@ -29,7 +29,7 @@ async def show_topology(session: Session, *, dot: bool, png: str) -> None:
     answers, errors = await ask_all(session, asked, "sys/broker/links", Empty(), Neighbours)
     found = edges(answers)
     if png:
-        to_png(asked, found, png)
+        to_png(kinds(asked, answers), found, png)
         session.out.say(f"graph of {len(asked)} nodes and {len(found)} links to {png}")
     elif dot:
         session.out.text(to_dot(asked, found))

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 
 from swarmware.model import names
+from swarmware.model.resource import Kind
 from swarmware.types.tree import Quality, TreeEntry
 
 
@@ -32,7 +33,7 @@ def _lines(node: _Node, indent: str) -> Iterator[str]:
 
 
 def _about(entry: TreeEntry | None) -> str:
-    if entry is None or entry.kind == "branch":
+    if entry is None or entry.kind is Kind.BRANCH:
         return f"  {entry.description}" if entry is not None and entry.description else ""
     unit = f" {entry.unit}" if entry.unit else ""
     rate = f" {entry.rate_hz:g} Hz" if entry.rate_hz else ""

@@ -9,6 +9,7 @@ from swarmctl.resources.listing import is_pattern, valued
 from swarmctl.resources.values import brief, field, single
 from swarmctl.session.session import Session
 from swarmware.errors import Partial
+from swarmware.model.resource import Kind
 from swarmware.module.board import BoardReader
 from swarmware.module.stream import StreamReader
 from swarmware.types import registry
@@ -46,7 +47,7 @@ class ResourceWatch:
         watch = cls()
         for entry in entries:
             found = registry.find(entry.type)
-            if entry.kind in {"event", "stream"}:
+            if entry.kind in {Kind.EVENT, Kind.STREAM}:
                 stream = session.module.stream_reader(entry.path, found)
                 watch._streams.append(stream)
                 session.module.start(watch._every(entry, stream, session), f"watch {entry.path}")

@@ -13,6 +13,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import (
     ConnectionStatus,
     LinkStatus,
+    LinkTransport,
     Neighbours,
     NeighbourState,
     Routes,
@@ -114,7 +115,7 @@ class NetReport:
         counters = self._counters
         lost = 0
         for neighbour in self._neighbours.all():
-            link = counters.link(self._nodes.platform(neighbour.hw), "udp")
+            link = counters.link(self._nodes.platform(neighbour.hw), LinkTransport.UDP)
             link.lost = neighbour.lost
             link.late = neighbour.late
             lost += neighbour.lost

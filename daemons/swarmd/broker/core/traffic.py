@@ -8,7 +8,7 @@ from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import data_id
 from swarmware.types import registry
-from swarmware.types.net import ChannelTraffic, LinkTraffic, Refused
+from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Refused
 from swarmware.types.tree import TreeNotify
 
 IP_UDP_BYTES: Final = 28
@@ -45,7 +45,7 @@ class Counters:
     """All counters of one broker. The payload types are counted in; the tables are copies of them."""
 
     def __init__(self) -> None:
-        self.links: dict[tuple[str, str], LinkTraffic] = {}
+        self.links: dict[tuple[str, LinkTransport], LinkTraffic] = {}
         self.channels: dict[str, ChannelCounters] = {}
         self.refused = Refused()
         self.udp_sent_bytes = 0
@@ -61,7 +61,7 @@ class Counters:
         self.notifications = 0
         self.failed_ticks = 0
 
-    def link(self, platform: str, transport: str) -> LinkTraffic:
+    def link(self, platform: str, transport: LinkTransport) -> LinkTraffic:
         """Counters of a link."""
         link = self.links.get((platform, transport))
         if link is None:
@@ -82,7 +82,7 @@ class Counters:
         size += IP_UDP_BYTES
         self.sent_datagrams += 1
         self.udp_sent_bytes += size
-        link = self.link(platform, "udp")
+        link = self.link(platform, LinkTransport.UDP)
         link.sent_frames += 1
         link.sent_bytes += size
 
@@ -91,7 +91,7 @@ class Counters:
         size += IP_UDP_BYTES
         self.received_datagrams += 1
         self.udp_received_bytes += size
-        link = self.link(platform, "udp")
+        link = self.link(platform, LinkTransport.UDP)
         link.received_frames += 1
         link.received_bytes += size
         return link
