@@ -1,5 +1,6 @@
 """Commands and data have a connection each to a neighbour."""
 
+import asyncio
 import socket
 from pathlib import Path
 from typing import Final
@@ -29,6 +30,8 @@ async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")
         pair["uav1"].app.inbox("plan/share", Text)  # its path is known here, so it is counted by it
+        await asyncio.sleep(0)  # the application's file is written in the next turn
+        pair["uav1"].node.table.refresh()
         box = pair["uav2"].app.inbox("plan/share", Text)
         send = pair["uav1"].app.send
         assert await send("/uav2/plan/share", Text("command"), timeout_s=10)
