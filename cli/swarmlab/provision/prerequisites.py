@@ -6,9 +6,7 @@ from typing import Final
 from swarmctl.terminal.output import Output
 from swarmware.errors import SwarmError, missing_extra
 
-PLANNER: Final = ("numpy",)
-"""Module of the path planner of ground vehicles, which every lab has (extra `nav` of a single node)."""
-REPORT: Final = (*PLANNER, "matplotlib")
+REPORT: Final = ("numpy", "matplotlib")
 PATIENCE_S: Final = 2.0
 """Time-out of the check: a server on the same network answers within milliseconds."""
 

@@ -115,10 +115,9 @@ async def bring_up(running: RunningLab, out: Output) -> float:
 def main(spec: LabSpec, out: Output, *, detach: bool) -> None:
     """Runs `lab up`.
 
-    Raises: ConfigError without numpy; SwarmError when the swarm does not come up.
+    Raises: SwarmError when the swarm does not come up.
     """
     prerequisites.check_database(spec.mongodb_uri, out)
-    prerequisites.require_modules("lab up", prerequisites.PLANNER)
     running = RunningLab(provisioning.make(spec))
     left_running = False
     try:

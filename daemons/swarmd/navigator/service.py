@@ -8,7 +8,6 @@ from swarmd.navigator import config as settings
 from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.navigator import Controller, NavigatorCore
 from swarmd.navigator.inputs import Fresh, Inputs
-from swarmware.errors import missing_extra
 from swarmware.geometry.world import World
 from swarmware.model.config import load
 from swarmware.model.platform_kind import PlatformKind
@@ -87,11 +86,7 @@ def controller(kind: PlatformKind, config: settings.Config) -> Controller:
     """The controller for a kind of platform."""
     if kind == PlatformKind.UAV:
         return AirController(config)
-    try:
-        # imports numpy, which the node of an air vehicle does not need
-        from swarmd.navigator.core.ground_controller import GroundController
-    except ImportError as error:
-        raise missing_extra("planner of ground vehicles", error, "nav") from error
+    from swarmd.navigator.core.ground_controller import GroundController
 
     return GroundController(config)
 

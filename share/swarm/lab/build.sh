@@ -12,7 +12,7 @@ python=${PYTHON:-$root/.venv/bin/python}
 [ -n "${PYTHON:-}" ] || [ -x "$python" ] || make --silent --directory "$root" .venv/bin/python
 
 echo "fetching wheels"
-"$python" -m pip wheel --quiet --disable-pip-version-check --wheel-dir "$context/wheels" "$root[nav,mongo]"
+"$python" -m pip wheel --quiet --disable-pip-version-check --wheel-dir "$context/wheels" "$root[mongo]"
 cp "$here/Dockerfile" "$context/"
 echo "building $image"
 docker build --quiet --build-arg "BASE=${SWARM_BASE:-debian:12-slim}" --tag "$image" "$context"

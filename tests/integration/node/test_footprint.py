@@ -49,10 +49,10 @@ def imported(errors: str) -> set[str]:
 
 
 async def test_a_node_loads_no_plotting_database_tls_or_mail_and_stays_small(tmp_path: Path) -> None:
-    config = make_node(tmp_path, services={name: {} for name in SERVICES})
+    config = make_node(tmp_path, kind="ugv", services={name: {} for name in SERVICES})
     async with spawn(config, *SERVICES, env={"PYTHONPROFILEIMPORTTIME": "1"}) as process:
         loaded = imported(process.stderr())
-        assert {"asyncio", "zmq", "swarmd.broker.shell", "swarmd.navigator.core.navigator"} <= loaded
+        assert {"asyncio", "zmq", "swarmd.broker.shell", "swarmd.navigator.core.dwa"} <= loaded
         assert not loaded & HEAVY
         assert not {name for name in mapped(process.pid) if LIBRARIES.search(name)}
         assert {entry.pid for entry in scan(tmp_path / "uav1/run")} == {process.pid}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.unit.navigator.dwa_arrays import ArrayPlanner
 
 from swarmd.navigator.config import DwaConfig
 from swarmd.navigator.core.dwa import Planner, objective, safe_speed, window
@@ -30,7 +31,7 @@ AHEAD = (100.0, 0.0)
     ],
 )
 def test_equation_4_safe_speed(distance: float, deceleration: float, expected: float) -> None:
-    assert safe_speed(np.array([distance]), deceleration)[0] == pytest.approx(expected)
+    assert safe_speed(distance, deceleration) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -62,9 +63,7 @@ def test_equation_5_cost(
     weights: tuple[float, float, float], terms: tuple[float, float, float], expected: float
 ) -> None:
     limits = DwaConfig(heading_weight=weights[0], distance_weight=weights[1], velocity_weight=weights[2])
-    heading, distance, velocity = (np.array([term]) for term in terms)
-    found = objective(limits, heading, distance, velocity)
-    assert found[0] == pytest.approx(expected)
+    assert objective(limits, *terms) == pytest.approx(expected)
 
 
 def moving(v: float, w: float = 0.0) -> Pose:
@@ -186,3 +185,36 @@ def test_a_choice_is_always_attainable_and_can_be_braked(
         if points and min(math.dist((x, y), p) for p in points) < LIMITS.radius_m / 2:
             assert choice.v_m_s**2 <= 2 * (way + 0.05) * LIMITS.a_max_m_s2 + 1e-6
             break
+
+
+NEAR = st.floats(-4.0, 4.0)
+SPEED = st.floats(-0.3, 3.0)
+POINT = st.tuples(NEAR, NEAR)
+MOVERS = st.builds(
+    MovingObstacle, NEAR, NEAR, st.just(0.0), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.just(0.0)
+)
+
+
+@given(
+    at=st.tuples(NEAR, NEAR, st.floats(-3.1, 3.1)),
+    speed=st.tuples(SPEED, st.floats(-1.4, 1.4)),
+    ahead=POINT,
+    wanted=SPEED,
+    around=st.builds(
+        Surroundings, st.lists(POINT, max_size=12).map(tuple), st.lists(MOVERS, max_size=4).map(tuple)
+    ),
+    gain=st.floats(1.0, 20.0),
+)
+def test_the_choice_is_as_good_as_if_every_candidate_were_computed(
+    at: tuple[float, float, float],
+    speed: tuple[float, float],
+    ahead: tuple[float, float],
+    wanted: float,
+    around: Surroundings,
+    gain: float,
+) -> None:
+    pose = Pose.planar(at[0], at[1], 0.0, at[2], (0.0, 0.0, 0.0), speed[1])
+    found = Planner(LIMITS).plan(pose, speed[0], ahead, wanted, around, gain)
+    best = ArrayPlanner(LIMITS).plan(pose, speed[0], ahead, wanted, around, gain)
+    assert found.free == best.free
+    assert found.score == pytest.approx(best.score, abs=1e-9)

@@ -8,16 +8,13 @@ robots, 1998 (its cost of a direction).
 import math
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from swarmd.navigator.config import DwaConfig
 from swarmd.navigator.core.target import PLATFORM_HEIGHT_M, PLATFORM_RADIUS_M, Surroundings
 from swarmware.types.vehicle import Pose
 
-Array = NDArray[np.float64]
+Things = list[tuple[float, float, float]]
 
-_TURNS: Final[Array] = np.radians(np.arange(-100.0, 101.0, 5.0))
+_TURNS: Final = tuple(math.radians(degrees) for degrees in range(-100, 101, 5))
 """Candidate directions, relative to the commanded one."""
 _WANTED: Final = 5.0
 _HEADING: Final = 2.0
@@ -55,30 +52,31 @@ class Detour:
             self._side = 0.0
             return ahead_m
         bearing = math.atan2(dy, dx)
-        turn = self._turn(bearing, pose.yaw_rad, reach_m, np.array(things))
+        turn = self._turn(bearing, pose.yaw_rad, reach_m, things)
         if turn == 0.0:
             return ahead_m
         angle = bearing + turn
         return pose.x_m + distance * math.cos(angle), pose.y_m + distance * math.sin(angle)
 
-    def _turn(self, bearing: float, yaw: float, reach_m: float, things: Array) -> float:
+    def _turn(self, bearing: float, yaw: float, reach_m: float, things: Things) -> float:
         """The free direction of minimum cost, relative to the commanded one; 0 when none is free."""
-        if _free(np.array([bearing]), math.inf, things, _ROOM_M[0])[0]:
+        if _is_free(bearing, math.inf, things, _ROOM_M[0]):
             self._side = 0.0
             return 0.0
-        angles = bearing + _TURNS
-        off = np.abs((angles - yaw + np.pi) % math.tau - np.pi)
-        price = _WANTED * np.abs(_TURNS) + _HEADING * off + _CHANGE * (np.sign(_TURNS) * self._side < 0)
+        turns = sorted(_TURNS, key=lambda turn: self._cost(turn, bearing + turn - yaw))
         for room in _ROOM_M:
-            free = _free(angles, reach_m, things, room)
-            if free.any():
-                turn = float(_TURNS[np.argmin(np.where(free, price, np.inf))])
-                if turn:  # with a short reach, straight on may be free in front of the obstacle
-                    self._side = math.copysign(1.0, turn)
-                return turn
+            for turn in turns:
+                if _is_free(bearing + turn, reach_m, things, room):
+                    if turn:  # with a short reach, straight on may be free in front of the obstacle
+                        self._side = math.copysign(1.0, turn)
+                    return turn
         return 0.0
 
-    def _obstacles(self, pose: Pose, around: Surroundings) -> list[tuple[float, float, float]]:
+    def _cost(self, turn: float, off_heading: float) -> float:
+        off = abs((off_heading + math.pi) % math.tau - math.pi)
+        return _WANTED * abs(turn) + _HEADING * off + _CHANGE * (turn * self._side < 0)
+
+    def _obstacles(self, pose: Pose, around: Surroundings) -> Things:
         """Obstacles nearby: relative position, and the distance that the planner keeps."""
         width = self._limits.radius_m + self._limits.margin_m
         found = [(x - pose.x_m, y - pose.y_m, width) for x, y in around.points_m]
@@ -91,12 +89,10 @@ class Detour:
         return [thing for thing in found if math.hypot(thing[0], thing[1]) < reach_m + thing[2]]
 
 
-def _free(angles: Array, reach_m: float, things: Array, room_m: float) -> NDArray[np.bool_]:
-    """Whether a strip in each direction is free of obstacles."""
-    cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    dx, dy, width = things.T
-    along = dx * cos + dy * sin
-    answer: NDArray[np.bool_] = ~np.any(
-        (along > 0.0) & (along < reach_m) & (np.abs(dy * cos - dx * sin) < width + room_m), axis=1
-    )
-    return answer
+def _is_free(angle: float, reach_m: float, things: Things, room_m: float) -> bool:
+    """Whether a strip in a direction is free of obstacles."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    for dx, dy, width in things:
+        if 0.0 < dx * cos + dy * sin < reach_m and abs(dy * cos - dx * sin) < width + room_m:
+            return False
+    return True

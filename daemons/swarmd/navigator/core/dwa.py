@@ -2,23 +2,22 @@
 
 Source: S0, equations 4 and 5; Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, 1997.
 
-Needs numpy (extra `nav`): 176 pairs of speeds × 12 instants × up to 72 echoes of the scanner, ten times a
-second. As loops in plain Python a plan took five times as long (40 echoes, 5 neighbours: 9.7 and 1.7 ms of
-processor time), a tenth of a core and more. Air vehicles do not import this module.
+The candidates are looked at in the order of the score that they have without an obstacle, until none can be
+better: mostly the first few of 176. Without obstacles that takes half as long as arrays of numpy for all of
+them, in a crowd up to twice as long, and 12 MB of memory less.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Final
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from swarmd.navigator.config import DwaConfig
-from swarmd.navigator.core.target import PLATFORM_HEIGHT_M, PLATFORM_RADIUS_M, Surroundings
+from swarmd.navigator.core.target import PLATFORM_HEIGHT_M, PLATFORM_RADIUS_M, MovingObstacle, Surroundings
 from swarmware.types.vehicle import Pose
 
-Array = NDArray[np.float64]
+Point = tuple[float, float]
 
 _STRAIGHT: Final = 1e-6
 _STANDS_M_S: Final = 0.05
@@ -49,13 +48,25 @@ class Choice(msgspec.Struct, frozen=True):
     """Whether any moving pair was admissible."""
 
 
-def safe_speed(distance: Array, deceleration: float) -> Array:
+class Motion(msgspec.Struct, frozen=True, gc=False):
+    """A candidate pair of speed and yaw rate."""
+
+    v_m_s: float
+    w_rad_s: float
+    heading: float
+    """Heading term, 0 to 1."""
+    velocity: float
+    """Speed term, 0 to 1."""
+    bound: float
+    """G when no obstacle is near: the maximum."""
+
+
+def safe_speed(distance: float, deceleration: float) -> float:
     """V_safe, equation 4: the maximum speed with which the vehicle stops within a distance, √(2·dist·a).
 
     Units: metres and m/s² give m/s; radians and rad/s² give rad/s.
     """
-    answer: Array = np.sqrt(2.0 * np.maximum(distance, 0.0) * deceleration)
-    return answer
+    return math.sqrt(2.0 * max(distance, 0.0) * deceleration)
 
 
 def window(limits: DwaConfig, v_m_s: float, w_rad_s: float) -> DynamicWindow:
@@ -72,8 +83,8 @@ def window(limits: DwaConfig, v_m_s: float, w_rad_s: float) -> DynamicWindow:
 
 
 def objective(
-    weights: DwaConfig, heading: Array, distance: Array, velocity: Array, speed_gain: float = 1.0
-) -> Array:
+    weights: DwaConfig, heading: float, distance: float, velocity: float, speed_gain: float = 1.0
+) -> float:
     """G of equation 5, with each term from 0 (bad) to 1 (good); `speed_gain` scales the last."""
     return (
         weights.heading_weight * heading
@@ -89,7 +100,7 @@ class Planner:
 
     def __init__(self, limits: DwaConfig) -> None:
         self._limits = limits
-        self._times: Array = np.linspace(0.0, limits.horizon_s, limits.steps + 1)[1:]
+        self._times = _spread(0.0, limits.horizon_s, limits.steps + 1)[1:]
 
     def set_weights(self, limits: DwaConfig) -> None:
         """Replaces the weights, also while driving; the horizon is fixed."""
@@ -106,89 +117,169 @@ class Planner:
     ) -> Choice:
         """The best pair of speed and yaw rate towards a point, safe, and close to the commanded speed."""
         limits = self._limits
-        lim = window(limits, v_m_s, pose.wz_rad_s)
-        wanted = min(max(v_wanted_m_s, lim.v_min_m_s), lim.v_max_m_s)
-        vs = np.append(np.linspace(lim.v_min_m_s, lim.v_max_m_s, limits.v_samples), wanted)
-        ws = np.append(np.linspace(lim.w_min_rad_s, lim.w_max_rad_s, limits.w_samples), 0.0)
-        if not lim.w_min_rad_s <= 0.0 <= lim.w_max_rad_s:
-            ws = ws[:-1]
-        v, w = (grid.ravel() for grid in np.meshgrid(vs, ws))
-        clear, travel = self._clearance(pose, v, w, around)
-        admissible = np.abs(v) <= safe_speed(travel, limits.a_max_m_s2)
-        # an arc of this length turns by length / radius = length · ω / v: the remaining angle
-        turn = np.minimum(travel, _NEVER_M) * np.abs(w) / np.maximum(np.abs(v), _STANDS_M_S)
-        admissible &= (np.abs(w) <= safe_speed(turn, limits.dw_max_rad_s2)) | (np.abs(v) < _STANDS_M_S)
-        score = objective(
-            limits,
-            self._heading(pose, v, w, ahead_m),
-            np.clip(clear / limits.clear_m, 0.0, 1.0),
-            1.0 - np.minimum(np.abs(v - v_wanted_m_s) / limits.v_max_m_s, 1.0),
-            speed_gain,
-        )
-        score[~admissible] = -np.inf
-        best = int(np.argmax(score))
-        if not admissible[best]:
+        motions = list(self._motions(pose, v_m_s, ahead_m, v_wanted_m_s, speed_gain))
+        order = sorted(range(len(motions)), key=lambda index: -motions[index].bound)
+        obstacles = NearObstacles(limits, pose, around)
+        best, found, free = -math.inf, -1, False
+        for index in order:
+            motion = motions[index]
+            if motion.bound < best and (free or motion.v_m_s <= _STANDS_M_S):
+                if free:
+                    break
+                continue  # it cannot be the best, and says nothing about moving
+            clear_m = self._clearance(pose, motion, obstacles)
+            if clear_m is None:
+                continue
+            free = free or motion.v_m_s > _STANDS_M_S
+            distance = min(max(clear_m / limits.clear_m, 0.0), 1.0)
+            score = objective(limits, motion.heading, distance, motion.velocity, speed_gain)
+            if score > best or (score == best and index < found):
+                best, found = score, index
+        if found < 0:
             return Choice(0.0, 0.0, -math.inf, False)
-        free = bool(np.any(admissible & (v > _STANDS_M_S)))
-        return Choice(float(v[best]), float(w[best]), float(score[best]), free)
+        return Choice(motions[found].v_m_s, motions[found].w_rad_s, best, free)
 
-    def _heading(self, pose: Pose, v: Array, w: Array, ahead_m: tuple[float, float]) -> Array:
-        """Heading term at the predicted pose: 1 towards the point, 0 away from it."""
-        x, y, yaw = _arcs(pose, v, w, self._limits.heading_s)
-        error = np.arctan2(ahead_m[1] - y, ahead_m[0] - x) - yaw
-        answer: Array = 1.0 - np.abs((error + np.pi) % (2 * np.pi) - np.pi) / np.pi
-        return answer
-
-    def _clearance(self, pose: Pose, v: Array, w: Array, around: Surroundings) -> tuple[Array, Array]:
-        """Minimum clearance of each trajectory, and its length until a contact (infinite: none)."""
+    def _motions(
+        self, pose: Pose, v_m_s: float, ahead_m: tuple[float, float], v_wanted_m_s: float, speed_gain: float
+    ) -> Iterator[Motion]:
+        """The pairs of the dynamic window, each with the terms that need no obstacles."""
         limits = self._limits
-        times = self._times
-        clear = np.full(v.shape, np.inf)
-        contact = np.full((v.size, times.size), False)
-        x, y, _ = _arcs(pose, v[:, None], w[:, None], times[None, :])
+        lim = window(limits, v_m_s, pose.wz_rad_s)
+        vs = _spread(lim.v_min_m_s, lim.v_max_m_s, limits.v_samples)
+        vs.append(min(max(v_wanted_m_s, lim.v_min_m_s), lim.v_max_m_s))
+        ws = _spread(lim.w_min_rad_s, lim.w_max_rad_s, limits.w_samples)
+        if lim.w_min_rad_s <= 0.0 <= lim.w_max_rad_s:
+            ws.append(0.0)
+        dx, dy = ahead_m[0] - pose.x_m, ahead_m[1] - pose.y_m
+        for w in ws:
+            x, y = _chord(pose.yaw_rad, w, limits.heading_s)
+            turned = pose.yaw_rad + w * limits.heading_s
+            for v in vs:
+                error = math.atan2(dy - v * y, dx - v * x) - turned
+                heading = 1.0 - abs((error + math.pi) % math.tau - math.pi) / math.pi
+                velocity = 1.0 - min(abs(v - v_wanted_m_s) / limits.v_max_m_s, 1.0)
+                yield Motion(v, w, heading, velocity, objective(limits, heading, 1.0, velocity, speed_gain))
+
+    def _clearance(self, pose: Pose, motion: Motion, obstacles: "NearObstacles") -> float | None:
+        """Minimum clearance of a trajectory up to where the term is saturated; None: it is not safe."""
+        clear_m, safe = math.inf, False
+        v, w = motion.v_m_s, motion.w_rad_s
+        points, movers = obstacles.near(abs(v) * self._limits.horizon_s)
+        if not points and not movers:
+            return clear_m if self._is_safe(motion, math.inf) else None
+        begin_s = 0.0
+        for time_s, x, y in obstacles.chords(w, self._times):
+            at = (pose.x_m + v * x, pose.y_m + v * y)
+            to_points, to_movers = obstacles.gaps_m(points, movers, at, time_s)
+            clear_m = min(clear_m, to_points, to_movers)
+            if not safe and obstacles.touches(to_points, to_movers):
+                # a contact is detected at the end of its step, so it may happen up to one step earlier
+                if not self._is_safe(motion, abs(v) * begin_s):
+                    return None
+                safe = True
+            begin_s = time_s
+        return clear_m if safe or self._is_safe(motion, math.inf) else None
+
+    def _is_safe(self, motion: Motion, travel_m: float) -> bool:
+        """Whether the vehicle stops within a way, and stops turning within it."""
+        limits, v, w = self._limits, abs(motion.v_m_s), abs(motion.w_rad_s)
+        if v > safe_speed(travel_m, limits.a_max_m_s2):
+            return False
+        # an arc of this length turns by length / radius = length · ω / v: the remaining angle
+        turn = min(travel_m, _NEVER_M) * w / max(v, _STANDS_M_S)
+        return v < _STANDS_M_S or w <= safe_speed(turn, limits.dw_max_rad_s2)
+
+
+class NearObstacles:
+    """The obstacles that a trajectory may meet."""
+
+    __slots__ = (
+        *("_bodies_m", "_chords", "_keep_m", "_limits", "_movers", "_near", "_points", "_to_movers_m"),
+        *("_to_points_m", "_yaw_rad"),
+    )
+
+    def __init__(self, limits: DwaConfig, pose: Pose, around: Surroundings) -> None:
+        self._limits = limits
+        self._bodies_m = limits.radius_m + PLATFORM_RADIUS_M
+        here = (pose.x_m, pose.y_m)
         reach = limits.v_max_m_s * limits.horizon_s + limits.radius_m + limits.clear_m
-        points = [p for p in around.points_m if math.dist(p, (pose.x_m, pose.y_m)) < reach]
-        if points:
-            px, py = np.array(points).T
-            gap2 = (x[:, :, None] - px) ** 2 + (y[:, :, None] - py) ** 2
-            gap = np.sqrt(gap2.min(axis=2)) - limits.radius_m
-            clear = np.minimum(clear, gap.min(axis=1))
-            now = min(math.dist(p, (pose.x_m, pose.y_m)) for p in points) - limits.radius_m
-            contact |= gap < self._required_clearance(now)
-        near = [
-            n
+        self._points = [(gap, p) for p in around.points_m if (gap := math.dist(p, here)) < reach]
+        self._movers = [
+            (gap, n)
             for n in around.neighbours
             if abs(n.z_m - pose.z_m) < PLATFORM_HEIGHT_M
-            and math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m) < 2 * reach
+            and (gap := math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m)) < 2 * reach
         ]
-        if near:
-            table = np.array([(n.x_m, n.y_m, n.vx_m_s, n.vy_m_s) for n in near]).T[:, None, :]
-            nx, ny = table[0] + table[2] * times[:, None], table[1] + table[3] * times[:, None]
-            gap2 = (x[:, :, None] - nx) ** 2 + (y[:, :, None] - ny) ** 2
-            bodies = limits.radius_m + PLATFORM_RADIUS_M
-            gap = np.sqrt(gap2.min(axis=2)) - bodies
-            clear = np.minimum(clear, gap.min(axis=1))
-            now = min(math.hypot(n.x_m - pose.x_m, n.y_m - pose.y_m) for n in near) - bodies
-            contact |= gap < self._required_clearance(now)
-        first = np.argmax(contact, axis=1)
-        hit = contact[np.arange(v.size), first]
-        # a contact is detected at the end of its step, so it may happen up to one step earlier
-        begin = np.where(first > 0, times[first - 1], 0.0)
-        travel = np.where(hit, np.abs(v) * begin, np.inf)
-        return clear, travel
+        nearest_m = min((gap for gap, _ in self._points), default=0.0)
+        self._to_points_m = self._required_clearance(nearest_m - limits.radius_m)
+        nearest_m = min((gap for gap, _ in self._movers), default=0.0)
+        self._to_movers_m = self._required_clearance(nearest_m - self._bodies_m)
+        self._keep_m = max(limits.clear_m, limits.margin_m)
+        self._yaw_rad = pose.yaw_rad
+        self._chords: dict[float, list[tuple[float, float, float]]] = {}
+        self._near: dict[float, tuple[list[Point], list[MovingObstacle]]] = {}
+
+    def chords(self, w: float, times: list[float]) -> list[tuple[float, float, float]]:
+        """Instants, each with the way until then at this yaw rate and a speed of 1 m/s."""
+        found = self._chords.get(w)
+        if found is None:
+            found = [(time_s, *_chord(self._yaw_rad, w, time_s)) for time_s in times]
+            self._chords[w] = found
+        return found
+
+    def near(self, travel_m: float) -> tuple[list[Point], list[MovingObstacle]]:
+        """Those that change a term or make a contact on a way of this length."""
+        found = self._near.get(travel_m)
+        if found is None:
+            limits = self._limits
+            to_points = travel_m + limits.radius_m + self._keep_m
+            to_movers = travel_m + self._bodies_m + self._keep_m
+            found = self._near[travel_m] = (
+                [point for gap, point in self._points if gap <= to_points],
+                [
+                    mover
+                    for gap, mover in self._movers
+                    if gap - math.hypot(mover.vx_m_s, mover.vy_m_s) * limits.horizon_s <= to_movers
+                ],
+            )
+        return found
+
+    def gaps_m(
+        self, points: list[Point], movers: list[MovingObstacle], at: Point, time_s: float
+    ) -> tuple[float, float]:
+        """Clearance to the nearest point and to the nearest platform at an instant."""
+        x, y = at
+        to_points = to_movers = math.inf
+        for px, py in points:
+            dx, dy = x - px, y - py
+            square = dx * dx + dy * dy
+            to_points = min(to_points, square)
+        for mover in movers:
+            dx = x - (mover.x_m + mover.vx_m_s * time_s)
+            dy = y - (mover.y_m + mover.vy_m_s * time_s)
+            square = dx * dx + dy * dy
+            to_movers = min(to_movers, square)
+        return math.sqrt(to_points) - self._limits.radius_m, math.sqrt(to_movers) - self._bodies_m
+
+    def touches(self, to_points_m: float, to_movers_m: float) -> bool:
+        """Whether a clearance is too small."""
+        return to_points_m < self._to_points_m or to_movers_m < self._to_movers_m
 
     def _required_clearance(self, now_m: float) -> float:
         """Clearance to keep: the margin, or the current one if smaller, so that the vehicle can leave."""
         return min(self._limits.margin_m, max(0.0, now_m - _MARGIN_NOISE_M))
 
 
-def _arcs(pose: Pose, v: Array, w: Array, t: Array | float) -> tuple[Array, Array, Array]:
-    """Poses after a time t at constant speeds, in closed form."""
-    yaw = pose.yaw_rad
-    turned = w * t
-    straight = np.abs(w) < _STRAIGHT
-    safe = np.where(straight, 1.0, w)
-    # chord of the arc: v/ω · (sin(φ+ωt) − sin φ), and its limit for small ω
-    x = np.where(straight, v * t * math.cos(yaw), v / safe * (np.sin(yaw + turned) - math.sin(yaw)))
-    y = np.where(straight, v * t * math.sin(yaw), v / safe * (math.cos(yaw) - np.cos(yaw + turned)))
-    return pose.x_m + x, pose.y_m + y, yaw + turned
+def _spread(first: float, last: float, count: int) -> list[float]:
+    """So many values at equal distances, with both ends."""
+    step = (last - first) / (count - 1)
+    return [*(index * step + first for index in range(count - 1)), last]
+
+
+def _chord(yaw: float, w: float, time_s: float) -> Point:
+    """The way after a time on an arc, for a speed of 1 m/s, in closed form."""
+    if abs(w) < _STRAIGHT:
+        return time_s * math.cos(yaw), time_s * math.sin(yaw)
+    # chord of the arc: 1/ω · (sin(φ+ωt) − sin φ)
+    turned = yaw + w * time_s
+    return (math.sin(turned) - math.sin(yaw)) / w, (math.cos(yaw) - math.cos(turned)) / w
