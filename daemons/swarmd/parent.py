@@ -245,7 +245,7 @@ class Parent:
             child = self._child
             started = child.started if child is not None and child.pid == pid else 0
             self._process = ProcessHandle(pid, started)
-        except OSError:
+        except OSError:  # it has ended already, which the caller handles
             return False
         self._pid = pid
         self._due_ns = None

@@ -2,6 +2,7 @@
 
 import ast
 import builtins
+import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -27,3 +28,42 @@ def test_no_builtin_error_is_raised_on_purpose() -> None:
         if hasattr(builtins, name) and name not in PROTOCOL
     ]
     assert not found, "\n".join(found)
+
+
+BROAD = {"Exception", "BaseException", "OSError", "EnvironmentError"}
+"""Errors of many causes: one that nobody expected must not vanish."""
+
+
+def test_no_error_of_many_causes_vanishes_without_a_reason() -> None:
+    found = []
+    for folder in ("lib", "daemons", "cli"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            text = path.read_text("utf-8")
+            lines = text.splitlines()
+            for node in ast.walk(ast.parse(text)):
+                match node:
+                    case ast.ExceptHandler(type=kind, body=body):
+                        caught = "BaseException" if kind is None else ast.unparse(kind)
+                        silent = all(_is_silent(statement) for statement in body)
+                    case ast.withitem(context_expr=ast.Call(func=func, args=args)):
+                        silent = ast.unparse(func).endswith("suppress")
+                        caught = ", ".join(map(ast.unparse, args))
+                    case _:
+                        continue
+                if not silent or not BROAD & set(re.findall(r"\w+", caught)):
+                    continue
+                at = node.context_expr if isinstance(node, ast.withitem) else node
+                first, last = at.lineno - 2, (at.end_lineno or at.lineno) + 1
+                if not any("#" in line for line in lines[first:last]):
+                    found.append(f"{path.relative_to(ROOT)}:{at.lineno} {caught}")
+    assert not found, "expected a log, a count, a raise, or a comment with the reason:\n" + "\n".join(found)
+
+
+def _is_silent(statement: ast.stmt) -> bool:
+    """Whether the statement only goes on: pass, continue, or a return of a constant."""
+    match statement:
+        case ast.Pass() | ast.Continue() | ast.Break():
+            return True
+        case ast.Return(value=None | ast.Constant()):
+            return True
+    return False

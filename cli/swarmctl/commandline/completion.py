@@ -18,9 +18,14 @@ def platforms(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
     return [name for name in completion_cache.load()[1] if name.startswith(incomplete)]
 
 
+def default_labs_folder() -> str:
+    """Folder of this user's labs, unless the environment names another."""
+    return f"/tmp/swarm-{os.getuid()}"
+
+
 def labs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Labs of this user."""
-    folder = os.environ.get("SWARMCTL_LABS") or f"/tmp/swarm-{os.getuid()}"
+    folder = os.environ.get("SWARMCTL_LABS") or default_labs_folder()
     try:
         return sorted(e.name for e in os.scandir(folder) if e.is_dir() and e.name.startswith(incomplete))
     except OSError:

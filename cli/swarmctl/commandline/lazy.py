@@ -130,7 +130,7 @@ def externals(path: str) -> list[str]:
     for directory in filter(None, path.split(os.pathsep)):
         try:
             entries = [entry for entry in os.scandir(directory) if entry.name.startswith(EXTERNAL)]
-        except OSError:
+        except OSError:  # a folder of PATH that is missing, as for a shell
             continue
         found.update(e.name.removeprefix(EXTERNAL) for e in entries if os.access(Path(e.path), os.X_OK))
     return sorted(found)

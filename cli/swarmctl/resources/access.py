@@ -67,7 +67,7 @@ async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeVal
 
     Raises: NotFound, NoAnswer.
     """
-    ask = f"/{session.here}/sys/tree/get"
+    ask = names.join(session.here, "sys/tree/get")
     found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about=path)
     if (
         found.source is not ValueSource.MIRROR
@@ -126,7 +126,7 @@ async def write(session: Session, path: str, text: str, version: int | None = No
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
     """
     request = TreeSet(path, typed(text), version)
-    done = await session.ask(f"/{session.here}/sys/tree/set", request, TreeSetDone, about=path)
+    done = await session.ask(names.join(session.here, "sys/tree/set"), request, TreeSetDone, about=path)
     return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)
 
 
@@ -150,5 +150,7 @@ async def undo(session: Session, path: str) -> Written:
 
     Raises: NotFound when it was not changed, InvalidInput when it is not a setting, NoAnswer, Denied.
     """
-    done = await session.ask(f"/{session.here}/sys/tree/undo", TreeUndo(path), TreeSetDone, about=path)
+    done = await session.ask(
+        names.join(session.here, "sys/tree/undo"), TreeUndo(path), TreeSetDone, about=path
+    )
     return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)

@@ -60,7 +60,7 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
     await session.reach(platform)
     if not entries:
         # the error of its tree has the reason: an unknown path, a branch, a command
-        await session.ask(f"/{session.here}/sys/tree/get", TreeGet(full), TreeValue, about=full)
+        await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
     return entries
 
 
@@ -73,7 +73,7 @@ async def consequence(session: Session, path: str) -> str:
 
 
 async def _pages(session: Session, pattern: str) -> TreeListing:
-    path = f"/{session.here}/sys/tree/list"
+    path = names.join(session.here, "sys/tree/list")
     found = await session.ask(path, TreeList(pattern, PAGE), TreeListing)
     entries = list(found.entries)
     while found.more and found.entries:

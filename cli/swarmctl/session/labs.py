@@ -8,6 +8,7 @@ from typing import Final
 
 import msgspec
 
+from swarmctl.commandline.completion import default_labs_folder
 from swarmctl.session.processes import NODE_MARK, ProcessIdentity, marked, marks
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 from swarmware.model import document
@@ -136,7 +137,7 @@ def check_name(name: str) -> str:
 
 def default_folder() -> Path:
     """Folder of this user's labs without SWARMCTL_LABS."""
-    return Path(f"/tmp/swarm-{os.getuid()}")
+    return Path(default_labs_folder())
 
 
 def labs_folder() -> Path:

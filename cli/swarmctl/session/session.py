@@ -74,7 +74,7 @@ class Session:
         Raises: as `Module.request`.
         """
         if self._routes is None:
-            path, wait_s = f"/{self.here}/sys/broker/routes", self.settings.timeout_s
+            path, wait_s = names.join(self.here, "sys/broker/routes"), self.settings.timeout_s
             self._routes = await self.module.request(path, Empty(), Routes, timeout_s=wait_s)
         return self._routes
 
@@ -98,7 +98,7 @@ class Session:
     async def known(self) -> tuple[str, ...]:
         """All platforms whose tree is known here, also unreachable ones; empty without a tree service."""
         if not self._known:
-            path, nothing = f"/{self.here}/sys/tree/list", TreeList(f"/{self.here}/none", 1)
+            path, nothing = names.join(self.here, "sys/tree/list"), TreeList(f"/{self.here}/none", 1)
             try:
                 found = await self.module.request(path, nothing, TreeListing, timeout_s=1.0)
             except SwarmError:

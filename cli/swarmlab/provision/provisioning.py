@@ -18,6 +18,7 @@ from swarmctl.session.labs import LabNode, LabState
 from swarmlab.provision import plan
 from swarmlab.provision.plan import PlannedNode
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
+from swarmware.model import paths
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.transport.security import make_swarm
 
@@ -189,7 +190,7 @@ def _write(lab: LabState, node: LabNode, keys: Path) -> None:
         },
     )
     for name, settings in _services(lab, node).items():
-        _toml(node.config_dir / "services" / f"{name}.toml", settings)
+        _toml(paths.service_config(node.config_dir, name), settings)
 
 
 def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
@@ -233,6 +234,7 @@ def _free_port() -> int:
     for _ in range(CLAIM_TRIES):
         port = chance.choice(PORTS)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
+            # a port that is in use: the next one is tried
             probe.bind(("", port))
             return port
     raise Conflict(f"UDP ports {PORTS.start}..{PORTS.stop}: none free; expected one")

@@ -13,6 +13,7 @@ from swarmlab.report.plot_data import NodeFigures, ObservedLink, PlotData
 from swarmlab.report.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
 from swarmlab.report.run_metadata import RunMetadata
 from swarmware.geometry.world import World
+from swarmware.model import paths
 from swarmware.model.config import load, share_dir
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types import net
@@ -40,9 +41,7 @@ def analyse(metadata: RunMetadata, logs: Path) -> tuple[ExperimentReport, PlotDa
     """
     truths = {node.platform: node.clock for node in metadata.nodes}
     recording = Recording({p: logs / p for p in truths}, truths, metadata.command_mono_ns, WANTED)
-    return Analysis(
-        metadata, recording, load(share_dir() / "worlds" / f"{metadata.world}.toml", World)
-    ).result()
+    return Analysis(metadata, recording, load(paths.world(share_dir(), metadata.world), World)).result()
 
 
 class Analysis:

@@ -284,6 +284,6 @@ def exit_description(code: int) -> str:
 def _tail(node: LabNode) -> str:
     try:
         lines = node.log_file.read_text("utf-8", "replace").splitlines()
-    except OSError:
+    except OSError:  # no log was written: nothing to show
         return ""
     return "\n".join(f"  | {line}" for line in lines[-TAIL_LINES:])

@@ -9,6 +9,7 @@ from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.navigator import Controller, NavigatorCore
 from swarmd.navigator.inputs import Fresh, Inputs
 from swarmware.geometry.world import World
+from swarmware.model import paths
 from swarmware.model.config import load
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
@@ -41,10 +42,12 @@ class Navigator(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         node = module.node.config
-        world = load(node.share_path / "worlds" / f"{config.world}.toml", World)
+        world = load(paths.world(node.share_path, config.world), World)
         self._core = NavigatorCore(config, module.platform, world.origin, controller(node.kind, config))
         self._inputs = Inputs(module)
-        self._gains = {name: Fresh(module.reader(f"config/navigator/{name}", Float)) for name in GAINS}
+        self._gains = {
+            name: Fresh(module.reader(paths.setting(f"navigator/{name}"), Float)) for name in GAINS
+        }
         self._poses = module.writer(
             "nav/pose", Pose, rate_hz=config.rate_hz, description="Estimated pose and velocity"
         )

@@ -9,6 +9,7 @@ from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishState, ReadBoards, VehicleCore
 from swarmd.sim.motors import Motors
 from swarmware.geometry.world import World
+from swarmware.model import paths
 from swarmware.model.config import load
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -42,7 +43,7 @@ class Sim(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         node = module.node
-        world = load(node.config.share_path / "worlds" / f"{config.world}.toml", World)
+        world = load(paths.world(node.config.share_path, config.world), World)
         chance = random.Random(f"{config.seed} {module.platform}")
         jitter = (chance.uniform(-1, 1), chance.uniform(-1, 1))
         start = world.start_pose(node.config.kind, config.number or number_in(module.platform), jitter)

@@ -20,6 +20,7 @@ from swarmd.timesync.core.time_core import (
     UnitRebooted,
 )
 from swarmware.errors import SwarmError
+from swarmware.model import names
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.stream import StreamReader
@@ -132,7 +133,7 @@ class TimeSync(Service):
             platform = await self._requests.get()
             try:
                 received = await self.module.request(
-                    f"/{platform}/sys/time/functions", Empty(), TimeFunctions
+                    names.join(platform, "sys/time/functions"), Empty(), TimeFunctions
                 )
             except SwarmError as error:
                 self.module.log.debug("functions of %s: %s", platform, error)

@@ -97,7 +97,7 @@ class OperatorApi:
             raise NoAnswer(f"{request.path}: {platform} cannot be reached, and this node has no value of it")
         # the owner has the newest value, and finds similar paths
         found = await self._module.request(
-            f"/{platform}/sys/tree/get", TreeGet(local), TreeValue, timeout_s=self._answer_s
+            names.join(platform, "sys/tree/get"), TreeGet(local), TreeValue, timeout_s=self._answer_s
         )
         stamp_ns = self._module.remote_clocks.to_local(names.hardware_id(platform), found.stamp_ns)
         age_s = found.age_s if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
@@ -132,7 +132,7 @@ class OperatorApi:
             raise Denied(f"{path}: asked of {self._module.platform}; expected a request to its own platform")
         self._view.check_platform(platform)
         return await self._module.request(
-            f"/{platform}/sys/tree/{verb}", request, TreeSetDone, timeout_s=self._answer_s
+            names.join(platform, f"sys/tree/{verb}"), request, TreeSetDone, timeout_s=self._answer_s
         )
 
     async def _change_here(

@@ -93,7 +93,7 @@ class TreeExchange:
 
     async def ask_structure(self, action: RequestStructure) -> None:
         """Requests a structure and feeds the core the reply."""
-        path, reply = f"/{action.platform}/sys/tree/structure", None
+        path, reply = names.join(action.platform, "sys/tree/structure"), None
         async with self._at_once:
             self.asked += 1
             try:
@@ -107,7 +107,7 @@ class TreeExchange:
 
     async def ask_subscription(self, action: RequestSubscription) -> None:
         """Requests a subscription and feeds the core the reply."""
-        path, reply = f"/{action.platform}/sys/tree/subscribe", None
+        path, reply = names.join(action.platform, "sys/tree/subscribe"), None
         async with self._at_once:
             self.asked += 1
             try:
@@ -122,7 +122,7 @@ class TreeExchange:
 
     async def send(self, action: SendNotify) -> None:
         """Sends a notification and feeds the core its result."""
-        path = f"/{action.platform}/sys/tree/notify"
+        path = names.join(action.platform, "sys/tree/notify")
         outcome = await self._module.send(path, action.notify, timeout_s=self._answer_s, kind=action.kind)
         now_ns = self._module.now_ns()
         self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 import msgspec
 
 from swarmware.errors import ConfigError, InvalidInput
-from swarmware.model import document
+from swarmware.model import document, paths
 from swarmware.model.misfit import misfit
 from swarmware.model.names import check_application, check_platform, segment
 from swarmware.model.platform_kind import PlatformKind
@@ -89,7 +89,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     @property
     def shm_path(self) -> Path:
         """Directory of this node's shared memory."""
-        return Path(self.shm_dir or f"/dev/shm/swarm-{self.platform}")
+        return Path(self.shm_dir) if self.shm_dir else paths.shared_memory(self.platform)
 
     @property
     def run_path(self) -> Path:
@@ -149,8 +149,8 @@ def load_service(config_dir: Path, name: str, cls: type[T]) -> T:
 
     Raises: ConfigError when the file is invalid.
     """
-    path = config_dir / "services" / f"{name}.toml"
-    other = path.with_name(f"{segment(name)}.toml")
+    path = paths.service_config(config_dir, name)
+    other = paths.service_config(config_dir, segment(name))
     if other != path and other.exists():
         raise ConfigError(
             f"{other}: not the name of a service; expected the settings of {name!r} in {path.name}"

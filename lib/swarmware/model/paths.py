@@ -19,6 +19,11 @@ def applications(run_dir: Path) -> Path:
     return run_dir / "apps"
 
 
+def application_file(name: str, instance: int) -> str:
+    """File name of an instance of an application, in the folder of the application files."""
+    return f"{name}#{instance}.toml"
+
+
 def sockets(run_dir: Path) -> Path:
     """Folder of the sockets of all processes."""
     return run_dir / "p"
@@ -27,6 +32,11 @@ def sockets(run_dir: Path) -> Path:
 def socket(run_dir: Path, doorbell: str) -> Path:
     """Socket of the process with this doorbell."""
     return sockets(run_dir) / f"{doorbell}.sock"
+
+
+def sockets_of(run_dir: Path, pid: int) -> list[Path]:
+    """Sockets of the process with this pid, which may have ended."""
+    return list(sockets(run_dir).glob(f"{pid}-*.sock"))
 
 
 def doorbells(run_dir: Path) -> Path:
@@ -49,6 +59,21 @@ def master_watchers(shm_dir: Path) -> Path:
     return shm_dir / "master.readers"
 
 
+def shared_memory(platform: str) -> Path:
+    """Folder of a platform's shared memory, unless it is configured."""
+    return Path(f"/dev/shm/swarm-{platform}")
+
+
+def service_config(config_dir: Path, name: str) -> Path:
+    """Configuration file of a service."""
+    return config_dir / "services" / f"{name}.toml"
+
+
+def world(share_dir: Path, name: str) -> Path:
+    """File of a simulated world."""
+    return share_dir / "worlds" / f"{name}.toml"
+
+
 def log(data_dir: Path) -> Path:
     """Folder of the local log."""
     return data_dir / "log"
@@ -57,6 +82,16 @@ def log(data_dir: Path) -> Path:
 def status(application: str) -> str:
     """Resource path at which a service reports its state and its heartbeat."""
     return f"app/{segment(application)}/status"
+
+
+def setting(key: str) -> str:
+    """Resource path of a live setting: of `navigator/speed_m_s`."""
+    return f"config/{key}"
+
+
+def simulated_sensor(device: str) -> str:
+    """Resource path at which the simulation writes the measurements of a sensor."""
+    return f"sim/sensors/{device}"
 
 
 def checks(application: str, instance: int) -> str:

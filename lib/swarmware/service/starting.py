@@ -135,7 +135,7 @@ def _joined(name: str, run_dir: PathLike[str] | str) -> bool:
         fd = os.open(
             os.path.join(run_dir, "apps", f"{name}#1.toml"), os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
         )
-    except OSError:
+    except OSError:  # it has no file: it has not joined, or has left
         return False
     try:
         return held_by_other(fd)

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from swarmware.model import paths
 from swarmware.model.config import NodeConfig, convert
 from swarmware.node.node import Node
 
@@ -36,7 +37,7 @@ def make_node(
     (config_dir / "node.toml").write_text(tomli_w.dumps(raw), "utf-8")
     for name, given in (services or {}).items():
         builtins = msgspec.to_builtins(given)
-        (config_dir / "services" / f"{name}.toml").write_text(tomli_w.dumps(builtins), "utf-8")
+        paths.service_config(config_dir, name).write_text(tomli_w.dumps(builtins), "utf-8")
     return config_dir
 
 

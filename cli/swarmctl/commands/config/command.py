@@ -5,6 +5,7 @@ import click
 from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.settings import settings
+from swarmware.model import paths
 
 
 @click.group(cls=Group)
@@ -58,7 +59,7 @@ def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
     from swarmctl.resources.access import set_resource
     from swarmctl.session.session import run
 
-    run(settings(ctx), set_resource, f"config/{key}", value, version=None, yes=yes)
+    run(settings(ctx), set_resource, paths.setting(key), value, version=None, yes=yes)
 
 
 @cmd.command()

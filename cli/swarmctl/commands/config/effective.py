@@ -10,7 +10,7 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.session.session import local_config_dir
 from swarmctl.terminal.output import Column, Output
 from swarmware.errors import NotFound
-from swarmware.model import document
+from swarmware.model import document, paths
 from swarmware.model.config import NodeConfig, load_node, load_service
 from swarmware.recorder.address import without_password
 from swarmware.service.installed import find, installed
@@ -47,7 +47,7 @@ def effective(folder: Path, service: str) -> list[EffectiveSetting]:
         out += _keys("node", folder / "node.toml", load_node(folder), NodeConfig())
     for name in load_node(folder).services if not service else [service] if service != "node" else []:
         cls = find(name).Config
-        out += _keys(name, folder / "services" / f"{name}.toml", load_service(folder, name, cls), cls())
+        out += _keys(name, paths.service_config(folder, name), load_service(folder, name, cls), cls())
     return out
 
 

@@ -11,6 +11,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column
 from swarmware.errors import NotFound
+from swarmware.model import paths
 
 
 class LiveSetting(msgspec.Struct, frozen=True):
@@ -46,7 +47,7 @@ async def print_settings(session: Session, key: str) -> None:
     """
     await session.reach(session.platform)
     try:
-        entries = await valued(session, f"config/{key}")
+        entries = await valued(session, paths.setting(key))
     except NotFound as error:
         if is_pattern(key):
             raise NotFound(f"{session.platform}: no live setting matches {key!r}") from error
@@ -75,7 +76,7 @@ async def undo_setting(session: Session, key: str, *, yes: bool) -> None:
 
     Raises: NotFound when it was not changed; as `confirm`.
     """
-    path = session.path(f"config/{key}")
+    path = session.path(paths.setting(key))
     if not yes and (will := await consequence(session, path)):
         confirm(yes, f"undo the last change of {path}: {will}")
     before = await read(session, path, fresh=True)

@@ -129,7 +129,7 @@ def _remove_ipc(uid: int) -> CheckResult:
     for path in [Path("/etc/systemd/logind.conf"), *Path("/etc/systemd/logind.conf.d").glob("*.conf")]:
         try:
             text += path.read_text() + "\n"
-        except OSError:
+        except OSError:  # no such file: logind's default applies
             continue
     off = any(line.strip().lower() == "removeipc=no" for line in text.splitlines())
     managed = Path("/run/systemd/seats").exists()
@@ -265,10 +265,12 @@ def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:
         try:
             config = load_service(folder, name, find(name).Config)
         except SwarmError as error:
-            yield CheckResult(f"{name}.toml", "error", str(error), "correct the file")
+            yield CheckResult(
+                paths.service_config(folder, name).name, "error", str(error), "correct the file"
+            )
             continue
         if uri := getattr(config, "mongodb_uri", ""):
-            yield _database(folder / "services" / f"{name}.toml", uri)
+            yield _database(paths.service_config(folder, name), uri)
 
 
 def _database(path: Path, uri: str) -> CheckResult:

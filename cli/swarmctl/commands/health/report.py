@@ -77,7 +77,7 @@ def _row(platform: str, state: HealthState | None) -> tuple[Cell, ...]:
 async def show_checks(session: Session, platform: str) -> None:
     """Prints each check of a platform and its newest result; empty: the platform that `-n` names."""
     target = names.check_platform(platform or session.platform)
-    report = await session.ask(f"/{target}/sys/health/state", Empty(), HealthReport)
+    report = await session.ask(names.join(target, "sys/health/state"), Empty(), HealthReport)
     if session.settings.structured:
         session.out.document(report)
         return

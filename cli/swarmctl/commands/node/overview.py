@@ -134,7 +134,7 @@ async def list_nodes(session: Session) -> None:
 async def show_node(session: Session, platform: str) -> None:
     """Prints the identity of one node; empty: the platform that `-n` names."""
     target = names.check_platform(platform or session.platform)
-    found = await session.ask(f"/{target}/sys/node/info", Empty(), NodeInfo)
+    found = await session.ask(names.join(target, "sys/node/info"), Empty(), NodeInfo)
     if session.settings.structured:
         session.out.document(found)
         return

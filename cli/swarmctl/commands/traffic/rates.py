@@ -100,10 +100,10 @@ async def set_limit(session: Session, pattern: str, max_hz: float | None, durati
     platform, local = names.split(pattern)
     request = SetChannel(Pattern(local).text, max_hz, duration_s)
     target = names.check_platform(platform or session.platform)
-    limits = await session.ask(f"/{target}/sys/broker/set_channel", request, ChannelLimits)
+    limits = await session.ask(names.join(target, "sys/broker/set_channel"), request, ChannelLimits)
     for path in limits.unlimited:
         session.out.warn(f"/{target}/{path}: not limited, because each of its items is delivered")
-    traffic = await session.ask(f"/{target}/sys/broker/traffic", Empty(), Traffic)
+    traffic = await session.ask(names.join(target, "sys/broker/traffic"), Empty(), Traffic)
     if not any(Pattern(local).matches(one.channel) for one in traffic.channels):
         session.out.warn(f"{target} has not sent a board that matches {local} yet; the limit is in force")
     if session.settings.structured:

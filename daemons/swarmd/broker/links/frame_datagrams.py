@@ -218,7 +218,7 @@ class FrameDatagrams:
 
 def _bound_socket(config: Config, port: int) -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError):  # the number is in use: another one below
         sock.bind((config.bind_address, port))
         return sock
     try:

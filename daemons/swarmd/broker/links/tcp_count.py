@@ -128,7 +128,7 @@ class TcpCount:
 def _socket_inode(fd: int) -> int | None:
     try:
         found = os.fstat(fd)
-    except OSError:
+    except OSError:  # closed meanwhile: not a socket any more
         return None
     return found.st_ino if stat.S_ISSOCK(found.st_mode) else None
 
@@ -139,7 +139,7 @@ def _remote_address(fd: int) -> str | None:
     try:
         sock = socket.socket(fileno=fd)
         peer = sock.getpeername()
-    except OSError:
+    except OSError:  # closed meanwhile, or no connection
         return None
     finally:
         if sock is not None:
@@ -166,7 +166,7 @@ def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
         # its kind given, the kernel is not asked for it; only TCP sockets have TCP_INFO
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=fd)
         info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
-    except OSError:
+    except OSError:  # closed meanwhile, or no TCP
         return None
     finally:
         if sock is not None:

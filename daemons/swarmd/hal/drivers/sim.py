@@ -7,6 +7,7 @@ import msgspec
 from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Driver, Site
+from swarmware.model import paths
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -50,7 +51,7 @@ class SimDevice(Driver, Generic[T]):
         self.name = f"sim.{device}"
         self._period = RestPeriod(rate_hz, rest_hz)
         self.period_s = self._period.period_s
-        self._source = f"sim/sensors/{device}"
+        self._source = paths.simulated_sensor(device)
         self._path = path
         self._cls = cls
         self._rate_hz = rate_hz

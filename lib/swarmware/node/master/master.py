@@ -231,7 +231,7 @@ class Master:
         """Remove its socket and doorbells, so that restarts over months do not fill the folders."""
         if start_ticks(pid):
             return  # the pid belongs to a new process already
-        for path in paths.sockets(self._node.run_dir).glob(f"{pid}-*.sock"):
+        for path in paths.sockets_of(self._node.run_dir, pid):
             path.unlink(missing_ok=True)
         bells = paths.doorbells(self._node.run_dir)
         with suppress(Conflict, FileNotFoundError), folder_lock(bells):

@@ -61,7 +61,7 @@ class AppFile:
 
     def _claim(self, name: str, instance: int | None) -> tuple[int, Path, int]:
         for number in (instance,) if instance is not None else range(1, INSTANCES + 1):
-            path = self._folder / f"{name}#{number}.toml"
+            path = self._folder / paths.application_file(name, number)
             fd = _lock(path)
             if fd is not None:
                 trace.forget(path)

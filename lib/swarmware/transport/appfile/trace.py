@@ -49,7 +49,7 @@ def _left(run_dir: Path, stem: str) -> list[AppEntry]:
         path = paths.applications(run_dir) / f"{stem}{suffix}"
         try:
             fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-        except OSError:
+        except OSError:  # there is none with this suffix, or another user's
             continue
         try:
             # the master may hold it while it moves the file aside

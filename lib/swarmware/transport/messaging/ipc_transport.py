@@ -170,7 +170,7 @@ class IpcConnection:
             data = self._socket.recv(LONG_READ_BYTES if zmtp.missing > READ_BYTES else READ_BYTES)
         except (BlockingIOError, InterruptedError):
             return []
-        except OSError:
+        except OSError:  # the peer has ended: its connection is closed by the caller
             return None
         if not data:
             return None

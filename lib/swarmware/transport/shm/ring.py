@@ -176,7 +176,7 @@ class RingWriter:
         """Status of the file at the path if it is still this one."""
         try:
             found = os.lstat(self._name)
-        except OSError:
+        except OSError:  # removed, or its folder: it is not at its path any more
             return None
         return found if os.path.samestat(found, self._file) else None
 
@@ -304,7 +304,7 @@ class RingReader:
             return True
         try:
             fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-        except OSError:
+        except OSError:  # removed, or not ours to open: no writer keeps it
             return False
         try:
             return os.path.samestat(os.fstat(fd), self._file) and held_by_other(fd)
@@ -315,7 +315,7 @@ class RingReader:
         """Whether the mapped file is still at the path; slower than `moved`, but certain."""
         try:
             return os.path.samestat(self.path.lstat(), self._file)
-        except OSError:
+        except OSError:  # removed, or its folder
             return False
 
     def newest(self) -> bytes | None:

@@ -59,7 +59,7 @@ def absent(path: str) -> bool:
         os.lstat(path)  # no Path object
     except FileNotFoundError:
         return True
-    except OSError:
+    except OSError:  # `open_reading` finds out which and raises
         return False
     return False
 
