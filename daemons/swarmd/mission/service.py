@@ -19,6 +19,7 @@ from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
+from swarmd.mission.member_states import MemberStates
 from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import BlockRunner
@@ -122,6 +123,9 @@ class Mission(Service):
         )
         self._dispatcher = Dispatcher(module, self.config, self._store, self._checker, receipts, self._accept)
         self._others: BoardSet[MissionState] = module.readers("/*/mission/state", MissionState)
+        self._member_states = MemberStates(
+            self._others, module.clock, lambda: self._core.phase in INACTIVE, self._take_states
+        )
         self._census = Census(module.platform, round(self.config.lost_after_s * 1e9), self._roster())
         self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
         self._traffic: BoardReader[Traffic] = module.reader("net/traffic", Traffic)
@@ -134,7 +138,7 @@ class Mission(Service):
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="mission:driver")
-                group.create_task(self._listen(), name="mission:others")
+                group.create_task(self._member_states.run(), name="mission:others")
                 group.create_task(self._take_aborts(), name="mission:aborts")
                 group.create_task(self._watch_links(), name="mission:links")
                 group.create_task(self._prepare(), name="mission:store")
@@ -215,6 +219,7 @@ class Mission(Service):
     def _taken(self, epoch: int) -> None:
         """Evaluates states of this run that other members published before this platform accepted its
         order."""
+        self._member_states.take_news()
         if platforms := self._census.in_run(epoch):
             self._take_states(platforms)
 
@@ -280,10 +285,6 @@ class Mission(Service):
                 self._driver.feed(self._core.on_abort(order.reason, order.then, now_ns))
             except Conflict as error:
                 log.warning("abort refused: %s", error)
-
-    async def _listen(self) -> None:
-        while True:
-            self._take_states(await self._others.changed())
 
     def _take_states(self, platforms: Iterable[str]) -> None:
         """Passes the newest states of these platforms to the core."""
@@ -366,6 +367,8 @@ class Mission(Service):
             case ProgressStep():
                 self._record.add(self._progress(action))
             case Announce(state):
+                if state.state not in INACTIVE:
+                    self._member_states.on_mission()
                 self._state.write(msgspec.structs.replace(state, kind=self._kind))
 
     def _progress(self, step: ProgressStep) -> MissionProgress:
@@ -376,9 +379,11 @@ class Mission(Service):
         return msgspec.structs.replace(self._core.state(), kind=self._kind)
 
     def _present(self) -> dict[str, MissionState]:
+        self._member_states.take_news()
         return self._census.present(self.module.now_ns())
 
     def _absent(self) -> list[LeftOut]:
+        self._member_states.take_news()
         return self._census.absent(self.module.now_ns())
 
     def _roster(self) -> frozenset[str]:

@@ -82,7 +82,7 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
         return any(reader.position != given.get(platform, -1) for platform, reader in self._readers.items())
 
     async def changed(self, timeout_s: float | None = None) -> tuple[str, ...]:
-        """Platforms with a value that this method has not reported yet; waits for the first.
+        """Platforms with a value that was not reported yet, see `news`; waits for the first.
 
         Raises: NoAnswer when there is none within the time-out.
         """
@@ -91,21 +91,28 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
             self._listening = True
             self._node.listen(paths.mirrors_watchers(self._node.shm_dir))
             self._node.watch(self)
+            for platform in self._given:
+                self._readers[platform].ring_only()
         while True:
-            fresh = []
-            self._refresh()
-            for platform, reader in self._readers.items():
-                if platform not in self._given:
-                    self._given[platform] = -1
-                    reader.ring_only()
-                if (at := reader.position) != self._given[platform]:
-                    self._given[platform] = at  # what is written from here on is a change
-                    if reader.value is not None:
-                        fresh.append(platform)
-            if fresh:
-                return tuple(fresh)
+            if fresh := self.news():
+                return fresh
             if not await self._wakeup.until(deadline):
                 raise NoAnswer(f"boards {self.pattern}: no new value within {timeout_s} s")
+
+    def news(self) -> tuple[str, ...]:
+        """Platforms with a value that neither this method nor `changed` has reported yet."""
+        fresh = []
+        self._refresh()
+        for platform, reader in self._readers.items():
+            if platform not in self._given:
+                self._given[platform] = -1
+                if self._listening:
+                    reader.ring_only()
+            if (at := reader.position) != self._given[platform]:
+                self._given[platform] = at  # what is written from here on is a change
+                if reader.value is not None:
+                    fresh.append(platform)
+        return tuple(fresh)
 
     def close(self) -> None:
         """Stop reading and close all rings."""

@@ -130,3 +130,20 @@ async def test_a_platform_that_left_and_came_back_with_one_value_is_news(tmp_pat
         assert await heights.changed(1.0) == ("uav7",)
         assert heights["uav7"].value == Float(2.0)
         again.close()
+
+
+async def test_news_are_taken_without_waiting_and_who_waits_afterwards_is_woken_by_the_same_boards(
+    tmp_path: Path,
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        heights = m.readers(f"/*/{PATH}", Float)
+        assert heights.news() == ()
+        mirror = node.mirror_writer("uav7", PATH)
+        publish(mirror, "uav7", 4.0)
+        assert heights.news() == ("uav7",)
+        assert heights.news() == ()
+        task = await waiting(heights)
+        publish(mirror, "uav7", 5.0)
+        assert await task == ("uav7",)
+        assert heights.news() == ()
+        mirror.close()
