@@ -16,7 +16,7 @@ others come at eight instants a second."""
 
 
 class MemberStates:
-    """Passes changed states of other platforms on; whoever decides by them calls `take_news` before."""
+    """Passes changed states of other platforms on; a caller that decides by them calls `take_news` first."""
 
     def __init__(
         self,

@@ -68,7 +68,7 @@ async def rig(tmp_path: Path) -> AsyncIterator[Rig]:
 
 
 async def bells() -> None:
-    """Whoever is woken by what was written runs."""
+    """Run the tasks that were woken by what was written."""
     for _ in range(10):
         await asyncio.sleep(0.001)
 
