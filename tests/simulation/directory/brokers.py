@@ -2,16 +2,18 @@
 
 import struct
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Final
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action, PollInputs, SendBeacon, WriteMirrors
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Header, PlatformCode
+from swarmd.broker.core.action import Action, PollInputs, PublishTables, SendBeacon, WriteMirrors
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
 from swarmd.broker.core.beacon_protocol import NodeIdentity
-from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
-from swarmd.broker.core.topology.link import LinkChanged
+from swarmd.broker.core.topology.link import LinkChanged, LinkState
+from swarmd.broker.core.boards.relay_cache import RemoteValue
+from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.runtime.driver import CoreDriver
@@ -21,7 +23,35 @@ from swarmware.types.net import BoardSubscription
 SEAL_BYTES: Final = 16
 _SESSION: Final = struct.Struct("<Q")
 """Stands for what the seal proves: the session of the sender."""
-ADDRESS: Final = ("10.0.0.1", 1)
+SENDER_ADDRESS: Final = ("10.0.0.1", 1)
+OVERHEAD: Final = SEAL_BYTES + IP_UDP_BYTES
+"""What a datagram has beside header and body."""
+
+
+@lru_cache(maxsize=1024)
+def beacon_of(data: bytes) -> Beacon:
+    """Decodes the body of a datagram, once for all its receivers."""
+    _, start = codec.decode_header(data[_SESSION.size :])
+    return codec.decode(data[_SESSION.size + start :])
+
+
+def datagram(session: int, header: Header, beacon: Beacon) -> bytes:
+    """Encodes a datagram as on the wire; instead of the seal, its session is in front."""
+    body = codec.encode(beacon)
+    assert len(body) <= BODY_LIMIT
+    return _SESSION.pack(session) + codec.encode_header(header) + body
+
+
+def wire_bytes(data: bytes) -> int:
+    """Length of a datagram in the air, with seal, UDP and IP."""
+    return len(data) - _SESSION.size + OVERHEAD
+
+
+def header_of(data: bytes) -> Header:
+    """Decodes the header of a datagram, which then names its session."""
+    header, _ = codec.decode_header(data[_SESSION.size :])
+    [header.session] = _SESSION.unpack_from(data)
+    return header
 
 
 class BrokerNode:
@@ -35,10 +65,13 @@ class BrokerNode:
         *,
         config: Config | None = None,
         session: int = 1,
+        former: FormerState = FormerState(),  # noqa: B008  # frozen
         write_boards: Callable[["BrokerNode", int], None] = lambda node, now_ns: None,
         on_value: Callable[["BrokerNode", BoardSubscription, RemoteValue], None] = lambda *_: None,
+        on_tables: Callable[["BrokerNode"], None] = lambda _: None,
     ) -> None:
-        """`write_boards`: puts the values of the own boards before a beacon."""
+        """`write_boards`: puts the values of the own boards before a beacon; `on_tables`: the tables of
+        neighbours and routes are due for publication, at once after a change."""
         self.air = air
         self.name = name
         self.hw = hardware_id(name)
@@ -48,17 +81,25 @@ class BrokerNode:
             config or Config(),
             session,
             connections=False,
-            former=FormerState(),
+            former=former,
             now_ns=clock.now_ns(),
             chance=air.random.random,
         )
         self.actions: list[Action] = []
-        """All but the requests for inputs, for beacons, and values of boards."""
+        """All but the requests for inputs, beacons and tables, and the values of boards."""
         self.links: list[LinkChanged] = []
-        self.sent: list[int] = []
-        """Size of each beacon, with header and seal."""
+        self.link_states: dict[int, LinkState] = {}
+        self.declared_period_ns = former.declared_period_ns
+        """What the daemon stores for its next start."""
+        self.sent = 0
+        """Number of beacons."""
+        self.sent_bytes = 0
+        """Bytes of all beacons, with seal, UDP and IP."""
+        self.topology_bytes = 0
+        """Bytes of their sections about links and routes."""
         self._write_boards = write_boards
         self._on_value = on_value
+        self._on_tables = on_tables
         self.driver: CoreDriver[Action] = air.drive(self.core, self._perform, clock=clock)
         air.join(name, self.receive)
         self.driver.feed()
@@ -75,31 +116,37 @@ class BrokerNode:
             case WriteMirrors(values):
                 for want, value in values:
                     self._on_value(self, want, value)
-            case LinkChanged():
+            case LinkChanged(hw, _, state):
                 self.links.append(action)
+                self.link_states[hw] = state
+            case PublishTables():
+                self._on_tables(self)
             case _:
                 self.actions.append(action)
 
     def _send(self, now_ns: int) -> None:
         outgoing = self.core.compose(now_ns)
-        body = codec.encode(outgoing.beacon)
-        assert len(body) <= BODY_LIMIT
+        self.declared_period_ns = outgoing.declared_period_ns or self.declared_period_ns
         session = self.core.session if outgoing.with_session else None
-        header = codec.encode_header(
-            Header(0, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
+        header = Header(0, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
+        data = datagram(self.core.session, header, outgoing.beacon)
+        size = wire_bytes(data)
+        self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, now_ns)
+        self.sent += 1
+        self.sent_bytes += size
+        beacon = outgoing.beacon
+        self.topology_bytes += (
+            len(beacon.echoes) * codec.ECHO_BYTES
+            + len(beacon.rows) * codec.ROW_BYTES
+            + len(beacon.requests) * codec.REQUEST_BYTES
         )
-        size = len(header) + len(body) + SEAL_BYTES
-        self.core.on_sent(outgoing.sequence, size, now_ns)
-        self.sent.append(size)
-        self.air.multicast(self.name, _SESSION.pack(self.core.session) + header + body)
+        self.air.multicast(self.name, data)
 
     def receive(self, _sender: str, data: bytes) -> None:
         """Takes a datagram from the air."""
-        header, start = codec.decode_header(data[_SESSION.size :])
-        [header.session] = _SESSION.unpack_from(data)
-        beacon = codec.decode(data[_SESSION.size + start :])
+        size = wire_bytes(data) - IP_UDP_BYTES
         _, actions = self.core.on_datagram(
-            header, beacon, ADDRESS, True, len(data) - _SESSION.size + SEAL_BYTES, self.clock.now_ns()
+            header_of(data), beacon_of(data), SENDER_ADDRESS, True, size, self.clock.now_ns()
         )
         self.driver.feed(actions)
 
