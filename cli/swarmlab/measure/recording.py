@@ -10,7 +10,6 @@ import numpy as np
 from swarmlab.measure.clocks import ClockTruth
 from swarmlab.measure.tracks import VehicleTrack
 from swarmware.errors import WireError
-from swarmware.model import names
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.types import registry
 from swarmware.types.vehicle import Pose
@@ -75,10 +74,6 @@ class Recording:
                 value = LoggedValue(t_s, entry.stamp_ns, entry.payload)
                 self._values.setdefault((platform, entry.path), []).append(value)
         self.missing += sum(max(0, q.last - q.first + 1 - q.entries) for q in queues.values())
-
-    def platforms(self, path: str) -> list[str]:
-        """Platforms that logged this path, in natural order."""
-        return sorted((p for p, known in self._values if known == path), key=names.natural)
 
     def values(self, platform: str, path: str, cls: type[T]) -> list[tuple[float, T]]:
         """Values in the order of their stamps; one that does not decode is skipped."""

@@ -153,15 +153,6 @@ def collisions(contacts: Iterable[Contact]) -> int:
     return count
 
 
-def slots(leader_xyz_m: Floats, leader_yaw_rad: Floats, offset_m: tuple[float, float, float]) -> Floats:
-    """Where a follower should be: its offset (forward, left, up) seen from the leader. Shapes: (T, 3)."""
-    forward, left, up = offset_m
-    cos, sin = np.cos(leader_yaw_rad), np.sin(leader_yaw_rad)
-    steps = np.stack([cos * forward - sin * left, sin * forward + cos * left, np.full(len(cos), up)], axis=1)
-    result: Floats = leader_xyz_m + steps
-    return result
-
-
 def within(times_s: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_]:
     """Whether each instant lies in any of the spans, ends included. Shapes: (T,) → (T,)."""
     inside = np.zeros(len(times_s), dtype=np.bool_)

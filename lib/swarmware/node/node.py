@@ -43,11 +43,6 @@ log = logging.getLogger("swarm.node")
 class Services(Protocol):
     """The services that run in this process."""
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the services that this process runs."""
-        ...
-
     def restart(self, name: str) -> None:
         """Restart one of the services.
 

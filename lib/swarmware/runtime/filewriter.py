@@ -16,9 +16,7 @@ def replace_file(path: Path, data: bytes, *, mode: int = 0o640, durable: bool = 
     """
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        descriptor = os.open(
-            fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW, mode
-        )
+        descriptor = os.open(fresh, _FLAGS, mode)
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()

@@ -40,7 +40,7 @@ async def another_epoch(module: Module, epoch: int) -> None:
 
 
 def is_master(module: Module) -> bool:
-    return module.node.master.holding
+    return module.node.master.holder.pid == os.getpid()
 
 
 def names(table: ApplicationTable) -> set[str]:
@@ -89,7 +89,7 @@ async def test_a_killed_master_is_replaced_and_gets_the_role_back_when_it_return
 async def test_the_files_of_the_dead_are_set_aside_by_whoever_is_master(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
     async with Module("probe", config_dir=config) as module:
-        assert module.node.master.holding
+        assert module.node.master.holder.pid == os.getpid()
         async with spawn(config, "timesync") as process:
             await table_where(module, lambda table: names(table) == {"probe", "timesync"})
             process.signal(signal.SIGKILL)

@@ -86,7 +86,7 @@ class BrokerNode:
             chance=air.random.random,
         )
         self.actions: list[Action] = []
-        """All but the requests for inputs, beacons and tables, and the values of boards."""
+        """All but the requests for inputs and beacons, and the values of boards."""
         self.links: list[LinkChanged] = []
         self.link_states: dict[int, LinkState] = {}
         self.declared_period_ns = former.declared_period_ns
@@ -120,6 +120,7 @@ class BrokerNode:
                 self.links.append(action)
                 self.link_states[hw] = state
             case PublishTables():
+                self.actions.append(action)
                 self._on_tables(self)
             case _:
                 self.actions.append(action)

@@ -22,7 +22,7 @@ CHURN_S: Final = (0.5, 1.25)
 """Virtual time in which nodes move and crash; the last ones start again a second later."""
 SETTLED_S: Final = 8.0
 """By then the routes must be back."""
-SEEDS: Final = 50
+SEEDS: Final = 40
 NODES: Final = 100
 
 

@@ -64,7 +64,7 @@ class Platform:
 
     @property
     def sent(self) -> int:
-        return len(self.broker.sent)
+        return self.broker.sent
 
     def on_value(self, _node: BrokerNode, want: BoardSubscription, value: RemoteValue) -> None:
         if want.data_id == POSE.data_id:

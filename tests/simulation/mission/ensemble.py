@@ -217,7 +217,7 @@ class Ensemble:
             )
             for m in state.meetings
         )
-        self._after(node, node.core.on_state(sender.name, state, meetings, node.now(self.now_ns)))
+        self._after(node, node.core.on_states([(sender.name, state, meetings)], node.now(self.now_ns)))
 
     def _begin(self, node: Node, token: int, block: Block) -> None:
         landing = block.type in {"Land", "Hold"}

@@ -1,4 +1,4 @@
-"""Trees of moving swarms converge, no subscription is lost: real cores, virtual time, 200 seeds.
+"""Trees of moving swarms converge, no subscription is lost: real cores, virtual time, 120 seeds.
 
 Messages get lost, their acknowledgements get lost, some arrive when they were given up; nodes drive apart
 and meet again, crash, come back; tree services and modules come and go. When the radios stand still, every
@@ -9,7 +9,7 @@ the next ones, each event once and in order.
 import pytest
 from tests.simulation.tree.swarm import Swarm, Weather
 
-SEEDS = 200
+SEEDS = 120
 AT_ONCE = 5
 HEALED_S = 9.0
 """A request that was lost twice is repeated after 4 s, and that one may be lost, too."""

@@ -28,6 +28,11 @@ POSE: Final = data_id("nav/pose", "Pose")
 OFFER: Final = BoardPublication("nav/pose", POSE, "Pose")
 
 
+def is_up(node: "Node", other: "Node") -> bool:
+    neighbour = node.protocol.topology.neighbours.get(other.hw)
+    return neighbour is not None and neighbour.state is LinkState.UP
+
+
 class Node:
     """A beacon protocol whose datagrams go straight to another one."""
 
@@ -121,9 +126,9 @@ def test_three_datagrams_bring_two_nodes_together(one: Node, other: Node) -> Non
     one.transmit(0, other)
     other.transmit(10 * MS, one)
     one.transmit(60 * MS, other)
-    assert one.protocol.is_up(other.hw)
-    assert other.protocol.is_up(one.hw)
-    assert one.protocol.next_hop(other.hw) == other.hw
+    assert is_up(one, other)
+    assert is_up(other, one)
+    assert one.protocol.topology.routing.next_hop(other.hw) == other.hw
 
 
 def test_who_has_another_name_than_its_number_is_refused(one: Node, other: Node) -> None:
@@ -172,7 +177,7 @@ def test_an_idle_node_sends_beacons_faster_while_links_come_and_go(one: Node, ot
         one.protocol.advance(slot * PERIOD)
     assert one.protocol.beacon_hz() == 2.0
     one.protocol.advance(10 * SECOND)
-    assert not one.protocol.is_up(other.hw)
+    assert not is_up(one, other)
     assert one.protocol.beacon_hz() == 5.0
 
 
@@ -332,7 +337,7 @@ def test_names_and_trees_go_over_the_next_hop(one: Node, other: Node) -> None:
     member = far.protocol.nodes.get(one.hw)
     assert member is not None
     assert (member.platform, member.tree_version) == ("uav1", 5)
-    assert far.protocol.next_hop(one.hw) == other.hw
+    assert far.protocol.topology.routing.next_hop(one.hw) == other.hw
 
 
 def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None:
@@ -371,9 +376,9 @@ def test_a_restarted_neighbour_is_met_anew(one: Node, other: Node) -> None:
     [received] = again.transmit(400 * MS, one)
     assert received.first_hello
     assert [change.after for change in received.links] == [LinkState.HEARD]
-    assert one.protocol.next_hop(other.hw) == 0
+    assert one.protocol.topology.routing.next_hop(other.hw) == 0
     meet(one, again, now_ns=500 * MS)
-    assert one.protocol.next_hop(other.hw) == other.hw
+    assert one.protocol.topology.routing.next_hop(other.hw) == other.hw
 
 
 def test_a_body_stays_within_its_limit_however_much_there_is_to_say(one: Node, other: Node) -> None:

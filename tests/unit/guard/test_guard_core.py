@@ -297,12 +297,12 @@ def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) 
             case "timer":
                 carry_out(core.on_heartbeats_read(now_ns))
             case "join":
-                core.on_joined("tree", core.pid("tree") or 99, now_ns)
+                core.on_joined("tree", pids["tree"], now_ns)
             case _:
                 carry_out(core.on_restart_order("tree", now_ns))
     core.on_stop(now_ns)
     if not core.stopped:
-        core.on_exit("tree", core.pid("tree"), ExitStatus(code=0), now_ns)
+        core.on_exit("tree", pids["tree"], ExitStatus(code=0), now_ns)
     assert core.stopped
     assert core.deadline_ns() is None
 

@@ -36,7 +36,6 @@ def test_stamps_of_a_wrong_clock_become_true_time(tmp_path: Path) -> None:
     values = recording.values("a", TRUTH, Pose)
     assert [t_s for t_s, _ in values] == pytest.approx([0.1, 0.2, 0.3], abs=1e-8)
     assert [pose.x_m for _, pose in values] == [0.1, 0.2, 0.3]
-    assert recording.platforms(TRUTH) == ["a"]
 
 
 def test_entries_are_counted_and_so_are_holes(tmp_path: Path) -> None:

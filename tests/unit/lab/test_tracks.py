@@ -92,20 +92,6 @@ def test_both_sides_reporting_the_same_touch_is_one_collision() -> None:
     assert tracks.collisions([]) == 0
 
 
-def test_a_slot_turns_with_the_leader() -> None:
-    leader = np.array([[0.0, 0, 0], [0, 0, 0]])
-    got = tracks.slots(leader, np.array([0.0, math.pi / 2]), (-2.0, 1.0, 5.0))
-    assert np.allclose(got, np.array([[-2.0, 1, 5], [-1, -2, 5]]))
-
-
-def test_a_follower_beside_its_slot_has_that_error() -> None:
-    leader, follower = line("l", (0, 0, 0), (1, 0, 0)), line("f", (-3.0, 0.4, 0), (1, 0, 0))
-    times = tracks.axis(0, 10)
-    slot = tracks.slots(tracks.resample(leader, times), tracks.resample_yaw(leader, times), (-3, 0, 0))
-    error = np.linalg.norm(tracks.resample(follower, times) - slot, axis=1)
-    assert np.allclose(error, 0.4)
-
-
 def test_only_instants_inside_the_spans_count() -> None:
     times = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     assert tracks.within(times, [(1.0, 2.0), (4.0, 9.0)]).tolist() == [False, True, True, False, True]

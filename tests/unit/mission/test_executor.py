@@ -109,9 +109,8 @@ def test_nobody_begins_before_all_have_accepted() -> None:
     m = Member1()
     assert m.order(members=(A, B)) == ["state:ready"]
     assert m.core.state().arrivals[0].barrier == "@start"
-    assert m.core.missing(0) == ("b",)
     ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
-    m.core.on_state("b", ready, (), S)
+    m.core.on_states([("b", ready, ())], S)
     deadline = until(m.core, S + S // 4)
     assert words(m.core.on_timer(deadline)) == ["state:running", "start a 1"]
 
@@ -129,7 +128,9 @@ def test_nobody_begins_when_one_does_not_answer() -> None:
 def test_nobody_begins_when_one_has_aborted() -> None:
     m = Member1()
     m.order(members=(A, B))
-    assert words(m.core.on_state("b", MissionState(7, "", MissionPhase.ABORTED), (), S)) == ["state:idle"]
+    assert words(m.core.on_states([("b", MissionState(7, "", MissionPhase.ABORTED), ())], S)) == [
+        "state:idle"
+    ]
 
 
 def test_a_second_mission_is_refused_while_one_runs() -> None:
@@ -210,10 +211,10 @@ def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
     m = Member1("gcs")
     m.order(text, members=(A, B))
     ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
-    m.core.on_state("b", ready, (), 0)
+    m.core.on_states([("b", ready, ())], 0)
     m.core.on_timer(until(m.core, S // 4))
     assert m.phase == "running"
-    m.core.on_state("b", MissionState(7, "01234567", MissionPhase.FAILED), (), 2 * S)
+    m.core.on_states([("b", MissionState(7, "01234567", MissionPhase.FAILED), ())], 2 * S)
     assert m.phase == "failed"
     assert m.core.state().text == "came to f: m ended with timeout: without b"
 
@@ -253,7 +254,7 @@ def test_a_mission_that_fails_when_it_comes_to_a_barrier_waits_there_no_longer()
     m = Member1()
     text = net(s="Start>w", w="Wait>x", x={"type": "Barrier", "id": "x", "quorum": 2, "next": "e"}, e="End")
     m.order(with_requirement(text), members=(A, B))
-    m.core.on_state("b", MissionState(7, "", MissionPhase.READY, (), m.core.state().arrivals), (), 0)
+    m.core.on_states([("b", MissionState(7, "", MissionPhase.READY, (), m.core.state().arrivals), ())], 0)
     m.core.on_timer(S // 4)
     m.values.battery = 0.1
     assert words(m.core.on_timer(S // 4 + S)) == ["state:ending", "state:recovering", "start land 3"]
@@ -285,10 +286,10 @@ def test_a_broken_barrier_is_a_time_out_that_came_early(edges: dict[str, Any], e
         net(s="Start>x", x={"type": "Barrier", "id": "x", "next": "e", **edges}, t=hold, b=hold, e="End"),
         members=(A, B),
     )
-    m.core.on_state("b", MissionState(7, "", MissionPhase.READY, (), m.core.state().arrivals), (), 0)
+    m.core.on_states([("b", MissionState(7, "", MissionPhase.READY, (), m.core.state().arrivals), ())], 0)
     m.core.on_timer(S // 4)
     assert m.core.state().active == ("x",)
-    assert expected in words(m.core.on_state("b", MissionState(7, "", MissionPhase.FAILED), (), S))
+    assert expected in words(m.core.on_states([("b", MissionState(7, "", MissionPhase.FAILED), ())], S))
 
 
 def test_progress_is_what_was_entered_and_what_the_moving_block_says() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.air_controller import AirController, avoid
-from swarmd.navigator.core.target import NOTHING_AROUND, MovingObstacle, Surroundings, Target
+from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.types.vehicle import Pose
 
 CONFIG = Config()
@@ -21,18 +21,18 @@ def target(
 
 def test_towards_the_place_in_the_body_frame() -> None:
     pose = Pose.planar(0.0, 0.0, 8.0, math.pi / 2)
-    setpoint = AirController(CONFIG).steer(pose, target(0.0, 3.0), NOTHING_AROUND, 1_000_000_000)
+    setpoint = AirController(CONFIG).steer(pose, target(0.0, 3.0), Surroundings(), 1_000_000_000)
     assert setpoint.vx_m_s > 1.0
     assert setpoint.vy_m_s == pytest.approx(0.0, abs=1e-9)
 
 
 def test_in_its_place_it_moves_with_it() -> None:
-    setpoint = AirController(CONFIG).steer(HERE, target(0.0, 0.0, 8.0, (1.5, -0.5, 0.0)), NOTHING_AROUND, 1)
+    setpoint = AirController(CONFIG).steer(HERE, target(0.0, 0.0, 8.0, (1.5, -0.5, 0.0)), Surroundings(), 1)
     assert (setpoint.vx_m_s, setpoint.vy_m_s) == pytest.approx((1.5, -0.5))
 
 
 def test_it_is_never_faster_than_its_limit() -> None:
-    setpoint = AirController(CONFIG).steer(HERE, target(100.0, 0.0, 8.0, (4.0, 3.0, 0.0)), NOTHING_AROUND, 1)
+    setpoint = AirController(CONFIG).steer(HERE, target(100.0, 0.0, 8.0, (4.0, 3.0, 0.0)), Surroundings(), 1)
     assert math.hypot(setpoint.vx_m_s, setpoint.vy_m_s) == pytest.approx(CONFIG.air.v_max_m_s)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from swarmd.navigator.config import DwaConfig
 from swarmd.navigator.core.detour import Detour
-from swarmd.navigator.core.target import NOTHING_AROUND, MovingObstacle, Surroundings
+from swarmd.navigator.core.target import MovingObstacle, Surroundings
 from swarmware.types.vehicle import Pose
 
 HERE = Pose.planar(0.0, 0.0)
@@ -24,7 +24,7 @@ def turn(detour: Detour, around: Surroundings, pose: Pose = HERE, reach_m: float
 @pytest.mark.parametrize(
     "around",
     [
-        NOTHING_AROUND,
+        Surroundings(),
         Surroundings(((-2.0, 0.0),)),
         Surroundings(((3.0, 1.0),)),
         Surroundings(((6.0, 0.0),)),
@@ -58,7 +58,7 @@ def test_it_does_not_change_its_mind_for_a_hand_s_breadth() -> None:
     second = turn(detour, Surroundings(((3.0, 0.2),)))
     assert first > 0
     assert second > 0
-    assert turn(detour, NOTHING_AROUND) == pytest.approx(0.0)
+    assert turn(detour, Surroundings()) == pytest.approx(0.0)
     assert turn(detour, Surroundings(((3.0, 0.2),))) < 0
 
 

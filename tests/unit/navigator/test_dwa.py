@@ -11,7 +11,7 @@ from tests.unit.navigator.dwa_arrays import ArrayPlanner
 
 from swarmd.navigator.config import DwaConfig
 from swarmd.navigator.core.dwa import Planner, objective, safe_speed, window
-from swarmd.navigator.core.target import NOTHING_AROUND, MovingObstacle, Surroundings
+from swarmd.navigator.core.target import MovingObstacle, Surroundings
 from swarmware.types.vehicle import Pose
 
 LIMITS = DwaConfig()
@@ -71,7 +71,7 @@ def moving(v: float, w: float = 0.0) -> Pose:
 
 
 def test_a_free_way_is_driven_straight_at_the_wanted_speed() -> None:
-    choice = Planner(LIMITS).plan(moving(1.0), 1.0, AHEAD, 1.2, NOTHING_AROUND)
+    choice = Planner(LIMITS).plan(moving(1.0), 1.0, AHEAD, 1.2, Surroundings())
     assert choice.v_m_s == pytest.approx(1.2)
     assert choice.w_rad_s == pytest.approx(0.0)
     assert choice.free
@@ -79,7 +79,7 @@ def test_a_free_way_is_driven_straight_at_the_wanted_speed() -> None:
 
 @pytest.mark.parametrize(("ahead", "sign"), [((3.0, 3.0), 1), ((3.0, -3.0), -1), ((-3.0, 0.1), 1)])
 def test_it_turns_towards_the_point(ahead: tuple[float, float], sign: int) -> None:
-    choice = Planner(LIMITS).plan(moving(1.0), 1.0, ahead, 1.0, NOTHING_AROUND)
+    choice = Planner(LIMITS).plan(moving(1.0), 1.0, ahead, 1.0, Surroundings())
     assert choice.w_rad_s * sign > 0.2
 
 

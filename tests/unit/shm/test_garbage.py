@@ -38,7 +38,6 @@ def read_everything(path: Path) -> None:
             reader.next,
             reader.next_view,
             reader.owner_alive,
-            reader.in_place,
         ):
             try:
                 call()

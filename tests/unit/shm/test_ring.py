@@ -292,7 +292,6 @@ def test_a_ring_of_another_layout_is_replaced_and_its_sequence_goes_on(tmp_path:
     with RingWriter(path, slots=8, slot_bytes=SMALL) as second:
         assert not second.taken_over
         assert reader.moved
-        assert not reader.in_place()
         assert reader.next() == b"5"
         reader = reader.reopen()
         assert reader.slots == 8
@@ -301,7 +300,6 @@ def test_a_ring_of_another_layout_is_replaced_and_its_sequence_goes_on(tmp_path:
         assert second.write(b"6") == 6
         assert reader.next() == reader.newest() == b"6"
         assert reader.lost == 0
-        assert reader.in_place()
     assert [path.name for path in tmp_path.iterdir()] == ["a.ring"]
     reader.close()
 
@@ -340,13 +338,6 @@ def test_a_ring_made_anew_is_read_from_its_first_frame(tmp_path: Path) -> None:
         assert reader.next() == b"fresh"
         assert reader.lost == 0
     reader.close()
-
-
-def test_a_removed_file_is_noticed_even_when_nobody_said_so(writer: RingWriter, reader: RingReader) -> None:
-    assert reader.in_place()
-    writer.path.unlink()
-    assert not reader.moved
-    assert not reader.in_place()
 
 
 def test_closing_with_unlink_leaves_a_file_of_somebody_else_alone(tmp_path: Path) -> None:

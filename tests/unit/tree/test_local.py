@@ -34,8 +34,6 @@ def test_it_is_the_template_before_anything_runs() -> None:
 def test_an_application_that_provides_what_was_planned_changes_nothing() -> None:
     one = tree()
     assert not one.set_live([Resource(path="nav/pose", type="Pose", rate_hz=20.0, owner="navigator")], 0)
-    assert one.owner("nav/pose") == "navigator"
-    assert one.owner("power/battery") == ""
 
 
 def test_what_no_template_names_is_added_and_goes_lost_then_expired_with_its_owner() -> None:

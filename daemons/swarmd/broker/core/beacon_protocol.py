@@ -403,15 +403,6 @@ class BeaconProtocol:
         self._datagram_bytes += more / (4 if more > 0 else 16)
         self.topology.sent(sequence, tx_ns)
 
-    def next_hop(self, hw: int) -> int:
-        """Next hop to a node; 0: no route."""
-        return self.topology.routing.next_hop(hw)
-
-    def is_up(self, hw: int) -> bool:
-        """Whether the link to a neighbour is bidirectional."""
-        neighbour = self.topology.neighbours.get(hw)
-        return neighbour is not None and neighbour.state is LinkState.UP
-
     def is_direct(self, hw: int, now_ns: int) -> bool:
         """Whether a node certainly sends to us directly: every route over another node has a higher cost.
 

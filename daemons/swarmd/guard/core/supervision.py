@@ -160,10 +160,6 @@ class GuardCore:
     def __contains__(self, name: str) -> bool:
         return name in self._services
 
-    def pid(self, name: str) -> int:
-        """pid of the process of a service; 0: there is none."""
-        return self._services[name].pid
-
     @property
     def stopped(self) -> bool:
         """Whether every service has stopped after `on_stop`."""

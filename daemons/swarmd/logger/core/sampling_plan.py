@@ -50,11 +50,6 @@ class SamplingPlan:
         self._resources: dict[str, LoggedResource] = {}
         self._due_ns: dict[str, int] = {}
 
-    @property
-    def resources(self) -> list[LoggedResource]:
-        """All logged resources, sorted by path."""
-        return [self._resources[path] for path in sorted(self._resources)]
-
     def update(self, resources: Iterable[Resource]) -> tuple[list[LoggedResource], list[str]]:
         """Applies the current resource table; the resources to open (new or changed), the paths to close."""
         wanted = {

@@ -141,10 +141,6 @@ class MissionExecutor:
             mission=self._playing,
         )
 
-    def missing(self, now_ns: int) -> tuple[str, ...]:
-        """Members for whom this one waits at a barrier."""
-        return self._barriers.missing(now_ns) if self._barriers else ()
-
     def on_order(self, run: Run, now_ns: int) -> list[Action]:
         """Accepts a mission, which begins when all members have accepted it.
 
@@ -171,12 +167,6 @@ class MissionExecutor:
         self._text = "ready"
         self._move(PhaseEvent.ORDER, now_ns)
         return self._settle(now_ns)
-
-    def on_state(
-        self, platform: str, state: MissionState, results: tuple[BarrierResult, ...], now_ns: int
-    ) -> list[Action]:
-        """A state of another platform was received; its barrier results are on this platform's clock."""
-        return self.on_states([(platform, state, results)], now_ns)
 
     def on_states(
         self, states: Iterable[tuple[str, MissionState, tuple[BarrierResult, ...]]], now_ns: int

@@ -307,11 +307,6 @@ class Estimator:
         """Factor on the variance of a measurement with correlated errors (first-order Gauss-Markov)."""
         return max(1.0, 2 * self._config.gnss_correlation_s / max(span_s, 1e-3))
 
-    @property
-    def sigma_m(self) -> float:
-        """Standard deviation of the horizontal position; infinite before the first fix."""
-        return math.inf if self._axes is None else math.sqrt(max(self._axes[0].pp, self._axes[1].pp))
-
     def since_s(self, stamp_ns: int) -> float:
         """Time from a stamp to the instant of the last `predict`."""
         return min(max((self._now_ns - stamp_ns) / 1e9, 0.0), _PREDICTION_MAX_S)

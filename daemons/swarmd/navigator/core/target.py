@@ -47,6 +47,3 @@ class Surroundings(msgspec.Struct, frozen=True):
     points_m: tuple[tuple[float, float], ...] = ()
     """Echoes of the scanner in map coordinates."""
     neighbours: tuple[MovingObstacle, ...] = ()
-
-
-NOTHING_AROUND = Surroundings()

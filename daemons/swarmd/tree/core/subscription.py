@@ -1,6 +1,6 @@
 """Subscriptions of this platform's applications at other platforms, as sets of local patterns."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
@@ -98,7 +98,3 @@ class LocalSubscriptions:
         found |= frozenset(kept)
         slow = tuple(Rule(path, min_interval_s=KEEP_S) for path in kept)
         return make_subscription(found, (*self._rules, *slow) if found else ())
-
-    def texts(self) -> Mapping[str, frozenset[str]]:
-        """Platform pattern → local patterns."""
-        return self._by_platform

@@ -22,19 +22,9 @@ class Timers(Generic[Key]):
             self._count += 1  # keys need not have an order
             heapq.heappush(self._heap, (when_ns, self._count, key))
 
-    def sooner(self, key: Key, when_ns: int) -> None:
-        """Set the key's deadline unless it has an earlier one."""
-        due = self._due.get(key)
-        if due is None or when_ns < due:
-            self.set(key, when_ns)
-
     def drop(self, key: Key) -> None:
         """Remove the key's deadline."""
         self._due.pop(key, None)
-
-    def due_ns(self, key: Key) -> int | None:
-        """The deadline of this key."""
-        return self._due.get(key)
 
     def next_ns(self) -> int | None:
         """The earliest deadline of all keys."""

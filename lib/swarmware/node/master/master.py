@@ -107,11 +107,6 @@ class Master:
             self._role.start()
 
     @property
-    def holding(self) -> bool:
-        """Whether this process is the master."""
-        return self._role is not None and self._role.holding
-
-    @property
     def holder(self) -> Holder:
         """The process that is the master."""
         return NOBODY if self._role is None else self._role.holder

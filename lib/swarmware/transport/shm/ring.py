@@ -311,13 +311,6 @@ class RingReader:
         finally:
             os.close(fd)
 
-    def in_place(self) -> bool:
-        """Whether the mapped file is still at the path; slower than `moved`, but certain."""
-        try:
-            return os.path.samestat(self.path.lstat(), self._file)
-        except OSError:  # removed, or its folder
-            return False
-
     def newest(self) -> bytes | None:
         """A copy of the newest frame; None before the first."""
         return self._latest(self._copy)

@@ -45,11 +45,6 @@ def allowed_hz(neighbours: int, datagram_bytes: float) -> float:
     return max(AIRTIME / ((neighbours + 1) * airtime_s(datagram_bytes)), MIN_HZ)
 
 
-def beacon_hz(wanted_hz: float, neighbours: int, datagram_bytes: float) -> float:
-    """Beacon rate with so many neighbours in range."""
-    return min(wanted_hz, allowed_hz(neighbours, datagram_bytes))
-
-
 class Slowdown:
     """Reduces the beacon rate while the processor is overloaded.
 

@@ -76,11 +76,6 @@ class LocalTree:
         """Version that the beacon carries."""
         return version(self.epoch, self.index.digest)
 
-    def owner(self, path: str) -> str:
-        """Application that provides the path now; empty when none does."""
-        live = self._live.get(path)
-        return "" if live is None else live.owner
-
     def set_live(self, provided: Iterable[Resource], now_ns: int) -> bool:
         """Set the resources of the running applications; whether the structure changed."""
         live: dict[str, Resource] = {}
