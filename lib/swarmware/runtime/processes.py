@@ -45,22 +45,28 @@ class ProcessWatcher:
         self._on_end = on_end
         self._loop = asyncio.get_running_loop()
         self._processes: dict[int, WatchedProcess] = {}
+        self._reports: dict[int, asyncio.Handle | None] = {}
+        """Processes whose end was reported while they are wanted; a handle where the report is scheduled."""
 
     def watch(self, pids: Set[int]) -> None:
         """Watch these processes and no others, this process excepted."""
         wanted = pids - {os.getpid()}
         for pid in self._processes.keys() - wanted:
             self._processes.pop(pid).close()
-        for pid in wanted - self._processes.keys():
+        for pid in self._reports.keys() - wanted:
+            if (report := self._reports.pop(pid)) is not None:
+                report.cancel()
+        for pid in wanted - self._processes.keys() - self._reports.keys():
             try:
                 self._processes[pid] = WatchedProcess(pid, partial(self._ended, pid))
             except ProcessLookupError:
-                self._loop.call_soon(self._on_end, pid)
+                self._reports[pid] = self._loop.call_soon(self._on_end, pid)
             except OSError:
                 continue  # of another PID namespace: its end is only detected by its lock
 
     def _ended(self, pid: int) -> None:
         del self._processes[pid]
+        self._reports[pid] = None
         self._on_end(pid)
 
     def close(self) -> None:

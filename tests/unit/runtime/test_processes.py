@@ -58,6 +58,44 @@ async def test_a_process_that_has_ended_already_is_reported_at_once(
     watcher.close()
 
 
+async def test_an_end_is_reported_once_however_often_the_process_is_still_wanted(
+    children: list[subprocess.Popen[bytes]],
+) -> None:
+    ended: list[int] = []
+    wanted = {child.pid for child in children}
+    for child in children:
+        child.kill()
+    children[0].wait()  # the other one stays a zombie, which can still be watched
+
+    def on_end(pid: int) -> None:
+        ended.append(pid)
+        watcher.watch(wanted)
+
+    watcher = ProcessWatcher(on_end)
+    watcher.watch(wanted)
+    async with asyncio.timeout(5):
+        while len(ended) < len(wanted):  # noqa: ASYNC110 - what is counted is the calls themselves
+            await asyncio.sleep(0)
+    for _ in range(10):
+        watcher.watch(wanted)
+        await asyncio.sleep(0)
+    assert sorted(ended) == sorted(wanted)
+    watcher.close()
+
+
+async def test_a_process_that_had_ended_is_not_reported_after_closing(
+    children: list[subprocess.Popen[bytes]],
+) -> None:
+    ended: list[int] = []
+    watcher = ProcessWatcher(ended.append)
+    children[0].kill()
+    children[0].wait()
+    watcher.watch({children[0].pid})
+    watcher.close()
+    await asyncio.sleep(0)
+    assert ended == []
+
+
 async def test_nothing_is_reported_after_closing(children: list[subprocess.Popen[bytes]]) -> None:
     ended: list[int] = []
     before = descriptors()
