@@ -5,6 +5,7 @@ With the folder of a report (`make figures`) that run is the one whose figures a
 
 import ast
 import inspect
+import json
 import re
 import shutil
 import sys
@@ -25,6 +26,7 @@ from swarmctl.main import cli
 from swarmctl.terminal import documents
 from swarmd.tree.core.structure import structure
 from swarmlab.report import report
+from swarmware.mission.schema import mission_schema
 from swarmware.model import resource, template
 from swarmware.transport.appfile import entry
 from swarmware.types.quantised import Form
@@ -402,12 +404,19 @@ def requirements() -> str:
     return _STATES.sub(lambda block: block[1] + "".join(rows) + "\n" + block[3], text)
 
 
+def template_schema() -> str:
+    """The JSON Schema of template files."""
+    return json.dumps(template.schema(), indent=2) + "\n"
+
+
 PAGES = {
     HERE / "cli.md": cli_page,
     HERE / "types.md": types_page,
     README: readme,
     REQUIREMENTS: requirements,
     ARCHITECTURE: architecture,
+    SCHEMAS.parent / "template.schema.json": template_schema,
+    SCHEMAS.parent / "mission.schema.json": mission_schema,
 }
 
 

@@ -126,6 +126,8 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
         assert np.quantile(np.array(ages_s[hops]), 0.95) <= limit_s
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)  # 15 s of an idle core
 def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby() -> None:
     air = Air(0, count=100, degree=9.0, speed_m_s=5.0)
     air.fly(7.0, look=False)  # until all names are known

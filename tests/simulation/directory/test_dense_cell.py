@@ -167,6 +167,8 @@ class Cell(VirtualSwarm[str]):
         return sum(neighbour.state is LinkStatus.UP for neighbour in table)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)  # 15 s of an idle core
 @pytest.mark.parametrize(
     ("count", "whole", "settle_s", "seconds"), [(200, 3, 40.0, 20.0), (500, 1, 150.0, 20.0)]
 )

@@ -21,8 +21,7 @@ MISSIONS = sorted((share_dir() / "missions").rglob("*.json"))
 
 
 def test_the_shipped_schema_is_the_one_of_the_catalogue() -> None:
-    # make it again: print(swarmware.mission.schema.mission_schema(), end="")
-    assert SHIPPED.read_text() == mission_schema()
+    assert SHIPPED.read_text() == mission_schema(), "make docs"
     jsonschema.Draft202012Validator.check_schema(json.loads(SHIPPED.read_text()))
 
 

@@ -1,0 +1,103 @@
+"""What only tests use is gone: each name that lib, daemons or cli define is used there, or documented."""
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = ("lib", "daemons", "cli")
+PAGES = (*(ROOT / "share").glob("doc/*.md"), ROOT / "README.md", ROOT / "pyproject.toml")
+EXAMPLES = [*(ROOT / "share").rglob("*.py")]
+OVERRIDES = {
+    "command_class": "read by click",
+    "format_commands": "called by click",
+    "format_options": "called by click",
+    "_missing_": "called by enum",
+    "next_view": "large frames are read in place: `make bench` measures it",
+    "peers": "says which processes a transport still has a way to; tests wait for it",
+    "view": "large frames are read in place: `make bench` measures it",
+}
+"""Names that are used from outside; each with its user."""
+TESTING = "swarmware/testing"
+"""Is for tests."""
+
+Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+
+
+def trees() -> Iterator[tuple[Path, ast.Module]]:
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            yield path, ast.parse(path.read_text())
+
+
+def is_registered(node: Definition) -> bool:
+    """Whether a decorator or a base takes the definition: commands of click, registered types."""
+    return any(
+        re.search(r"command|group|register|plugin|pass_", ast.unparse(decorator))
+        for decorator in node.decorator_list
+    )
+
+
+def definitions(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """Functions, methods, classes and constants of a module, but for special names."""
+    for node in ast.walk(tree):
+        if isinstance(node, Definition) and not is_registered(node) and not node.name.startswith("__"):
+            yield node.name, node.lineno
+    for statement in tree.body:
+        match statement:
+            case ast.AnnAssign(target=ast.Name(id=name)) | ast.Assign(targets=[ast.Name(id=name)]):
+                if not name.startswith("__"):
+                    yield name, statement.lineno
+
+
+def uses(tree: ast.AST) -> Iterator[str]:
+    """Names that code reads; an import alone is no use, nor is the definition."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Load()) | ast.Attribute(attr=name):
+                yield name
+            case ast.keyword(arg=str(name)):
+                yield name
+            case ast.Constant(value=str(text)) if text.isidentifier():
+                yield text  # getattr, a forward reference, a name in a table
+
+
+def documented() -> set[str]:
+    """Words in code quotes of the pages, entry points, and names that the examples use."""
+    words: set[str] = set()
+    for page in PAGES:
+        text = page.read_text()
+        quoted = text if page.suffix == ".toml" else "\n".join(re.findall(r"```.*?```|`[^`\n]+`", text, re.S))
+        words.update(re.findall(r"[A-Za-z_]\w*", quoted))
+    for example in EXAMPLES:
+        words.update(uses(ast.parse(example.read_text())))
+    return words
+
+
+def test_what_lib_daemons_and_cli_define_is_used_there_or_documented() -> None:
+    parsed = list(trees())
+    used = Counter(name for _, tree in parsed for name in uses(tree))
+    known = documented() | OVERRIDES.keys()
+    dead = [
+        f"{path.relative_to(ROOT)}:{line}: {name}"
+        for path, tree in parsed
+        if TESTING not in str(path)
+        for name, line in definitions(tree)
+        if not used[name] and name not in known
+    ]
+    assert not dead, "\n".join(["used by tests only, or by nothing; remove it:", *dead])
+
+
+def test_every_exception_is_defined() -> None:
+    defined = {name for _, tree in trees() for node in ast.walk(tree) for name in _names(node)}
+    assert OVERRIDES.keys() <= defined
+
+
+def _names(node: ast.AST) -> Iterator[str]:
+    match node:
+        case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+            yield name
+        case ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)):
+            yield name
