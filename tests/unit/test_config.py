@@ -58,7 +58,7 @@ def test_the_share_directory_of_this_checkout_is_found() -> None:
 @given(st.text(max_size=60))
 def test_any_text_is_a_configuration_or_a_config_error(text: str) -> None:
     with contextlib.suppress(ConfigError):
-        config.parse(text, config.NodeConfig, "node.toml")
+        assert isinstance(config.parse(text, config.NodeConfig, "node.toml"), config.NodeConfig)
 
 
 @pytest.mark.parametrize(

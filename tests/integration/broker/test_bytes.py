@@ -6,7 +6,7 @@ from tests.integration.broker.namespace import figures_of
 
 @pytest.mark.root
 def test_counted_bytes_are_those_on_the_wire() -> None:
-    seen = figures_of("onthewire.py", "4")
+    seen = figures_of("onthewire.py", "80")
     assert seen["tcp"] > 100_000
     assert seen["udp"] > 5_000
     assert seen["sent"] == pytest.approx(seen["wire"], rel=0.03), seen
