@@ -6,13 +6,13 @@ from functools import lru_cache
 from typing import Final
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.action import Action, PollInputs, PublishTables, SendBeacon, WriteMirrors
+from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
 from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
-from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id

@@ -20,13 +20,13 @@ from tests.simulation.directory.brokers import (
     header_of,
 )
 
-from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.action import SendBeacon
+from swarmd.broker.core.admission.sessions import Sessions
+from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Beacon, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.topology.link import LinkChanged
 from swarmd.broker.core.topology.neighbour import LISTING_EACH_NS, LISTING_NS, NeighbourTable
-from swarmd.broker.core.admission.sessions import Sessions
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, ConnectionStatus, LinkStatus, TreePlan
