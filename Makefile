@@ -6,8 +6,9 @@ BIN := $(VENV)/bin
 RUN := $(BIN)/python -m
 LAB_ARGS ?= --nodes 16
 REPORT ?= report
+SITE ?= share/doc/site
 
-.PHONY: lab test lint check hooks bench figures docs wheel boot-test clean
+.PHONY: lab test lint check hooks bench figures docs site dist wheel boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -35,8 +36,14 @@ figures: $(VENV)/.test ## runs the experiment on this machine and takes its figu
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 	$(BIN)/python share/doc/generate.py $(REPORT)
 
-docs: $(VENV)/.test ## writes the generated part of share/doc
+docs: $(VENV)/.test ## writes the generated part of share/doc, and the site $(SITE) from it
 	$(BIN)/python share/doc/generate.py
+	@$(MAKE) --no-print-directory site
+
+site: $(VENV)/.test # the site alone; a warning is an error
+	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs auto --doctree-dir $(SITE).doctrees share/doc $(SITE)
+	@rm -r $(SITE).doctrees
+	@echo "$(SITE)/index.html: swarmctl docs opens it"
 
 wheel: $(VENV)/bin/python ## dist/swarmware-<version>-py3-none-any.whl, to be installed on nodes
 	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
@@ -46,7 +53,7 @@ boot-test: $(VENV)/.test ## boots a systemd (root, systemd-container, debootstra
 	SWARM_BOOT_TEST=1 $(RUN) pytest -q tests/boot
 
 clean:
-	rm -rf $(VENV) report dist build .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) report dist build share/doc/site .mypy_cache .ruff_cache .hypothesis
 
 # Debian's python3 comes without ensurepip unless python3-venv is there: say so instead of failing in a trace.
 $(VENV)/bin/python:
