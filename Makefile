@@ -8,7 +8,7 @@ LAB_ARGS ?= --nodes 16
 REPORT ?= report
 SITE ?= share/doc/site
 
-.PHONY: lab test lint check hooks bench figures docs site dist wheel boot-test clean
+.PHONY: lab test lint check hooks bench figures docs site dist boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -36,18 +36,20 @@ figures: $(VENV)/.test ## runs the experiment on this machine and takes its figu
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 	$(BIN)/python share/doc/generate.py $(REPORT)
 
-docs: $(VENV)/.test ## writes the generated part of share/doc, and the site $(SITE) from it
+docs: $(VENV)/.docs ## writes the generated part of share/doc, and the site share/doc/site from it
 	$(BIN)/python share/doc/generate.py
 	@$(MAKE) --no-print-directory site
 
-site: $(VENV)/.test # the site alone; a warning is an error
-	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs auto --doctree-dir $(SITE).doctrees share/doc $(SITE)
-	@rm -r $(SITE).doctrees
+site: $(VENV)/.docs # the site alone; a warning is an error
+	@rm -rf $(SITE)
+	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs auto share/doc $(SITE)
+	@rm -r $(SITE)/.doctrees $(SITE)/.buildinfo
 	@echo "$(SITE)/index.html: swarmctl docs opens it"
 
-wheel: $(VENV)/bin/python ## dist/swarmware-<version>-py3-none-any.whl, to be installed on nodes
-	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
-	@ls dist/swarmware-*.whl
+dist: site ## dist/: wheel (with the site), sources and their SHA-256 sums
+	@rm -rf dist
+	$(RUN) hatchling build --directory dist --target sdist --target wheel
+	@cd dist && sha256sum swarmware-* >SHA256SUMS && cat SHA256SUMS
 
 boot-test: $(VENV)/.test ## boots a systemd (root, systemd-container, debootstrap) and follows share/doc/operations.md
 	SWARM_BOOT_TEST=1 $(RUN) pytest -q tests/boot
@@ -70,7 +72,12 @@ $(VENV)/.lab: pyproject.toml | $(VENV)/bin/python
 $(VENV)/.test: pyproject.toml | $(VENV)/bin/python
 	@echo "installing swarmware and its test tools into $(VENV)"
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	@touch $@ $(VENV)/.lab
+	@touch $@ $(VENV)/.lab $(VENV)/.docs
+
+$(VENV)/.docs: pyproject.toml | $(VENV)/bin/python
+	@echo "installing swarmware and what builds its documentation and distribution into $(VENV)"
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]' 'hatchling>=1.27'
+	@touch $@
 
 $(VENV)/.bench: $(VENV)/.test
 	@echo "installing the peers to measure against into $(VENV)"

@@ -48,7 +48,7 @@ _FIELD: Final = re.compile(r"^(Shapes|Units|Raises|Source): ", re.MULTILINE)
 
 
 def to_restructured_text(text: str) -> str:
-    """A docstring of this repository as reStructuredText: code in backticks, the four fields as paragraphs."""
+    """A docstring of this repository as reStructuredText: backticks are code, the four fields paragraphs."""
     parts = _CODE.split(text)
     prose, code = parts[::2], parts[1::2]
     escaped = [_FIELD.sub(r"\n**\1:** ", re.sub(r"([*|]|_(?=\W|$))", r"\\\1", part)) for part in prose]

@@ -55,6 +55,7 @@ DOCUMENTS: Final = {
     "config undo": "swarmctl.commands.config.live:SettingUndone",
     "config show": "swarmctl.commands.config.effective:EffectiveSettings",
     "doctor": "swarmctl.commands.doctor.diagnosis:Diagnosis",
+    "docs": "swarmctl.commands.docs.site:DocumentationPage",
     "message": "swarmctl.terminal.documents:Message",
 }
 """`module:type` by command, and of the lines on stderr; imported only where a schema is made."""
