@@ -16,7 +16,7 @@ class SwarmError(Exception):
 class InvalidInput(SwarmError, ValueError):
     """A value, file or argument that cannot be accepted as it is.
 
-    A ValueError too: so msgspec states the place of a field whose Struct refuses its value.
+    Also a ValueError: so msgspec states the path of a field whose Struct refuses its value.
     """
 
     exit_code = 7

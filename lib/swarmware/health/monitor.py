@@ -35,9 +35,10 @@ ADDRESS: Final = "sys/health/register"
 REPORT_S: Final = 1.0
 """Period of repeated reports: three missing ones are a fault."""
 LOOK_NS: Final = 1_000_000_000
-"""How often it looks whether the monitor was started again."""
+"""Period of the check whether the monitor has restarted."""
 LOOK_PHASE_NS: Final = 600_000_000
-"""Between the full seconds, at which much else is done, at an instant of the grid all the same."""
+"""Phase of the reports: an instant of the grid between the full seconds, at which other periodic work is
+done."""
 RETRY_S: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
 """Pauses while no monitor accepts the registration; services start in any order."""
 FREEZE_FRAME_CHARACTERS: Final = 200

@@ -12,7 +12,7 @@ from swarmware.types.mission import ParamValue
 _NAME = re.compile(r"\$(param\.[A-Za-z_][A-Za-z0-9_]*|[a-z_]+)")
 
 VARIABLES: Final = ("id", "kind", "role", "mission")
-"""Known without being declared: $id is the platform (also as $mavid, the name in published missions)."""
+"""Variables without a declaration: $id is the platform (also as $mavid, the name in published missions)."""
 
 
 class Binding(msgspec.Struct, frozen=True):
@@ -40,7 +40,7 @@ class Unbound(Exception):
 
 
 def substitute(value: Any, pointer: str, binding: Binding, declared: dict[str, ParamValue]) -> Any:
-    """The JSON value with every `$…` replaced; a text that is only `$param.x` gets the parameter's type.
+    """The JSON value with every `$…` replaced; a string that is only `$param.x` gets the parameter's type.
 
     Raises: Unbound for a name without a value.
     """

@@ -22,7 +22,7 @@ _ALWAYS: Final = ("type", "title", "comment")
 _TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
 _ERROR_EDGE: Final = ("nextError", "next_error")
 _MILLISECONDS: Final = "timeout"
-"""As in BDL, where every time is in milliseconds."""
+"""Key of the time-out in BDL, in milliseconds."""
 _SECONDS: Final = "timeout_s"
 _TIMEOUT_VALUE: Final = (_MILLISECONDS, _SECONDS)
 _EDGE_KEYS: Final = ("next", "on", *_TIMEOUT_EDGE, *_ERROR_EDGE, *_TIMEOUT_VALUE)
@@ -43,7 +43,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """A hint: the known word that is most similar to this one."""
     lower = {name.lower(): name for name in known}
     near = get_close_matches(word.lower(), list(lower), n=1, cutoff=0.0)
-    return f"nearest known: {lower[near[0]]}" if near else "nothing is known here"
+    return f"nearest known: {lower[near[0]]}" if near else "no names are known"
 
 
 class BlockReader:
@@ -61,10 +61,10 @@ class BlockReader:
             message = f"block type {name!r}: unknown; {nearest(name, catalogue.types)}"
             self._report("type", "unknown-block", message)
         self._known = known is not None
-        self._spec = known or BlockType(name, "Unknown here.", timeout_s=60.0)
+        self._spec = known or BlockType(name, "A block of an unknown type.", timeout_s=60.0)
 
     def block(self) -> Block:
-        """The block, as far as it could be understood."""
+        """The block, as far as it is valid."""
         timeout_s = self._timeout()
         self._successors()
         if TIMED_OUT in self._edges and timeout_s is None:
@@ -86,7 +86,7 @@ class BlockReader:
             return self._spec.timeout_s
         key = given[0]
         if len(given) > 1:
-            self._report(given[1], "twice", f"{key!r} gives a time-out as well: expected one of them")
+            self._report(given[1], "twice", f"{key!r} is a second time-out: expected one of them")
         if not self._spec.can_time_out:
             self._report(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
             return None
@@ -123,7 +123,7 @@ class BlockReader:
                 self._edge(BlockOutcome(OutcomeKind.TRUE), "nextIfTrue")
                 self._edge(BlockOutcome(OutcomeKind.FALSE), "nextIfFalse")
                 if "next" in self._body:
-                    self._report("next", "edge", "expected `nextIfTrue` and `nextIfFalse`, no `next`")
+                    self._report("next", "edge", "expected `nextIfTrue` and `nextIfFalse` instead of `next`")
             case name:
                 if name == BlockName.DECISION:
                     self._cases()
@@ -244,7 +244,7 @@ class BlockReader:
             name = aliases.get(key, key)
             if name in raw:
                 self._report(escape(key), "twice", f"the same as {spelled[name]!r}: expected one of them")
-            # published missions write numbers as texts: "ms": "500"
+            # published missions write numbers as strings: "ms": "500"
             raw[name], spelled[name] = value if name in texts else _number(value), key
         try:
             params = msgspec.convert(raw, self._spec.params)
@@ -275,7 +275,7 @@ class BlockReader:
 
 @cache
 def _text_fields(params: type[Params]) -> frozenset[str]:
-    """Names of the parameters that are texts even when they look like numbers."""
+    """Names of the parameters that remain strings even when they look like numbers."""
     return frozenset(
         field.encode_name
         for field in msgspec.inspect.type_info(params).fields  # type: ignore[attr-defined]  # a Struct's info
@@ -284,7 +284,7 @@ def _text_fields(params: type[Params]) -> frozenset[str]:
 
 
 def _number(value: Any) -> Any:
-    """The number that a text spells, anything else as it is."""
+    """The number in a string; any other value unchanged."""
     if not isinstance(value, str) or not _NUMBER.fullmatch(value):
         return value
     return int(value) if value.lstrip("+-").isdigit() else float(value)

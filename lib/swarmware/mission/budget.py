@@ -9,7 +9,8 @@ QUICK_BYTES: Final = 1 << 20
 
 
 class Budget:
-    """Memory that a check may use, in bytes; each state and step costs some, so time is bounded as well."""
+    """Memory that a check may use, in bytes; each state and step uses some, so the time is bounded as
+    well."""
 
     def __init__(self, size: int = FULL_BYTES) -> None:
         self._left = size
@@ -20,5 +21,5 @@ class Budget:
         return self._left <= 0
 
     def pay(self, size: int) -> None:
-        """Spend so many bytes."""
+        """Add bytes to the used memory."""
         self._left -= size

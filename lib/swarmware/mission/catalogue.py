@@ -74,7 +74,7 @@ class Wait(Params, frozen=True):
 
     @property
     def duration_s(self) -> float:
-        """Length of the pause."""
+        """Length of the pause, in seconds."""
         if not isinstance(self.ms, msgspec.UnsetType):
             return self.ms / 1000
         return 0.0 if isinstance(self.s, msgspec.UnsetType) else self.s
@@ -322,7 +322,7 @@ BLOCKS: Final = (
 
 
 class Catalogue:
-    """The block types known here, by name."""
+    """The known block types, by name."""
 
     def __init__(self, types: tuple[BlockType, ...]) -> None:
         self.types: dict[str, BlockType] = {}

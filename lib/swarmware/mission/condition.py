@@ -50,7 +50,7 @@ class Lookup(Protocol):
     """Source of present values for a condition."""
 
     def value(self, path: str, field: str) -> Scalar | None:
-        """Newest value of the resource's field (empty: its only one); None when there is none."""
+        """Newest value of the resource's field (empty: its only field); None without a value."""
         ...
 
     def age_s(self, path: str) -> float | None:

@@ -63,7 +63,7 @@ def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
         shown = ", ".join(hang.blocks[:BLOCKS_SHOWN]) + (", …" if len(hang.blocks) > BLOCKS_SHOWN else "")
         message = (
             f"too large to check: memory or time ran out; role {role.name!r} can wait at {len(hang.blocks)} "
-            f"barriers at the same time ({shown}), which open in any order; expected fewer side by side, "
+            f"barriers at the same time ({shown}), which open in any order; expected fewer in parallel, "
             "or one barrier after the Join of their branches"
         )
         return [role.finding(role.mission.blocks[hang.blocks[0]], TOO_LARGE, message, "unknown")]
@@ -143,7 +143,7 @@ def _barriers(roles: list[EnsembleRole]) -> list[Finding]:
                 message = f"barrier {barrier!r}: role {name!r} does not exist; expected {', '.join(names)}"
                 found.append(role.finding(block, "barrier", message))
             elif name not in members:
-                message = f"barrier {barrier!r}: role {name!r} never comes to it; expected it in its mission"
+                message = f"barrier {barrier!r}: role {name!r} never reaches it; expected it in its mission"
                 found.append(role.finding(block, "barrier", message))
         for other, other_block, other_params in members.values():
             if other.name not in wanted:

@@ -21,7 +21,7 @@ from swarmware.types.mission import ParamValue
 
 _TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "requires")
 
-_RESERVED = {"priority": "missions have no queue yet, in which one could go before another"}
+_RESERVED = {"priority": "missions have no queue with priorities yet"}
 """Keys reserved for later versions, which are refused because they would have no effect."""
 
 MISTAKES_LIMIT = 100

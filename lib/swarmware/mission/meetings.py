@@ -28,7 +28,7 @@ _MEMBER: Final = 200
 """Memory of a member in such a state, in bytes."""
 
 _MOVE: Final = 100
-"""Cost of a move, which counts for time: it takes a tenth of the time of a state."""
+"""Budget of a move, in bytes: accounts for its time, a tenth of that of a state."""
 
 BarrierVisit = tuple[int, int]
 """Number of a barrier, and of the visit."""
@@ -384,6 +384,6 @@ class _Ensemble:
         role_name, block_id = first or (self._roles[0].part.role, self._roles[0].part.mission.start)
         message = (
             f"members can wait for each other for ever: {', '.join(waits)}; "
-            "expected the same barriers in the same order on every way, or a time-out"
+            "expected the same barriers in the same order on every path, or a time-out"
         )
         return Hang(role_name, block_id, message, tuple(reversed(steps)))

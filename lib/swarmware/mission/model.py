@@ -56,7 +56,7 @@ class Block(msgspec.Struct, frozen=True):
 
 
 class MissionDefinition(msgspec.Struct, frozen=True):
-    """A mission with all parameters filled in."""
+    """A mission in which all parameters have values."""
 
     file: str
     blocks: dict[str, Block]

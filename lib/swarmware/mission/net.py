@@ -14,10 +14,10 @@ from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import FAILS, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 
 Marking = int
-"""A bit for each place that holds a token: a marking of thousands of places is a few hundred bytes."""
+"""Bit set of the places with a token: a marking of thousands of places takes a few hundred bytes."""
 
 PLACES_PER_BYTE: Final = 7
-"""Of a marking in memory: 30 bits of an integer take 4 bytes."""
+"""Places per byte of a marking in memory: 30 bits of an integer take 4 bytes."""
 
 
 class Transition(msgspec.Struct, frozen=True):
@@ -27,29 +27,29 @@ class Transition(msgspec.Struct, frozen=True):
     outcome: BlockOutcome
     inputs: frozenset[str]
     outputs: tuple[str, ...]
-    """Empty: the End."""
+    """Output places; empty: the transition of an End."""
     path: tuple[str, ...] = ()
     """Labels of the transitions that a reduction has merged into this one, in order."""
     passes: frozenset[str] = frozenset()
-    """Blocks that they enter and leave."""
+    """Blocks that a token passes in the merged transitions."""
 
     @property
     def label(self) -> str:
-        """How it is called in a counter-example."""
+        """Text of the transition in a counter-example."""
         return self.block if self.outcome == SUCCESS else f"{self.block}:{self.outcome.label}"
 
 
 class Net(msgspec.Struct, frozen=True):
-    """Places are block ids, for a Join `<source>→<join>`."""
+    """A Petri net; a place is named by its block id, a place of a Join `<source>→<join>`."""
 
     start: str
     transitions: tuple[Transition, ...]
     owner: dict[str, str]
     """Block of each place."""
     instant: frozenset[str]
-    """Places that a token leaves at once; an End's are among them."""
+    """Places that a token leaves in no time, including those of the Ends."""
     within: dict[str, frozenset[str]] = {}
-    """Further blocks that a token in this place goes through, once nothing instant comes before."""
+    """Further blocks that a token in this place passes, after all instantaneous transitions."""
 
     def ends(self) -> frozenset[str]:
         """Places of the Ends."""
@@ -59,7 +59,7 @@ class Net(msgspec.Struct, frozen=True):
 
 
 def join_place(source: str, join: str) -> str:
-    """Place of a Join for the branch that comes from `source`; its outcomes share it."""
+    """Place of a Join for the branch from `source`; all outcomes of `source` share it."""
     return f"{source}→{join}"
 
 
@@ -117,11 +117,11 @@ class Firing(msgspec.Struct, frozen=True):
     labels: tuple[str, ...]
     inputs: Marking
     outputs: Marking
-    """0: the End."""
+    """Marking of the output places; 0: the transition of an End."""
     twice: Marking
-    """Places that it would mark twice by itself."""
+    """Output places that it marks twice."""
     passes: frozenset[str]
-    """Blocks that are entered and left with it."""
+    """Blocks that a token passes in this transition."""
 
 
 class Bits:
@@ -133,7 +133,7 @@ class Bits:
         self._within = net.within
         bit = {place: 1 << index for index, place in enumerate(self.places)}
         self.start = bit[net.start]
-        # every transition is looked at only where its first input is marked
+        # a transition is tried only where its first input is marked
         self._by_bit: dict[Marking, list[Firing]] = {}
         self._instant = sum(bit[place] for place in net.instant)
         self._ends = sum(bit[place] for place in net.ends())
@@ -153,9 +153,9 @@ class Bits:
             self.of[block] = self.of.get(block, 0) | bit[place]
 
     def steps(self, marking: Marking) -> list[Firing]:
-        """What can happen next; the player does what takes no time before it looks at anything else.
+        """Enabled transitions; instantaneous ones take precedence, as in the player.
 
-        An End comes last of that, so what is found does not depend on the order of the blocks in the file.
+        Among these an End comes last, so the findings do not depend on the order of the blocks in the file.
         """
         for instant in (self._instant & ~self._ends, self._ends):
             rest = marking & instant
@@ -173,15 +173,15 @@ class Bits:
         return every
 
     def rests(self, steps: list[Firing]) -> bool:
-        """Whether these, all that can happen next, take time."""
+        """Whether all enabled transitions take time."""
         return not any(step.inputs & self._instant for step in steps)
 
     def blocks(self, marking: Marking) -> list[str]:
-        """Blocks that hold a token, in the order of their names."""
+        """Blocks with a token, sorted by name."""
         return sorted({self.owner[place] for place in self._marked(marking)})
 
     def within(self, marking: Marking) -> set[str]:
-        """Further blocks that these tokens go through."""
+        """Further blocks that these tokens pass."""
         return {block for place in self._marked(marking) for block in self._within.get(place, ())}
 
     def _marked(self, marking: Marking) -> Iterator[str]:
@@ -191,5 +191,5 @@ class Bits:
             marking &= marking - 1
 
     def _enabled(self, first: Marking, marking: Marking) -> list[Firing]:
-        """Steps whose first input is this one; a Join's places are all there or it waits."""
+        """Transitions with this first input that are enabled: all places of a Join must have a token."""
         return [step for step in self._by_bit.get(first, ()) if step.inputs & ~marking == 0]

@@ -6,8 +6,8 @@
         async def run(self, context: BlockContext) -> None:
             camera = await context.module.request("sys/camera/shoot", …)
 
-Returning is `ok`; `BlockError(kind, text)` is `error:kind`; cancellation passes through, so clean up in
-`finally`.
+A return is the outcome `ok`, `BlockError(kind, text)` the outcome `error:kind`. A cancellation raises
+CancelledError in `run`: clean up in `finally`.
 """
 
 from typing import Any, ClassVar, Protocol
@@ -17,7 +17,7 @@ from swarmware.mission.catalogue import BlockType
 
 
 class BlockError(SwarmError):
-    """A block could not do its work; the kind selects the successor."""
+    """A block has failed; the kind selects the successor."""
 
     def __init__(self, kind: str, text: str) -> None:
         super().__init__(text)

@@ -1,8 +1,9 @@
 """Reduces a net to a smaller one with the same errors: branches that only take time become one place.
 
-The rules merge a place into what follows it, or into its twin on another branch, where no other part of the
-net can see the difference; so a fork of two hundred pauses has a few states instead of 2^200. What they keep:
-deadlocks, ways to an End, second tokens, blocks that are never entered, and all states of the blocks `kept`.
+The rules merge a place into its successor, or into an equal place on another branch, where this does not
+change the behaviour of the rest of the net; so a fork of two hundred pauses has a few states instead of
+2^200. They preserve deadlocks, paths to an End, second tokens, blocks that are never entered, and all states
+of the blocks `kept`.
 Source: Murata, Petri nets: properties, analysis and applications (1989), section VI: fusion of series and of
 parallel places and transitions, elimination of self-loops; here with blocks that take no time and Ends that
 clear the net.
@@ -21,10 +22,10 @@ from swarmware.mission.outcome import SUCCESS
 
 _COST: Final = 200
 _COST_OF_OUTPUT: Final = 4
-"""Bytes that a rewritten transition counts for in the budget: not for the memory, but for the time."""
+"""Budget of a rewritten transition, in bytes: accounts for its time, not for its memory."""
 
 LOOP_LIMIT: Final = 32
-"""Places among which a loop is looked for; a line of blocks is one place by then."""
+"""Maximum places for the search of loops; a sequence of blocks is one place by then."""
 
 
 def reduce(
@@ -35,7 +36,8 @@ def reduce(
 ) -> Net:
     """Reduce a net without changing the results of the checks.
 
-    `kept`: blocks of which every state counts. `kind`: of an End block; two of one kind are the same.
+    `kept`: blocks whose states are all preserved. `kind`: kind of an End block; two Ends of one kind are
+    equal.
     """
     return _Reducer(net, frozenset(kept), budget, kind).net()
 
@@ -112,7 +114,7 @@ class _Reducer:
             self._drop(number)
 
     def _absorb(self, place: str) -> None:
-        """Merges a place that takes no time into the transitions that lead to it."""
+        """Merges an instantaneous place into the transitions that lead to it."""
         before, after = self._before(place), self._after(place)
         several = len(after) > 1
         if not before or (several and len(before) * len(after) > len(before) + len(after)):

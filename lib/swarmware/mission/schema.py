@@ -1,4 +1,4 @@
-"""The JSON Schema of mission files, made from the block catalogue: for editors and foreign tools."""
+"""The JSON Schema of mission files, generated from the block catalogue: for editors and other tools."""
 
 from itertools import combinations
 from typing import Any, Final
@@ -23,7 +23,7 @@ _SHARED: Final = {
     "number_text": {
         "type": "string",
         "pattern": r"^[+-]?(\d{1,18}\.?\d{0,18}|\.\d{1,18})([eE][+-]?\d{1,2})?$|^\$[a-z]",
-        "description": "A number as text, or $param.<name>.",
+        "description": "A number as a string, or $param.<name>.",
     },
     "reference": {"type": "string", "pattern": r"^\$param\.", "description": "A parameter."},
 }
@@ -35,7 +35,7 @@ def mission_schema(catalogue: Catalogue | None = None) -> str:
     document = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Swarmware mission (BDL)",
-        "description": "Made from the block catalogue; references and soundness: swarmctl mission check.",
+        "description": "Generated from the block catalogue; soundness: `swarmctl mission check`.",
         "type": "object",
         "required": ["mission"],
         "additionalProperties": False,
@@ -105,12 +105,12 @@ def _block(block: BlockType) -> dict[str, Any]:
 
 
 def _at_most_one(names: tuple[str, ...]) -> dict[str, Any]:
-    """Spellings of one thing."""
+    """The permitted spellings of one key."""
     return {"not": {"anyOf": [{"required": list(pair)} for pair in combinations(names, 2)]}}
 
 
 def _successors(block: BlockType, properties: dict[str, Any], groups: list[dict[str, Any]]) -> list[str]:
-    """Adds the ways out; returns those that must be there."""
+    """Adds the successors of a block; returns the required ones."""
     match block.name:
         case BlockName.END:
             return []
@@ -161,25 +161,25 @@ def _timeouts(block: BlockType, properties: dict[str, Any], groups: list[dict[st
         _one_of_these(_TIMEOUT_EDGES, _TIMEOUT),
     ]
     if block.timeout_s is None:
-        # without a time-out its successor would never follow
+        # without a time-out this successor would never be taken
         value = {"anyOf": [{"required": ["timeout"]}, {"required": ["timeout_s"]}]}
         groups += [{"if": edge, "then": value} for edge in _spellings(_TIMEOUT_EDGES, _TIMEOUT)]
 
 
 def _spellings(keys: tuple[str, ...], outcome: str) -> list[dict[str, Any]]:
-    """A successor for this outcome, each way in which it may be written."""
+    """Adds the successor for one outcome in each of its spellings."""
     nested = {"required": ["on"], "properties": {"on": {"type": "object", "required": [outcome]}}}
     return [*({"required": [key]} for key in keys), nested]
 
 
 def _one_of_these(keys: tuple[str, ...], outcome: str) -> dict[str, Any]:
-    """At most one of the spellings of a successor."""
+    """Permits at most one of the spellings of a successor."""
     pairs = combinations(_spellings(keys, outcome), 2)
     return {"not": {"anyOf": [{"allOf": list(pair)} for pair in pairs]}}
 
 
 def _lenient(schema: dict[str, Any]) -> dict[str, Any]:
-    """Numbers may also be texts, anything may be a parameter: both stand in published missions."""
+    """Permits strings for numbers, and a parameter for any value: published missions use both."""
     for key in ("items", "prefixItems"):
         if isinstance(schema.get(key), dict):
             schema = {**schema, key: _lenient(schema[key])}

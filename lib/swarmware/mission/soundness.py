@@ -1,7 +1,7 @@
-"""Is a mission sound? Every block can be reached, and from everywhere an End can.
+"""Checks the soundness of a mission: every block is reachable, and an End is reachable from every state.
 
-Explores all markings of the mission's net: found are dead blocks, deadlocks, branches that never join or
-end, two tokens in one block, loops that never rest, motions cut short by an End.
+Explores all markings of the mission's net and finds dead blocks, deadlocks, branches that never join or
+end, two tokens in one block, livelocks, and motions that an End cuts short.
 """
 
 from collections import deque
@@ -17,21 +17,22 @@ from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, Net, b
 from swarmware.mission.reduction import reduce
 
 _STATE: Final = 480
-"""Bytes of a visited state: entries of dictionaries and the queue, way back (CPython 3.11)."""
+"""Bytes of a visited state: entries of dictionaries and of the queue, predecessor (CPython 3.11)."""
 _STEP: Final = 60
 """Bytes of a step from one state to the next."""
 
 Key = bytes
-"""The same as bytes, for dictionaries: integers with bits far apart have equal hashes (modulo 2**61 - 1)."""
+"""The marking as bytes, for dictionaries: integers whose bits are 61 apart have equal hashes (modulo 2**61 -
+1)."""
 
 STUCK_LIMIT: Final = 1_000
-"""Deadlocks that are explained: more of them say nothing new."""
+"""Maximum explained deadlocks: further ones add no information."""
 
 
 def check(mission: MissionDefinition, budget: Budget | None = None, *, flies: bool = False) -> list[Remark]:
-    """All that is unsound about the mission, counter-examples included.
+    """All findings about the soundness of a mission, with counter-examples.
 
-    `flies`: a vehicle that leaves the ground may play it.
+    `flies`: an air vehicle may execute it.
     """
     budget = budget or Budget()
     under = flight.below_ground(mission) if flies else []
@@ -39,7 +40,7 @@ def check(mission: MissionDefinition, budget: Budget | None = None, *, flies: bo
 
 
 def _states(mission: MissionDefinition, budget: Budget, *, flies: bool) -> list[Remark]:
-    """What is wrong in some state: judged on the reduced net, explained on the whole one if that is small."""
+    """Findings in any state: detected on the reduced net, explained on the unreduced one if that is small."""
     whole = build(mission)
     found = explore(mission, reduced(mission, whole, budget), budget, flies=flies)
     if not found or budget.spent:
@@ -50,7 +51,7 @@ def _states(mission: MissionDefinition, budget: Budget, *, flies: bool) -> list[
 
 
 def reduced(mission: MissionDefinition, net: Net, budget: Budget) -> Net:
-    """A smaller net with the same remarks."""
+    """A smaller net with the same findings."""
 
     def result(block: str) -> str:
         params = mission.blocks[block].params
@@ -61,12 +62,12 @@ def reduced(mission: MissionDefinition, net: Net, budget: Budget) -> Net:
 
 
 def explore(mission: MissionDefinition, net: Net, budget: Budget, *, flies: bool) -> list[Remark]:
-    """What is wrong in some state of this net."""
+    """Findings in any state of this net."""
     return _Exploration(mission, Bits(net), budget, flies=flies).remarks()
 
 
 class _Exploration:
-    """Breadth first over the markings, so counter-examples are shortest."""
+    """Explores the markings breadth first, so counter-examples are the shortest ones."""
 
     def __init__(self, mission: MissionDefinition, bits: Bits, budget: Budget, *, flies: bool) -> None:
         self._mission = mission
@@ -78,22 +79,22 @@ class _Exploration:
         self._motions = sum(bits.of[block.id] for block in mission.blocks.values() if block.spec.motion)
         first = self._key(bits.start)
         self._came: dict[Key, tuple[Key, Key | None, tuple[str, ...]]] = {first: (first, None, ())}
-        """Visited markings in their order: the same key again, the marking before it, the step from there."""
+        """Visited markings in their order, each with its predecessor and the step from there."""
         self._after: dict[Key, list[Key]] = {}
         self._ends: set[Key] = set()
         self._fired: set[str] = set()
-        """Blocks that are left."""
+        """Blocks that a token has left in some state."""
         self._unsafe: dict[str, Remark] = {}
         self._stuck: list[Key] = []
         self._cut: dict[str, Remark] = {}
 
     def remarks(self) -> list[Remark]:
-        """Explores, then judges."""
+        """Explores all markings, then derives the findings."""
         complete = self._explore()
         found = [*self._unsafe.values(), *self._deadlocks()]
         if not complete:
             message = (
-                f"too large to check: not all of more than {len(self._came)} states were looked at; "
+                f"too large to check: not all of more than {len(self._came)} states were explored; "
                 "expected fewer blocks that run at the same time"
             )
             found += self._flight.remarks()
@@ -167,7 +168,7 @@ class _Exploration:
             message = f"the motion {block!r} can be cut short by the End {end.block!r}"
             trace = (*self._trace(key), *end.labels)
             self._cut[block] = Remark(block, "warning", "cut-short", message, trace)
-            self._motions &= ~self._bits.of[block]  # said once
+            self._motions &= ~self._bits.of[block]  # one finding is enough
 
     def _deadlocks(self) -> list[Remark]:
         found: dict[str, Remark] = {}
@@ -185,7 +186,7 @@ class _Exploration:
                     f"deadlock: the Join {block!r} waits for ever for {', '.join(map(repr, missing))}; "
                     "expected every branch to arrive"
                     if missing
-                    else f"{block!r} has no way on"
+                    else f"{block!r} has no enabled successor"
                 )
                 found[block] = Remark(block, "error", "deadlock", message, self._trace(key))
                 break
@@ -211,7 +212,7 @@ class _Exploration:
         for key, results in self._after.items():
             for result in results:
                 before.setdefault(result, []).append(key)
-        can_end = set(self._ends) | set(self._stuck)  # stuck ones have their own remark
+        can_end = set(self._ends) | set(self._stuck)  # deadlocked blocks have a finding of their own
         queue = deque(can_end)
         while queue:
             for key in before.get(queue.popleft(), ()):
@@ -222,7 +223,7 @@ class _Exploration:
             if key not in can_end:
                 blocks = self._bits.blocks(int.from_bytes(key, "little"))
                 message = (
-                    f"once in {', '.join(map(repr, blocks))} no End is ever reached: "
+                    f"from {', '.join(map(repr, blocks))} no End can be reached: "
                     "expected every branch to join or end"
                 )
                 return [Remark(blocks[0], "error", "never-ends", message, self._trace(key))]

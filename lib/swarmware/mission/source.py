@@ -1,7 +1,7 @@
 """Strict JSON with the line of every value: duplicate keys, NaN and trailing text are refused.
 
-`json` keeps no position of what it has parsed, and msgspec names a path but no line. A finding about a
-mission names both, so the text is scanned a second time when there is something to report.
+`json` does not provide the positions of parsed values, and msgspec names a path but no line. A finding about
+a mission names both, so the text is scanned a second time when there is a finding.
 """
 
 import json
@@ -12,9 +12,9 @@ from typing import Any, Final, NoReturn
 from swarmware.mission.finding import Finding
 
 SIZE_LIMIT: Final = 1 << 20
-"""Characters of one mission file: a hundred times the largest known one."""
+"""Maximum characters of one mission file: a hundred times the largest known one."""
 DEPTH_LIMIT: Final = 32
-"""Nesting of a mission file; missions are flat, so deeper ones are mistakes or attacks."""
+"""Maximum nesting of a mission file; missions are flat, so a deeper one is an error or an attack."""
 
 _SPACE = re.compile(r"[ \t\n\r]*")
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
@@ -22,7 +22,7 @@ _SCALAR = re.compile(r"[^,\]}\s]+")
 
 
 class SourceError(Exception):
-    """The text is not JSON that a mission may be written in; carries the finding, stays in this package."""
+    """The text is not JSON as missions require it; has the finding. Not raised outside of this package."""
 
     def __init__(self, finding: Finding) -> None:
         super().__init__(str(finding))
@@ -30,7 +30,7 @@ class SourceError(Exception):
 
 
 class JsonSource:
-    """One parsed file, and where in it each value stands."""
+    """One parsed file, with the position of each value."""
 
     def __init__(self, text: str, file: str, value: Any) -> None:
         self.file = file
@@ -45,7 +45,8 @@ class JsonSource:
         return bisect_left(self._ends, offset) + 1
 
     def column(self, pointer: str, text: str, at: int) -> int:
-        """Column of a character of the text at it; of its beginning, if it is escaped."""
+        """Column of a character of the string at this pointer; of the string's beginning if it has
+        escapes."""
         offset = self._offset(pointer)
         before = self._text.rfind("\n", 0, offset)
         same = self._text.startswith(f'"{text}"', offset)
@@ -53,7 +54,7 @@ class JsonSource:
 
     def _offset(self, pointer: str) -> int:
         if self._offsets is None:
-            # computed only when something is wrong: sound missions are loaded at the speed of the C parser
+            # computed only for a finding: valid missions are loaded at the speed of the C parser
             self._offsets = _Walk(self._text).offsets
             self._ends = [found.start() for found in re.finditer("\n", self._text)]
         while pointer and pointer not in self._offsets:
@@ -77,18 +78,20 @@ def parse(text: str, file: str) -> JsonSource:
         json.dumps(value, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
         raise SourceError(
-            Finding(file, error.lineno, "", "error", "syntax", f"no JSON: {error.msg}, column {error.colno}")
+            Finding(
+                file, error.lineno, "", "error", "syntax", f"invalid JSON: {error.msg}, column {error.colno}"
+            )
         ) from error
     except RecursionError as error:
         raise SourceError(_whole(file, f"nested more than {DEPTH_LIMIT} deep")) from error
     except UnicodeEncodeError as error:
-        raise SourceError(_whole(file, "half of a surrogate pair in a string: no text")) from error
+        raise SourceError(_whole(file, "half of a surrogate pair: expected valid Unicode")) from error
     except _DuplicateKey as error:
         raise SourceError(_duplicate(text, file, error.key)) from error
     except _Constant as error:
         raise SourceError(_constant(text, file, error.name)) from error
     except ValueError as error:  # a number of thousands of digits
-        raise SourceError(_whole(file, f"no JSON: {error}")) from error
+        raise SourceError(_whole(file, f"invalid JSON: {error}")) from error
     if _too_deep(value):
         raise SourceError(_whole(file, f"nested more than {DEPTH_LIMIT} deep"))
     return JsonSource(text, file, value)
@@ -146,7 +149,7 @@ def _line(text: str, offset: int) -> int:
 def _duplicate(text: str, file: str, key: str) -> Finding:
     walk = _Walk(text)
     pointer, offset = walk.duplicate or ("", 0)
-    message = f"key {_printable(key)!r} is given twice: expected once"
+    message = f"key {_printable(key)!r} occurs twice: expected once"
     return Finding(file, _line(text, offset), _printable(pointer), "error", "duplicate-key", message)
 
 
@@ -159,12 +162,12 @@ def _constant(text: str, file: str, name: str) -> Finding:
 
 
 def _printable(text: str) -> str:
-    """The text with halves of surrogate pairs, which no file and no message can hold, written out."""
+    """The text with lone surrogates, which UTF-8 cannot encode, as escapes."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 class _Walk:
-    """Offsets of all values of a text that the JSON parser has understood already."""
+    """Offsets of all values of a text that the JSON parser has accepted."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -199,7 +202,7 @@ class _Walk:
 
     def _string(self, at: int) -> tuple[str, int]:
         found = _STRING.match(self._text, at)
-        if found is None:  # the C parser has read past it already, so only a text cut by hand gets here
+        if found is None:  # unreachable for a text that the C parser has accepted
             return "", len(self._text)
         try:
             return str(json.loads(found[0], strict=False)), found.end()

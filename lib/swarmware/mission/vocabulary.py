@@ -1,4 +1,4 @@
-"""What conditions may speak of: the resources of the templates, the fields of their types, what fits them."""
+"""Checks the operands of conditions: resources of the templates, fields of their types, ranges of values."""
 
 from collections.abc import Generator, Iterable, Iterator
 from difflib import get_close_matches
@@ -30,7 +30,7 @@ from swarmware.model.resource import Kind, Resource
 from swarmware.types import registry
 
 _RATIO: Final = "_ratio"
-"""Ends the name of a share from 0 to 1."""
+"""Suffix of the name of a ratio from 0 to 1."""
 _NUMBER, _TRUTH, _TEXT = "a number", "true or false", "a text"
 _EQUAL: Final = ("==", "!=")
 _VALUELESS: Final = {
@@ -42,31 +42,32 @@ _VALUELESS: Final = {
 
 
 class Problem(msgspec.Struct, frozen=True):
-    """Something wrong with a condition."""
+    """An error or warning about a condition."""
 
     pointer: str
-    """Of the condition's text."""
+    """JSON pointer of the condition."""
     text: str
+    """Text of the condition."""
     at: int
-    """Where in it, from 0."""
+    """Offset in this text, from 0."""
     severity: Severity
     message: str
 
 
 class _Value(msgspec.Struct, frozen=True):
-    """What an operand is."""
+    """Type and permitted values of an operand."""
 
     name: str
     sort: str = ""
-    """One of the three; empty: not known here."""
+    """Number, truth value or string; empty: the type is not installed."""
     choices: tuple[str, ...] = ()
-    """The texts that it can be; empty: any."""
+    """Permitted strings; empty: any."""
     span: tuple[float, float] | None = None
-    """Least and greatest number that it can be."""
+    """Minimum and maximum of the number."""
 
 
 _Statement = tuple[int, Severity, str]
-"""Where in the condition, how bad, what."""
+"""Offset in the condition, severity, message."""
 _Looking = Generator[_Statement, None, _Value | None]
 
 
@@ -75,19 +76,19 @@ _Known = dict[str, dict[str, Resource]]
 
 
 class Vocabulary:
-    """What platforms of each kind have, by local path."""
+    """Resources of each kind of platform, by local path."""
 
     def __init__(self, resources: Iterable[Resource] = ()) -> None:
         self._known: _Known = {}
         self.add("", resources)
 
     def add(self, kind: str, resources: Iterable[Resource]) -> None:
-        """What a template of this kind of platform says; "": of every kind."""
+        """Adds the resources of a template for this kind of platform; "": for every kind."""
         for resource in resources:
             self._known.setdefault(resource.path, {})[kind] = resource
 
     def check(self, mission: MissionDefinition, kinds: Iterable[str] = (), own: str = "") -> list[Problem]:
-        """What the conditions of a mission cannot mean, of platforms of these kinds (empty: of any).
+        """Errors and warnings of conditions, for platforms of these kinds (empty: of any).
 
         `own`: the name of the platform itself, whose resources a path may name, too.
         """
@@ -105,17 +106,17 @@ class Vocabulary:
 
 
 class _TemplateReader:
-    """One look at a condition: what it means on a platform of one kind."""
+    """Evaluates the types of one condition on a platform of one kind."""
 
     def __init__(self, known: _Known, kinds: tuple[str, ...], kind: str, own: str) -> None:
         self._known = known
         self._kinds = kinds
-        """All that may play the role."""
+        """Kinds of all platforms that may have the role."""
         self._kind = kind
         self._own = own
 
     def problems(self, pointer: str, condition: ConditionExpression) -> Iterator[Problem]:
-        """What one condition cannot mean."""
+        """Errors and warnings of one condition."""
         for at, severity, message in self._truth(condition.node):
             yield Problem(pointer, condition.text, at, severity, f"condition {condition.text!r}: {message}")
 
@@ -165,7 +166,7 @@ class _TemplateReader:
             yield (
                 node.at,
                 "warning",
-                f"resource {node.path!r} stands in no template{hint} (an application may provide it)",
+                f"resource {node.path!r} is in no template{hint} (an application may provide it)",
             )
             return _Value(node.path, _NUMBER if isinstance(node, Age) else "")
         if self._kind and platform in {None, self._own}:
@@ -183,9 +184,7 @@ class _TemplateReader:
         try:
             cls = registry.find(resource.type)
         except NotFound:
-            message = (
-                f"type {resource.type!r} of {node.path!r} is not installed here: its fields are not checked"
-            )
+            message = f"type {resource.type!r} of {node.path!r} is not installed: its fields are not checked"
             yield node.at, "warning", message
             return _Value(node.path)
         return (yield from self._field(node, resource, cls))
@@ -196,7 +195,7 @@ class _TemplateReader:
         if lacking:
             severity: Severity = "error" if len(lacking) == len(self._kinds) else "warning"
             has, want = " or ".join(sorted(having)), " or ".join(lacking)
-            yield node.at, severity, f"resource {node.path!r} is one of a {has}: no {want} has it"
+            yield node.at, severity, f"resource {node.path!r} belongs to a {has}: no {want} has it"
 
     def _field(self, node: Field, resource: Resource, cls: type[msgspec.Struct]) -> _Looking:
         fields = _fields(cls)
@@ -222,7 +221,7 @@ class _TemplateReader:
             yield (
                 node.at,
                 "error",
-                f"{node.path}.{name} is not a single value: expected a number, a text or a truth",
+                f"{node.path}.{name} is not a single value: expected a number, a text or a truth value",
             )
             return None
         if name.endswith(_RATIO):
@@ -239,7 +238,7 @@ class _TemplateReader:
 def shipped() -> Vocabulary:
     """The resources of this installation's templates.
 
-    Raises: ConfigError when a template is wrong.
+    Raises: ConfigError when a template is invalid.
     """
     folder = share_dir() / "templates"
     found = Vocabulary()
@@ -250,7 +249,7 @@ def shipped() -> Vocabulary:
 
 
 def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Statement]:
-    """A value compared with one that stands in the text."""
+    """Check a comparison of a value with a constant."""
     if isinstance(literal.value, str):
         if value.choices and literal.value not in value.choices:
             names = ", ".join(map(repr, value.choices))
@@ -258,7 +257,7 @@ def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Statement]:
     elif not isinstance(literal.value, bool):
         share = value.span == (0.0, 1.0)
         if literal.percent and not share and not value.name[:1].isdigit():
-            yield at, "error", f"{value.name} is not a share: expected a number without %"
+            yield at, "error", f"{value.name} is not a ratio: expected a number without %"
         elif value.span and not value.span[0] <= literal.value <= value.span[1]:
             low, high = value.span
             hint = f", or {literal.value:g} %" if share and 1 < literal.value <= 100 else ""
@@ -271,7 +270,7 @@ def _at(node: Operand) -> int:
 
 @cache
 def _fields(cls: type[msgspec.Struct]) -> dict[str, Any]:
-    """Types of its fields, and of what it computes from them, by name."""
+    """Types of its fields and properties, by name."""
     info: Any = msgspec.inspect.type_info(cls)
     found = {field.name: field.type for field in info.fields}
     for name in dir(cls):
@@ -284,7 +283,7 @@ def _fields(cls: type[msgspec.Struct]) -> dict[str, Any]:
 
 
 def _present(found: Any) -> Any:
-    """The type of a value that is there."""
+    """The type without None."""
     if isinstance(found, msgspec.inspect.UnionType):
         types = [kind for kind in found.types if not isinstance(kind, msgspec.inspect.NoneType)]
         return types[0] if len(types) == 1 else found

@@ -22,7 +22,7 @@ _HEADER = struct.Struct("<2sBBHBBIIIIIIqII")
 assert _HEADER.size == HEADER_BYTES
 _MOVING = struct.Struct("<IqII")
 _MOVING_AT: Final = HEADER_BYTES - _MOVING.size
-"""The end of the header: sequence, stamp and echo times."""
+"""Layout of the end of the header: sequence, stamp and echo times."""
 
 HOPS_AT: Final = 6
 """Offset of the hops left in an encoded frame."""
@@ -58,7 +58,7 @@ class Flag(IntFlag):
 
 _URGENT: Final = int(Flag.URGENT)
 _WANTS_ACK: Final = int(Flag.WANTS_ACK)
-"""As plain numbers: an operator of an enumeration takes ten times as long."""
+"""The flags as integers: an operator of an enumeration takes ten times as long."""
 
 
 class Codec(IntEnum):
@@ -110,7 +110,7 @@ class Frame(msgspec.Struct, gc=False):
 
     @property
     def is_urgent(self) -> bool:
-        """Whether it goes before all that is not urgent."""
+        """Whether it has priority over all frames that are not urgent."""
         return bool(self.flags & _URGENT)
 
     @property

@@ -1,4 +1,4 @@
-"""What msgspec reports of data that does not fit a Struct, taken apart: the place, the key, the text."""
+"""Parses the validation errors of msgspec: path of the value, unknown key, message."""
 
 import re
 
@@ -14,13 +14,13 @@ class Misfit(msgspec.Struct, frozen=True):
     place: str
     """Path of the value, `a.b[0]`; empty: the whole document."""
     unknown: str
-    """The key that the Struct at this place does not have; empty: it is another error."""
+    """Unknown key of the Struct at this path; empty: another error."""
     text: str
     """The message without the place."""
 
 
 def misfit(message: str) -> Misfit:
-    """Take apart the text of a ValidationError."""
+    """Parse the text of a ValidationError."""
     place = _PLACE.search(message)
     unknown = _UNKNOWN.search(message)
     return Misfit(

@@ -19,7 +19,7 @@ _APPLICATION = re.compile(r"[a-z][a-z0-9_-]{0,30}\Z")
 _NUMBER = re.compile(r"(\d+)")
 
 _REMEMBERED: Final = 4096
-"""Paths and names whose check or number is kept: they come again with every message."""
+"""Size of the caches for checks and ids: the same names occur in every message."""
 
 PATTERN_LIMIT: Final = 400
 """Longest pattern in characters: a path with room for alternatives."""
@@ -199,7 +199,7 @@ def _glob(glob: str) -> str:
 
 
 def _alternatives(text: str, segment: str) -> list[str]:
-    """All texts that the braces of a segment may mean."""
+    """All expansions of the braces of a segment."""
     # of each open brace: the alternatives that are complete, and the one being read
     done: list[list[str]] = [[]]
     open_: list[list[str]] = [[""]]

@@ -5,11 +5,11 @@ from typing import Self
 
 
 class OpenEnum(StrEnum):
-    """An enumeration whose vocabulary may grow: a value that is not known here is kept as it came.
+    """An enumeration whose vocabulary may grow: an unknown value is kept unchanged.
 
-    A node of a later version sends values that this one does not know. Such a value equals no member, is
-    shown and passed on as it is, and does not cost the rest of the payload. What is computed with is a
-    closed Literal instead: a payload with another value is refused.
+    A node of a later version may send values that this one does not know. Such a value equals no member, is
+    displayed and forwarded unchanged, and does not invalidate the rest of the payload. A vocabulary that
+    indexes a table is a closed Literal instead: a payload with another value is refused.
     """
 
     @classmethod

@@ -38,7 +38,7 @@ Link = Literal["", "tick", "notify", "request"]
 Plain = bool | int | float | str
 
 STALE_PERIODS = 3.0
-"""A periodic value that missed three periods in a row is stale; two lost datagrams in a row are usual."""
+"""Periods after which a periodic value is stale: the loss of two datagrams in a row is common."""
 
 SLOWEST_HZ = 1e-6
 FASTEST_HZ = 1e6
@@ -70,7 +70,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     choices: tuple[str, ...] = ()
     """The permitted texts; empty: any."""
     access: Access = "r"
-    """Access of others: read only, or read and set."""
+    """Access of other applications: r (read only) or rw (read and set)."""
     rate_hz: float = 0.0
     """Nominal rate of a periodic resource; 0: no period."""
     critical: bool = False

@@ -150,7 +150,7 @@ def _merge(
         )
     if not source.is_file():
         where = f"{folder / (trail[-1] + _ENDING)}: key extends: " if trail else f"{folder}: "
-        known = ", ".join(names_in(folder)) or "none there"
+        known = ", ".join(names_in(folder)) or "the folder has none"
         raise ConfigError(f"{where}no template {name!r}; expected one of: {known}")
     file = _read(source)
     for parent in _parents(file):

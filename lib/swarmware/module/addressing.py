@@ -1,4 +1,4 @@
-"""Frames to addresses: to whom, of which type, numbered so that none is taken for another."""
+"""Frames to addresses: receiver, payload type, and a sequence per address."""
 
 import os
 from typing import Final
@@ -17,11 +17,11 @@ ADDRESSES_MAX: Final = 4096
 
 
 class Address:
-    """An address for values of one type, here or on another platform."""
+    """An address for values of one type, on this or another platform."""
 
     def __init__(self, participant: NodeParticipant, path: str, cls: type[msgspec.Struct]) -> None:
         self.platform, self._name = names.split(participant.local(path))
-        """Platform: None for our own."""
+        """Platform; None: the own one."""
         self.data_id = names.data_id(self._name, registry.type_name(cls))
         node = participant.node
         self.hardware = node.hardware if self.platform is None else names.hardware_id(self.platform)
@@ -29,7 +29,7 @@ class Address:
         self._table = participant.node.table
 
     def mismatch(self) -> str:
-        """Why a local address does not accept this type; empty when it does, or is not served yet."""
+        """Reason why a local address does not accept this type; empty when it does, or is not served yet."""
         if self.platform is not None:
             return ""
         self._table.refresh()
@@ -71,7 +71,7 @@ class Addressing:
         payload = registry.encode(value)
         if len(payload) > PAYLOAD_LIMIT:
             raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {PAYLOAD_LIMIT}")
-        # a random start: a restarted application is not taken for a duplicate of its former self
+        # a random start: messages of a restarted application must not look like duplicates
         sequence = self._sequences.get(address.data_id)
         sequence = int.from_bytes(os.urandom(4)) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
         self._sequences[address.data_id] = sequence

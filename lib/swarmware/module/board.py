@@ -19,7 +19,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class BoardReader(Immediate, Generic[T]):
-    """The newest value of a resource, here or mirrored from another platform.
+    """The newest value of a resource of this platform, or of the mirror of another platform's.
 
     It may be opened before there is a writer. `async for value in reader` returns at each step the value that
     is the newest then.
@@ -97,7 +97,7 @@ class BoardReader(Immediate, Generic[T]):
 
     @property
     def alive(self) -> bool:
-        """Whether a process writes this board now."""
+        """Whether the board has a writer at present."""
         follower = self._follower
         if follower.position < 0:
             return False
@@ -118,11 +118,11 @@ class BoardReader(Immediate, Generic[T]):
                 raise NoAnswer(f"board {self.path}: no new value within {timeout_s} s")
 
     def listen(self) -> None:
-        """Wake this process at each value, even if no task waits for it."""
+        """Wake this process at each new value, even if no task waits for it."""
         self._follower.listen(self._node, self._wakeup.notify)
 
     def ring_only(self) -> None:
-        """Have the doorbell of this process rung by each value, for a watcher of many boards."""
+        """Register the doorbell of this process with the board, for a watcher of many boards."""
         self._follower.listen(self._node, None)
 
     @property

@@ -19,7 +19,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
-    """Mapping of platform to reader, for every other platform whose board is mirrored here."""
+    """Mapping of platform to reader, for every other platform with a mirror of the board on this node."""
 
     def __init__(self, node: Node, pattern: str, open_reader: Callable[[str], BoardReader[T]]) -> None:
         platforms, _, local = pattern.removeprefix("/").partition("/")

@@ -52,7 +52,7 @@ C = TypeVar("C", bound=_Closes)
 
 @dataclass(frozen=True)
 class _Membership:
-    """What a module has from `async with` on."""
+    """State of a module while it is on its node."""
 
     participant: NodeParticipant
     addressing: Addressing
@@ -62,10 +62,11 @@ class _Membership:
 
 
 class Module:
-    """`async with Module("planner") as m`: joins the node, leaves it at the end, be it by SIGTERM or SIGINT.
+    """`async with Module("planner") as m`: joins the node, and leaves it at the end, also after SIGTERM or
+    SIGINT.
 
-    Raises: ConfigError without a node configuration, Conflict when the instance runs already; InvalidInput
-    where it is used outside of `async with`.
+    Raises: ConfigError without a node configuration; Conflict when the instance runs already; InvalidInput
+    when a method is called outside of `async with`.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class Module:
 
     @property
     def node(self) -> Node:
-        """The node that it is on."""
+        """The node that it has joined."""
         return self._member.participant.node
 
     @property
@@ -155,12 +156,12 @@ class Module:
 
     @property
     def instance(self) -> int:
-        """Number among the running modules of this name, from 0."""
+        """Instance number among the running modules of this name."""
         return self.entry.instance
 
     @property
     def app_id(self) -> int:
-        """Sender of its frames."""
+        """Application id, the sender of its frames."""
         return self._member.participant.app_id
 
     @property
@@ -170,7 +171,7 @@ class Module:
 
     @property
     def remote_clocks(self) -> RemoteClocks:
-        """Converts stamps of other hardware units to our clock."""
+        """Converts stamps of other hardware units to the clock of this node."""
         return self._member.participant.remote_clocks
 
     def now_ns(self) -> int:
@@ -180,8 +181,8 @@ class Module:
     def every(self, period_s: float, stage: int = 0) -> Ticker:
         """`async for _ in m.every(0.05)`: ticks at multiples of the period on this node's clock.
 
-        `stage`: at an instant that several share, work of a higher one sees what that of a lower one wrote:
-        sensors are 0, drivers 1, what computes with them 2.
+        `stage`: order of tasks with a common instant; a task reads values that tasks of lower stages wrote at
+        the same instant. Sensors have 0, drivers 1, computations with their values 2.
         """
         phase_ns = stage_phase_ns(self.node.config.processes, stage)
         return Ticker(self.clock, period_s, self.lateness, stage=stage, phase_ns=phase_ns)
@@ -228,7 +229,8 @@ class Module:
     def writer(self, resource: Resource, cls: type[T]) -> BoardWriter[T]: ...
 
     def writer(self, resource: str | Resource, cls: type[T], **details: Any) -> BoardWriter[T]:
-        """The one writer of a board, by its path or its whole descriptor; of a setting by its descriptor.
+        """Open the writer of a board, given by its path or its descriptor, or of a setting, given by its
+        descriptor.
 
         Raises: Conflict when another process writes it, InvalidInput.
         """
@@ -271,9 +273,9 @@ class Module:
         slot_bytes: int = STREAM_SLOT_BYTES,
         **details: Any,
     ) -> StreamWriter[T]:
-        """The one writer of a stream or of events: readers get every item, in order.
+        """Open the writer of a stream or of events: readers get every item, in order.
 
-        `slots`: items that stay readable for those who are late, each of about `slot_bytes`.
+        `slots`: number of items that remain readable for slow readers, each of about `slot_bytes`.
         Raises: Conflict when another process writes it, InvalidInput.
         """
         described = self._described(resource, cls, (Kind.STREAM, Kind.EVENT), details)
@@ -286,7 +288,7 @@ class Module:
     def _described(
         self, resource: str | Resource, cls: type[T], kinds: tuple[Kind, Kind], details: dict[str, Any]
     ) -> Resource:
-        """The whole descriptor of what is to be written."""
+        """The complete descriptor of the resource to be written."""
         if isinstance(resource, Resource):
             path, kind, given = resource.path, resource.kind, resource.type
             if details:
@@ -295,7 +297,7 @@ class Module:
             path, kind = self._member.participant.own(resource), details.pop("kind", kinds[0])
             given = registry.type_name(cls)
         if kind not in kinds:
-            raise InvalidInput(f"{path}: of kind {kind}; expected {' or '.join(kinds)} here")
+            raise InvalidInput(f"{path}: of kind {kind}; expected {' or '.join(kinds)}")
         if given != registry.type_name(cls):
             raise TypeMismatch(f"{path}: {registry.type_name(cls)}; its descriptor expects {given}")
         if isinstance(resource, Resource):
@@ -308,14 +310,15 @@ class Module:
         return writer
 
     def close_writer(self, writer: BoardWriter[Any]) -> None:
-        """Withdraw one resource before the module ends."""
+        """Withdraw one resource of this module before its end."""
         if writer in self._writers:
             self._writers.remove(writer)
             writer.close()
             self.withdraw(writer.path)
 
     def reader(self, path: str, cls: type[T]) -> BoardReader[T]:
-        """The newest value of a board, of this platform or (`/uav3/nav/pose`) mirrored from another."""
+        """Open a reader of a board of this platform, or (`/uav3/nav/pose`) of the mirror of another
+        platform's."""
         return self._track(self._board(self._interest(path), cls))
 
     def _board(self, path: str, cls: type[T]) -> BoardReader[T]:
@@ -323,13 +326,14 @@ class Module:
         return BoardReader(self.node, path, cls, data_id, self.remote_clocks)
 
     def readers(self, pattern: str, cls: type[T]) -> BoardSet[T]:
-        """The same board of all other platforms: `/*/nav/pose`; a mapping that grows as they appear."""
+        """Open readers of one board of all other platforms (`/*/nav/pose`): a mapping that grows as they
+        appear."""
         boards = BoardSet(self.node, pattern, lambda path: self._board(path, cls))
         self._member.participant.read(pattern)
         return self._track(boards)
 
     def stream_reader(self, path: str, cls: type[T], *, from_oldest: bool = False) -> StreamReader[T]:
-        """Every item of a stream or every event from now on; `from_oldest`: also those still in memory."""
+        """Open a reader of every item or event from now on; `from_oldest`: also of those still in memory."""
         local = self._interest(path)
         data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
         return self._track(StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest))
@@ -346,7 +350,7 @@ class Module:
     def inbox(
         self, path: str, cls: type[T], *, limit: int = inbox_module.LIMIT, description: str = ""
     ) -> Inbox[T]:
-        """The inbox of an address of this platform.
+        """Open the inbox of an address of this platform.
 
         Raises: Conflict when another application has it.
         """
@@ -366,7 +370,8 @@ class Module:
         urgent: bool = False,
         kind: FrameKind = FrameKind.MESSAGE,
     ) -> Outcome:
-        """Send a message to an address here or (`/uav3/cmd/goto`) on another platform; returns its outcome.
+        """Send a message to an address of this platform or (`/uav3/cmd/goto`) another one; returns its
+        outcome.
 
         `kind`: its priority on a link; a message that is not a command has kind notify, event, stream or
         file, with a lower priority than commands.
@@ -383,7 +388,7 @@ class Module:
         frame.flags = _ACKED_URGENT if urgent else _ACKED
         outcome = await member.participant.node.messaging.send(frame, timeout_s)
         if outcome.status is Status.REFUSED and (error_text := address.mismatch()):
-            return msgspec.structs.replace(outcome, detail=error_text)  # its owner came while we waited
+            return msgspec.structs.replace(outcome, detail=error_text)  # its server appeared during the wait
         return outcome
 
     # -- requests
@@ -397,7 +402,7 @@ class Module:
         reply: type[msgspec.Struct] | None = None,
         description: str = "",
     ) -> Server:
-        """Answer the requests of an address: `handler(request, meta)` gives the answer, or a coroutine of it.
+        """Serve the requests of an address: `handler(request, meta)` returns the reply, or a coroutine of it.
 
         A SwarmError of the handler is raised at the caller as the same class.
         Raises: Conflict when another application has the address.
@@ -419,10 +424,10 @@ class Module:
         timeout_s: float = 2.0,
         urgent: bool = False,
     ) -> Coroutine[Any, Any, R]:
-        """Ask an address here or on another platform; the question leaves now, the coroutine has the answer.
+        """Send a request to an address of this or another platform, at once; the coroutine returns the reply.
 
-        Raises: the error of the handler as its own class; NoAnswer in time; NotFound for an unserved address;
-        TypeMismatch when it takes another type.
+        Raises: the error of the handler as the same class; NoAnswer at the time-out; NotFound for an address
+        without a server; TypeMismatch when it takes another type.
         """
         member = self._member
         address = member.addressing.address(path, type(value))

@@ -1,4 +1,4 @@
-"""One application on its node: who it is, and what it declares in its application file."""
+"""One application on its node: its identity, and its declarations in the application file."""
 
 import asyncio
 from typing import Literal
@@ -16,9 +16,9 @@ from swarmware.types import registry
 
 
 class NodeParticipant:
-    """Takes part in the node from its construction until `close`.
+    """Represents the application on the node from its construction until `close`.
 
-    Declarations are written together, at the next turn of the event loop.
+    Declarations are written together, in the next iteration of the event loop.
     Raises: Conflict when the instance runs already.
     """
 
@@ -44,12 +44,12 @@ class NodeParticipant:
 
     @property
     def entry(self) -> AppEntry:
-        """What the application file says."""
+        """Content of the application file."""
         return self._file.entry
 
     @property
     def app_id(self) -> int:
-        """Sender of its frames."""
+        """Application id, the sender of its frames."""
         return self.entry.app_id
 
     @property
@@ -78,19 +78,19 @@ class NodeParticipant:
     # -- declarations
 
     def provide(self, resource: Resource) -> None:
-        """State a resource of this application, where the tree finds it."""
+        """Declare a resource of this application in its file, from which the tree reads it."""
         if resource.owner != self.name:
             resource = msgspec.structs.replace(resource, owner=self.name)
         self._provides[resource.path] = resource
         self._changed()
 
     def withdraw(self, path: str) -> None:
-        """Take a resource back."""
+        """Withdraw the declaration of a resource."""
         if self._provides.pop(path, None) is not None:
             self._changed()
 
     def read(self, path: str) -> None:
-        """State that a resource of other platforms is read here, so that it is sent to this one."""
+        """Declare that a resource of other platforms is read here, so that this node subscribes to it."""
         self._reads[path] = None
         self._changed()
 
@@ -103,7 +103,7 @@ class NodeParticipant:
         reply: str = "",
         description: str = "",
     ) -> Served:
-        """Take an address of this platform.
+        """Declare that this application serves an address of this platform.
 
         Raises: Conflict when another application has it.
         """
@@ -111,7 +111,7 @@ class NodeParticipant:
         table.refresh()
         other = table.serving_path(path)
         if other is not None and other[0].id != self.id:
-            table.refresh(probe=True)  # it may have died
+            table.refresh(probe=True)  # the other application may have died
             other = table.serving_path(path)
         if other is not None and other[0].id != self.id:
             raise Conflict(f"{path}: served by {other[0].id} already; expected one application only")

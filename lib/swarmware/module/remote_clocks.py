@@ -16,7 +16,7 @@ class RemoteClocks:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._follower: RingFollower | None = None  # opened by the first question: most modules ask none
+        self._follower: RingFollower | None = None  # opened by the first conversion: many modules need none
         self._by_hardware: dict[int, Conversion] = {}
 
     def conversion(self, hardware: int) -> Conversion | None:

@@ -1,4 +1,4 @@
-"""Requests: runs handlers, converts their errors to replies; waits for a reply, raises its error again."""
+"""Requests: the server runs handlers and converts errors to replies; the client raises them again."""
 
 import asyncio
 import inspect
@@ -20,9 +20,9 @@ IN_WORK_LIMIT: Final = 64
 """Maximum concurrent requests of one path; more are refused."""
 
 Handler = Callable[[Any, Meta], Awaitable[msgspec.Struct] | msgspec.Struct]
-"""Gets the request and its metadata; returns the reply, or raises a SwarmError for the caller."""
+"""Handler: gets the request and its metadata; returns the reply, or raises a SwarmError for the caller."""
 Start = Callable[[Any, str], object]
-"""Runs a coroutine as a named task."""
+"""Function that runs a coroutine as a named task."""
 
 R = TypeVar("R", bound=msgspec.Struct)
 

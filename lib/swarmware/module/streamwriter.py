@@ -40,9 +40,10 @@ class StreamWriter(BoardWriter[T]):
 
     @property
     def losses(self) -> Mapping[str, int]:
-        """Platform → items that it will never get: it, or the way to it, was too slow for too long.
+        """Platform → number of its lost items: the platform, or the link to it, was too slow.
 
-        As the tree of this node counts them since its start, a second late; empty without a tree.
+        The tree of this node counts them since its start and publishes them every second; empty without a
+        tree.
         """
         if self._losses is None:
             identity = data_id(LOSSES, StreamLosses.__name__)

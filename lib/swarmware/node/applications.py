@@ -34,15 +34,15 @@ OnEvents = Callable[[list[ApplicationEvent]], None]
 
 
 class Watcher(Protocol):
-    """Looks at shared memory when the doorbell has rung."""
+    """Polls shared memory when the doorbell has rung."""
 
     def poll(self) -> None:
-        """Look whether there is something new; called in the event loop, must be cheap."""
+        """Check for new data; called in the event loop, must be cheap."""
         ...
 
 
 class Waker(Protocol):
-    """Wakes watchers when something changed in shared memory: the node."""
+    """Calls watchers when shared memory has changed: the node."""
 
     def listen(self, readers: Path) -> None:
         """Enter this process's doorbell in a table of readers."""
@@ -53,7 +53,7 @@ class Waker(Protocol):
         ...
 
     def watch(self, watcher: Watcher) -> None:
-        """Have it look at shared memory whenever the doorbell rings."""
+        """Register a watcher, whose `poll` is called whenever the doorbell rings."""
         ...
 
     def unwatch(self, watcher: Watcher) -> None:

@@ -122,7 +122,7 @@ class RingFollower:
     def listen(self, node: Node, on_change: Callable[[], None] | None) -> None:
         """Have `on_change` called at each change; read the ring after this call, not before.
 
-        None: the doorbell rings, and who watches it looks here.
+        None: only the doorbell rings; the watcher of the doorbell reads the ring.
         """
         if self._node is None:
             self._node = node

@@ -13,13 +13,14 @@ from swarmware.transport.shm.layout import RING_SUFFIX, ring_file, ring_path
 from swarmware.transport.shm.reap import mirror_folders, reap_ring
 
 SLOTS: Final = {FrameKind.BOARD: MIRROR_SLOTS, FrameKind.EVENT: 512, FrameKind.STREAM: 1024}
-"""By kind: a whole window of notifications may become readable at once, and a reader that wakes finds all
-of it."""
+"""Slots of a mirror by kind of frame: a whole window of notifications may become readable at once, and the
+ring must hold all of it until its readers wake."""
 LARGE_BYTES: Final = 8 * 1024
 LARGE_SLOTS: Final = 128
-"""Of larger items, a window holds no more than that."""
+"""Slots for items above `LARGE_BYTES`: a window of notifications cannot contain more of them."""
 EPOCHS: Final = 4
-"""Starts of an owner whose items may come mixed: late ones of a former start, and those of the new one."""
+"""Number of recent starts of an owner whose items are distinguished: late items of a former start may follow
+items of the new one."""
 
 Position = tuple[int, int]
 """Sequence and stamp of an item."""
@@ -44,7 +45,7 @@ class ArrivalOrder:
         return newest is not None and sequence <= newest[0] and stamp_ns <= newest[1]
 
     def on_written(self, epoch: int, sequence: int, stamp_ns: int) -> None:
-        """The item was written: it is the newest of its epoch."""
+        """Record that the item was written: it is the newest of its epoch."""
         while epoch not in self._newest and len(self._newest) >= EPOCHS:
             del self._newest[next(iter(self._newest))]
         self._newest[epoch] = (sequence, stamp_ns)
@@ -61,7 +62,8 @@ class _Mirror:
         self._order = ArrivalOrder(resumed)
         self._buffer = bytearray()
         self._form: tuple[int, int, int, int, bytes, int] | None = None
-        """What the frame in the buffer shares with the next one: all but number, times and payload."""
+        """Header fields of the buffered frame; the buffer is reused for a next frame that differs only in
+        sequence, times and payload."""
 
     def write(self, frame: Frame, epoch: int | None) -> bool:
         sequence, stamp_ns = frame.sequence, frame.stamp_ns
@@ -85,7 +87,7 @@ class _Mirror:
 
 
 class MirrorWriter:
-    """Writes mirrors: of a board each value that comes, of events and streams each item once."""
+    """Writes mirrors: every received value of a board, every item of an event or stream once."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -93,14 +95,14 @@ class MirrorWriter:
         self.written = 0
         """Number of values written."""
         self.refused = 0
-        """Number of values that fit no frame or path, or for which there was no ring."""
+        """Number of values that could not be written: too large, an invalid path, or no ring."""
 
     def write(self, platform: str, path: str, frame: Frame, *, epoch: int | None = None) -> bool:
         """Publish a value here as its owner stamped it; False: this item was written before.
 
         `epoch`: start of the owner that numbered the frame; None: it has no number and gets the ring's.
-        Raises: SwarmError when it fits no frame or path, there is no room, or another process writes this
-        mirror.
+        Raises: SwarmError when the value is too large, the path is invalid, shared memory is full, or another
+        process writes this mirror.
         """
         try:
             mirror = self._mirrors.get((platform, path))
@@ -142,7 +144,7 @@ class MirrorWriter:
         return None if frame is None else (frame.sequence, frame.stamp_ns)
 
     def platforms(self) -> list[str]:
-        """Platforms of which there are mirrors, also from a former start."""
+        """Platforms with mirrors, including those of a former start."""
         return [folder.name for folder in mirror_folders(self._node.shm_dir)]
 
     def keep_only(self, kept: Iterable[tuple[str, str]]) -> None:

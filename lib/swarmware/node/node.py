@@ -31,7 +31,8 @@ from swarmware.transport.shm.notifier import ReaderNotifier
 TEND_NS: Final = 1_000_000_000
 """Period in which a process checks that its files in shared memory are intact."""
 TEND_PHASE_NS: Final = 300_000_000
-"""Not with the heartbeats and statistics of the full second, but at an instant of the grid all the same."""
+"""Phase of that period: an instant of the grid, but not the full second, at which heartbeats and statistics
+are written."""
 MIRROR_SLOTS: Final = 4
 MIRROR_SLOT_BYTES: Final = 256
 """Default slot of a mirror: a header and a packed pose; the ring is replaced when a value is larger."""
@@ -54,8 +55,8 @@ class Services(Protocol):
 class Node(Immediate):
     """State shared by an event loop: configuration, clock, doorbell, message router, applications.
 
-    Modules of one event loop share it: `attach` gives the same one again, `close` closes the last. Another
-    loop, in a thread of the same process, has its own.
+    Modules of one event loop share it: `attach` returns the existing one, and the last `close` closes it.
+    Another event loop, in a thread of the same process, has its own.
     """
 
     # one doorbell and one socket per event loop: the only state per process
@@ -74,7 +75,7 @@ class Node(Immediate):
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
         self._errors: list[str] = []
-        """Errors of the last look at what this process has in shared memory."""
+        """Errors of the last check of this process's files in shared memory."""
         self._loop = asyncio.get_running_loop()
         self._incarnation = NodeIncarnation(self.run_dir, self.shm_dir)
         self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._incarnation.boot_id)
@@ -220,7 +221,8 @@ class Node(Immediate):
         return publication
 
     def close(self) -> Immediate:
-        """Leave the node when its last user in this process leaves; the result is for a former `await`."""
+        """Release this use of the node; the last user in this process leaves it. The result supports a former
+        `await`."""
         self._users -= 1
         if self._users > 0:
             return self

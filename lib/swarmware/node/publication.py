@@ -27,7 +27,7 @@ class Publication:
         self._resume: EpochPosition | None = None
         """Position from which the replacement of a damaged ring continues."""
         self._newest: bytes | bytearray | None = None
-        """The newest frame written here; None: it was a loan, or there was none yet."""
+        """The newest frame written by this object; None: it was a loan, or there was none yet."""
         self._readers = ReaderNotifier(readers_folder(path), doorbells)
         self._readers.notify()  # readers may be waiting for a writer
 
@@ -66,7 +66,7 @@ class Publication:
         return sequence
 
     def abandon(self) -> None:
-        """Return the loan without publishing it."""
+        """Return the slot on loan without publishing it."""
         self._ring.abandon()
 
     def _grow(self, length: int) -> None:

@@ -1,4 +1,4 @@
-"""One log entry: a recorded frame, the queue it belongs to, and the position of a consumer behind it."""
+"""One log entry: a recorded frame and its queue; and the cursor of a consumer."""
 
 from functools import lru_cache
 from typing import Any
@@ -44,7 +44,7 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
             return None
 
     def plain(self) -> Any:
-        """The payload as dictionaries and lists with field names, for display, JSON and databases."""
+        """The payload as dictionaries and lists with field names, for output, JSON and databases."""
         value = self.value()
         return plain(value if value is not None else list_or_none(self.payload))
 

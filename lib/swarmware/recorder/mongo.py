@@ -1,4 +1,4 @@
-"""MongoDB as circular queues of fixed slots: the only file that knows pymongo.
+"""MongoDB as circular queues of fixed slots: the only file that imports pymongo.
 
 Raises: ConfigError when it is imported and pymongo is not installed.
 """

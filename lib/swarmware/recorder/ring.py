@@ -14,7 +14,7 @@ from swarmware.recorder.segment import TAIL, LogChannel, SegmentReader, SegmentW
 Sync = Literal["none", "batch", "segment"]
 
 DAMAGED: Final = ".damaged"
-"""Suffix of a segment without a readable record; the ring deletes it in its turn."""
+"""Suffix of a segment without a readable record; the ring deletes it like any other segment."""
 _BOOT: Final = "#boot"
 """Key of the boot id among the stamps: stamps of another boot are of another clock."""
 _EMPTY_FILE_BYTES: Final = 4096

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
 
 AT_ONCE: Final = -(1 << 63)
-"""A deadline that has passed at every instant."""
+"""A deadline before every instant: due at once."""
 
 Action = TypeVar("Action")
 
@@ -20,7 +20,7 @@ class Core(Protocol[Action]):
         ...
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called; in the past: at once; None: no deadline."""
+        """Instant at which `on_timer` must be called; in the past: at once; None: no deadline."""
         ...
 
 
@@ -48,7 +48,7 @@ class EventLoop(Protocol):
     """Interface of an event loop for a driver: asyncio's, uvloop's, or that of virtual time."""
 
     def call_later(self, delay: float, callback: Callable[[], None], /) -> Alarm:
-        """Schedule a call after so many seconds; uvloop rounds them to milliseconds."""
+        """Schedule a call after a delay in seconds; uvloop rounds it to milliseconds."""
         ...
 
 

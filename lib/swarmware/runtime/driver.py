@@ -24,7 +24,7 @@ class CoreDriver(Generic[Action]):
     those of an event that an action causes follow those queued before.
     """
 
-    def __init__(  # the two that a driver needs, and where it differs between shells
+    def __init__(  # the two functions of an event loop that a driver needs; shells differ in them
         self,
         core: Core[Action],
         perform: Callable[[Action], None],

@@ -1,4 +1,4 @@
-"""What was a coroutine and returns at once; awaiting its result still works for one release."""
+"""Results of methods that were coroutines in the last release and now return at once."""
 
 import warnings
 from collections.abc import Generator
@@ -6,14 +6,15 @@ from typing import Self
 
 
 class Immediate:
-    """Base of what `Node.attach`, `share`, `close` and the like of `Module.writer`, `serve` return.
+    """Base of the results of `Node.attach`, `share`, `close`, `Module.writer`, `Module.serve` and similar
+    methods.
 
-    These methods were coroutines: for one release, `await` still gives the object, with a DeprecationWarning.
+    For one release `await` of such a result still returns the object, with a DeprecationWarning.
     """
 
     def __await__(self) -> Generator[None, None, Self]:
         warnings.warn(
-            f"{type(self).__name__}: it is there at once; expected no `await`",
+            f"{type(self).__name__}: returned without waiting; expected no `await`",
             DeprecationWarning,
             stacklevel=2,
         )

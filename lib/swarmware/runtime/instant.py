@@ -9,7 +9,7 @@ _MS_NS: Final = 1_000_000
 
 STAGE_NS: Final = 2_000_000
 """Time between two stages of one instant in separate processes: to wake, compute a sample and
-write it takes at most a millisecond on an idle processor."""
+write it take at most a millisecond on an idle processor."""
 
 
 def stage_phase_ns(processes: str, stage: int) -> int:

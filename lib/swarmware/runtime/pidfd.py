@@ -1,6 +1,6 @@
 """A running process by its pidfd: it names this process, never a later one with the same number.
 
-The parent of a node's processes imports this, so it imports next to nothing.
+The parent of a node's processes imports this module, so it imports as few modules as possible.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class ProcessHandle:
         return self._fd
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal; one to a process that has ended is lost.
+        """Send a signal; no effect on a process that has ended.
 
         Raises: PermissionError for a process of another user.
         """

@@ -49,7 +49,7 @@ class ProcessWatcher:
         """Processes whose end was reported while they are wanted; a handle where the report is scheduled."""
 
     def watch(self, pids: Set[int]) -> None:
-        """Watch these processes and no others, this process excepted."""
+        """Watch exactly these processes, without the own one."""
         wanted = pids - {os.getpid()}
         for pid in self._processes.keys() - wanted:
             self._processes.pop(pid).close()

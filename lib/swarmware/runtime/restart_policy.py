@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
 """Pauses before the first, second, … consecutive restart; the last one from then on."""
 SETTLED_S: Final = 10.0
-"""A process that ran for so long after it was ready is restarted without a pause again."""
+"""Time from ready to the end after which a process is again restarted without a pause."""
 LIMIT: Final = 20
 """Consecutive restarts after which the process is given up."""
 
@@ -28,12 +28,12 @@ class RestartPolicy:
         self._limit = limit
         self._ready_ns: int | None = None
         self.consecutive = 0
-        """Ends in a row, none of them after it had settled."""
+        """Consecutive ends, each before the process had run for `settled_s` after it was ready."""
         self.restarts = 0
         """Restarts since the start."""
 
     def on_ready(self, now_ns: int) -> None:
-        """The present process is ready."""
+        """Record that the present process is ready."""
         self._ready_ns = now_ns
 
     def on_end(self, now_ns: int, *, killed: bool = False) -> float | None:

@@ -9,7 +9,7 @@ UNKNOWN = "gone"
 class ExitStatus:
     """Code of an exit, or number of the signal that ended the process; neither when it is unknown.
 
-    The parent of a node has one, which lives without msgspec.
+    Not a Struct: the parent of a node uses it, and does not import msgspec.
     """
 
     __slots__ = ("code", "signal")

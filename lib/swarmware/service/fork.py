@@ -1,7 +1,8 @@
 """Requests to the fork server of the node, and the started process of a service.
 
-The fork server has imported what daemons need and forks itself: a start takes milliseconds, not half a second
-of processor time. Without one, or if it does not answer, processes are started from scratch.
+The fork server has imported the modules of the daemons and forks itself: a start takes milliseconds, not half
+a second of processor time. Without a fork server, or if it does not answer, a process starts with a new
+interpreter.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class StartedProcess:
         self.status = status
 
     def exit_status(self, timeout_s: float = 0.0) -> ExitStatus:
-        """How the process ended, as far as it is known now."""
+        """The exit status of the process, as far as it is known now."""
         if self.status is None:
             return _collected(self.pid)
         poller = select.poll()
@@ -85,7 +86,7 @@ def request_fork(
         _end_server(asking)
         pid = 0
     except (OSError, ValueError):
-        pid = 0  # there is none, it is being started, or it has just died
+        pid = 0  # no fork server runs, it is being started, or it has just died
     if not pid:
         asking.close()
         return None

@@ -1,6 +1,6 @@
 """Garbage collection without long pauses: objects that live as long as the process are frozen (`gc.freeze`).
 
-A full collection over the 55 000 objects of a node took 30 to 44 ms, whenever its turn came.
+A full collection over the 55 000 objects of a node took 30 to 44 ms at unpredictable instants.
 """
 
 import asyncio

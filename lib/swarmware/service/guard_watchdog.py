@@ -18,7 +18,7 @@ from swarmware.transport.appfile.trace import died, last_of
 LOOK_S: Final = 0.5
 """Period of looking for a missing guard: a process that was starting it may have been killed."""
 SETTLED_S: Final = 1.0
-"""A guard that ran for so long is restarted without a pause."""
+"""Run time after which a guard is restarted without a pause."""
 
 log = logging.getLogger("swarm.guardwatch")
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
 """Pause before the n-th start in a row; the last one from then on."""
 SETTLED_S: Final = 10.0
-"""A service that ran for so long is restarted without a pause."""
+"""Run time after which a service is restarted without a pause."""
 
 log = logging.getLogger("swarm.host")
 
@@ -102,7 +102,7 @@ class ServiceHost:
             service.module.keep_boards(False)
             if reporter := self._reporters.get(name):
                 reporter.state = AppState.STOPPING
-                reporter.report()  # it leaves the node, it does not die
+                reporter.report()  # it leaves the node in order, so it must not count as died
             try:
                 await asyncio.wait_for(service.stop(), service.stop_s)
             except TimeoutError:
@@ -121,7 +121,7 @@ class ServiceHost:
             except Exception as error:
                 if alone:
                     raise
-                self._started[item.name].set()  # the others do not wait for it any longer
+                self._started[item.name].set()  # it counts as started, so that the others do not wait for it
                 text = reason(error)
                 if text is None:
                     log.error("%s: failed: %s", item.name, error, exc_info=error)

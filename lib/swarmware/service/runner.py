@@ -27,7 +27,7 @@ from swarmware.service.reason import reason
 from swarmware.service.starting import GUARD
 
 DRAIN_S: Final = 4.0
-"""From SIGTERM to the end; units give five seconds."""
+"""Time from SIGTERM to the end, in seconds; the systemd units allow five."""
 
 FILES: Final = 64
 FILES_OF_SERVICE: Final = 24
@@ -39,7 +39,7 @@ log = logging.getLogger("swarm.runner")
 def run_services(config_dir: Path, names: list[str]) -> int:
     """Run services of the node in this process until SIGTERM or SIGINT; the exit code.
 
-    Raises: SwarmError when the configuration does not fit or the node cannot be joined.
+    Raises: SwarmError when the configuration is invalid or the node cannot be joined.
     """
     node_config = config.load_node(config_dir)
     with garbage.frozen():
@@ -56,7 +56,8 @@ def run_services(config_dir: Path, names: list[str]) -> int:
 
 
 def _open_many_files(services: int) -> None:
-    """A mapped ring holds a descriptor or three: the usual soft limit of 1024 is soon reached.
+    """Raise the soft limit of open files: a mapped ring uses up to three descriptors, and the default is
+    1024.
 
     Raises: SwarmError when the hard limit is too low.
     """

@@ -46,7 +46,7 @@ class Service(ABC):
         settled: Callable[[], None] | None = None,
         boundary: Boundary | None = None,
     ) -> CoreDriver[Action]:
-        """A driver for a core of this service; `run` it, or feed it and stop it. See CoreDriver."""
+        """Make the driver of a core of this service; `run` it, or feed it and stop it. See CoreDriver."""
         return CoreDriver(
             core,
             perform,

@@ -1,7 +1,7 @@
 """Starts processes of services; the start record of each exists until it has joined the node.
 
-Forked by the fork server of the node, which holds nothing that a fork would keep, or started from scratch.
-In a session of its own, so that a signal to the terminal or the end of the supervisor does not reach it.
+A process is forked by the fork server of the node, or started with a new interpreter. It has a session of its
+own, so that a signal to the terminal or the end of the supervisor does not reach it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from typing import Final
 
 STARTING_DIR: Final = "starting"
-"""In the run directory."""
+"""Folder of the start records, in the run directory."""
 PARENT_SOCKET: Final = "words"
 """Socket of the parent of the node's processes, in its folder; the same one after a restart of it."""
 BEAT_S: Final = 4.0
@@ -53,7 +53,7 @@ def launch(
 def start(words: list[str], variables: dict[str, str], stdin: int | None = None) -> int:
     """Start `swarmd WORDS` with an empty interpreter; its pid."""
     null = (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0)
-    # SIGINT and SIGTERM may be ignored or blocked here; a new process must not inherit that
+    # this process may ignore or block SIGINT and SIGTERM; the new one must not inherit that
     return os.posix_spawn(
         sys.executable,
         [sys.executable, "-m", "swarmd", *words],

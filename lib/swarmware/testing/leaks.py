@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LOCKS = {"boot", "master.lock"}
-"""Files that persist: they have the numbers of the node's last start and of its last master."""
+"""Files that persist: they contain the numbers of the node's last start and of its last master."""
 
 
 @contextmanager

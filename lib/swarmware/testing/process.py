@@ -14,7 +14,7 @@ from swarmware.errors import NoAnswer, SwarmError
 from swarmware.service.notify import NotificationSocket
 
 READY_S = 20.0
-"""Time to get ready on a busy machine."""
+"""Time-out for the start of a process on a loaded machine, in seconds."""
 END_S = 10.0
 
 

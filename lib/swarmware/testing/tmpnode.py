@@ -1,4 +1,4 @@
-"""A node in a temporary place: its configuration, and this process attached to it."""
+"""A node in a temporary folder: its configuration, and this process attached to it."""
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
@@ -17,7 +17,7 @@ from swarmware.node.node import Node
 def make_node(
     root: Path, platform: str = "uav1", *, services: Mapping[str, Any] | None = None, **settings: Any
 ) -> Path:
-    """Configuration folder of a node whose files all lie under `root/<platform>`.
+    """Configuration folder of a node whose files are all below `root/<platform>`.
 
     `settings`: keys of node.toml; `services`: name → settings, or a Struct, of services/<name>.toml.
     """
@@ -43,7 +43,7 @@ def make_node(
 
 @asynccontextmanager
 async def tmp_node(root: Path, platform: str = "uav1", **settings: Any) -> AsyncIterator[Node]:
-    """This process, attached to a node in a temporary place; several may be there at once."""
+    """Attach this process to a node in a temporary folder; several such nodes may exist at once."""
     node = Node.attach(await asyncio.to_thread(make_node, root, platform, **settings))
     try:
         yield node

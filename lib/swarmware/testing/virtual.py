@@ -1,4 +1,4 @@
-"""Virtual time and a seeded network: an hour of a swarm in a second, the same for the same seed."""
+"""Virtual time and a seeded network: simulates an hour of a swarm in a second, reproducibly for each seed."""
 
 import heapq
 import random
@@ -18,7 +18,8 @@ Handler = Callable[[Name, bytes], None]
 
 
 class VirtualTime:
-    """Events in the order of their instants; equal instants in the order in which they were asked for."""
+    """Event queue: events in the order of their instants, simultaneous ones in the order of their
+    scheduling."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self.now_ns = start_ns
@@ -56,7 +57,8 @@ class VirtualTime:
         clock: HardwareClock | None = None,
         settled: Callable[[], None] | None = None,
     ) -> CoreDriver[Action]:
-        """The driver that a daemon has for its core; `clock`: the node's, if it has its own."""
+        """Make the driver of a core, as a daemon has it; `clock`: that of the node, if it differs from
+        virtual time."""
         return CoreDriver(
             core,
             perform,
@@ -118,7 +120,8 @@ class VirtualClock(Clock):
 class VirtualSwarm(VirtualTime, Generic[Name]):
     """A network of named nodes with loss, delay, duplication and reordering; connectivity may change.
 
-    `delay_s`: shortest and longest; unequal delays reorder. All chance comes from the seed.
+    `delay_s`: minimum and maximum; different delays reorder datagrams. The seed determines all random
+    numbers.
     """
 
     def __init__(

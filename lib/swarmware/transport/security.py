@@ -1,4 +1,4 @@
-"""Membership of the swarm, and the sealing of its datagrams.
+"""Membership of the swarm, and the encryption (sealing) of its datagrams.
 
 A node's identity is one Ed25519 seed; its X25519 form is the node's CURVE key. The swarm's root
 signs the roster, the list of members; the group key seals datagrams, with a derived key per
@@ -178,8 +178,7 @@ class Sealer:
     def seal(self, sequence: int, clear: bytes, body: bytes) -> bytes:
         """The body encrypted, with a tag over it and the clear header.
 
-        Raises: InvalidInput when the sequence number does not rise: the same nonce twice gives
-        the key stream away.
+        Raises: InvalidInput when the sequence number does not rise: a repeated nonce reveals the key stream.
         """
         if sequence <= self._last:
             raise InvalidInput(f"sequence {sequence}: expected more than {self._last}")

@@ -1,4 +1,4 @@
-"""Payload types that cross processes or platforms: one file per area, plus the registry that codes them.
+"""Payload types that processes or platforms exchange: one file per area, and the registry with their codec.
 
-No behaviour beyond what a value says about itself; no daemon's private structures.
+A type has no behaviour but computations with its own fields; private structures of daemons are not here.
 """

@@ -1,4 +1,4 @@
-"""Numbers as they may come over the wire: what a decoder lets through fits headers, arithmetic and clocks.
+"""Ranges of received numbers: a decoder accepts only values that are safe in headers, arithmetic and clocks.
 
 MessagePack carries integers of 65 bits, infinities and NaN; a field of one of these types does not.
 """
@@ -10,7 +10,7 @@ from msgspec import Meta
 Uint16 = Annotated[int, Meta(ge=0, le=0xFFFF)]
 Uint32 = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-"""Never negative: sequences, serials, sizes."""
+"""A non-negative integer: sequences, serials, sizes."""
 Instant = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 """Nanoseconds of some clock, as the header of a frame holds them; also differences of two."""
 Finite = Annotated[float, Meta(ge=-1e12, le=1e12)]

@@ -1,4 +1,4 @@
-"""Health: what is checked, how it stands, which faults there are, and what the guard does about processes."""
+"""Health: checks and their results, faults, and the supervision of processes by the guard."""
 
 from enum import StrEnum
 from typing import Annotated, Literal, cast
@@ -148,7 +148,7 @@ class CheckState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     check: str
     app: str
-    """Who runs it; `health` when it is a rule of the monitor."""
+    """Application that runs it; `health` for a rule of the monitor."""
     state: str
     level: Level
     since_ns: int
@@ -158,7 +158,7 @@ class CheckState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class HealthReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Everything the monitor knows: the answer of `sys/health/state`."""
+    """State of the monitor: the answer of `sys/health/state`."""
 
     platform: str
     stamp_ns: int
@@ -171,7 +171,7 @@ class FaultQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request for the list of faults."""
 
     cleared: bool = False
-    """Also cleared faults."""
+    """Whether to include cleared faults."""
 
 
 @register
@@ -179,7 +179,7 @@ class FaultClear(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request to clear faults, and to remove checks of applications and platforms that have ended."""
 
     pattern: str
-    """Of names of checks: `age/sensor/**`, `platform/uav3`."""
+    """Pattern of names of checks: `age/sensor/**`, `platform/uav3`."""
 
 
 @register
@@ -195,7 +195,7 @@ class ServiceState(OpenEnum):
     """State of a supervised service."""
 
     WAITING = "waiting"
-    """Not looked at yet."""
+    """Not checked yet."""
     STARTING = "starting"
     RUNNING = "running"
     BACK_OFF = "back-off"
@@ -207,13 +207,13 @@ class ServiceState(OpenEnum):
 
 
 class SupervisorKind(OpenEnum):
-    """Who starts the processes of services."""
+    """Starter of the processes of services."""
 
     SELF = "self"
     """The guard."""
     SYSTEMD = "systemd"
     RUNNER = "runner"
-    """No other process: they share that of the guard."""
+    """None: they share the process of the guard."""
 
 
 @register

@@ -1,4 +1,4 @@
-"""Missions between processes and platforms: order and receipt, and the state that barriers work through."""
+"""Missions between processes and platforms: order and receipt, and the state that implements barriers."""
 
 from typing import ClassVar, Final, Self
 
@@ -28,15 +28,15 @@ class MissionPhase(OpenEnum):
 
 
 PHASES: Final = tuple(MissionPhase)
-"""In the order in which they are numbered on the wire."""
+"""Numbers of the states on the wire, by their index."""
 NOT_STARTED: Final = MissionPhase.IDLE
 """State of a member whose order was withdrawn before the mission began."""
 INACTIVE: Final = frozenset({NOT_STARTED, MissionPhase.DONE, MissionPhase.FAILED, MissionPhase.ABORTED})
-"""States in which nothing is played: the mission has not started or has ended."""
+"""States without an active mission: it has not started or has ended."""
 KINDS: Final = (NO_KIND, *PlatformKind)
-"""In the order in which they are numbered on the wire."""
+"""Kinds of platform; the index is the number on the wire."""
 HASH_DIGITS: Final = 8
-"""Of a mission's hash, on its board: enough to distinguish the versions of one mission."""
+"""Digits of a mission's hash on its board: enough to distinguish the versions of one mission."""
 
 _HEAD_PARTS: Final = (
     Part("epoch", "u32", "epoch"),
@@ -135,7 +135,7 @@ class TaskAnswer(msgspec.Struct, frozen=True):
     left_out: tuple[LeftOut, ...] = ()
     """Known platforms without a part, with the reason."""
     instructed_ns: int = 0
-    """Ground station's hardware clock when the instruction was given there, or arrived from elsewhere."""
+    """Ground station's hardware clock when the instruction was given or arrived there."""
     warnings: tuple[str, ...] = ()
     """Warnings of the check."""
 
@@ -213,7 +213,7 @@ class BarrierResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
     barrier: str
     visit: int
     leave_ns: int | None
-    """When all leave, on the clock of the platform whose board this stands on; None: it is broken."""
+    """Instant at which all leave, on the clock of the platform that publishes it; None: it is broken."""
     by: int = 0
     """Index of the member that decided it: an instant that another member relays was converted twice."""
 
@@ -227,7 +227,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
 
     epoch: int
     hash: str
-    """First eight digits; empty without a mission."""
+    """First eight digits of the mission's hash; empty without a mission."""
     state: MissionPhase
     active: tuple[str, ...] = ()
     """Blocks that hold a token."""

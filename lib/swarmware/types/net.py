@@ -12,7 +12,7 @@ class LinkStatus(OpenEnum):
     """State of the two directions of a link."""
 
     RECEIVED = "heard"
-    """One way so far."""
+    """Datagrams arrive here; it is not known yet whether it receives ours."""
     UP = "up"
     HALF_OPEN = "half_open"
     """It does not receive us."""
@@ -32,7 +32,7 @@ class ConnectionStatus(OpenEnum):
     """State of the TCP connections to a neighbour."""
 
     IDLE = "idle"
-    """Nothing to send."""
+    """No connection: there was no frame to send."""
     CONNECTED = "tcp"
     CONNECTING = "tcp connecting"
     DENIED = "tcp denied"

@@ -18,26 +18,26 @@ class AppState(OpenEnum):
 
 @register
 class MessageCounters(msgspec.Struct, array_like=True, gc=False):
-    """Frames of a process that went no further, or were sent or received more than once, since its start."""
+    """Counters of a process since its start: frames not delivered, or sent or received more than once."""
 
     malformed: int = 0
-    """Not a frame, or an answer that cannot be decoded."""
+    """Received bytes that are not a frame, or an answer that cannot be decoded."""
     unanswerable: int = 0
-    """Of a kind that asks for no answer, which no application sends."""
+    """Frames of a kind that needs no answer, which no application sends."""
     unclaimed_answers: int = 0
-    """Answers whose receiver has left."""
+    """Answers whose receiving application has left."""
     expired: int = 0
-    """Their lifetime was over on arrival."""
+    """Messages whose lifetime was over on arrival."""
     no_room: int = 0
-    """For a full inbox; their senders repeat them."""
+    """Messages for a full inbox; their senders retransmit them."""
     oversized_answers: int = 0
     """Replies of handlers that fit no frame; the caller got an error."""
     dropped: int = 0
     """The queue to another process of the node was full."""
     repeated: int = 0
-    """Sent again, because no answer had come."""
+    """Retransmissions, because no answer had arrived."""
     duplicates: int = 0
-    """Received again: answered as the first time, not delivered."""
+    """Duplicates: answered with the stored answer, not delivered."""
 
 
 @register
@@ -50,13 +50,13 @@ class AppStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Heartbeat count; it does not change while the event loop hangs."""
     restarts: int = 0
     cpu_percent: float = 0.0
-    """Of one core, of the whole process."""
+    """Processor time of the whole process, as a share of one core."""
     rss_mb: float = 0.0
     loop_lag_ms: float = 0.0
     """Maximum lateness of the event loop since the last report."""
     note: str = ""
     messages: MessageCounters | None = None
-    """Of the whole process; None: nothing to count so far."""
+    """Message counters of the whole process; None: all are zero."""
 
 
 @register

@@ -157,7 +157,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         )
 
     def then(self, further: "Conversion", via: str) -> "Conversion":
-        """Composition over one more hop: `self` is ours → via, `further` is via → the unit of the result.
+        """Composition over a further hop: `self` is ours → via, `further` is via → the unit of the result.
 
         Offsets add at the converted instant, rates multiply, bounds add, variances add.
         """

@@ -17,19 +17,19 @@ BOARD_LIMITS_LIMIT: Final = 64
 
 
 class Quality(OpenEnum):
-    """How far a resource's value can be trusted as it is seen here."""
+    """Quality of a resource's value as received here."""
 
     LIVE = "live"
     STALE = "stale"
     """Older than it may be, or of unknown age."""
     LOST = "lost"
-    """Its owner has gone, or its platform cannot be reached."""
+    """Its owner has ended, or its platform is unreachable."""
     NONE = "none"
-    """No value has been seen here."""
+    """No value has arrived here."""
 
 
 class ValueSource(OpenEnum):
-    """Where a value comes from."""
+    """Origin of a value."""
 
     OWN = "own"
     """This platform has the resource."""
@@ -254,7 +254,7 @@ class StructureRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     held: int = 0
     """Digest of the structure that the requester already has; 0: none."""
     full: bool = False
-    """The template named in an answer is not known: send everything."""
+    """The asker does not have the template of the former answer: send everything."""
 
 
 @register

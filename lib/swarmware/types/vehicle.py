@@ -1,4 +1,4 @@
-"""What vehicles measure, want and do: SI units, ENU world, FLU body (REP-103)."""
+"""Measurements, goals and states of vehicles: SI units, ENU world, FLU body (REP-103)."""
 
 import math
 from typing import ClassVar, Final, Self
@@ -127,7 +127,7 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
     def unpack(cls, data: bytes | memoryview) -> Self:
         """The pose in the quantised form.
 
-        Raises: WireError when it is none.
+        Raises: WireError for any other bytes.
         """
         if len(data) == _NEAR_BYTES:
             x, y, z = (int.from_bytes(data[at : at + 3], "little", signed=True) for at in (0, 3, 6))
@@ -254,7 +254,7 @@ class KillRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class MotorAction(OpenEnum):
-    """What a request wants of the motors."""
+    """Action of a request to the motors."""
 
     ARM = "arm"
     DISARM = "disarm"
@@ -276,7 +276,7 @@ class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class GoalKind(OpenEnum):
-    """What a navigator can be ordered to do."""
+    """Kind of a goal of the navigator."""
 
     HOLD = "hold"
     GOTO = "goto"
@@ -294,7 +294,7 @@ class NavState(OpenEnum):
     ARRIVED = "arrived"
     HOLDING = "holding"
     BLOCKED = "blocked"
-    """`NavStatus.error` says by what."""
+    """Blocked; `NavStatus.error` has the reason."""
 
 
 class NavError(OpenEnum):
@@ -370,7 +370,7 @@ class DriverState(OpenEnum):
 
     RUNNING = "running"
     WAITING = "waiting"
-    """For its device."""
+    """Waiting for its device."""
     FAILED = "failed"
 
 

@@ -69,7 +69,7 @@ def test_garbage_is_a_wire_error_or_nothing(pieces: list[bytes], ready: bool) ->
         (GREETING[:12] + b"CURVE" + bytes(47), "mechanism b'CURVE'"),
         (GREETING + message(b"x"), "before READY"),
         (GREETING + b"\4\5\4PING", "expected READY"),
-        (GREETING + b"\4\6\5READY", "does not talk to ROUTER"),
+        (GREETING + b"\4\6\5READY", "not compatible with ROUTER"),
         (GREETING + b"\4\x0c\5READY\5abc\0\0", "ends behind"),
         (GREETING + b"\4\0", "without a name"),
         (OPENING + b"\x80\1x", "flags 0x80"),

@@ -135,7 +135,7 @@ def test_roles_that_fit_together_have_no_findings() -> None:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("control.json", part({"type": "Wait", "s": 1}), "role 'control' never comes to it"),
+        ("control.json", part({"type": "Wait", "s": 1}), "role 'control' never reaches it"),
         ("control.json", part({**MEET, "quorum": 2}), "quorum or roles differ"),
         ("control.json", part({**MEET, "roles": ["air", "leader"]}), "quorum or roles differ"),
         ("leader.json", part({**MEET, "roles": ["air"]}), "is not for role 'leader'"),

@@ -140,7 +140,7 @@ CHANCE = {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": "b2", "n
         (
             {"type": "Takeoff", "alt": 3, "timeout": 3000, "timeout_s": 3},
             "/mission/b1/timeout_s",
-            "'timeout' gives a time-out as well",
+            "'timeout' is a second time-out",
         ),
         ({"type": "Fork", "next": ["b2"], "nextTimeout": "b2"}, "/mission/b1/nextTimeout", "cannot time out"),
         ({"type": "Fork", "next": ["b2"], "nextError": "b2"}, "/mission/b1/nextError", "cannot fail"),
@@ -151,7 +151,7 @@ CHANCE = {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": "b2", "n
         ({**DECISION, "on": {"timeout": "b2"}}, "/mission/b1/on/timeout", "cannot time out"),
         ({**DECISION, "on": {"blocked": "b2"}}, "/mission/b1/on/blocked", "expected error, unknown_value"),
         ({**CHANCE, "nextError": "b2"}, "/mission/b1/nextError", "cannot fail"),
-        ({**CHANCE, "next": "b2"}, "/mission/b1/next", "no `next`"),
+        ({**CHANCE, "next": "b2"}, "/mission/b1/next", "instead of `next`"),
         ({**CHANCE, "nextIfTrue": "b9"}, "/mission/b1/nextIfTrue", "'b9' does not exist"),
         ({"type": "Barrier", "id": "a", "quorum": "most"}, "/mission/b1/quorum", "'most'"),
         ({"type": "Barrier", "id": "a", "quorum": 0}, "/mission/b1/quorum", ">= 1"),

@@ -59,8 +59,8 @@ def test_what_can_be_meant_is_sound(condition: str) -> None:
         ("health/state.level == 'eror'", "is never 'eror': expected one of ", 1),
         ("nav/status.state == 'arived'", "is never 'arived': expected one of 'idle', 'moving', 'arrived'", 1),
         ("battery < 80", "is never 80: expected 0 to 1, or 80 %", 1),
-        ("altitude > 50 %", "nav/pose.z_m is not a share: expected a number without %", 1),
-        ("age(nav/pose) > 5 %", "age(nav/pose) is not a share", 5),
+        ("altitude > 50 %", "nav/pose.z_m is not a ratio: expected a number without %", 1),
+        ("age(nav/pose) > 5 %", "age(nav/pose) is not a ratio", 5),
         ("age(nav) < 1", "'nav' is a branch", 0),
         ("sys/vehicle/arm.armed", "is a command, which has no value", 1),
         ("health/state.faults == 'x'", "is not a single value", 1),
@@ -92,7 +92,7 @@ def test_a_condition_of_a_decision_stands_at_its_line_and_column() -> None:
 def test_a_resource_of_no_template_is_a_warning_with_the_nearest_one() -> None:
     (finding,) = found("nav/poze.z_m > 3")
     assert finding.severity == "warning"
-    assert "stands in no template; did you mean 'nav/pose'?" in finding.message
+    assert "is in no template; did you mean 'nav/pose'?" in finding.message
     assert sound([finding])
     assert [f.severity for f in found("crop/wetness.ratio > 0.5 and age(crop/wetness) < 3")] == [
         "warning"
@@ -102,10 +102,10 @@ def test_a_resource_of_no_template_is_a_warning_with_the_nearest_one() -> None:
 @pytest.mark.parametrize(
     ("kinds", "condition", "severity", "said"),
     [
-        (("uav",), "config/navigator/heading_weight > 1", "error", "is one of a ugv or usv: no uav has it"),
+        (("uav",), "config/navigator/heading_weight > 1", "error", "belongs to a ugv or usv: no uav has it"),
         (("uav", "ugv"), "config/navigator/heading_weight > 1", "warning", "no uav has it"),
-        (("ugv",), "3 > /ugv1/sensor/height", "error", "is one of a uav: no ugv has it"),
-        (("ugv",), "age(sensor/height) < 1", "error", "is one of a uav: no ugv has it"),
+        (("ugv",), "3 > /ugv1/sensor/height", "error", "belongs to a uav: no ugv has it"),
+        (("ugv",), "age(sensor/height) < 1", "error", "belongs to a uav: no ugv has it"),
         (("gcs",), "battery > 30 %", "error", "no gcs has it"),
         (("ugv", "gcs"), "nav/pose.z > 3", "warning", "no gcs has it"),
     ],
@@ -157,7 +157,7 @@ def test_a_type_of_a_package_that_is_not_installed_is_a_warning() -> None:
     mission = load(text, "m.json", Binding())
     (problem,) = Vocabulary([Resource(path="crop/wetness", type="Wetness")]).check(mission)
     assert problem.severity == "warning"
-    assert "type 'Wetness' of 'crop/wetness' is not installed here" in problem.message
+    assert "type 'Wetness' of 'crop/wetness' is not installed" in problem.message
 
 
 def test_plain_values_are_held_against_range_and_choices() -> None:

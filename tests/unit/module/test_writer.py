@@ -58,9 +58,9 @@ async def test_a_descriptor_states_what_keywords_do_not(tmp_path: Path) -> None:
 
 
 MISTAKES: list[tuple[str, str | Resource, dict[str, Any], type[SwarmError], str]] = [
-    ("writer", TRIP, {}, InvalidInput, "motor/trip: of kind event; expected board or setting here"),
+    ("writer", TRIP, {}, InvalidInput, "motor/trip: of kind event; expected board or setting"),
     ("writer", "motor/trip", {"kind": "event"}, InvalidInput, "of kind event; expected board or setting"),
-    ("stream_writer", HEAT, {}, InvalidInput, "motor/heat: of kind board; expected stream or event here"),
+    ("stream_writer", HEAT, {}, InvalidInput, "motor/heat: of kind board; expected stream or event"),
     (
         "stream_writer",
         "motor/trip",

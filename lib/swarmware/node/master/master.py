@@ -46,7 +46,7 @@ RESOURCE: Final = Resource(
 
 
 class Board(Protocol):
-    """The board on which the table is published: a `Publication`."""
+    """Interface of the board with the table: a `Publication`."""
 
     @property
     def sequence(self) -> int: ...
@@ -234,7 +234,7 @@ class Master:
                 path.unlink(missing_ok=True)
 
     def _tidy(self) -> bool:
-        """Set the files of dead applications aside; True when there were some."""
+        """Rename the files of dead applications; True when there were some."""
         removed = False
         for path in paths.applications(self._node.run_dir).glob(paths.APPLICATION_PATTERN):
             try:

@@ -1,4 +1,4 @@
-"""Content of `master.lock`: who holds the role, under which fencing number, and who requests it."""
+"""Content of `master.lock`: holder of the role, fencing number, and the process that requests the role."""
 
 import os
 import struct
@@ -43,7 +43,7 @@ class RecordFile:
         return self._read(12, 0)
 
     def holder(self) -> Holder | None:
-        """Who holds the role; None while it is being written."""
+        """The holder of the role; None while the record is being written."""
         data = self._read(_RECORD.size, 0)
         if not any(data):
             return NOBODY

@@ -63,7 +63,7 @@ class LeaderCandidate:
 
     @property
     def holder(self) -> Holder:
-        """Who holds the role."""
+        """The process that holds the role."""
         return self._file.holder() or NOBODY
 
     def poll(self) -> None:
@@ -98,7 +98,7 @@ class LeaderCandidate:
             self.poll()
 
     def close(self) -> None:
-        """Stop contending; give the role back and wake the other processes."""
+        """Stop contending; release the role and wake the other processes."""
         if self._closed:
             return
         self._closed = True
@@ -118,7 +118,7 @@ class LeaderCandidate:
             self._file.request_leadership(0, 0)
 
     def _contend(self) -> None:
-        """Take the role if it is free and not requested, else watch the process that has it."""
+        """Take the role if it is free and not requested, otherwise watch its holder."""
         self._unwatch()
         if self._closed or self.holding:
             return

@@ -38,7 +38,7 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     pid_start: int
     """Start of the process in clock ticks since boot: distinguishes processes with the same pid."""
     endpoint: str
-    """ZeroMQ address of its process."""
+    """Address of the message socket of its process: `ipc://<path>`."""
     started_ns: int
     """Node's hardware clock when the application joined."""
     provides: tuple[Resource, ...] = ()

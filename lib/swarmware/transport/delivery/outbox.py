@@ -27,7 +27,7 @@ GRACE_NS: Final = 1_000_000_000
 
 
 class Transmit(msgspec.Struct, frozen=True):
-    """Send this frame (again)."""
+    """Send this frame, for the first time or again."""
 
     frame: Frame
     retransmission: bool

@@ -38,18 +38,18 @@ from swarmware.types.time import Conversion
 BROKER: Final = "broker"
 """Application to which frames for other platforms go."""
 CONVERSION_NS: Final = 100_000_000
-"""How long the clock function of another unit is used before it is read again: it changes once a second."""
+"""Time for which the clock function of another unit is cached, in ns; it changes once a second."""
 
 MessageHandler = Callable[[Frame], Outcome | None]
-"""Takes a message; None: no room now, its sender repeats it."""
+"""Takes a message and returns its outcome; None: the inbox is full, and the sender retransmits."""
 RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
-"""Takes a request and, then or later, calls the function with its reply."""
+"""Takes a request; calls the function with the reply, at once or later."""
 Gateway = Callable[[Frame], None]
-"""Takes frames for other platforms: the broker, when it is in this process."""
+"""Function of the broker that takes frames for other platforms, if the broker is in this process."""
 Relay = Callable[[Frame, bytes], None]
 """Takes such a frame of another process of this node, decoded and as it came."""
 Batch = Callable[[], AbstractContextManager[None]]
-"""Holds frames for other platforms back until its scope ends."""
+"""Context manager that queues frames for other platforms and sends them when it ends."""
 
 
 log = logging.getLogger("swarm.messages")
@@ -77,7 +77,7 @@ class MessageEndpoint:
         self._loop = asyncio.get_running_loop()
         self._transport = IpcTransport(socket_path, self._on_data, self._on_malformed)
         self.address = self._transport.address
-        """Where other processes of the node reach this one."""
+        """Address of this process for other processes of the node: `ipc://<path of the socket>`."""
         self._gateway: Gateway | None = None
         self._relay: Relay | None = None
         self._batch: Batch = nullcontext
@@ -93,35 +93,35 @@ class MessageEndpoint:
         )
         self._driver = CoreDriver(self._router, self._perform, name="messages", clock=clock, loop=self._loop)
 
-    # -- who is here
+    # -- applications of this process
 
     def add_application(self, app_id: int) -> None:
-        """An application of this process: answers to it are taken."""
+        """Register an application of this process, so that answers to it are accepted."""
         self._router.add_application(app_id)
 
     def remove_application(self, app_id: int) -> None:
-        """It left; what it served is no longer served."""
+        """Remove an application that has left, with the addresses that it served."""
         for data_id in self._router.remove_application(app_id):
             self._message_handlers.pop(data_id, None)
             self._request_handlers.pop(data_id, None)
 
     def serve_messages(self, data_id: int, app_id: int, handler: MessageHandler) -> None:
-        """Messages of this data id go to the handler."""
+        """Register the handler of messages with this data id."""
         self._message_handlers[data_id] = handler
         self._router.serve(data_id, app_id, Takes.MESSAGES)
 
     def serve_requests(self, data_id: int, app_id: int, handler: RequestHandler) -> None:
-        """Requests of this data id go to the handler."""
+        """Register the handler of requests with this data id."""
         self._request_handlers[data_id] = handler
         self._router.serve(data_id, app_id, Takes.REQUESTS)
 
     def add_clocks(self, clocks: Clocks) -> None:
-        """Where the clocks of other platforms are known: by them a message is expired."""
+        """Add a source of clock functions, which are needed to detect expired messages of other platforms."""
         self._clocks[clocks] = None
         self._conversions.clear()
 
     def remove_clocks(self, clocks: Clocks) -> None:
-        """Forget the clocks that `add_clocks` added."""
+        """Remove a source that `add_clocks` added."""
         self._clocks.pop(clocks, None)
         self._conversions.clear()
 
@@ -138,7 +138,7 @@ class MessageEndpoint:
         return conversion
 
     def counters(self) -> MessageCounters:
-        """Frames that went no further, and those sent or received more than once."""
+        """Counters of frames that were not delivered, and of those sent or received more than once."""
         counters = self._router.counters()
         counters.dropped = self._transport.dropped
         return counters
@@ -146,7 +146,7 @@ class MessageEndpoint:
     # -- sending
 
     def send(self, frame: Frame, timeout_s: float) -> asyncio.Future[Outcome]:
-        """A message; the future has its outcome and never fails."""
+        """Send a message; the future gets its outcome, never an exception."""
         future: asyncio.Future[Outcome] = self._loop.create_future()
         key = Outbox.key(frame)
         self._messages[key] = future
@@ -157,7 +157,8 @@ class MessageEndpoint:
         return future
 
     def request(self, frame: Frame, timeout_s: float) -> asyncio.Future[Reply]:
-        """A request; the future has the reply, or a NoAnswer or NotFound that says where it stopped."""
+        """Send a request; the future gets the reply, or NoAnswer or NotFound with the hop at which it
+        stopped."""
         future: asyncio.Future[Reply] = self._loop.create_future()
         key = Outbox.key(frame)
         self._requests[key] = future
@@ -189,11 +190,12 @@ class MessageEndpoint:
         self._router.has_gateway = gateway is not None
 
     def batch(self) -> AbstractContextManager[None]:
-        """Frames for other platforms that are sent in its scope leave at its end, as close as they can."""
+        """Context manager: frames for other platforms are sent together when it ends, with minimum delay
+        between them."""
         return self._batch()
 
     def deliver(self, frame: Frame) -> None:
-        """A frame came from another platform."""
+        """Deliver a frame from another platform."""
         self._refresh_for(frame)
         decision = self._router.route(frame)
         if isinstance(decision, ToProcess):  # it passes: nothing changes in the router
@@ -202,17 +204,18 @@ class MessageEndpoint:
             self._driver.feed(self._router.on_frame(frame, None, self._clock.now_ns()))
 
     def refuse(self, frame: Frame, status: Status, detail: str) -> None:
-        """A message or request gets no further: its sender gets the reason."""
+        """Refuse a message or request that cannot be forwarded; its sender gets the reason."""
         self._refresh()
         self._driver.feed(self._router.on_refusal(frame, status, detail, self._clock.now_ns()))
 
     def deny(self, frame: Frame, reason: str) -> None:
-        """The sender of a message or request has no right to it."""
+        """Deny a message or request whose sender does not have the required role."""
         self._refresh()
         self._driver.feed(self._router.on_denial(frame, reason, self._clock.now_ns()))
 
     def expired(self, frame: Frame) -> bool:
-        """Whether the lifetime of a message is over, as far as the clock of its sender is known here."""
+        """Whether the lifetime of a message is over; false while the clock of its sender is not known
+        here."""
         return self._router.expired(frame, self._clock.now_ns())
 
     # -- events

@@ -1,4 +1,5 @@
-"""The Unix sockets of a process: one where others reach it, one connection to each process it writes to."""
+"""The Unix sockets of a process: one listener for other processes, one connection to each receiving
+process."""
 
 import asyncio
 import contextlib
@@ -19,32 +20,33 @@ from swarmware.transport.shm.access import make_folder, share
 IPC_PATH_LIMIT: Final = 107
 """Longest path of a Unix socket, without its final zero byte. Source: unix(7)."""
 QUEUE_LIMIT: Final = 1024
-"""Frames that wait for one peer; further ones are dropped and counted, and sent again by `delivery`."""
+"""Maximum queued frames for one peer; further ones are dropped and counted, and `delivery` retransmits
+them."""
 QUEUE_BYTES: Final = 16 * 1024 * 1024
 TURN: Final = 64
-"""Messages taken before the event loop gets its turn: about 1 ms of handlers."""
+"""Maximum messages delivered in one iteration of the event loop: about 1 ms of handlers."""
 READ_BYTES: Final = 16 * 1024
-"""One read; its memory is there without a system call, unlike that of a longer one."""
+"""Bytes of one read; a buffer of this size is allocated without a system call, unlike a longer one."""
 LONG_READ_BYTES: Final = 256 * 1024
-"""One read in the middle of a long message: what the kernel holds of a connection."""
+"""Bytes of one read within a long message: the kernel's buffer of a connection."""
 BACKLOG: Final = 128
 CONNECTIONS_MAX: Final = 512
-"""Connections of other processes; further ones are closed at once."""
+"""Maximum connections of other processes; further ones are closed at once."""
 RETRY_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5)
 """Pauses before the next attempt to connect; the last one from then on."""
 HANDSHAKE_S: Final = 3.0
-"""Time in which a process that connects must have sent its READY."""
+"""Time-out for the READY of a connecting process, in seconds."""
 LINGER_S: Final = 0.5
-"""At the end of the process: the acknowledgement of a message just taken must still leave. Only a living peer
-that does not take it is waited for."""
+"""Time for sending queued frames at the end of the process, in seconds: the acknowledgement of the last
+message must still be sent. It is used up only if a living peer does not read."""
 ACCEPT_PAUSE_S: Final = 1.0
-"""After a connection could not be accepted: no descriptor is free."""
+"""Pause after a connection could not be accepted because no descriptor was free, in seconds."""
 
 _SCHEME: Final = "ipc://"
 
 
 class _SendQueue:
-    """Messages for one peer, urgent ones first; bounded in number and bytes."""
+    """Queue of messages for one peer, urgent ones first; bounded in number and bytes."""
 
     def __init__(self) -> None:
         self._urgent: deque[bytes] = deque()
@@ -75,7 +77,7 @@ class _SendQueue:
 
 
 class IpcConnection:
-    """A connection to another process: the way back for answers to what came by it."""
+    """A connection to another process; answers to messages from this connection return over it."""
 
     def __init__(
         self,
@@ -93,24 +95,24 @@ class IpcConnection:
         self._queue = queue
         self._on_closed = on_closed
         self._rest: memoryview | bytes = b""
-        """What the kernel had no room for, of the protocol's or of the message sent last."""
+        """Bytes of the protocol or of the last message that the kernel did not accept yet."""
         self._received: deque[bytes] = deque()
-        """Messages whose turn has not come."""
+        """Received messages that are not delivered yet."""
         self._waits_for_room = False
         self._is_broken = False
-        """Nothing can be sent any longer; what the peer had sent is still read."""
+        """The peer does not read any more; bytes that it has sent are still read."""
         self.is_closed = False
         self._loop.add_reader(self._fd, self._on_readable)
         self.flush()
 
     @property
     def is_ready(self) -> bool:
-        """Whether messages go out: otherwise they wait for the handshake."""
+        """Whether messages may be sent; before the end of the handshake they are queued."""
         return self._zmtp.is_ready
 
     @property
     def waits(self) -> bool:
-        """Whether something is still to be sent, and can be."""
+        """Whether bytes or messages wait to be sent and the peer still reads."""
         return not self.is_closed and not self._is_broken and bool(self._rest or self._queue.waiting)
 
     def fileno(self) -> int:
@@ -127,7 +129,7 @@ class IpcConnection:
         return True
 
     def flush(self) -> None:
-        """Send what waits, as far as the kernel takes it."""
+        """Send waiting bytes and messages until the kernel's buffer is full."""
         while not self._is_broken:
             if not self._rest:
                 output = self._zmtp.take_output()
@@ -138,7 +140,7 @@ class IpcConnection:
                 self._rest = output
             self._write(self._rest)
             if self._rest:
-                return  # it continues when there is room
+                return  # continues when the kernel's buffer has room
         self._wait_for_room(False)
 
     def _write(self, data: memoryview | bytes) -> None:
@@ -147,7 +149,7 @@ class IpcConnection:
         except (BlockingIOError, InterruptedError):
             sent = 0
         except OSError:
-            self._is_broken = True  # the end of the stream follows
+            self._is_broken = True  # the reader will see the end of the stream
             self._rest = b""
             return
         self._rest = b"" if sent == len(data) else memoryview(data)[sent:]
@@ -164,7 +166,7 @@ class IpcConnection:
             self._loop.remove_writer(self._fd)
 
     def read(self) -> list[bytes] | None:
-        """The messages in what the kernel holds; None at the end of the stream."""
+        """Read and return the complete messages in the kernel's buffer; None at the end of the stream."""
         zmtp = self._zmtp
         try:
             data = self._socket.recv(LONG_READ_BYTES if zmtp.missing > READ_BYTES else READ_BYTES)
@@ -184,12 +186,12 @@ class IpcConnection:
             for _ in range(zmtp.ignored - ignored):
                 self._transport.on_malformed("a message of several parts")
         if zmtp.has_output or not was_ready:
-            self.flush()  # READY or PONG, and at the end of the handshake what waited for it
+            self.flush()  # sends READY or PONG, and after the handshake the queued messages
         return messages
 
     def _on_readable(self) -> None:
         if self._received:
-            return  # read on when they have been taken: a turn for it is on its way
+            return  # reading continues when these are delivered: a call for that is scheduled
         messages = self.read()
         if messages is None:
             self.close()
@@ -200,7 +202,7 @@ class IpcConnection:
             self._deliver()
 
     def _deliver(self) -> None:
-        """Hand the received messages over, so many in one turn."""
+        """Deliver received messages, at most `TURN` in one iteration of the event loop."""
         received, on_data = self._received, self._transport.on_data
         try:
             for _ in range(min(len(received), TURN)):
@@ -212,7 +214,7 @@ class IpcConnection:
                 self._loop.call_soon(self._deliver)
 
     def close(self) -> None:
-        """Close the socket; what the kernel has taken still arrives."""
+        """Close the socket; bytes in the kernel's buffer still arrive."""
         if self.is_closed:
             return
         self._wait_for_room(False)
@@ -224,7 +226,7 @@ class IpcConnection:
 
 
 class _IpcPeer:
-    """The way to one other process: connects when there is something to send, and again after a failure."""
+    """Sends messages to one other process: connects when there is a message, and again after a failure."""
 
     def __init__(self, transport: "IpcTransport", address: str) -> None:
         self.queue = _SendQueue()
@@ -248,7 +250,7 @@ class _IpcPeer:
         sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         sock.setblocking(False)
         try:
-            # at once or not at all: a Unix socket has no connection that is being made
+            # a Unix socket connects at once or fails: there is no pending state
             sock.connect(self._address.removeprefix(_SCHEME))
         except (OSError, ValueError):
             sock.close()
@@ -276,11 +278,12 @@ class _IpcPeer:
         return bool(self.queue.waiting) or (self.connection is not None and self.connection.waits)
 
     def keep(self) -> None:
-        """Its process is among the applications of the node."""
+        """Record that the process is still among the applications of the node."""
         self._is_leaving = False
 
     def leave(self) -> None:
-        """Its process has left: what it had sent is still read, no other connection is made."""
+        """Record that the process has left: bytes that it has sent are still read, no new connection is
+        made."""
         self._is_leaving = True
         if self._retry is not None:
             self._retry.cancel()
@@ -296,7 +299,7 @@ class _IpcPeer:
 
 
 class IpcTransport:
-    """Messages to and from the other processes of this node."""
+    """Sends and receives messages of the other processes of this node."""
 
     def __init__(
         self,
@@ -315,7 +318,7 @@ class IpcTransport:
         self.on_data = on_data
         self.on_malformed = on_malformed
         self.dropped = 0
-        """Frames for which the queue of a peer had no room."""
+        """Number of frames that were dropped because the queue of a peer was full."""
         self.is_closed = False
         self.address = f"{_SCHEME}{socket_path}"
         self._path = socket_path
@@ -343,7 +346,7 @@ class IpcTransport:
         return False
 
     def keep_only(self, addresses: Collection[str]) -> None:
-        """Make no new connection to any other process; those to processes that ended close by themselves."""
+        """Make no new connections to other addresses; connections to ended processes close by themselves."""
         for address, peer in list(self._peers.items()):
             if address in addresses:
                 peer.keep()
@@ -351,17 +354,17 @@ class IpcTransport:
                 peer.leave()
 
     def forget(self, address: str) -> None:
-        """The way to a process that has left is closed; called by itself."""
+        """Remove the peer of a process that has left; called by the peer when it is closed."""
         self._peers.pop(address, None)
 
     @property
     def peers(self) -> Collection[str]:
-        """Addresses of the processes to which there is a way, or something waits."""
+        """Addresses of the processes with a connection or queued messages."""
         return self._peers.keys()
 
     @property
     def waits(self) -> bool:
-        """Whether something is still to be sent to a peer."""
+        """Whether messages to any peer wait to be sent."""
         return any(peer.waits for peer in self._peers.values())
 
     # -- connections of other processes
@@ -372,7 +375,7 @@ class IpcTransport:
                 sock, _ = self._listener.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
-            except OSError:  # no descriptor is free: it would fail again at once, without end
+            except OSError:  # no descriptor is free: a retry at once would be a busy loop
                 self.loop.remove_reader(self._listener.fileno())
                 self._accept_again = self.loop.call_later(ACCEPT_PAUSE_S, self._watch_listener)
                 return
@@ -401,7 +404,7 @@ class IpcTransport:
     # -- the end
 
     def close(self) -> None:
-        """Close all sockets and remove ours from the run directory."""
+        """Close all sockets and remove the own one from the run directory."""
         if self.is_closed:
             return
         self.is_closed = True
@@ -428,7 +431,7 @@ class IpcTransport:
             poll = select.poll()
             by_fd = {connection.fileno(): connection for connection in waiting}
             for connection in waiting:
-                # until the handshake is done there is always room, and nothing to be sent
+                # before the end of the handshake the kernel's buffer has room, and no message may be sent
                 poll.register(connection.fileno(), select.POLLOUT if connection.is_ready else select.POLLIN)
             for fd, _ in poll.poll(left_s * 1000):
                 if by_fd[fd].is_ready:

@@ -1,6 +1,7 @@
-"""Routing of the frames of a process: to a handler here, to another process, to the gateway, back.
+"""Routing of the frames of a process: to a local handler, another process, the gateway, or back to the
+sender.
 
-Sans-io: time is an argument, the applications of the node are reported by events.
+Sans-io: time is an argument, and events report the applications of the node.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -29,43 +30,44 @@ PROBE_NS: Final = 50_000_000
 _ANSWERS: Final = frozenset({FrameKind.ACK, FrameKind.REPLY})
 
 Via = Hashable
-"""The connection by which a frame came: its answer goes back there. None: of this process or another node."""
+"""The connection from which a frame came, over which its answer returns. None: from this process or another
+node."""
 
 
 class Takes(Enum):
-    """What an application takes at an address."""
+    """Whether an application takes messages or requests at an address."""
 
     MESSAGES = "messages"
     REQUESTS = "requests"
 
 
 class Deliver(msgspec.Struct, frozen=True, gc=False):
-    """It is for the handler of this data id, in this process."""
+    """Deliver the frame to the handler of its data id in this process."""
 
     frame: Frame
 
 
 class Settle(msgspec.Struct, frozen=True, gc=False):
-    """It answers a message or request of this process."""
+    """The frame is an answer to a message or request of this process."""
 
     frame: Frame
 
 
 class ToProcess(msgspec.Struct, frozen=True, gc=False):
-    """Send it to the process at this address."""
+    """Send the frame to the process at this address."""
 
     address: str
     frame: Frame
 
 
 class ToGateway(msgspec.Struct, frozen=True, gc=False):
-    """It is for another platform, and the gateway is in this process."""
+    """Pass the frame for another platform to the gateway, which is in this process."""
 
     frame: Frame
 
 
 class Refuse(msgspec.Struct, frozen=True, gc=False):
-    """It has no further way: its sender gets the reason."""
+    """The frame cannot be forwarded; its sender gets the reason."""
 
     frame: Frame
     status: Status
@@ -73,23 +75,24 @@ class Refuse(msgspec.Struct, frozen=True, gc=False):
 
 
 class Drop(msgspec.Struct, frozen=True, gc=False):
-    """It has no further way, and no sender waits for an answer."""
+    """The frame cannot be forwarded, and its sender does not wait for an answer."""
 
     counter: str
-    """Field of `MessageCounters`."""
+    """Name of the field of `MessageCounters` to be incremented."""
 
 
 Decision = Deliver | Settle | ToProcess | ToGateway | Refuse | Drop
 
 
 class Arrive(msgspec.Struct, frozen=True, gc=False):
-    """Call `on_arrival` in a turn of its own: a sender never runs the code of the receiver."""
+    """Call `on_arrival` in the next iteration of the event loop: a sender never runs the code of the
+    receiver."""
 
     frame: Frame
 
 
 class HandOver(msgspec.Struct, frozen=True, gc=False):
-    """Give it to the handler; then `on_outcome` or `on_handler_reply`."""
+    """Call the handler with the frame; then `on_outcome` or `on_handler_reply`."""
 
     frame: Frame
     via: Via
@@ -97,31 +100,31 @@ class HandOver(msgspec.Struct, frozen=True, gc=False):
 
 
 class SendBack(msgspec.Struct, frozen=True, gc=False):
-    """Send an answer along this connection; if that has closed: `on_connection_closed`."""
+    """Send an answer over this connection; if it has closed, call `on_connection_closed`."""
 
     via: Via
     frame: Frame
 
 
 class Replied(msgspec.Struct, frozen=True, gc=False):
-    """The reply to a request of this process."""
+    """A request of this process got its reply."""
 
     key: Key
     reply: Reply
 
 
 class Probe(msgspec.Struct, frozen=True, gc=False):
-    """Look for applications that died, then report a change by `on_applications`."""
+    """Check for applications that died, and report a change by `on_applications`."""
 
 
 class Repeat(msgspec.Struct, frozen=True, gc=False):
-    """Call `on_repeat`: it is routed by what the probe before it found."""
+    """Call `on_repeat`, after the result of the preceding `Probe`."""
 
     frame: Frame
 
 
 class KeepConnections(msgspec.Struct, frozen=True, gc=False):
-    """Close the connections to all other addresses: their processes have left."""
+    """Close the connections to all other addresses, because their processes have left."""
 
     addresses: frozenset[str]
 
@@ -146,7 +149,7 @@ class _Served(msgspec.Struct, frozen=True):
 
 
 class MessageRouter:
-    """Messages and requests of all applications of one process, and their answers."""
+    """Routes messages and requests of all applications of one process, and their answers."""
 
     def __init__(
         self,
@@ -156,7 +159,8 @@ class MessageRouter:
         address: str,
         conversion: Callable[[int], Conversion | None] = lambda hardware: None,
     ) -> None:
-        """`conversion`: the clock function of another hardware unit, by which its messages expire."""
+        """`conversion`: returns the clock function of another hardware unit, to detect its expired
+        messages."""
         self.has_gateway = False
         self._counters = MessageCounters()
         self._platform = platform
@@ -175,19 +179,20 @@ class MessageRouter:
         self._probed_ns = -PROBE_NS
 
     def counters(self) -> MessageCounters:
-        """Frames that went no further, and those sent or received more than once, since the start."""
+        """Counters since the start: frames that were not delivered, and those sent or received more than
+        once."""
         return msgspec.structs.replace(
             self._counters, repeated=self._outbox.resent, duplicates=self._received.duplicates
         )
 
-    # -- who is here
+    # -- applications
 
     def add_application(self, app_id: int) -> None:
-        """An application of this process: answers to it are taken."""
+        """Register an application of this process, so that answers to it are accepted."""
         self._own_apps.add(app_id)
 
     def remove_application(self, app_id: int) -> list[int]:
-        """It left; the data ids that it served, and that are no longer served."""
+        """Remove an application; returns the data ids that it served."""
         self._own_apps.discard(app_id)
         removed = [data_id for data_id, one in self._served.items() if one.app_id == app_id]
         for data_id in removed:
@@ -195,7 +200,7 @@ class MessageRouter:
         return removed
 
     def serve(self, data_id: int, app_id: int, takes: Takes) -> None:
-        """An application of this process takes this data id."""
+        """Register a data id that an application of this process serves."""
         self._served[data_id] = _Served(app_id, takes)
 
     def on_applications(
@@ -205,7 +210,7 @@ class MessageRouter:
         broker: str | None,
         now_ns: int,
     ) -> list[Action]:
-        """The applications of the node have changed: addresses by application and by data id served."""
+        """The applications of the node have changed: addresses by application id, and by served data id."""
         self._by_application = by_application
         self._by_data_id = by_data_id
         self._broker = broker
@@ -214,7 +219,7 @@ class MessageRouter:
     # -- the decision
 
     def needs_applications(self, frame: Frame) -> bool:
-        """Whether its route depends on the applications of other processes, as they are now."""
+        """Whether the route of the frame depends on the present applications of other processes."""
         if frame.receiver_hw not in (self._hardware, ANY):
             return not self.has_gateway
         if frame.kind in _ANSWERS:
@@ -237,16 +242,16 @@ class MessageRouter:
         )
 
     def route(self, frame: Frame) -> Decision:
-        """Where a frame goes. Changes nothing."""
+        """Decide the route of a frame, without changing the state of the router."""
         if frame.receiver_hw not in (self._hardware, ANY):
             return self._route_away(frame)
         if frame.kind in _ANSWERS:
             if frame.receiver_app in self._own_apps:
                 return Settle(frame)
             address = self._by_application.get(frame.receiver_app)
-            return self._to(address, frame) or Drop("unclaimed_answers")  # it left before the answer came
+            return self._to(address, frame) or Drop("unclaimed_answers")  # it left before the answer
         if not answerable(frame):
-            return Drop("unanswerable")  # nothing of ours is sent without asking for an answer
+            return Drop("unanswerable")  # every frame of this process requests an answer
         served = self._served.get(frame.data_id)
         if served is not None and frame.receiver_app in (ANY, served.app_id):
             return Deliver(frame)
@@ -269,13 +274,14 @@ class MessageRouter:
         return Drop("unclaimed_answers")
 
     def _to(self, address: str | None, frame: Frame) -> ToProcess | None:
-        """None also for the own address: what is not served here is served nowhere."""
+        """Address of the receiver; None also for the own address, because this process does not serve the
+        data id."""
         return None if address is None or address == self._address else ToProcess(address, frame)
 
     # -- own messages and requests
 
     def on_message(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
-        """An application of this process sends a message: it ends with a Complete."""
+        """An application of this process sends a message; the last action for it is a Complete."""
         key = (frame.sender_app, frame.data_id, frame.sequence)
         window = (frame.receiver_hw, frame.data_id)
         waiting = self._windows.get(window, 0)
@@ -288,25 +294,26 @@ class MessageRouter:
         return self._send(frame, now_ns)
 
     def on_request(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
-        """An application of this process sends a request: it ends with a Replied or a Complete."""
+        """An application of this process sends a request; the last action for it is a Replied or a
+        Complete."""
         self._outbox.on_submit(frame, timeout_ns, now_ns)  # its one action is to transmit
         return self._send(frame, now_ns)
 
     def cancel(self, key: Key) -> None:
-        """Its sender does not wait any longer."""
+        """Remove a message or request whose sender does not wait any longer."""
         self._outbox.drop(key)
         self._leave_window(key)
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """What is to be repeated or given up by now."""
+        """Return retransmissions and time-outs that are due."""
         return self._own(self._outbox.on_timer(now_ns), now_ns)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called, or None."""
+        """Instant at which `on_timer` must be called; None: no deadline."""
         return self._outbox.deadline_ns()
 
     def on_repeat(self, frame: Frame, now_ns: int) -> list[Action]:
-        """A frame of this process is sent again, and the applications are those of now."""
+        """Retransmit a frame of this process, with the present applications."""
         return self._send(frame, now_ns)
 
     def _own(self, actions: Iterable[outbox.Action], now_ns: int) -> list[Action]:
@@ -344,7 +351,7 @@ class MessageRouter:
     # -- frames of others
 
     def on_frame(self, frame: Frame, via: Via, now_ns: int) -> list[Action]:
-        """A frame came from another process, by the connection `via`, or from the gateway."""
+        """A frame arrived from another process over the connection `via`, or from the gateway."""
         decision = self.route(frame)
         if not isinstance(decision, Deliver):
             return self._carry_on(decision, via, now_ns)
@@ -353,24 +360,24 @@ class MessageRouter:
         return self.on_arrival(frame, via, now_ns)
 
     def on_connection_closed(self, back: Frame, now_ns: int) -> list[Action]:
-        """The connection by which this answer was to go has closed: it goes by the table."""
+        """The connection for this answer has closed: route it by the table of applications."""
         return self._carry_on(self.route(back), None, now_ns)
 
     def on_refusal(self, frame: Frame, status: Status, detail: str, now_ns: int) -> list[Action]:
-        """A hop outside of this process refuses a message or request: its sender gets the reason."""
+        """A hop outside of this process refuses a message or request; its sender gets the reason."""
         return self._carry_on(Refuse(frame, status, detail), None, now_ns)
 
     def on_denial(self, frame: Frame, reason: str, now_ns: int) -> list[Action]:
-        """The broker denies a message or request: its sender has no right to it."""
+        """The broker denies a message or request, because its sender does not have the required role."""
         if frame.kind is not FrameKind.REQUEST:
             return self.on_refusal(frame, Status.REFUSED, reason, now_ns)
         denied = registry.encode(Reply(False, kind=Denied.__name__, error=reason))
         return self._give_back(frame, FrameKind.REPLY, denied, None, now_ns)
 
     def _carry_on(self, decision: Decision, via: Via, now_ns: int) -> list[Action]:
-        """The actions of a decision about a frame that is not delivered in this process.
+        """The actions for a frame that is not delivered in this process.
 
-        The answer to a refused frame is decided about in the same pass; an answer is never refused.
+        The answer to a refused frame is routed in the same call; an answer is never refused.
         """
         if isinstance(decision, Refuse):
             refused = decision.frame
@@ -390,7 +397,7 @@ class MessageRouter:
         return []
 
     def count_malformed(self) -> None:
-        """Bytes that are not a frame came from another process."""
+        """Another process sent bytes that are not a frame."""
         self._counters.malformed += 1
 
     def _settle(self, frame: Frame, now_ns: int) -> list[Action]:
@@ -409,7 +416,7 @@ class MessageRouter:
     # -- messages and requests to an application of this process
 
     def on_arrival(self, frame: Frame, via: Via, now_ns: int) -> list[Action]:
-        """A message or request for a handler of this process."""
+        """A message or request for a handler of this process has arrived."""
         served = self._served.get(frame.data_id)
         if served is None:
             return self._refuse(frame, Status.ABSENT, "the inbox was closed", via, now_ns)
@@ -418,7 +425,7 @@ class MessageRouter:
         if seen is not None:
             return self._answer_duplicate(frame, seen, via, now_ns)
         if self.expired(frame, now_ns):
-            self._counters.expired += 1  # its sender has had an outcome: it must not be delivered any more
+            self._counters.expired += 1  # its sender has got the outcome `expired`: it must not be delivered
             return []
         if (frame.kind is FrameKind.REQUEST) != (served.takes is Takes.REQUESTS):
             detail = f"this path takes {served.takes.value} only"
@@ -428,7 +435,8 @@ class MessageRouter:
         return [HandOver(frame, via, served.takes)]
 
     def expired(self, frame: Frame, now_ns: int) -> bool:
-        """Whether the lifetime of a message is over, as far as the clock of its sender is known here."""
+        """Whether the lifetime of a message is over; false while the clock of its sender is not known
+        here."""
         if frame.sender_hw == self._hardware:
             return expired(frame, now_ns)
         return expired_here(frame, now_ns, self._conversion(frame.sender_hw))
@@ -445,19 +453,19 @@ class MessageRouter:
         return self.on_handler_reply(frame, via, lost, now_ns)
 
     def on_outcome(self, frame: Frame, via: Via, outcome: Outcome | None, now_ns: int) -> list[Action]:
-        """What a handler made of a message; None: no room now, so its sender repeats it."""
+        """The handler's outcome of a message; None: its inbox is full, and the sender retransmits."""
         if outcome is None:
             self._counters.no_room += 1
             return []
         payload = registry.encode(
             Ack(int(outcome.status), outcome.where, outcome.detail, outcome.received_ns)
         )
-        if outcome.delivered:  # one that is refused is refused again if it comes again
+        if outcome.delivered:  # a refused message is not stored: a retransmission is refused again
             self._received.answered(_origin(frame), payload, now_ns)
         return self._give_back(frame, FrameKind.ACK, payload, via, now_ns)
 
     def on_handler_reply(self, frame: Frame, via: Via, replied: Reply, now_ns: int) -> list[Action]:
-        """The reply of a handler to a request."""
+        """A handler has returned the reply to a request."""
         payload = registry.encode(replied)
         if len(payload) > PAYLOAD_LIMIT - HEADER_BYTES:
             self._counters.oversized_answers += 1

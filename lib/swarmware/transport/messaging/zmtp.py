@@ -19,13 +19,13 @@ _LONG_HEAD: Final = 9
 _COMMAND: Final = 4
 _SHORT_MAX: Final = 255
 _COMMAND_LIMIT: Final = 4096
-"""Longest command: READY has a few properties."""
+"""Maximum bytes of a command: READY has a few properties."""
 _PING_TTL_BYTES: Final = 2
 
 ROUTER: Final = b"ROUTER"
-"""Socket type of who binds."""
+"""Socket type of the binding side."""
 DEALER: Final = b"DEALER"
-"""Socket type of who connects."""
+"""Socket type of the connecting side."""
 _PARTNERS: Final = {
     ROUTER: frozenset({b"DEALER", b"REQ", b"ROUTER"}),
     DEALER: frozenset({b"DEALER", b"REP", b"ROUTER"}),
@@ -33,38 +33,39 @@ _PARTNERS: Final = {
 
 
 class ZmtpConnection:
-    """One end of a connection: what comes goes into `receive`, what `take_output` returns is to be sent."""
+    """One end of a connection: pass received bytes to `receive`, and send the bytes that `take_output`
+    returns."""
 
     def __init__(self, socket_type: bytes) -> None:
         self.is_ready = False
-        """Both ends have sent READY: messages may be sent."""
+        """Both sides have sent READY, so messages may be sent."""
         self.ignored = 0
-        """Messages of several parts."""
+        """Number of received messages of several parts, which are dropped."""
         self.missing = 0
-        """Bytes that the message in the middle of its transfer still needs."""
+        """Missing bytes of a partially received message."""
         self.has_output = True
-        """Whether `take_output` has something to send."""
+        """Whether `take_output` has bytes to send."""
         self._output = _GREETING
         self._socket_type = socket_type
         self._has_greeting = False
         self._in_parts = False
         self._buffer = bytearray()
         self._needed = 0
-        """Bytes that the buffer must have before it is looked at again."""
+        """Minimum bytes in the buffer before it is parsed again."""
 
     def take_output(self) -> bytes:
-        """What is to be sent before any further message: greeting, READY, answers to PING."""
+        """Bytes to be sent before any further message: greeting, READY, answers to PING."""
         output, self._output = self._output, b""
         self.has_output = False
         return output
 
     def receive(self, data: bytes) -> list[bytes]:
-        """The messages that are complete with these bytes.
+        """Add received bytes; returns the messages that are complete now.
 
-        Raises: WireError when the peer does not follow the protocol: the connection is of no further use.
+        Raises: WireError when the peer violates the protocol; the connection must then be closed.
         """
         if self.is_ready and not self._buffer and not self._in_parts:
-            # nearly always it is one whole message
+            # the common case: exactly one complete message
             size = len(data)
             if data[0] == 0:
                 if size > 1 and data[1] == size - 2:
@@ -90,7 +91,7 @@ class ZmtpConnection:
         return messages
 
     def _take_greeting(self, data: bytes) -> int | None:
-        """Where the greeting ends; None when it is not complete."""
+        """End of the greeting in the buffer; None when it is not complete."""
         if data[:1] != b"\xff" or data[9:10] not in (b"", b"\x7f"):
             raise WireError(f"greeting starts with {data[:10].hex()}: expected ff, 8 bytes and 7f of ZMTP")
         if len(data) > len(_SIGNATURE) and data[len(_SIGNATURE)] < _MAJOR:
@@ -110,7 +111,7 @@ class ZmtpConnection:
         return len(_GREETING)
 
     def _take_parts(self, data: bytes, start: int, messages: list[bytes]) -> int:
-        """Take all complete parts from `start` on; where the incomplete one starts."""
+        """Parse all complete parts from `start` on; returns the start of the incomplete one."""
         size = len(data)
         while start < size:
             flags = data[start]
@@ -150,7 +151,7 @@ class ZmtpConnection:
                 raise WireError(f"command {name!r}: expected READY")
             partner = _properties(content).get(b"socket-type", b"")
             if partner not in _PARTNERS[self._socket_type]:
-                raise WireError(f"socket type {partner!r}: does not talk to {self._socket_type.decode()}")
+                raise WireError(f"socket type {partner!r}: not compatible with {self._socket_type.decode()}")
             self.is_ready = True
         elif name == b"PING":
             pong = b"\x04PONG" + content[_PING_TTL_BYTES:]
@@ -161,7 +162,7 @@ class ZmtpConnection:
 
 
 def message(data: bytes) -> bytes:
-    """A message of one part, as it is sent."""
+    """Encode a message of one part."""
     length = len(data)
     if length <= _SHORT_MAX:
         return bytes((0, length)) + data
