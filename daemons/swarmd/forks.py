@@ -20,7 +20,8 @@ _NS: Final = 1_000_000_000
 
 
 class Forks:
-    """Starts and restarts the fork server. The node works without it: starts then only take longer."""
+    """Starts and restarts the fork server. The node works without it; only the start of processes takes
+    longer."""
 
     def __init__(self, services: list[str], config_dir: str, run_dir: str) -> None:
         self._words = ["forkserver", *services, "--config", config_dir]

@@ -1,9 +1,10 @@
-"""The fork server of a node of several processes: imports once what daemons need, and forks itself for each.
+"""The fork server of a node of several processes: imports the modules of daemons once, and forks itself for
+each.
 
 A forked daemon needs a fraction of the processor time of one that starts with an empty interpreter, and
 shares the memory of its code with the others. The server holds no thread, socket of ZeroMQ, mapped file or
-lock: nothing that a fork would break or inherit. Its stdin is a pipe from the parent of the node: it ends
-with that.
+lock, which a fork would break or inherit. Its stdin is a pipe from the parent of the node, so it ends with
+the parent.
 """
 
 import gc
@@ -55,7 +56,7 @@ def preload(names: Sequence[str]) -> None:
     if threads > 1:
         raise SwarmError(f"fork server: the imports have started {threads - 1} threads; expected none")
     gc.collect()
-    gc.freeze()  # a collection in a child would copy every page that it looks at
+    gc.freeze()  # a collection in a child would copy every page that it visits
 
 
 class ForkServer:
@@ -130,7 +131,7 @@ class ForkServer:
         return None
 
     def _become(self, names: Sequence[str], config_dir: str, *, speaks: bool) -> None:
-        """Releases in the new process everything that belongs to the server."""
+        """Releases all resources of the server in the new process."""
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         self._close()
@@ -149,7 +150,7 @@ class ForkServer:
 
     def _leave(self) -> None:
         signal.set_wakeup_fd(-1)
-        if self._path.exists() and self._path.stat().st_ino == self._inode:  # the next server may be there
+        if self._path.exists() and self._path.stat().st_ino == self._inode:  # the next server may exist
             self._path.unlink()
         self._close()
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from typing import Final, NoReturn
 
 HUNG_S: Final = 15.0
-"""A process without a heartbeat for so long is killed; an event loop sends one every few seconds."""
+"""Time without a heartbeat after which a process is killed; an event loop sends one every few seconds."""
 ELSEWHERE_S: Final = 0.3
 """Period of looking for a process that another process starts, unless its notification arrives before."""
 FORKS_S: Final = 10.0
@@ -215,7 +215,7 @@ class Parent:
 
     def _signal(self, number: signal.Signals) -> None:
         if self._process is not None:
-            self._process.signal(number)  # when it has ended, the next poll says so
+            self._process.signal(number)  # if it has ended, the next poll returns it
 
     def _on_notification(self, pid: int, words: dict[str, str]) -> None:
         if self._forks is not None:
@@ -229,7 +229,7 @@ class Parent:
             return
         now_ns = self._beat_ns = time.monotonic_ns()
         self._leaving = self._leaving or "STOPPING" in words
-        # one that was adopted has said READY to the parent before this one
+        # an adopted process has sent READY to the former parent
         if "READY" in words or ("WATCHDOG" in words and not self._ready):
             self._ready = True
             self._lives.on_ready(now_ns)

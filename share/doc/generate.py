@@ -51,8 +51,8 @@ _STATES = re.compile(r"(<!-- states: [^>]*-->\n)(.*?)(<!-- end of states -->)", 
 
 _HEAD = """# swarmctl
 
-One command for the whole swarm. This page is generated from the help texts by `make docs`;
-a test holds it against them.
+One command for the whole swarm. `make docs` generates this page from the help texts;
+a test compares the two.
 
 stdout is the result, stderr the messages. `-o FORMAT` is accepted by every command:
 
@@ -71,8 +71,9 @@ so is every other integer beyond 2^53, which a reader with double precision woul
 
 A command joins the node that `--config DIR` names, else the
 ground station of the lab that `--lab NAME` names, else the node of `SWARM_CONFIG` (which daemons and modules
-read, too), else the ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` says which platform
-is asked about. Every other option is also read from the environment: `SWARMCTL_NODE`, `SWARMCTL_JSON` …
+read, too), else the ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` selects the
+platform of the request. Every other option is also read from the environment: `SWARMCTL_NODE`,
+`SWARMCTL_JSON` …
 
 | exit code | means |
 |---|---|
@@ -146,27 +147,27 @@ def readme() -> str:
 
 _TYPES_HEAD = """# Payload types
 
-What the payloads of [the protocol](protocol.md) hold. This page is generated from the types in the code and
-from the templates by `make docs`; a test holds it against them.
+This page defines the payloads of [the protocol](protocol.md). `make docs` generates it from the types in the
+code and from the templates; a test compares them.
 
-A payload is the MessagePack of its type. Of a type that is an **array** it is the array of the fields in this
-order: fields at the end that have a default may be missing, and items behind those known here are ignored. Of
-a type that is a **map** it is a map from the names of the fields: a field that has a default may be missing,
-unknown keys are ignored. No type has a tag. The name of a type is part of the data id: a change that old
-readers cannot take is a new name.
+A payload is the MessagePack of its type. For a type that is an **array** it is the array of the fields in the
+given order: fields at the end that have a default may be missing, and further items are ignored. For
+a type that is a **map** it is a map with the names of the fields as keys: a field that has a default may be
+missing, unknown keys are ignored. No type has a tag. The name of a type is part of the data id: an
+incompatible change of a type needs a new name.
 
 | here | MessagePack |
 |---|---|
 | `bool` | boolean |
-| `int` | integer of 64 bits, in the shortest form; a range in brackets holds for what is received |
+| `int` | integer of 64 bits, in the shortest form; a range in brackets applies to received values |
 | `float` | float 64; a receiver takes an integer, too |
 | `text` | string, UTF-8 |
 | `bytes` | binary |
 | `[T]` | array of any length |
-| `[T, U]` | array of just these |
+| `[T, U]` | array of exactly these |
 | `{T: U}` | map |
 | `T?` | T or nil |
-| `"a" \\| "b"` | string; another value is kept as it came, but for levels and phases of health |
+| `"a" \\| "b"` | string; an unknown value is kept unchanged, except for levels and phases of health |
 
 Units are SI. Instants end in `_ns` and are readings of a hardware clock, or of the wall clock where they end
 in `utc_ns`. World coordinates are east, north, up; body coordinates forward, left, up (REP-103).
@@ -175,8 +176,9 @@ in `utc_ns`. World coordinates are east, north, up; body coordinates forward, le
 _PATHS_HEAD = """
 ## Addresses of every platform
 
-What the template `common` names: the daemons of every node. The path, a colon and the name of the type give
-the data id; of a command it is the type of the request. Vehicles have more: `swarmctl tree ls`.
+These are the resources of the template `common`, which the daemons of every node provide. The path, a colon
+and the name of the type give the data id; for a command it is the type of the request. Vehicles have more
+resources: `swarmctl tree ls`.
 
 | path | kind | type | answer | on links |
 |---|---|---|---|---|
@@ -359,7 +361,7 @@ def types_page() -> str:
             docs = field_docs(module)
             out.append(f"\n## Types of {found.name}\n\n{_cell(inspect.getdoc(module) or '')}\n")
             out += [struct_section(cls, docs) for cls in own]
-    out.append("\n## Descriptors\n\nWhat is no payload by itself, but stands in payloads and files.\n")
+    out.append("\n## Descriptors\n\nThese types are parts of payloads and files, not payloads themselves.\n")
     for module, classes in (
         (resource, (resource.Resource,)),
         (structure, (structure.Changes,)),

@@ -19,6 +19,12 @@ SOURCES = [
     for path in sorted((ROOT / folder).rglob("*.py"))
     if "__pycache__" not in path.parts
 ]
+PAGES = [
+    path
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "share/doc").rglob("*.md")))
+    if path.name != "requirements.md"
+]
+"""Documents; the page of requirements quotes the sources of the capabilities and the names of tests."""
 SHORTEST: Final = 4
 """Words of a docstring: fewer leave out the subject or the object."""
 TWICE: Final = frozenset({"Config"})
@@ -66,6 +72,26 @@ INSTEAD: Final = {
     "hand out": "dispatch, assign",
     "sign of life": "heartbeat",
     "heard of": "received",
+    "so many": "a number of, at most n",
+    "so long": "the time after which, for n seconds",
+    "what is there": "the contents, the present state",
+    "wants to": "requests, needs to",
+    "right behind each other": "together, without a pause",
+    "looks at": "checks, reads, inspects",
+    "taken for": "counts as, is mistaken for",
+    "by chance": "at random",
+    "nothing of": "no data of",
+    "from scratch": "with a new interpreter, without a former state",
+    "hearsay": "relayed, not authenticated by its origin",
+    "believes": "accepts, trusts",
+    "honest": "valid",
+    "hears": "receives",
+    "newcomer": "new node",
+    "owed": "pending",
+    "as it came": "unchanged",
+    "everybody": "all members, all nodes",
+    "way back": "return, connection for answers",
+    "who does": "the process, node or user that",
 }
 """Private words, and what the field says."""
 
@@ -132,6 +158,26 @@ IN_PROSE: Final = {
         "hand out": r"hand(?:s|ed)? (?:it |them )?out",
         "sign of life": r"signs? of life",
         "heard of": r"(?:not |un)?heard (?:of|from|for)|unheard",
+        "so many": r"so (?:many|much|few|often)\b(?! (?:that|as)\b)",
+        "so long": r"for so long|so long (?:ago|after)",
+        "what is there": r"what is there",
+        "wants to": r"wants? to|wanted to",
+        "right behind each other": r"right behind each other",
+        "looks at": r"look(?:s|ed|ing)? (?:at|after|whether)",
+        "taken for": r"tak(?:e|es|en) for",
+        "by chance": r"by chance",
+        "nothing of": r"nothing of",
+        "from scratch": r"from scratch",
+        "hearsay": r"hearsay",
+        "believes": r"believ(?:e|es|ed)",
+        "honest": r"honest",
+        "hears": r"hears?|hearing",
+        "newcomer": r"newcomers?",
+        "owed": r"owed|owes",
+        "as it came": r"as it came",
+        "everybody": r"every(?:body|one)|any(?:body|one)",
+        "way back": r"way back",
+        "who does": r"(?<!those )(?-i:Who) (?:has|is|\w+s)\b",
         "is no": r"(?<!there )(?:is|are|was|were) no(?! (?:longer|more|other|one|such|better|worse|less)\b)",
     }.items()
 }
@@ -143,6 +189,15 @@ def test_names_and_texts_use_the_terms_of_the_field() -> None:
         f"{name(path)}:{line}: {text!r} uses {word!r}; expected {INSTEAD[word]}"
         for path in SOURCES
         for word, line, text in uses(path)
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_documents_use_the_terms_of_the_field() -> None:
+    found = [
+        f"{name(path)}:{line}: {text!r} uses {word!r}; expected {INSTEAD[word]}"
+        for path in PAGES
+        for word, line, text in found_in(1, re.sub(r"`[^`\n]*`|\]\([^)]*\)", "` `", path.read_text("utf-8")))
     ]
     assert not found, "\n".join(found)
 
@@ -177,6 +232,11 @@ def test_a_public_docstring_has_four_words_or_more() -> None:
         ("The writer goes on where it stopped.", "goes on"),
         ("Not heard for 5 s.", "heard of"),
         ("The subscriber receives each value once.", ""),
+        ("Spend so many bytes.", "so many"),
+        ("A service that ran for so long is restarted.", "so long"),
+        ("Who gets the lock writes the record.", "who does"),
+        ("A relayed value is hearsay.", "hearsay"),
+        ("The other node hears it.", "hears"),
     ],
 )
 def test_the_words_are_found_in_prose(text: str, word: str) -> None:
@@ -204,13 +264,14 @@ def _uses(path: Path) -> Iterator[tuple[str, int, str]]:
                 continue
             yield from ((word, line, identifier) for word, form in IN_NAMES.items() if form.fullmatch(part))
     for line, text in prose(source):
-        for word, form in IN_PROSE.items():
-            for hit in form.finditer(text):
-                yield (
-                    word,
-                    line + text.count("\n", 0, hit.start()),
-                    text[max(0, hit.start() - 30) : hit.end() + 20],
-                )
+        yield from found_in(line, text)
+
+
+def found_in(line: int, text: str) -> Iterator[tuple[str, int, str]]:
+    for word, form in IN_PROSE.items():
+        for hit in form.finditer(text):
+            found = line + text.count("\n", 0, hit.start())
+            yield word, found, text[max(0, hit.start() - 30) : hit.end() + 20]
 
 
 def defined(tree: ast.AST) -> Iterator[tuple[int, str]]:

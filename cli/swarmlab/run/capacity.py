@@ -21,12 +21,12 @@ FULL: Final = 0.93
 
 
 def needs_measurement(nodes: int, cores: int) -> bool:
-    """Whether the computer may be too slow for so many nodes."""
+    """Whether the computer may be too slow for this number of nodes."""
     return nodes > CERTAIN_PER_CORE * cores
 
 
 def refusal(nodes: int, measured: HostInfo, first: int) -> str:
-    """Why the computer cannot run so many nodes; empty when it may.
+    """Reason why the computer cannot run this number of nodes; empty when it can.
 
     The cost of a node grows with its neighbours: that of the first ones is a lower bound.
     """

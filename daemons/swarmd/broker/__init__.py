@@ -1,4 +1,4 @@
 """The broker: beacons, neighbours, routing, frames between platforms, rate limits and traffic counters.
 
-`core` decides, `links` move bytes, `service` joins them. Nothing here is imported by another daemon.
+`core` decides, `links` transport bytes, `service` connects them. No other daemon imports this package.
 """

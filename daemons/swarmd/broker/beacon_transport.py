@@ -37,7 +37,8 @@ FAULTS: Final = (
     struct.error,
     SwarmError,
 )
-"""Exceptions of a defect of this program on input from outside: they cost one datagram, not the broker."""
+"""Exceptions of a defect of this program on input from outside: the datagram is dropped, the broker
+continues."""
 FAULTS_LOGGED: Final = 5
 """Faults that are logged with their traceback; the others are only counted."""
 

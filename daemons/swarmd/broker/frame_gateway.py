@@ -54,7 +54,8 @@ class FrameGateway:
         self._accounts = FrameAccounts(core.counters, table)
         self._forwarder = core.forwarder
         self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
-        """Of neighbours that frames went to, by hardware id; made again when their target changes."""
+        """Connection targets of neighbours that got frames, by hardware id; replaced when a target
+        changes."""
         self.links = ZmqLinks(
             config,
             keys,
@@ -88,13 +89,13 @@ class FrameGateway:
         """
         decision = self._forwarder.from_here(frame, self._clock.now_ns())
         self._onward(frame, decision, data)
-        if decision.first:  # counted when it is on its way
+        if decision.first:  # counted when it was sent
             for channel, size in self._accounts.channels(frame):
                 channel.offered(size)
 
     @contextmanager
     def batch(self) -> Iterator[None]:
-        """Holds frames for other platforms and sends them right behind each other at the end of its scope."""
+        """Context manager: queues frames for other platforms and sends them together when it ends."""
         with self.links.batch(), self.datagrams.batch():
             yield
 
@@ -137,7 +138,7 @@ class FrameGateway:
             self._take_proof(frame, user)
         else:
             self._take(frame, data, user, arrived_ns)
-        # counted when it is on its way
+        # counted when it was sent
         name = self._core.nodes.platform(frame.sender_hw) if starts_here else user or "?"
         link = self._counters.link(name, LinkTransport.TCP)
         link.received_frames += 1
@@ -245,7 +246,8 @@ class FrameGateway:
             self._refuse(frame, f"no route to {receiver}")
 
     def _send_datagram(self, peer: LinkPeer, frame: Frame, first: bool) -> bool:
-        """Sends the first attempt of an urgent frame as a datagram; repetitions take the connection."""
+        """Sends the first transmission of an urgent frame as a datagram; retransmissions take the
+        connection."""
         if first:
             return self.datagrams.send(peer, frame)
         self.datagrams.on_repeated(peer.hw)

@@ -1,4 +1,5 @@
-"""Boards of other platforms that come with beacons, in the rings that their readers on this node open."""
+"""Boards of other platforms from received beacons, written to the rings that their readers on this node
+open."""
 
 import logging
 

@@ -31,7 +31,7 @@ class Broker(Service):
     async def run(self) -> None:
         """Sends beacons and forwards frames until it is cancelled.
 
-        Raises: ConfigError when it cannot listen, Denied when the keys do not fit.
+        Raises: ConfigError when it cannot listen, Denied when the keys do not match the roster.
         """
         module = self.module
         keys = self._keys()
@@ -44,7 +44,7 @@ class Broker(Service):
 
     def _keys(self) -> Keys:
         config = self.module.node.config
-        folder = self.module.node.config_dir / config.keys_dir  # an absolute one stays what it is
+        folder = self.module.node.config_dir / config.keys_dir  # an absolute path stays unchanged
         if (folder / "node.key").exists():
             return Keys.load(folder, config.platform)
         log.warning(

@@ -36,7 +36,7 @@ from swarmware.types.net import ChannelLimits, Denial, Neighbours, Routes, SetCh
 from swarmware.types.rpc import Empty
 
 OF_DATAGRAMS: Final = (AdoptSession, LinkChanged, ProveSession, WriteMirrors)
-"""Actions that a received datagram causes: a fault in one of them costs this action, never the broker."""
+"""Actions that a received datagram causes: an exception in one of them ends this action, never the broker."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -86,7 +86,7 @@ class BrokerShell:
         module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
         module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
         self._health.report("name", description="One computer for each name")
-        self._health.report("processor", description="Beacons begin when they are due")
+        self._health.report("processor", description="Beacons are sent when they are due")
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
         log.info("listening: udp %d, tcp %d", self._transport.port, self._gateway.links.port)
@@ -197,9 +197,9 @@ class BrokerShell:
             "processor",
             "short",
             level="warn",
-            detail=f"beacons slowed {slowdown.factor:.1f} times: half of them began"
+            detail=f"beacons slowed {slowdown.factor:.1f} times: half of them were sent"
             f" {slowdown.late_ns / 1e6:.0f} ms late; run fewer services or nodes on this computer",
-            description="Beacons begin when they are due",
+            description="Beacons are sent when they are due",
             clear_s=5.0,
         )
 

@@ -13,13 +13,13 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     supervisor: Literal["self", "systemd"] = "self"
     """Which supervisor starts the processes of services: the guard itself, or systemd at its request."""
     hung_s: Annotated[float, msgspec.Meta(ge=1.5, le=600)] = 5.0
-    """A service without a heartbeat for so long is killed and restarted; one is written every second."""
+    """Time without a heartbeat after which a service is killed and restarted; one is written every second."""
     start_s: Annotated[float, msgspec.Meta(ge=1, le=600)] = 20.0
     """Time from the start of a process until its service has joined the node."""
     back_off_s: tuple[Annotated[float, msgspec.Meta(ge=0, le=600)], ...] = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)
     """Pause before the first, second, … restart in a row; the last one from then on."""
     settled_s: Annotated[float, msgspec.Meta(ge=0.1, le=3600)] = 10.0
-    """A service that ran for so long is restarted without a pause again."""
+    """Run time after which a service is again restarted without a pause."""
     restart_limit: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 30
     """Consecutive restarts after which the guard gives up until an operator requests a restart; 0: never."""
     stop_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 3.0

@@ -110,7 +110,7 @@ class Guard(Service):
             self.module.log.info("found running: %s", ", ".join(running))
 
     def _read_heartbeats(self) -> None:
-        """Read who has joined, and the heartbeats."""
+        """Read the application files and the heartbeats."""
         self._table.refresh()
         now_ns = self.module.now_ns()
         actions: list[Action] = []
@@ -125,7 +125,7 @@ class Guard(Service):
         self._driver.feed(actions + self._core.on_heartbeats_read(now_ns))
 
     def _on_exit(self, name: str, pid: int, how: ExitStatus) -> None:
-        self._table.refresh(probe=True)  # else the ended process would be found and adopted
+        self._table.refresh(probe=True)  # otherwise the ended process would be found and adopted
         self._driver.feed(self._core.on_exit(name, pid, how, self.module.now_ns()))
         self._read_heartbeats()  # the refresh may have found other changes
 

@@ -76,11 +76,11 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     look_hz: Annotated[float, msgspec.Meta(ge=0.5, le=20)] = 2.0
     """Rate of sampling the ages of resources."""
     grace_s: Annotated[float, msgspec.Meta(ge=0, le=600)] = 10.0
-    """Grace time: a resource is not monitored for so long after it has appeared."""
+    """Grace time after the appearance of a resource, in which it is not monitored."""
     clear_s: Annotated[float, msgspec.Meta(ge=0, le=3600)] = 10.0
-    """Clear time: a fault whose check has passed for so long is cleared."""
+    """Clear time: time for which a check must pass before its fault is cleared."""
     hung_s: Annotated[float, msgspec.Meta(ge=1.5, le=600)] = 4.0
-    """An application without a heartbeat for so long is hung; one is written every second."""
+    """Time without a heartbeat after which an application is hung; one is written every second."""
     platforms: tuple[str, ...] | None = None
     """Patterns of platforms whose loss is a fault; not given: all at a ground station, none elsewhere."""
     restart_guard: bool = True

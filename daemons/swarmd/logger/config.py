@@ -32,4 +32,4 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     retry_s: Annotated[float, msgspec.Meta(gt=0, le=600)] = 2.0
     """Pause before the next attempt after MongoDB did not answer."""
     answer_s: Annotated[float, msgspec.Meta(ge=0.1, le=600)] = 5.0
-    """Time-out of one batch: exceeded once it is a fault, exceeded twice the batch is repeated."""
+    """Time-out of one batch: after one time-out a fault is reported, after two the batch is sent again."""

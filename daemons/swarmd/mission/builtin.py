@@ -14,7 +14,7 @@ TEXTS: Final = {
         "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
         "end": {"type": "End"}
     }}""",
-    # any error on the way back: it lands at its position, and the return has failed
+    # any error during the return: it lands at its position, and the return has failed
     "return": """{"mission": {
         "start": {"type": "Start", "next": "back"},
         "back": {"type": "Return", "next": "land", "nextError": "down", "nextTimeout": "down"},

@@ -27,7 +27,7 @@ WELL_KNOWN: Final = {
 
 
 class Values:
-    """Opens a reader for each resource that a condition looks at."""
+    """Opens a reader for each resource that a condition uses."""
 
     def __init__(self, module: Module) -> None:
         self._module = module
@@ -59,7 +59,7 @@ class Values:
         try:
             return registry.find(name) if name else None
         except NotFound:
-            return None  # a type of a package that is not installed here
+            return None  # a type of a package that is not installed on this node
 
     def _provided(self, local: str) -> str:
         table = self._module.node.table

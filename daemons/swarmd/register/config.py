@@ -11,4 +11,4 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     partners: str = "*"
     """Pattern of platforms whose applications are known here; empty: only this platform."""
     forget_s: Annotated[float, msgspec.Meta(ge=1, le=86_400)] = 600.0
-    """A platform without a message or a route for so long is removed."""
+    """Time without a message or a route after which a platform is removed."""

@@ -9,7 +9,7 @@ Sigma = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Power = Annotated[float, msgspec.Meta(ge=0, le=100_000)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
-"""Three of its periods are the `max_age_s` that the templates promise at rest."""
+"""Rate at rest; `max_age_s` in the templates is three of its periods."""
 Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 

@@ -47,11 +47,12 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.1
     """Minimum time between two notifications of a board without a rule or a rate."""
     lease_s: Annotated[float, msgspec.Meta(ge=1, le=3600)] = 120.0
-    """A subscription ends when its platform was out of reach for so long; after half of it, it is renewed."""
+    """Time for which a platform may be unreachable before its subscription ends; it is renewed after half of
+    that."""
     retry_s: tuple[Pause, ...] = (0.2, 0.5, 1.0, 2.0, 5.0)
     """Pauses after failures in a row."""
     forget_s: Seconds = 600.0
-    """A platform that was not reachable for so long is removed with its mirrors."""
+    """Time without reachability after which a platform is removed with its mirrors."""
     answer_s: Pause = 2.0
     """Time-out of requests to other trees."""
     whole_swarm: bool = False

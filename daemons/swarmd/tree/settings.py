@@ -83,7 +83,7 @@ class Settings:
         async with self._writing:
             board = self._boards.get(resource.path)
             if board is None or board.resource != resource:
-                raise NotFound(f"{shown}: is not in force; the log of {self._module.platform} says why")
+                raise NotFound(f"{shown}: is not in force; the log of {self._module.platform} has the reason")
             present = self.version(resource.path)
             if expected is not None and expected != present:
                 raise Conflict(f"{shown}: has version {present} now; expected {expected}")

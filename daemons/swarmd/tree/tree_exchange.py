@@ -29,7 +29,7 @@ log = logging.getLogger("swarm.tree")
 
 
 class TreeExchange:
-    """Carries what the core sends to other trees, and feeds it what they send."""
+    """Sends the requests and notifications of the core to other trees, and feeds it those of other trees."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What this node knows of the resources of all platforms: descriptors, newest values, ages, qualities."""
+"""Resources of all platforms as known to this node: descriptors, newest values, ages, qualities."""
 
 from collections.abc import Callable, Iterator
 from typing import Final
@@ -44,7 +44,7 @@ class TreeView:
         return sorted({self._own, *self._tree.replicas.platforms()}, key=names.natural)
 
     def platform(self, platform: str) -> TreePlatform:
-        """What is known of one platform's tree."""
+        """State of the replica of one platform's tree."""
         index = self._index(platform)
         size, digest = (0, 0) if index is None else (len(index), index.digest)
         return TreePlatform(platform, self.is_reachable(platform), size, digest)

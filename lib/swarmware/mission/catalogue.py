@@ -230,7 +230,7 @@ BLOCKS: Final = (
     ),
     BlockType(
         BlockName.DECISION_RANDOM,
-        "Takes one of two successors by chance.",
+        "Takes one of two successors at random.",
         DecisionRandom,
         control=True,
         instant=True,

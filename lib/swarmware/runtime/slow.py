@@ -47,7 +47,7 @@ class _Timed(Coroutine[Any, Any, Any]):
         return self._coroutine.__await__()
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._coroutine, name)  # cr_frame, cr_code …: what stack traces and repr look at
+        return getattr(self._coroutine, name)  # cr_frame, cr_code …: used by stack traces and repr
 
 
 class SlowSteps:

@@ -237,7 +237,7 @@ class GuardStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Services under the guard, and its actions."""
 
     supervisor: SupervisorKind
-    """Who starts processes."""
+    """Starter of the processes."""
     services: tuple[WatchedService, ...] = ()
     restarts: int = 0
 

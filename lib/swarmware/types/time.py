@@ -109,7 +109,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         )
 
     def to_remote(self, local_ns: int) -> int:
-        """Their clock's reading at an instant of ours."""
+        """Their clock's reading at an instant of our clock."""
         return local_ns + self.offset_ns + round(self.skew * (local_ns - self.t0_ns))
 
     def to_local(self, remote_ns: int) -> int:
@@ -122,12 +122,12 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         return max(0.0, (now_ns - self.t0_ns) / 1e9)
 
     def bound_at_ns(self, local_ns: int) -> int:
-        """Hard bound of the error at any instant of ours: it grows away from t0."""
+        """Hard bound of the error at any instant of our clock: it grows away from t0."""
         away_s = abs(local_ns - self.t0_ns) / 1e9
         return self.bound_ns + round((self.skew_bound * away_s + AGEING * away_s * math.sqrt(away_s)) * 1e9)
 
     def agrees(self, other: "Conversion", local_ns: int) -> bool:
-        """Whether both can hold for the same clock at an instant of ours."""
+        """Whether both can hold for the same clock at an instant of our clock."""
         apart_ns = abs(self.to_remote(local_ns) - other.to_remote(local_ns))
         return apart_ns <= self.bound_at_ns(local_ns) + other.bound_at_ns(local_ns)
 
@@ -183,7 +183,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         )
 
     def sigma_at_ns(self, local_ns: int) -> int:
-        """Statistical error at any instant of ours."""
+        """Statistical error at any instant of our clock."""
         away_s = abs(local_ns - self.t0_ns) / 1e9
         return round(math.hypot(self.sigma_ns, self.skew_bound / 8 * away_s * 1e9))
 

@@ -217,7 +217,7 @@ class Setpoint(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class VehicleMode(OpenEnum):
-    """Who controls the vehicle."""
+    """Source of the vehicle's commands."""
 
     AUTO = "auto"
     MANUAL = "manual"

@@ -32,7 +32,8 @@ class Interleaving:
     def on_batch(self, logger: str, entries: Iterable[LogEntry], complete_utc_ns: int, now_ns: int) -> None:
         """Takes a batch of one logger with all its entries before `complete_utc_ns`."""
         state = self._loggers[logger]
-        # only the first batch can reach back: a wall clock that is set back later hides nothing
+        # only the first batch may contain older entries: a wall clock that is set back later must not hide
+        # any
         first = state.complete_utc_ns == self._began_utc_ns
         self._held += [entry for entry in entries if not first or entry.utc_ns >= self._began_utc_ns]
         if complete_utc_ns > state.complete_utc_ns:

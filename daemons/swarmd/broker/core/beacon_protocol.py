@@ -43,11 +43,11 @@ OWN_SHARE: Final = 700
 SETTLE_NS: Final = 15_000_000_000
 """No beacon is skipped for this time after a link change: a new clock is measured with all of them."""
 DIRECT_COST: Final = 2 * PERFECT - HYSTERESIS - PERFECT // 2
-"""Two hops cost two perfect links at least, and a node leaves them for one that is better by more than the
-hysteresis; half a link more, because both ends judge it from samples of their own: they may differ by two
-datagrams of sixteen."""
+"""Maximum cost of a link that both ends use directly. Two hops cost at least two perfect links, and a node
+prefers a direct link that is better by more than the hysteresis; minus half a link, because both ends measure
+the cost from their own samples, which may differ by two datagrams of sixteen."""
 DIRECT_NS: Final = 5_000_000_000
-"""By then both ends have measured the link with the same datagrams and selected their routes."""
+"""Time after which both ends have measured the link with the same datagrams and selected their routes."""
 SLOWER: Final = 1.25
 """A period that grew by this factor is declared at once, or neighbours would take the link down."""
 _FORGET_NS: Final = 10_000_000_000
@@ -321,7 +321,7 @@ class BeaconProtocol:
         return neighbours.common(now_ns), lambda origin_hw, have: neighbours.needed(origin_hw, have, now_ns)
 
     def compose(self, now_ns: int) -> OutgoingBeacon:
-        """Composes the next beacon; sections get their room by importance."""
+        """Composes the next beacon; sections get their bytes in the order of importance."""
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         section = self.topology.compose(now_ns, min(room, OWN_SHARE))
@@ -399,7 +399,7 @@ class BeaconProtocol:
         self._gap_ns = 0 if self._sent_ns == NEVER_NS else tx_ns - self._sent_ns
         self._sent_ns = tx_ns
         more = datagram_bytes - self._datagram_bytes
-        # rises fast, falls slowly: rather too few beacons than too many
+        # rises fast, falls slowly: too few beacons are better than too many
         self._datagram_bytes += more / (4 if more > 0 else 16)
         self.topology.sent(sequence, tx_ns)
 

@@ -46,7 +46,7 @@ PUBLISH_NS: Final = 1_000_000_000
 """Period of the tables of neighbours, routes and traffic."""
 SAMPLES_NS: Final = 490_000_000
 """Time between two batches of clock samples while no link is new: clocks are estimated from them every three
-seconds. A little less than half a second, so that every fifth look at 10 Hz meets it."""
+seconds. A little less than half a second, so that the batch is due at every fifth check at 10 Hz."""
 SAMPLES_MAX: Final = 48
 """Samples after which a batch is written without waiting: they fit a slot of their stream."""
 CLAIMANTS_MAX: Final = 16
@@ -62,16 +62,16 @@ Address = tuple[str, int]
 
 
 class FormerState(msgspec.Struct, frozen=True):
-    """What the node knows of its former session."""
+    """State of the former session of this node's broker."""
 
     declared_period_ns: int = 0
     """Longest time between two datagrams that it declared; 0: none is known."""
     quiet_ns: int = 0
-    """How long others may still send through it."""
+    """Time for which other nodes may still route through it, in ns."""
 
 
 class LinkTarget(msgspec.Struct, frozen=True):
-    """Where a connection to a neighbour leads."""
+    """Target of a connection to a neighbour."""
 
     platform: str
     host: str
@@ -130,8 +130,8 @@ class BrokerCore:
         self._publish_ns = now_ns
         self._tables_changed = False
         self._triggered = False
-        """A beacon is to follow soon. Its jitter counts from the next step: many nodes read their datagrams
-        in batches, at the same instants."""
+        """A beacon is to be triggered. Its jitter counts from the next step, because many nodes read their
+        datagrams in batches at the same instants."""
         self._boards_asked = False
         self._links_ns: int | None = None
         """Deadline of the links when the inputs were read last; datagrams since then only move it later."""
@@ -170,7 +170,7 @@ class BrokerCore:
         return [PollInputs(self._boards_asked)]
 
     def on_inputs_read(self, now_ns: int) -> list[Action]:
-        """Does what is due: silent links, expired routes and limits, the next beacon, the tables."""
+        """Handles expired deadlines: silent links, expired routes and limits, the next beacon, the tables."""
         protocol, actions = self._protocol, list[Action]()
         limits = protocol.rate_limits
         version = limits.version
@@ -351,7 +351,7 @@ class BrokerCore:
         single.update(self._claimants)
         return single
 
-    # what the tree and operators set
+    # settings of the tree and of operators
 
     def on_plan(self, plan: TreePlan, now_ns: int) -> list[Action]:
         """Takes the publications and subscriptions of the tree."""
@@ -365,7 +365,7 @@ class BrokerCore:
         Raises: OutOfRange, InvalidInput when the request does not fit them.
         """
         if request.max_hz is not None and not 0 <= request.max_hz <= 1000:
-            raise OutOfRange(f"max_hz {request.max_hz}: expected 0..1000, or none to take the limit away")
+            raise OutOfRange(f"max_hz {request.max_hz}: expected 0..1000, or none to remove the limit")
         if not 0 <= request.for_s <= 86_400:
             raise OutOfRange(f"for_s {request.for_s}: expected 0..86400 seconds")
         pattern = Pattern(request.pattern)
@@ -373,14 +373,14 @@ class BrokerCore:
         unlimited = tuple(resource.path for resource in matching if resource.kind in PROMISED)
         if request.max_hz is not None and unlimited and len(unlimited) == len(matching):
             raise InvalidInput(
-                f"pattern {request.pattern!r}: matches only {', '.join(unlimited[:3])}, of which each item is"
-                " promised; expected boards: the owner of a stream sets its rate"
+                f"pattern {request.pattern!r}: matches only {', '.join(unlimited[:3])}, whose items are"
+                " all delivered; expected boards: the owner of a stream sets its rate"
             )
         self._protocol.rate_limits.set(request, now_ns)
         limits = self._protocol.rate_limits.limits(now_ns)
         return msgspec.structs.replace(limits, unlimited=unlimited), [WriteLimits(limits)]
 
-    # questions
+    # queries
 
     def has_link(self, hw: int) -> bool:
         """Whether a node is or was a neighbour."""
@@ -391,7 +391,7 @@ class BrokerCore:
         return self._protocol.is_direct(hw, now_ns)
 
     def link_target(self, hw: int) -> LinkTarget | None:
-        """Where a connection to a neighbour leads; None: it has not announced a port."""
+        """Target of a connection to a neighbour; None: it has not announced a port."""
         neighbour = self._neighbours.get(hw)
         if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
             self._targets.pop(hw, None)

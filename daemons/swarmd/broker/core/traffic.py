@@ -42,7 +42,7 @@ class ChannelCounters(ChannelTraffic, gc=False):
 
 
 class Counters:
-    """All counters of one broker. The payload types are counted in; the tables are copies of them."""
+    """All counters of one broker, in mutable payload types, which the tables copy."""
 
     def __init__(self) -> None:
         self.links: dict[tuple[str, LinkTransport], LinkTraffic] = {}

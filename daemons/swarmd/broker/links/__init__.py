@@ -1,1 +1,1 @@
-"""What moves the broker's bytes: UDP datagrams, ZeroMQ over TCP, their keys and counts. Decides nothing."""
+"""The broker's sockets: UDP datagrams, ZeroMQ over TCP, their keys and byte counts; no decisions."""

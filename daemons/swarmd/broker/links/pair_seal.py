@@ -1,4 +1,4 @@
-"""Seals datagrams between a session of this node and one of a neighbour, which only these two can make."""
+"""Seals datagrams between a session of this node and one of a neighbour, with keys of this pair only."""
 
 import struct
 from typing import Final
@@ -42,7 +42,7 @@ class PairSeal:
         return self._seal(_NONCE.pack(self._own_hw, sequence), body, clear)
 
     def open(self, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
-        """The body that the other node sealed, or why it is refused; each datagram is opened once."""
+        """The body that the other node sealed, or the reason of its refusal; each datagram is opened once."""
         return self._received.open(self.other.hw, sequence, clear, box)
 
 

@@ -7,7 +7,8 @@ import struct
 from typing import Final
 
 HALF_OPEN_MAX: Final = 128
-"""Limit of incoming connections that have not proven a key; members take milliseconds, and open two each."""
+"""Maximum incoming connections without a proven key; a member proves its key within milliseconds, and opens
+two."""
 PROVEN_BYTES: Final = 272
 """Sent to a client and acknowledged by it: the greeting (64), WELCOME (170) and an ERROR (12) are less; with
 READY (67), which only a client gets whose key is on the roster, it is more. What the client sends proves
@@ -42,7 +43,7 @@ class HalfOpen:
         self._by_address.setdefault(address, {})[fd] = None
 
     def remove(self, fd: int) -> None:
-        """Removes a connection that is gone or proven."""
+        """Removes a connection that is closed or proven."""
         address = self._address.pop(fd, None)
         if address is not None:
             rest = self._by_address[address]
@@ -55,7 +56,8 @@ class HalfOpen:
         return list(self._address)
 
     def first(self) -> int:
-        """The oldest of the address that has the most: who opens many loses its own."""
+        """The oldest connection of the address with the largest number: a flood displaces its own
+        connections."""
         largest: dict[int, None] = max(self._by_address.values(), key=len)
         return next(iter(largest))
 
@@ -72,7 +74,7 @@ class TcpCount:
 
     def add(self, fd: int) -> None:
         """Starts counting a connection."""
-        self._half_open.remove(fd)  # of a connection before, which had the same descriptor
+        self._half_open.remove(fd)  # counters of a former connection with the same descriptor
         inode = _socket_inode(fd)
         if inode is not None:
             self._inodes[fd] = inode
@@ -82,7 +84,7 @@ class TcpCount:
     def accept(self, fd: int) -> None:
         """Counts an incoming connection; where too many have not proven a key, an older one is shut for it.
 
-        The newest is kept: a member proves its key within milliseconds, so it gets in however many wait.
+        The newest is kept: a member proves its key within milliseconds, so it connects however many wait.
         """
         self.add(fd)
         address = _remote_address(fd)
@@ -134,7 +136,7 @@ def _socket_inode(fd: int) -> int | None:
 
 
 def _remote_address(fd: int) -> str | None:
-    """Address at the other end; None: not, or no longer, a TCP connection."""
+    """Address of the peer; None: not a TCP connection, or not any more."""
     sock = None
     try:
         sock = socket.socket(fileno=fd)
@@ -163,7 +165,7 @@ def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
     the other end acknowledged; None: not a TCP connection."""
     sock = None
     try:
-        # its kind given, the kernel is not asked for it; only TCP sockets have TCP_INFO
+        # with the type given Python does not query it; only TCP sockets have TCP_INFO
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=fd)
         info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
     except OSError:  # closed meanwhile, or no TCP

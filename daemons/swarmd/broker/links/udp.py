@@ -24,12 +24,12 @@ OnDatagram = Callable[[bytes, Address, int, bool], None]
 TURN: Final = 64
 """Datagrams read from a socket before control returns to the event loop: about 3 ms."""
 WINDOW_NS: Final = 50_000_000
-"""While datagrams come faster than this, they are read in batches at this interval: half a period of beacons,
+"""Interval of batch reads while datagrams arrive faster than this: half a period of beacons,
 and the period of the navigator, which runs after the broker has read.
-One costs 30 µs right after another one, several times that when other processes had the caches meanwhile
-(`tests/bench/beacons.py`). The kernel's stamps say when each of them came."""
+A datagram costs 30 µs right after another one, several times that with cold caches
+(`tests/bench/beacons.py`). The kernel's timestamps give the arrival of each."""
 REST_WINDOW_NS: Final = 100_000_000
-"""The same while most nodes send no more than four beacons a second: the period of a vehicle at rest. The
+"""The same interval while nodes send at most four beacons a second, the rate at rest. The
 members of a barrier leave 250 ms after it opens."""
 REST_PERIOD_NS: Final = 250_000_000
 DATAGRAM_MAX: Final = 2048
@@ -65,7 +65,7 @@ class Udp:
         self._group: Address | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._taken = 0
-        """Datagrams read since the timer was set, also by others before it."""
+        """Datagrams read since the timer was set, including those read before it expired."""
         self._read_ns = clock.now_ns() - REST_WINDOW_NS
         self._window_ns = WINDOW_NS
         self.send_errors = 0
@@ -111,7 +111,7 @@ class Udp:
         self._read_ns = self._clock.now_ns()
         # The kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn.
         # In this order: a pause between the two makes stamps late, as a delay would. Early ones would be
-        # impossible, and taken for the step of a clock.
+        # impossible, and would count as a clock step.
         wall_ns = time.time_ns()
         mono_ns = time.monotonic_ns()
         count = self._drain(self._own, False, mono_ns, wall_ns - mono_ns)
@@ -170,7 +170,7 @@ class Udp:
                 if 0 <= mono_ns - stamp_ns < STAMP_LIMIT_NS:
                     rx_ns = stamp_ns
                 elif stamp_ns > mono_ns:
-                    rx_ns = min(stamp_ns, time.monotonic_ns())  # came while this turn was under way
+                    rx_ns = min(stamp_ns, time.monotonic_ns())  # arrived during this read
             on_datagram(data, address, rx_ns, by_multicast)
         return TURN
 

@@ -25,8 +25,9 @@ class Zap:
     """The authenticator of one ZeroMQ context.
 
     Runs on the event loop: a blocked loop delays handshakes, but accepts none. `zmq.auth` of pyzmq is not
-    used: its provider decides by the key alone, where a node without keys decides by the address; the
-    User-Id needs a subclass of it; and its task ends with the first error, after which all are denied.
+    used: its provider decides by the key only, but a node without keys decides by the address; the
+    User-Id needs a subclass of it; and its task ends with the first error, after which it denies all
+    connections.
     """
 
     def __init__(self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys) -> None:

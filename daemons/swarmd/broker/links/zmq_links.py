@@ -31,7 +31,7 @@ RECONNECT_MAX_MS: Final = 200
 CONNECT_TIMEOUT_MS: Final = 300
 HANDSHAKE_MS: Final = 3000
 FAILURES: Final = 3
-"""Consecutive handshakes that fail without a reason; a mismatched server key looks like that."""
+"""Consecutive handshakes that fail without a reason, after which the server key is assumed to differ."""
 DENIED_NS: Final = 2_000_000_000
 """Pause before the next connection to a neighbour that denied the last one."""
 KEEPALIVE_S: Final = 60
@@ -324,7 +324,7 @@ class ZmqLinks:
         """Closes the connections to a lost neighbour; returns the frames that were queued for it.
 
         A connection that stayed open through an outage would wait for TCP's back-off after it (RFC 6298,
-        section 5.5), about half of the outage's length; a new one is there within milliseconds (ADR 9).
+        section 5.5), about half of the outage's length; a new one is established within milliseconds (ADR 9).
         """
         connections = self._peers.pop(hw, None)
         return connections.close() if connections is not None else []

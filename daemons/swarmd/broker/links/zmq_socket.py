@@ -34,14 +34,14 @@ EVENTS: Final = (
 def make_context(max_sockets: int) -> zmq.Context[Socket]:
     """A context with one I/O thread that is scheduled ahead of the Python code of busy processes.
 
-    A frame passes one of these threads at each end; it would wait its turn behind all that computes.
+    A frame passes one of these threads at each end; otherwise it would wait for the busy processes.
     """
     context: zmq.Context[Socket] = zmq.Context(io_threads=1)
     context.set(zmq.MAX_SOCKETS, max_sockets)
     before = set(_THREADS.iterdir())
     context.socket(zmq.PAIR).close(0)  # libzmq starts its threads with the first socket
     for thread in set(_THREADS.iterdir()) - before:
-        # without CAP_SYS_NICE or RLIMIT_NICE it stays as it is: slower under load, nothing else
+        # without CAP_SYS_NICE or RLIMIT_NICE the priority stays unchanged: frames are only slower under load
         with contextlib.suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, int(thread.name), IO_NICE)
     return context

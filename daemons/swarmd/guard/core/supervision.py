@@ -110,7 +110,7 @@ class SupervisedService(msgspec.Struct):
     ran_before: bool = False
     """It ran under the previous guard."""
     kill_reason: str = ""
-    """Why the guard ended it: the reason that is reported with its exit."""
+    """Reason for which the guard ended it, reported with its exit."""
 
     def transition(self, event: ServiceEvent, now_ns: int) -> None:
         """Change the state as the table of transitions says."""
@@ -229,7 +229,7 @@ class GuardCore:
         return []
 
     def on_restarted(self, name: str, restarts: int, now_ns: int) -> list[Action]:
-        """The runner of its process has restarted the service so often."""
+        """The number of restarts of the service by the runner of its process."""
         watched = self._services[name]
         if watched.state is not ServiceState.RUNNING or restarts <= watched.restarts:
             return []

@@ -12,7 +12,8 @@ from swarmware.module.writer import BoardWriter
 from swarmware.types.system import SystemLoad
 
 TEMPERATURE_EVERY: Final = 10
-"""Reads between two looks at the temperature: a look searches the folders of all sensors."""
+"""Number of reads between two measurements of the temperature, each of which searches the folders of all
+sensors."""
 
 
 class System(Driver):

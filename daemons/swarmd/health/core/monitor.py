@@ -223,7 +223,7 @@ class MonitorCore:
         return self._take_actions()
 
     def on_left(self, app_id: str, now_ns: int) -> list[Action]:
-        """An application left the node: nothing of it is expected."""
+        """An application left the node: its resources are no longer monitored."""
         app = self.apps.on_left(app_id)
         if app is None:
             return []

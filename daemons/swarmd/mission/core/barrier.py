@@ -29,7 +29,7 @@ ANNOUNCED: Final = 3
 """Number of the newest results that it keeps publishing, for members that arrive late."""
 
 LATE_NS: Final = 500_000_000
-"""A waiting member that receives the result so long after the common time does not follow the others."""
+"""Maximum lateness of a barrier result; for a waiting member that receives it later the barrier is broken."""
 
 Key = tuple[str, int]
 

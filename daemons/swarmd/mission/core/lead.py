@@ -6,12 +6,13 @@ from typing import Final
 from swarmware.types.net import Neighbours, Routes
 
 LEAD_BEACONS: Final = 2.5
-"""The news of an opened barrier crosses a hop with the next beacon, or with the one after if that is lost."""
+"""Beacon periods per hop for a barrier result: the next beacon carries it, or the one after if that is
+lost."""
 LEAD_MAX_NS: Final = 5_000_000_000
 
 
 def lead_ns(min_ns: int, beacon_hz: float, hops: int) -> int:
-    """The lead for members at most so many hops away, at the slowest beacon rate on the way."""
+    """The lead for members at a maximum hop count, at the lowest beacon rate on the route."""
     if beacon_hz <= 0:
         return min_ns
     return max(min_ns, min(round(LEAD_BEACONS * max(hops, 1) * 1e9 / beacon_hz), LEAD_MAX_NS))
@@ -27,7 +28,7 @@ def lead_to_ns(
 ) -> int:
     """The lead for these members, with the present routes and beacon rates.
 
-    `own_hz`: beacon rate of this node; 0: not known. Of the other nodes those count that relay to a member.
+    `own_hz`: beacon rate of this node; 0: not known. The rates of nodes that relay to a member are included.
     """
     ways = [route for route in routes.routes if route.platform in platforms] if routes else []
     relays = {route.via for route in ways if route.hops > 1}

@@ -1,7 +1,7 @@
 """State estimator: position and velocity from GNSS fixes and accelerations, heading from gyro and compass.
 
-A Kalman filter with two states for each axis, written out: libraries for it need numpy, which a node that
-flies does not have, and are slower for matrices of this size.
+A Kalman filter with two states for each axis, without a library: libraries need numpy, which the node of an
+air vehicle does not have, and are slower for matrices of this size.
 """
 
 import math

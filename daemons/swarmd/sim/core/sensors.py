@@ -40,7 +40,7 @@ class SensorErrors:
         self._bias_m = [gauss(0.0, config.gnss_bias_sigma_m) for _ in range(3)]
 
     def gnss(self, pose: Pose, since_s: float) -> GnssFix:
-        """Measures a position fix, so long after the one before."""
+        """Measures a position fix; `dt_s`: time since the previous one."""
         sigma = self._config.gnss_sigma_m
         # first-order Gauss-Markov process
         correlation = math.exp(-since_s / self._config.gnss_bias_tau_s)

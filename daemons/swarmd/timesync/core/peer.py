@@ -29,7 +29,7 @@ process."""
 TOGETHER_RATIO: Final = 2
 """Applied only to pauses of at least this many periods of `TOGETHER_NS`."""
 SLACK_NS: Final = 100_000_000
-"""A long pause may end so much later: the span of a window of 60 s is a little shorter than 60 s."""
+"""Maximum delay of the end of a long pause: the span of a window of 60 s is a little shorter than 60 s."""
 SURPRISE_PAUSE_S: Final = 1.0
 """Pause between two estimations after an exchange that deviates from the prediction."""
 

@@ -1,1 +1,1 @@
-"""What may come in: the sender's present session, its rights to a path, the rate of datagrams."""
+"""Admission of received data: the sender's present session, its rights to a path, the rate of datagrams."""

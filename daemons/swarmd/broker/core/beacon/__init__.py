@@ -1,4 +1,4 @@
 """The beacon: its parts and their bytes, its rate, the period it declares.
 
-Knows no neighbour and no board: what is sent is composed in `beacon_protocol`, above.
+Independent of neighbours and boards: `beacon_protocol`, in the layer above, composes the beacons.
 """

@@ -1,4 +1,4 @@
-"""The beacon: the periodic, sealed UDP datagram of a node, and what its sections contain.
+"""The beacon: the periodic, sealed UDP datagram of a node, and the contents of its sections.
 
 Specified in share/doc/protocol.md, section 3; tests compare the page with the codec.
 """
@@ -59,7 +59,7 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     boot_id: int
     """Of the sender's hardware clock."""
     clock_high: int
-    """The sender's clock in µs, shifted right by 32: makes `tx_us` whole."""
+    """The sender's clock in µs, shifted right by 32 bits: the upper part of `tx_us`."""
     tcp_port: int
     """Port of its ZeroMQ socket at the source address of the datagram; 0: none."""
     tree_version: int

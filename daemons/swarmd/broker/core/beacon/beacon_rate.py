@@ -41,7 +41,7 @@ def airtime_s(datagram_bytes: float) -> float:
 
 
 def allowed_hz(neighbours: int, datagram_bytes: float) -> float:
-    """Maximum beacon rate with so many neighbours, after ETSI's decentralised congestion control."""
+    """Maximum beacon rate for a number of neighbours, after ETSI's decentralised congestion control."""
     return max(AIRTIME / ((neighbours + 1) * airtime_s(datagram_bytes)), MIN_HZ)
 
 
@@ -63,7 +63,7 @@ class Slowdown:
         self._late_ns: list[int] = []
         self._recovered_ns = 0
         self._overloaded_at = 1.0
-        """Factor at the last overload; 1: it has recovered at that one since."""
+        """Factor at the last overload; 1: the processor has recovered at that factor since."""
 
     def on_beacon(self, late_ns: int, period_ns: int) -> bool:
         """A beacon begins `late_ns` after it was due. True: the factor has changed.
@@ -114,7 +114,8 @@ class BeaconSchedule:
         self.urgent = False
         """The next beacon is triggered by an event and must not be skipped."""
         self._resting = False
-        """The next look coincides with the other periodic work; a beacon that it causes waits for chance."""
+        """The next check coincides with the other periodic work; a beacon that it triggers gets random
+        jitter."""
         self._skipped = False
         """A beacon was skipped since the last one that was sent."""
         self._chance = chance

@@ -74,7 +74,7 @@ class _CachedValue:
 
 
 class RelayCache:
-    """Newest value of each board of other nodes, and what of it is to be relayed."""
+    """Newest value of each board of other nodes; selects the values to be relayed."""
 
     def __init__(self) -> None:
         self._entries: dict[tuple[int, int], _CachedValue] = {}
@@ -124,7 +124,7 @@ class RelayCache:
         if ahead_us > rounding_us:
             return True
         if ahead_us > 0:
-            return payload != entry.payload  # ages are rounded: the same value may look a little newer
+            return payload != entry.payload  # ages are rounded: the same value may appear slightly newer
         # far behind, and nothing newer for long: the origin's clock was restarted
         return ahead_us < -OLDEST_NS // 1000 and rx_ns - entry.rx_ns > RESTART_NS
 

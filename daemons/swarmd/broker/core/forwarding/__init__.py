@@ -1,1 +1,1 @@
-"""Frames on their way: the next hop, the queue of a link, the frame in one datagram."""
+"""Forwarding of frames: the next hop, the queue of a link, frames as datagrams."""

@@ -61,7 +61,7 @@ class FrameForwarder:
     def from_here(self, frame: Frame, now_ns: int) -> ForwardDecision:
         """Decides about a frame of a local application; it starts with all its hops.
 
-        A refusal on behalf of a receiver that cannot be reached starts as if it had gone one hop.
+        A refusal in the name of an unreachable receiver starts with one hop less.
         """
         frame.hops_left = HOPS if frame.sender_hw == self._own_hw else HOPS - 1
         return self._onward(frame, self._first(frame, now_ns), now_ns)

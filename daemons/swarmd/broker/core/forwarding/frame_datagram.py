@@ -1,4 +1,4 @@
-"""Frames as datagrams: which may go so, how they are packed, and the clear header."""
+"""Frames as datagrams: selection, packing, and the clear header."""
 
 import struct
 import zlib
@@ -17,7 +17,7 @@ FRAME_MAX: Final = 1212
 """Limit of the frame: with header and tag a datagram has at most 1 238 bytes, as a beacon, and is never
 fragmented."""
 COMPRESS_MAX: Final = 16_384
-"""Limit of a payload that is tried to be compressed: text becomes a third; longer ones do not fit anyway."""
+"""Maximum payload that is compressed: text shrinks to a third, so longer ones do not fit a datagram."""
 _LEVEL: Final = 1
 _WINDOW_BITS: Final = 12
 _MEMORY_LEVEL: Final = 5
@@ -25,13 +25,14 @@ _MEMORY_LEVEL: Final = 5
 call, in 20 µs to 400 µs."""
 SEQUENCE_MAX: Final = 0xFFFF_FFFF
 MISSES: Final = 2
-"""Datagrams in a row whose frames had to be sent again, after which the path is taken for closed."""
+"""Consecutive datagrams with retransmitted frames after which the path counts as blocked."""
 RETRY_NS: Final = 60_000_000_000
 """Period after which a neighbour gets datagrams again."""
 
 
 def pack(frame: Frame) -> bytes | None:
-    """The encoded frame when it may go as a datagram: urgent, and small enough, if need be compressed."""
+    """The encoded frame if it may be sent as a datagram: urgent, and small enough, if necessary
+    compressed."""
     if not frame.flags & Flag.URGENT or len(frame.payload) > COMPRESS_MAX:
         return None
     data = encode(frame)
@@ -67,7 +68,7 @@ def decode_header(data: bytes) -> tuple[int, int]:
 class _Path(msgspec.Struct):
     misses: int = 0
     is_repeated: bool = False
-    """The frame of the last datagram was sent again."""
+    """The frame of the last datagram was retransmitted."""
     blocked_until_ns: int | None = None
 
 
@@ -88,14 +89,14 @@ class DatagramPaths:
         return True
 
     def on_sent(self, hw: int) -> None:
-        """A frame goes to the neighbour as a datagram."""
+        """Record that a frame is sent to the neighbour as a datagram."""
         path = self._paths.setdefault(hw, _Path())
         if not path.is_repeated:
             path.misses = 0  # the one before was answered in time
         path.is_repeated = False
 
     def on_repeated(self, hw: int, now_ns: int) -> None:
-        """An urgent frame goes to the neighbour again, because no answer came."""
+        """Record that an urgent frame is retransmitted to the neighbour, because no answer arrived."""
         path = self._paths.get(hw)
         if path is None or path.is_repeated:
             return

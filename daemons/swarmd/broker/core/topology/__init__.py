@@ -1,4 +1,4 @@
-"""Neighbours, links, nodes and routes: what beacons say of who reaches whom, and at which cost.
+"""Neighbours, links, nodes and routes, derived from beacons: reachability and cost.
 
-Decides no forwarding of a single frame; reads `beacon`.
+The forwarding of frames is in `forwarding`.
 """

@@ -174,7 +174,7 @@ class Neighbour:
         return min(PERFECT * _FULL**4 // both**2, COST_MAX) if both else COST_MAX
 
     def misses(self, neighbours: int) -> int:
-        """Consecutive losses after which the link is down, with so many neighbours."""
+        """Consecutive losses after which the link is down, for a number of neighbours."""
         if self.hello is None:
             return 2
         if self.window == _LONG_MASK:
@@ -435,7 +435,7 @@ class NeighbourTable:
         return tuple(out)
 
     def common(self, now_ns: int, refresh_ns: int = 1_000_000_000) -> frozenset[int]:
-        """Nodes that every neighbour receives directly, or is: their values need no relay."""
+        """Nodes that every neighbour receives directly or is itself: their values need no relay."""
         if now_ns - self._common_ns >= refresh_ns:
             self._common_ns = now_ns
             received_by: dict[int, set[int]] = {}
@@ -472,7 +472,7 @@ class NeighbourTable:
                 neighbour.window |= 1 << behind
             return
         if neighbour.expected == 0 or ahead > LONG_WINDOW:
-            # the first one, or the sender jumped (it was asked for a higher sequence number)
+            # the first one, or the sender jumped (a higher sequence number was requested)
             neighbour.expected += 1
             neighbour.window = (neighbour.window << 1 | 1) & _LONG_MASK
         else:

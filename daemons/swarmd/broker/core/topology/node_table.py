@@ -43,7 +43,7 @@ class NodeTable:
         self._own_hw = own_hw
         self._all: dict[int, KnownNode] = {}
         self.version = 0
-        """Another number after each change."""
+        """Number of the last change."""
 
     def add(self, platform: str, now_ns: int) -> None:
         """Adds a platform of the roster."""

@@ -1,8 +1,8 @@
 """The routing table: next hop, metric and feasibility distance of each node, loop-free in a moving swarm.
 
-A distance vector under Babel's feasibility condition (RFC 8966, section 3.5.1), fitted to the beacon:
-the sequence number of every beacon is the sender's own route sequence number, so a fresh
-route to a node comes with each of its beacons, and rows about others ride in the same datagrams.
+A distance vector with Babel's feasibility condition (RFC 8966, section 3.5.1), adapted to the beacon:
+the sequence number of every beacon is the sender's own route sequence number, so each beacon of a node brings
+a new route to it, and the same datagrams carry rows about other nodes.
 """
 
 from collections.abc import Iterable

@@ -1,1 +1,1 @@
-"""Notifications of values between trees: when one is due, numbering, repetition, order at the receiver."""
+"""Notifications of values between trees: conditions, serials, retransmission, order at the receiver."""

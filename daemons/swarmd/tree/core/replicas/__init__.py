@@ -1,1 +1,1 @@
-"""The other platforms as seen from here: their structures, the subscriptions there, what comes of them."""
+"""State for other platforms: their structures, the subscriptions to them, their notifications."""

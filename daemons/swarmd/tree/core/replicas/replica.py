@@ -11,7 +11,7 @@ from swarmware.types.tree import BoardLimit
 
 
 class Replica:
-    """What is known here of one other platform."""
+    """State for one other platform."""
 
     __slots__ = (
         "_matched_digests", "demanded", "failures", "gone_ns", "limits", "near", "notifications",

@@ -1,4 +1,4 @@
 """The structure of a tree: the index of resources, its digest, changes of it, and the own one.
 
-Nothing here knows a subscription or another platform.
+Independent of subscriptions and of other platforms.
 """

@@ -1,1 +1,1 @@
-"""Platforms that subscribe here: their leases, what each is owed, resources watched for them."""
+"""Platforms that subscribe here: their leases, their pending values, resources watched for them."""

@@ -19,7 +19,7 @@ CACHE_LIMIT: Final = 2000
 
 
 class SubscriptionPlan(msgspec.Struct, frozen=True):
-    """Ways of the resources that a subscription matches."""
+    """Transport of the resources that a subscription matches."""
 
     beacon_boards: tuple[Resource, ...] = ()
     feeds: dict[str, Feed] = {}

@@ -42,7 +42,7 @@ class WatchedResources:
         return readers
 
     def replace(self, one: Subscriber, before: Mapping[str, Feed], feeds: Mapping[str, Feed]) -> None:
-        """A subscriber has other feeds: watch what they need, and nothing else."""
+        """A subscriber has other feeds: watch exactly their resources."""
         for path, feed in before.items():
             if feeds.get(path) is not feed:
                 self._lost[path, one.platform] += feed.dropped
