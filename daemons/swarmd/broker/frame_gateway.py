@@ -224,7 +224,7 @@ class FrameGateway:
     def _onward(
         self, frame: Frame, decision: ForwardDecision, data: bytes | None, *, rerouted: bool = False
     ) -> None:
-        """`data`: the frame as it came; only its number of hops may have changed."""
+        """`data`: the received bytes of the frame; only its hops left may have changed."""
         if decision.step is ForwardStep.SEND:
             peer = self._peer(decision.via)
             if peer is not None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def pause_after(failures: int, pauses: Sequence[Pause]) -> Pause:
-    """Pause before the next attempt after so many failures in a row, at least one.
+    """Pause before the next attempt; `failures`: consecutive failures, at least one.
 
     Shapes: `pauses`: after the first, second, … failure; the last one from then on.
     """

@@ -2,9 +2,9 @@
 
 Source: S0, equations 4 and 5; Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, 1997.
 
-The candidates are looked at in the order of the score that they have without an obstacle, until none can be
-better: mostly the first few of 176. Without obstacles that takes half as long as arrays of numpy for all of
-them, in a crowd up to twice as long, and 12 MB of memory less.
+The candidates are evaluated in the order of the score that they have without an obstacle, until none can be
+better: usually the first few of 176. Without obstacles that takes half as long as arrays of numpy for all of
+them, with many obstacles up to twice as long; it saves 12 MB of memory.
 """
 
 import math
@@ -271,7 +271,7 @@ class NearObstacles:
 
 
 def _spread(first: float, last: float, count: int) -> list[float]:
-    """So many values at equal distances, with both ends."""
+    """`count` values at equal distances, including both ends."""
     step = (last - first) / (count - 1)
     return [*(index * step + first for index in range(count - 1)), last]
 

@@ -47,7 +47,7 @@ RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
 Gateway = Callable[[Frame], None]
 """Function of the broker that takes frames for other platforms, if the broker is in this process."""
 Relay = Callable[[Frame, bytes], None]
-"""Takes such a frame of another process of this node, decoded and as it came."""
+"""Takes such a frame of another process of this node, decoded and in its received bytes."""
 Batch = Callable[[], AbstractContextManager[None]]
 """Context manager that queues frames for other platforms and sends them when it ends."""
 
