@@ -1,12 +1,12 @@
-"""What one beacon costs a broker, beside the bare reception of the same bytes.
+"""Processor time of a broker for one beacon, compared with the bare reception of the same bytes.
 
     python tests/bench/beacons.py [--seconds N] [--json]
 
-One real broker on a loopback group of its own; fifteen neighbours are real stations in virtual time, all in
-one cell, all with a pose at 10 Hz and a mission state that changes every second. Bare: `recvmsg` with the
-kernel's stamp and one `struct.unpack` of the clear header, of the same datagrams. Together: each of three
-taken at once. Hot: one after the other. Cold: the processor's caches are overwritten before each, as
-sixteen nodes on two cores do it to each other.
+One real broker on its own loopback group; the fifteen neighbours are real broker cores in virtual time, all
+in range of each other, each with a pose at 10 Hz and a mission state that changes every second. Bare:
+`recvmsg` with the kernel's timestamp and one `struct.unpack` of the clear header, of the same datagrams.
+Together: one of three datagrams received in a batch. Hot: one datagram after the other. Cold: the processor's
+caches are overwritten before each, as by the other nodes when sixteen share two cores.
 """
 
 import argparse
@@ -68,7 +68,7 @@ _HEADER: Final = struct.Struct("<BBIII")
 
 
 class Instant(Clock):
-    """A clock that shows what it was set to."""
+    """A clock that shows a set instant."""
 
     __slots__ = ("at_ns",)
 
@@ -84,7 +84,7 @@ class Instant(Clock):
 
 
 class LinkPeer:
-    """A neighbour: what it sends is what a broker would send."""
+    """A neighbour, which sends the datagrams of a real broker."""
 
     def __init__(self, name: str, others: list[str], keys: Keys) -> None:
         self.hw = hardware_id(name)
@@ -169,11 +169,11 @@ class Cell:
         return True
 
     def flush(self) -> None:
-        """Takes everything else out of the caches."""
+        """Overwrites the processor's caches."""
         self.flushed += 1.0
 
     def run(self, beacons: int, *, cold: bool) -> Costs:
-        """So many beacons of everybody, reception and sending timed."""
+        """Times reception and sending of a number of beacons of each node."""
         received: list[int] = []
         bare: list[int] = []
         together: list[int] = []
@@ -255,12 +255,12 @@ class Cell:
 
 
 def quick_us(took_ns: list[int]) -> float:
-    """The fastest tenth: what other processes of this machine add is left out."""
+    """Mean of the fastest tenth, which excludes the load by other processes of this machine."""
     return statistics.quantiles(took_ns, n=10)[0] / 1000
 
 
 def wants(names: list[str]) -> tuple[BoardSubscription, ...]:
-    """Pose and mission state of everybody."""
+    """Pose and mission state of each node."""
     return tuple(
         BoardSubscription(name, offer.path, offer.type, offer.data_id) for name in names for offer in OFFERS
     )

@@ -21,7 +21,7 @@ NODES: Final = 16
 
 
 class Budget(NamedTuple):
-    """One figure and what it must stay below."""
+    """One figure and its upper limit."""
 
     what: str
     figure: Callable[[ExperimentReport], float | None]

@@ -2,9 +2,9 @@
 
     python tests/bench/load16.py [--seconds S] [--lab NAME] [--json]
 
-Wakes are the voluntary context switches of a node's threads: how often it had to be given a processor. The
+Wake-ups are the voluntary context switches of a node's threads. The
 memory of a node is the sum over its processes: resident (RSS) counts what processes share in each of them,
-proportional (PSS) divides it by their number. `--lab`: a lab that is up already. Nothing else should run:
+proportional (PSS) divides it by their number. `--lab`: a running lab. No other load should run:
 the nodes share the cores of this machine.
 """
 
@@ -32,7 +32,7 @@ from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, Task
 NODES: Final = 16
 OWN: Final = "bench-load"
 SETTLE_S: Final = 18.0
-"""Clocks of new links need 15 s, then beacons that say nothing new are left out."""
+"""Clocks of new links need 15 s; after that beacons without changes are skipped."""
 FORMED_S: Final = 12.0
 """From the order until every member moves: barriers, take-off, forming."""
 TICK_S: Final = 1 / os.sysconf("SC_CLK_TCK")
@@ -40,13 +40,13 @@ ABORT: Final = MissionAbort("the bench has measured", "hold")
 
 
 class Use(NamedTuple):
-    """What the processes of one node have used up to now."""
+    """Resources that the processes of one node have used so far."""
 
     cpu_s: float
     main_wakes: int
-    """Of main threads."""
+    """Wake-ups of main threads."""
     other_wakes: int
-    """Of all other threads: those of libzmq, and of the mission's and the logger's work."""
+    """Wake-ups of all other threads: those of libzmq, of the mission daemon and of the logger."""
     rss_mb: float
     pss_mb: float
     processes: int
@@ -85,7 +85,7 @@ def of_nodes(lab: LabState) -> dict[str, list[int]]:
 
 
 async def measure(lab: LabState, what: str, seconds: float) -> dict[str, object]:
-    """The mean over the nodes, over so many seconds."""
+    """The mean over the nodes, per second of a time span."""
     nodes = of_nodes(lab)
     before, began_s = {name: used(pids) for name, pids in nodes.items()}, time.monotonic()
     await asyncio.sleep(seconds)
@@ -113,7 +113,7 @@ async def measure_all(lab: LabState, seconds: float) -> list[dict[str, object]]:
     async with connect(lifecycle.station_settings(lab)) as session:
         watch = SwarmWatch.open(session)
         await watch.until_quiet(SETTLE_S)
-    await asyncio.sleep(SETTLE_S)  # nobody looks: a console's subscriptions are no part of a swarm at rest
+    await asyncio.sleep(SETTLE_S)  # without a console, whose subscriptions are not part of a swarm at rest
     found = [await measure(lab, "at rest", seconds)]
     task = mission_task(lab.experiment)
     async with connect(lifecycle.station_settings(lab)) as session:

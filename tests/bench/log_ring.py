@@ -29,7 +29,7 @@ def ours(directory: Path) -> None:
 
 
 def bare_mcap(directory: Path) -> None:
-    """The MCAP library as it comes: chunks of 1 MiB, zstd."""
+    """The MCAP library with its defaults: chunks of 1 MiB, zstd."""
     with (directory / "bare.mcap").open("wb") as file:
         writer: Any = Writer(file)
         writer.start()

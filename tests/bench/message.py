@@ -4,8 +4,8 @@
 
 Four processes: application, broker, broker, application. The message goes over ipc, TCP with CURVE and ipc;
 it is stamped with the monotonic clock, which all share, when it is sent and when it is in the inbox. The
-bare pair is two processes on uvloop with one CURVE connection: the middle one of our three hops. The rounds
-alternate, so that a busy machine is busy for both.
+bare pair is two processes on uvloop with one CURVE connection, the middle one of the three hops. The rounds
+alternate, so that the load of the machine affects both.
 """
 
 import argparse
@@ -46,7 +46,7 @@ class Bare:
         asyncio.get_running_loop().add_reader(int(socket_.getsockopt(zmq.FD)), self.drain)
 
     def drain(self) -> None:
-        """Takes what is there."""
+        """Receives all waiting messages."""
         while True:
             try:
                 self.got.append(self.socket.recv_multipart(zmq.NOBLOCK))
@@ -65,7 +65,7 @@ class Bare:
         return self.got.pop(0)
 
     def send(self, parts: list[bytes]) -> None:
-        """Sends, and looks for what came meanwhile."""
+        """Sends a message, then receives those that arrived meanwhile."""
         self.socket.send_multipart(parts)
         self.drain()
 
@@ -169,7 +169,7 @@ async def open_bench(root: Path) -> AsyncIterator[Bench]:
 
 
 def quantiles(times_us: list[float]) -> dict[str, float]:
-    """p50, p99 and the greatest."""
+    """p50, p99 and maximum."""
     ordered = sorted(times_us)
     return {
         "p50": round(statistics.median(ordered), 1),

@@ -2,7 +2,7 @@
 
     python tests/bench/orders16.py [--orders N] [--lab NAME] [--json]
 
-The first order after the start stands apart. `--lab`: a lab that is up already. Nothing else should run: the
+The first order after the start is reported separately. `--lab`: a running lab. No other load should run: the
 nodes share the cores of this machine.
 """
 
@@ -31,11 +31,11 @@ OWN: Final = "bench-orders"
 QUIET_S: Final = 15.0
 ABORT: Final = MissionAbort("the bench gives the next order", "hold")
 BETWEEN_S: Final = 3.0
-"""From an abort to the next order: everybody holds, and the states are known everywhere."""
+"""Time from an abort to the next order, in which all vehicles hold and all states are published."""
 
 
 def times_ms(lab: LabState, answer: TaskAnswer) -> tuple[list[float], list[float]]:
-    """From the instruction, and from each order's departure, to its receipt; all clocks made true."""
+    """Delays from the instruction, and from the sending of each order, to its receipt; all in true time."""
     clocks = {node.platform: ClockTruth(node.offset_s, node.drift_ppm).clock for node in lab.nodes}
     station = clocks["gcs"]
     instructed_ns = station.to_mono_ns(answer.instructed_ns)
@@ -49,7 +49,7 @@ def times_ms(lab: LabState, answer: TaskAnswer) -> tuple[list[float], list[float
 
 
 async def one(session: Session, lab: LabState) -> tuple[list[float], list[float], float]:
-    """One order, taken back as soon as everybody has it."""
+    """One order, aborted as soon as all members have it."""
     began_ns = monotonic_ns()
     answer = await session.ask(TASK, mission_task(lab.experiment), TaskAnswer, timeout_s=TASK_S)
     took_ms = (monotonic_ns() - began_ns) / 1e6

@@ -2,11 +2,11 @@
 
     python tests/bench/shm.py [--messages N]
 
-One way: two processes hand one message back and forth. Each stamps it with the monotonic clock, which both
-share, when it sends, and the other takes the difference when the message is in its hands. Services live in a
-uvloop, so that is the row to compare; Zenoh's callback thread without a loop is its best case. The rounds of
-the peers alternate, so that a busy machine is busy for all. On two idle cores most of the time goes to waking
-the other: the bare FIFO shows how much, and nothing that sleeps can be faster.
+One way: two processes exchange one message in turn. Each stamps it at sending with the monotonic clock, which
+both share, and the other computes the difference at reception. Services use uvloop, so compare that row;
+Zenoh's callback thread without a loop is its best case. The rounds of the peers alternate, so that the load
+of the machine affects all. On two idle cores the wake-up of the other process dominates: the bare FIFO is the
+lower bound of every transport whose receiver sleeps.
 """
 
 import argparse
@@ -46,7 +46,7 @@ CAMERA_BYTES = 8 << 20
 
 OnMessage = Callable[[memoryview], None]
 Cores = tuple[set[int], set[int]]
-"""Where the two processes may run."""
+"""Cores on which the two processes run."""
 
 
 class End(Protocol):
@@ -111,7 +111,7 @@ class RingEnd:
 
     def send(self, data: bytearray) -> None:
         if self.loaned:
-            self.writer.loan(self.size)[: HEAD.size] = data[: HEAD.size]  # the camera has written the rest
+            self.writer.loan(self.size)[: HEAD.size] = data[: HEAD.size]  # the camera writes the rest
             self.writer.publish()
         else:
             self.writer.write(data)
@@ -124,7 +124,8 @@ class RingEnd:
 
 
 class PipeEnd:
-    """Two bare pipes, blocking: what the kernel needs to wake the other process, and so the floor for all."""
+    """Two bare pipes, blocking: the kernel's time to wake the other process, the lower bound of all
+    transports."""
 
     def __init__(self, folder: Path, side: int) -> None:
         for name in ("0.fifo", "1.fifo"):
@@ -359,7 +360,7 @@ def compare(
 
 
 def board() -> None:
-    """What a reader pays when it looks, beside reading one field of an object in the same process."""
+    """Time of a board read, compared with reading one field of an object in the same process."""
     pose = Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.2, 0.3, 0.01)
     payload = registry.encode(pose)
     data = wire.encode(Frame(FrameKind.BOARD, 1, 2, 3, ANY, ANY, sequence=1, stamp_ns=1, payload=payload))
