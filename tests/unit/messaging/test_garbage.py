@@ -6,43 +6,23 @@ from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.unit.messaging.frames import any_frames
 
 from swarmware.model import names
-from swarmware.model.frame import Codec, Frame, FrameKind, encode
+from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import ANY
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.messaging.ipc_transport import IpcTransport
-from swarmware.types import registry
-from swarmware.types.rpc import Ack, Reply
+from swarmware.types.rpc import Reply
 
 MESSAGES, REQUESTS, NOBODY = 11, 12, 13
 HERE = names.hardware_id("uav1")
 APP = 5
 LAST = 99
 
-ids = st.sampled_from([0, 1, APP, HERE, 77, ANY])
-payloads = st.one_of(
-    st.binary(max_size=40),
-    st.builds(lambda s, w: registry.encode(Ack(s, w)), st.integers(-3, 9), st.text(max_size=5)),
-    st.builds(lambda ok, body: registry.encode(Reply(ok, body)), st.booleans(), st.binary(max_size=5)),
-)
-frames = st.builds(
-    Frame,
-    st.sampled_from(FrameKind),
-    st.sampled_from([MESSAGES, REQUESTS, NOBODY]),
-    ids,
-    ids,
-    ids,
-    ids,
-    sequence=st.integers(0, 3),
-    stamp_ns=st.integers(-(2**63), 2**63 - 1),
-    flags=st.integers(0, 15),
-    codec=st.sampled_from(Codec),
-    extension=st.binary(max_size=12),
-    payload=payloads,
-)
+frames = any_frames([MESSAGES, REQUESTS, NOBODY], [0, 1, APP, HERE, 77, ANY])
 data = st.one_of(st.binary(max_size=120), frames.map(encode))
 
 

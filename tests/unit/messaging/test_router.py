@@ -3,9 +3,10 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.unit.messaging.frames import any_frames
 
 from swarmware.model import names
-from swarmware.model.frame import PAYLOAD_LIMIT, Codec, Flag, Frame, FrameKind
+from swarmware.model.frame import PAYLOAD_LIMIT, Flag, Frame, FrameKind
 from swarmware.model.names import ANY
 from swarmware.transport.delivery.answer import reply, with_lifetime
 from swarmware.transport.delivery.outbox import GRACE_NS, Complete
@@ -396,26 +397,8 @@ def test_a_hop_that_refuses_an_own_message_answers_in_the_same_pass() -> None:
     ]
 
 
-ids = st.sampled_from([0, 1, OWN_APP, OTHER_APP, LEFT_APP, HERE, THERE, ANY])
-payloads = st.one_of(
-    st.binary(max_size=40),
-    st.builds(lambda s, w: registry.encode(Ack(s, w)), st.integers(-3, 9), st.text(max_size=5)),
-    st.builds(lambda ok, body: registry.encode(Reply(ok, body)), st.booleans(), st.binary(max_size=5)),
-)
-frames = st.builds(
-    Frame,
-    st.sampled_from(FrameKind),
-    st.sampled_from([MESSAGES, REQUESTS, ELSEWHERE, NOWHERE]),
-    ids,
-    ids,
-    ids,
-    ids,
-    sequence=st.integers(0, 3),
-    stamp_ns=st.integers(-(2**63), 2**63 - 1),
-    flags=st.integers(0, 15),
-    codec=st.sampled_from(Codec),
-    extension=st.binary(max_size=12),
-    payload=payloads,
+frames = any_frames(
+    [MESSAGES, REQUESTS, ELSEWHERE, NOWHERE], [0, 1, OWN_APP, OTHER_APP, LEFT_APP, HERE, THERE, ANY]
 )
 steps = st.tuples(
     st.sampled_from(["frame", "message", "request", "closed", "refused", "denied", "repeat", "arrival"]),
