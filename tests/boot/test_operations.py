@@ -204,7 +204,7 @@ def test_a_whole_node_in_one_unit_is_back_when_all_its_processes_were_killed_at_
 
 def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
     before = pid(node, "timesync")
-    node.must("""swarmctl tree set /uav1/sys/guard/restart '{"service":"timesync"}'""")
+    node.must("""swarmctl tree set /uav1/sys/guard/restart '{"service":"timesync"}' --yes""")
     deadline_s = time.monotonic() + HEAL_S
     while pid(node, "timesync") in {0, before}:
         assert time.monotonic() < deadline_s, node.must("journalctl --no-pager -u swarmd@guard -n 20")

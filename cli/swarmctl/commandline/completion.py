@@ -11,7 +11,7 @@ from swarmctl.commandline.settings import settings
 Completer = Callable[[click.Context, click.Parameter, str], list[Any]]
 
 
-def platforms(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+def platforms(incomplete: str) -> list[str]:
     """Platforms in the cache."""
     from swarmctl.commandline import completion_cache
 

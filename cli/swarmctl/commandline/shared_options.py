@@ -6,6 +6,7 @@ from typing import Any, Final
 import click
 
 from swarmctl.commandline import completion
+from swarmctl.commandline.parameters import PLATFORM, TEXT
 from swarmctl.commandline.settings import FORMATS, PREFIX, settings
 
 
@@ -46,19 +47,21 @@ _SHARED: Final = (
         name="node",
         metavar="PLATFORM",
         help_text="Platform to query or command.",
-        shell_complete=completion.platforms,
+        type=PLATFORM,
     ),
     _option(
         "--lab",
         name="lab",
         metavar="NAME",
         help_text="Running lab to use; default: the newest.",
+        type=TEXT,
         shell_complete=completion.labs,
     ),
     _option(
         "--config",
         name="config",
         metavar="DIR",
+        type=TEXT,
         help_text="Configuration folder of the node to use; default: SWARM_CONFIG, a lab, /etc/swarm.",
         envvar=None,  # the one variable of daemons and modules, too: see `Settings.config_dir`
         allow_from_autoenv=False,

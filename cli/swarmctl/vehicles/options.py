@@ -5,15 +5,13 @@ from typing import Any, Final
 
 import click
 
-from swarmctl.commandline import completion
+from swarmctl.commandline.parameters import PLATFORM
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 EVERYTHING: Final = click.option("--all", "everything", is_flag=True, help="All known vehicles.")
 REASON: Final = click.option("--reason", default="operator", help="Reason, recorded in all logs.")
-PLATFORMS: Final = click.argument(
-    "platforms", nargs=-1, metavar="PLATFORM…", shell_complete=completion.platforms
-)
+PLATFORMS: Final = click.argument("platforms", nargs=-1, metavar="PLATFORM…", type=PLATFORM)
 
 
 def timeout_option(wait_s: float) -> Decorator:

@@ -10,6 +10,7 @@ import msgspec
 
 from swarmd.mission.worker import FolderJob, Job, TextJob
 from swarmware.errors import MissionError
+from swarmware.mission.assignment import Assignment
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.catalogue import Catalogue
@@ -72,6 +73,15 @@ class Checker:
         if reading.mission is None:
             raise MissionError("\n".join(str(finding) for finding in reading.findings))
         return _keep(self._missions, key, reading.mission)
+
+    async def check_params(self, folder: Folder, assignment: Assignment) -> None:
+        """Checks the text of each role with the parameters of its first member, before an order is sent.
+
+        Raises: MissionError with all reasons, one a line.
+        """
+        first = {one.member.role: one for one in reversed(assignment.member_assignments)}
+        for one in first.values():
+            await self.load(folder.texts[one.file], folder.place(one.file), one.binding)
 
     async def _finished(self, quick: list[Finding] | None, job: Job, where: str) -> Findings:
         """The result of the quick check, or of a separate process when there is none or its budget was

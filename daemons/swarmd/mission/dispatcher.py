@@ -65,7 +65,7 @@ class Dispatcher:
         Raises: as `task`.
         """
         folder, warnings = await self._checked(task)
-        assignment = assign(folder, self._chosen(task, platforms), task.params)
+        assignment = await self._assigned(task, folder, platforms)
         left_out = _left_out(task, assignment, platforms, absent)
         return MissionPlan(folder.manifest.name, folder.hash, assignment.members, left_out, warnings)
 
@@ -77,7 +77,7 @@ class Dispatcher:
         Raises: MissionError, NotFound, ConfigError; then no order was sent.
         """
         folder, warnings = await self._checked(task)
-        assignment = assign(folder, self._chosen(task, platforms), task.params)
+        assignment = await self._assigned(task, folder, platforms)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
         # the own order needs no link: it is checked after the other orders were sent
         members = sorted(
@@ -135,6 +135,13 @@ class Dispatcher:
         findings = await self._checker.check(folder)
         refuse(findings)
         return folder, tuple(map(str, findings))
+
+    async def _assigned(self, task: MissionTask, folder: Folder, platforms: list[Platform]) -> Assignment:
+        """The assignment of roles; the values of parameters are checked with the text of each role."""
+        assignment = assign(folder, self._chosen(task, platforms), task.params)
+        if task.params:  # the defaults were checked with the folder
+            await self._checker.check_params(folder, assignment)
+        return assignment
 
     def _sent(self, task: MissionTask) -> Folder:
         """The mission by content; one that is stored here with the same content is not parsed again."""

@@ -1,6 +1,7 @@
 """The register's shell: holds the master role, and answers which application runs where."""
 
 import asyncio
+from collections.abc import Collection
 
 from swarmd.register import config as settings
 from swarmd.register.core.known_registers import Action, Forgotten, ReadRoutes, RegisterCore
@@ -91,7 +92,7 @@ class Registrar(Service):
 
     def _info(self, _: Empty, __: Meta) -> NodeInfo:
         node = self.module.node
-        names = {app.name for app in node.master.table(full=False).applications}
+        table = node.master.table(full=False)
         return NodeInfo(
             platform=node.platform,
             unit=node.config.unit,
@@ -100,10 +101,16 @@ class Registrar(Service):
             version=__version__,
             boot_id=node.clock.boot_id,
             uptime_s=(utc_ns() - node.clock.boot_id) / 1e9,
-            services=tuple(sorted(names)),
+            services=tuple(sorted({app.name for app in table.applications})),
             config_dir=str(node.config_dir),
-            processes=node.config.processes,
+            processes=processes(table, node.config.services),
         )
+
+
+def processes(table: ApplicationTable, services: Collection[str]) -> str:
+    """Whether the running services of a node share `one` process or have one each (`per-daemon`)."""
+    pids = {app.pid for app in table.applications if app.name in services}
+    return "one" if len(pids) <= 1 else "per-daemon"
 
 
 def _of(tables: BoardSet[ApplicationTable] | None, platform: str) -> ApplicationTable | None:

@@ -16,6 +16,7 @@ from swarmctl.commands.health.report import clear_faults, list_faults
 from swarmctl.commands.mission.start import start
 from swarmctl.commands.node.overview import show_node
 from swarmctl.commands.topo.topology import show_topology
+from swarmctl.commands.traffic.rates import set_limit
 from swarmctl.commands.tree.listing import draw_resources, list_resources
 from swarmctl.commands.tree.reading import print_values
 from swarmctl.resources.access import set_resource
@@ -26,7 +27,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
-from swarmware.types.net import Neighbours, Routes, RouteState
+from swarmware.types.net import ChannelLimits, Neighbours, Routes, RouteState, Traffic
 from swarmware.types.register import Register
 from swarmware.types.system import NodeInfo
 from swarmware.types.tree import Quality, TreeEntry, TreeListing, TreeSetDone, TreeValue
@@ -259,3 +260,30 @@ async def test_a_mission_that_a_platform_refuses_is_partial_and_names_it() -> No
     with pytest.raises(Partial, match="refused or not answered by uav2; not started"):
         await start(session, "formation", MissionTask("formation"), yes=True, watch=False)
     assert "uav2" in session.stdout.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "max_hz", "asks"),
+    [
+        ("**", 0.0, "are not sent"),
+        ("nav/pose", 0.0, "are not sent"),
+        ("**", 5.0, "barriers"),
+        ("mission/*", 0.5, "barriers"),
+        ("nav/*", 5.0, ""),
+        ("**", None, ""),
+    ],
+)
+async def test_a_limit_that_silences_a_vehicle_or_its_barriers_is_confirmed(
+    pattern: str, max_hz: float | None, asks: str
+) -> None:
+    answers = {
+        "/uav1/sys/broker/set_channel": ChannelLimits(),
+        "/uav1/sys/broker/traffic": msgspec.convert([0] * 16 + [1.0, []], Traffic),
+    }
+    session = ScriptedSession(answers, node="uav1")
+    if asks:
+        with pytest.raises(click.UsageError, match=f"uav1: .*{asks}.*expected --yes"):
+            await set_limit(session, pattern, max_hz, 0.0, yes=False)
+        assert session.asked == []
+    await set_limit(session, pattern, max_hz, 0.0, yes=bool(asks))
+    assert "/uav1/sys/broker/set_channel" in session.asked

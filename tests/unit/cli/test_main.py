@@ -167,3 +167,24 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     script = f"{sys.executable} -m swarmctl --help | true; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["-n", "", "node", "ls"],
+        ["node", "ls", "--node", ""],
+        ["node", "info", ""],
+        ["--lab", "", "node", "ls"],
+        ["--config", "", "node", "ls"],
+        ["land", "uav1", ""],
+        ["kill", ""],
+        ["health", "info", ""],
+        ["mission", "start", "formation", "--member", ""],
+    ],
+)
+def test_an_empty_name_is_refused_and_does_not_mean_the_joined_node(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert swarmctl.main(words) == 2
+    assert "empty; expected a name" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """The check beside the event loop: the same verdicts, bounded in memory and time, and asked for once."""
 
 import asyncio
+import json
 import re
 import time
 from collections.abc import Awaitable, Callable
@@ -12,12 +13,13 @@ from tests.unit.mission.nets import lattice, net
 from swarmd.mission import checking
 from swarmd.mission.checking import Checker
 from swarmware.errors import MissionError
+from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder, from_files
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.types.mission import MissionFile
+from swarmware.types.mission import MissionFile, ParamValue
 
 T = TypeVar("T")
 
@@ -170,3 +172,21 @@ def test_a_check_whose_process_is_killed_refuses_the_mission(monkeypatch: pytest
     monkeypatch.setattr(checking, "TIME_S", 0.01)
     (finding,) = asyncio.run(Checker(built_in()).check(alone(lattice(9, 2))))
     assert (finding.severity, finding.rule) == ("unknown", "too-large")
+
+
+@pytest.mark.parametrize(("height", "accepted"), [("abc", False), (-3.0, False), (True, False), (4.0, True)])
+async def test_values_of_parameters_are_checked_with_the_text_of_each_role(
+    height: ParamValue, accepted: bool
+) -> None:
+    text = net(s="Start>t", t={"type": "Takeoff", "alt": "$param.height_m", "next": "l"}, l="Land>e", e="End")
+    document = json.loads(text) | {"params": {"height_m": 3.0}}
+    checker = Checker(built_in())
+    folder = alone(json.dumps(document))
+    assert sound(await checker.check(folder))
+    swarm = [Platform("uav1", PlatformKind.UAV), Platform("uav2", PlatformKind.UAV)]
+    assignment = assign(folder, swarm, {"height_m": height})
+    if accepted:
+        await checker.check_params(folder, assignment)
+        return
+    with pytest.raises(MissionError, match=r"height_m|/t/alt"):
+        await checker.check_params(folder, assignment)

@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.parameters import PLATFORM
 from swarmctl.commandline.settings import settings
 
 
@@ -29,7 +29,7 @@ def ls(ctx: click.Context) -> None:
 
 
 @cmd.command()
-@click.argument("platform", required=False, shell_complete=completion.platforms)
+@click.argument("platform", required=False, type=PLATFORM)
 @click.pass_context
 def info(ctx: click.Context, platform: str | None) -> None:
     """Show each check of a platform and its present result.

@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.parameters import PLATFORM
 from swarmctl.commandline.settings import settings
 
 
@@ -50,7 +50,7 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
     multiple=True,
     metavar="PLATFORM",
     help="Platforms that take part; default: all.",
-    shell_complete=completion.platforms,
+    type=PLATFORM,
 )
 @click.option("--set", "params", multiple=True, metavar="NAME=VALUE", help="Set a parameter of the mission.")
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation; vehicles will move.")
@@ -92,7 +92,7 @@ def status(ctx: click.Context) -> None:
 
 
 @cmd.command()
-@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", shell_complete=completion.platforms)
+@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", type=PLATFORM)
 @click.pass_context
 def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
     """Follow a mission until it ends: a line for each change of a member, or of the named members.
@@ -106,7 +106,7 @@ def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 
 
 @cmd.command()
-@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", shell_complete=completion.platforms)
+@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", type=PLATFORM)
 @click.option("--reason", default="operator", help="Reason, recorded in all logs.")
 @click.option(
     "--then",

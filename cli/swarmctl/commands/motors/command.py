@@ -2,8 +2,8 @@
 
 import click
 
-from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Command
+from swarmctl.commandline.parameters import PLATFORM
 from swarmctl.commandline.settings import settings
 from swarmctl.vehicles.options import EVERYTHING, PLATFORMS, REASON, timeout_option
 
@@ -44,7 +44,7 @@ def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wai
 
 
 @click.command(cls=Command)
-@click.argument("platform", shell_complete=completion.platforms)
+@click.argument("platform", type=PLATFORM)
 @click.option(
     "--confirm", "again", metavar="PLATFORM", default="", help="The same name, instead of the prompt."
 )

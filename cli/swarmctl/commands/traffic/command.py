@@ -53,10 +53,13 @@ def top(ctx: click.Context, period_s: float, count: int | None) -> None:
 @cmd.command(name="set")
 @click.argument("pattern")
 @click.option("--rate", required=True, metavar="RATE", help="5hz, 0hz (nothing), or `auto` (no limit).")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: the limit ends after that.")
 @click.pass_context
-def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
+def set_(ctx: click.Context, pattern: str, rate: str, span: str, yes: bool) -> None:
     """Limit the rate at which a platform sends matching boards; then show all its limits.
+
+    It asks for a confirmation where the limit silences boards, or slows the states that barriers wait for.
 
     Example: swarmctl traffic set 'nav/*' --rate 5hz --for 5m --node uav1
     """
@@ -67,4 +70,4 @@ def set_(ctx: click.Context, pattern: str, rate: str, span: str) -> None:
     from swarmware.model.names import Pattern
 
     Pattern(names.split(pattern)[1])  # an invalid one is refused before the node is joined
-    run(settings(ctx), set_limit, pattern, rate_hz(rate), span_s(span) if span else 0.0)
+    run(settings(ctx), set_limit, pattern, rate_hz(rate), span_s(span) if span else 0.0, yes=yes)

@@ -1,14 +1,20 @@
 """Rates of a broker's channels, from its counters, and limits set by an operator."""
 
+from typing import Final
+
 import click
 import msgspec
 
 from swarmctl.session.session import Session
+from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column
 from swarmware.model import names
 from swarmware.model.names import Pattern
 from swarmware.types.net import ChannelLimits, SetChannel, Traffic
 from swarmware.types.rpc import Empty
+
+MISSION_STATE: Final = "mission/state"
+"""Board that the barriers of a mission work through."""
 
 
 class ChannelRates(msgspec.Struct, frozen=True):
@@ -95,11 +101,29 @@ def _show_rates(session: Session, before: Traffic, now: Traffic) -> None:
     session.out.table(columns, [(row[0], *(f"{rate:.1f}" for rate in row[1:])) for row in rates], title)
 
 
-async def set_limit(session: Session, pattern: str, max_hz: float | None, duration_s: float) -> None:
-    """Limits matching boards and prints all limits; `max_hz` None: no limit, `duration_s` 0: no end."""
+def effect(local: str, max_hz: float | None, duration_s: float) -> str:
+    """What a limit does to the swarm that an operator must confirm; empty: no confirmation."""
+    end = f"for {duration_s:g} s" if duration_s else "without an end"
+    if max_hz == 0.0:
+        return f"boards that match {local} are not sent {end}"
+    if max_hz is not None and Pattern(local).matches(MISSION_STATE):
+        return f"{MISSION_STATE} is sent at {max_hz:g} Hz at most {end}: barriers of a mission wait for it"
+    return ""
+
+
+async def set_limit(
+    session: Session, pattern: str, max_hz: float | None, duration_s: float, *, yes: bool
+) -> None:
+    """Limits matching boards and prints all limits; `max_hz` None: no limit, `duration_s` 0: no end.
+
+    Raises: as `confirm` and `Session.ask`.
+    """
     platform, local = names.split(pattern)
     request = SetChannel(Pattern(local).text, max_hz, duration_s)
     target = names.check_platform(platform or session.platform)
+    await session.reach(target)
+    if will := effect(local, max_hz, duration_s):
+        confirm(yes, f"{target}: {will}")
     limits = await session.ask(names.join(target, "sys/broker/set_channel"), request, ChannelLimits)
     for path in limits.unlimited:
         session.out.warn(f"/{target}/{path}: not limited, because each of its items is delivered")
