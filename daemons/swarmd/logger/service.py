@@ -189,7 +189,7 @@ class Logger(Service):
         for path, tap in self._taps.items():
             if new_rings:
                 tap.search_again()
-            if plan.waits(path, now_ns) or tap.is_idle(now_ns):
+            if tap.is_idle(now_ns) or plan.waits(path, now_ns):  # most are idle
                 continue
             resource = tap.resource
             if resource.every_value:

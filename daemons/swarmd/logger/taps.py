@@ -28,8 +28,7 @@ class LogTap:
         """Whether the ring has no new frame, or is missing and not due for a search."""
         ring = self._follower.ring
         if ring is not None:
-            at = ring.position if self.resource.every_value else ring.seen
-            return ring.sequence == at and not ring.moved
+            return ring.read_to_end if self.resource.every_value else ring.unchanged
         if now_ns < self._look_ns:
             return True
         self._look_ns = now_ns + LOOK_NS

@@ -27,6 +27,7 @@ from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.readers import GRANULE_NS
 
 TEND_NS: Final = 1_000_000_000
 """Period in which a process checks that its files in shared memory are intact."""
@@ -37,6 +38,9 @@ MIRROR_SLOTS: Final = 4
 MIRROR_SLOT_BYTES: Final = 256
 """Default slot of a mirror: a header and a packed pose; the ring is replaced when a value is larger."""
 
+
+_FolderStamp = tuple[int, int]
+"""Inode of a folder and time of its last change, which no process can set: with it its files are the same."""
 
 log = logging.getLogger("swarm.node")
 
@@ -96,6 +100,8 @@ class Node(Immediate):
         self._apps_watchers = ReaderNotifier(paths.applications_watchers(self.shm_dir), self.doorbells)
         self._mirror_watchers = ReaderNotifier(paths.mirrors_watchers(self.shm_dir), self.doorbells)
         self._publications: WeakSet[Publication] = WeakSet()
+        self._folders: dict[str, _FolderStamp | None] = {}
+        """Folders of the publications as they were at the last check of their files."""
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
         self._tending = self._tend_later()
         self.master = Master(
@@ -170,9 +176,16 @@ class Node(Immediate):
         removed."""
         self._tending = self._tend_later()
         before, self._errors = self._errors, []
+        checked = self._folders
+        self._folders = present = dict[str, _FolderStamp | None]()
         for publication in list(self._publications):
+            folder = publication.folder
+            if folder not in present:
+                present[folder] = _stamp(folder)
+            stamp = present[folder]
+            at_path = stamp is not None and stamp == checked.get(folder)
             try:
-                if publication.tend():
+                if publication.tend(at_path=at_path):
                     log.warning("%s: damaged or removed; replaced", publication.path)
             except (OSError, SwarmError) as error:
                 self._errors.append(
@@ -242,3 +255,12 @@ class Node(Immediate):
         with contextlib.suppress(FileNotFoundError):
             self._incarnation.leave()
         return self
+
+
+def _stamp(folder: str) -> _FolderStamp | None:
+    """Stamp of a folder; None: it is missing, or may change again without a new time."""
+    try:
+        found = os.stat(folder)  # noqa: PTH116  # every second: no Path object
+    except OSError:
+        return None
+    return (found.st_ino, found.st_ctime_ns) if utc_ns() - found.st_ctime_ns > GRANULE_NS else None

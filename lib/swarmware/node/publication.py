@@ -21,6 +21,7 @@ class Publication:
         self, path: Path, doorbells: DoorbellSenders, *, slots: int, slot_bytes: int, mode: int = 0o640
     ) -> None:
         self.path = path
+        self.folder = str(path.parent)
         self._mode = mode
         self._slots = slots
         self._ring = RingWriter(path, slots=slots, slot_bytes=slot_bytes, mode=mode)
@@ -78,15 +79,16 @@ class Publication:
             self.path, slots=self._slots, slot_bytes=min(slot_bytes, MAX_SLOT_BYTES), mode=self._mode
         )
 
-    def tend(self) -> bool:
+    def tend(self, *, at_path: bool = False) -> bool:
         """Replace the ring if its file was damaged or removed; returns whether it was.
 
+        `at_path`: its folder has not changed since a check that found the file.
         The newest frame is copied to the new file with its sequence: a writer of changes only would not
         write it again, and readers that have read it do not get it twice.
         Raises: as the constructor; it is then retried with the next frame.
         """
         if self._resume is None:
-            if self._ring.intact():
+            if self._ring.intact(at_path=at_path):
                 return False
             self._resume = self._ring.discard()
         self._replace()

@@ -60,6 +60,36 @@ async def test_a_damaged_board_is_replaced_with_its_newest_value(
         assert (reader.value, reader.sequence) == (Float(3.0), 3), "the sequence goes on"
 
 
+def swap(path: Path) -> None:
+    copy = path.with_suffix(".copy")
+    copy.write_bytes(path.read_bytes())
+    copy.rename(path)
+
+
+@pytest.mark.parametrize("damage", [remove, cut, overwrite, swap])
+async def test_a_file_is_looked_up_by_its_path_only_after_a_change_of_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: Callable[[Path], None]
+) -> None:
+    tended: list[tuple[bool, bool]] = []
+    tend = Publication.tend
+
+    def recorded(self: Publication, *, at_path: bool) -> bool:
+        replaced = tend(self, at_path=at_path)
+        tended.append((at_path, replaced))
+        return replaced
+
+    async with tmp_node(tmp_path) as node:
+        made = node.publication("nav/height", slots=4, slot_bytes=256)
+        monkeypatch.setattr(Publication, "tend", recorded)
+        await until(lambda: (True, False) in tended)
+        damage(made.path)
+        await until(lambda: any(replaced for _, replaced in tended))
+        tended.clear()
+        await until(lambda: (True, False) in tended)
+        assert not any(replaced for _, replaced in tended)
+        made.close()
+
+
 async def test_a_reader_goes_on_over_the_replacement(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         writer, reader = m.writer("nav/height", Float), m.reader("nav/height", Float)
@@ -96,7 +126,7 @@ async def test_what_cannot_be_replaced_is_logged_once_not_each_second(
 ) -> None:
     looked = 0
 
-    def tend(self: Publication) -> bool:
+    def tend(self: Publication, *, at_path: bool) -> bool:
         nonlocal looked
         looked += 1
         raise error

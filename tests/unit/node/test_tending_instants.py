@@ -43,7 +43,7 @@ def test_files_in_shared_memory_are_checked_once_a_second_between_two_heartbeats
         virtual_clock.append(loop)
         try:
             async with tmp_node(tmp_path) as node:
-                monkeypatch.setattr(Publication, "tend", lambda _: checked.append(node.clock.now_ns()))
+                monkeypatch.setattr(Publication, "tend", lambda _, **__: checked.append(node.clock.now_ns()))
                 made = node.publication("nav/height", slots=4, slot_bytes=256)
                 await until(node.clock, node.clock.now_ns() + 10 * SECOND)
                 made.close()

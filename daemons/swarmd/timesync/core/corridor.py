@@ -298,10 +298,13 @@ def _break(above: list[Point], below: list[Point]) -> float | None:
     max_shift_s, found_s = 0.0, -math.inf
     for (x, side, y), after in zip(rows, reversed(later), strict=True):
         up_s, down_s = after[0] - tightest[0], after[1] - tightest[1]
-        shift_s = max(min(up_s, -down_s), min(-up_s, down_s))
-        if max_shift_s < shift_s < math.inf:
-            max_shift_s, found_s = shift_s, x
+        if up_s * down_s < 0:  # in one direction: one side is tighter, the other looser
+            shift_s = min(abs(up_s), abs(down_s))
+            if max_shift_s < shift_s < math.inf:
+                max_shift_s, found_s = shift_s, x
         tightest[side] = min(tightest[side], y)
+    if max_shift_s <= BREAK_FLOOR_S:
+        return None  # below every threshold
     before = [sorted(y for x, y in side if x < found_s) for side in (above, below)]
     if min(map(len, before)) < SPREAD_POINTS:
         return None

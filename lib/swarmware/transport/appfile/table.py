@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Final
 
 from swarmware.errors import WireError
 from swarmware.model import paths
@@ -11,14 +12,14 @@ from swarmware.transport.appfile.entry import AppEntry, Served, decode
 from swarmware.transport.shm.lock import held_by_other
 
 _Stamp = tuple[int, int, int]
+_FLAGS: Final = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 class AppTable:
     """Table of the application files, which reads only changed ones."""
 
     def __init__(self, run_dir: Path) -> None:
-        self._folder = paths.applications(run_dir)
-        self._folder_name = str(self._folder)
+        self._folder_name = str(paths.applications(run_dir))
         self._folder_ns = 0
         self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
         self._names: list[str] = []
@@ -62,10 +63,11 @@ class AppTable:
         found = {name for name in listed if name.endswith(".toml")}
         if found != set(self._names):
             self._names = sorted(found, key=natural)
+        folder = self._folder_name
         for name in self._names:
             known = self._files.get(name)
             try:
-                fd = os.open(self._folder / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+                fd = os.open(f"{folder}/{name}", _FLAGS)  # every second: no Path objects
             except FileNotFoundError:
                 continue  # it has just left
             except OSError:

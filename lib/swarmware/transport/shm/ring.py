@@ -158,12 +158,20 @@ class RingWriter:
             raise Conflict(f"{self.path}: a slot is on loan, expected publish() or abandon() first")
         raise OutOfRange(f"{self.path}: a frame of {length} bytes, expected 0 to {self.slot_bytes}")
 
-    def intact(self) -> bool:
-        """Whether the file at the path is still this one, complete and with a valid header."""
+    def intact(self, *, at_path: bool = False) -> bool:
+        """Whether the file at the path is still this one, complete and with a valid header.
+
+        `at_path`: it is known to be this one, because the folder has not changed since a check.
+        """
         if self._map.closed:
             return True
-        found = self._found()
-        if found is None or found.st_size != len(self._map):
+        if at_path:
+            size = self._map.size()  # of the file, without a walk to its path
+        elif (found := self._found()) is not None:
+            size = found.st_size
+        else:
+            return False
+        if size != len(self._map):
             return False
         return self._map[: layout.STATIC_BYTES] == self._static and self._words[_NEWEST] == self._sequence
 
@@ -271,6 +279,12 @@ class RingReader:
         """Whether `newest()` has returned the newest frame, and the path has no other file."""
         words = self._words
         return words[_NEWEST] == self.seen and not words[_MOVED]
+
+    @property
+    def read_to_end(self) -> bool:
+        """Whether `next()` has returned the newest frame, and the path has no other file."""
+        words = self._words
+        return words[_NEWEST] == self.position and not words[_MOVED]
 
     @property
     def moved(self) -> bool:
