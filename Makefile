@@ -30,7 +30,7 @@ hooks: $(VENV)/.test ## git runs the quick checks before each commit (.pre-commi
 	$(BIN)/pre-commit install
 
 bench: $(VENV)/.bench ## measures; ratios in one run
-	for file in tests/bench/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
+	for file in $(filter-out tests/bench/lab.py, $(wildcard tests/bench/*.py)); do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
 
 figures: $(VENV)/.test ## runs the experiment on this machine and takes its figures into the README
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)

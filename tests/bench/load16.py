@@ -8,17 +8,16 @@ proportional (PSS) divides it by their number. `--lab`: a running lab. No other 
 the nodes share the cores of this machine.
 """
 
-import argparse
 import asyncio
 import json
 import os
-import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from swarmctl.session import labs
+from lab import formation_lab, options
+
 from swarmctl.session.labs import LabState
 from swarmctl.session.processes import NODE_MARK, by_mark
 from swarmctl.session.session import connect
@@ -29,7 +28,6 @@ from swarmlab.run.watch import SwarmWatch
 from swarmware.errors import SwarmError
 from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, TaskAnswer
 
-NODES: Final = 16
 OWN: Final = "bench-load"
 SETTLE_S: Final = 18.0
 """Clocks of new links need 15 s; after that beacons without changes are skipped."""
@@ -141,20 +139,11 @@ COLUMNS: Final = (
 
 def main() -> int:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = options(__doc__)
     parser.add_argument("--seconds", type=float, default=12.0, help="of each of the two measurements")
-    parser.add_argument("--lab", default="")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    swarmctl = [sys.executable, "-m", "swarmctl", "--quiet", "lab"]
-    if not given.lab:
-        up = ["up", "formation", "--nodes", str(NODES), "--name", OWN, "--detach"]
-        subprocess.run([*swarmctl, *up], check=True, stdout=subprocess.DEVNULL)
-    try:
-        found = asyncio.run(measure_all(labs.find(given.lab or OWN), given.seconds))
-    finally:
-        if not given.lab:
-            subprocess.run([*swarmctl, "down", OWN], check=True, stdout=subprocess.DEVNULL)
+    with formation_lab(given.lab, OWN) as lab:
+        found = asyncio.run(measure_all(lab, given.seconds))
     if given.json:
         print(json.dumps(found, indent=1))
         return 0

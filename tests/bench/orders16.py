@@ -6,17 +6,15 @@ The first order after the start is reported separately. `--lab`: a running lab. 
 nodes share the cores of this machine.
 """
 
-import argparse
 import asyncio
 import json
-import subprocess
 import sys
 from time import monotonic_ns
 from typing import Final
 
 import numpy as np
+from lab import formation_lab, options
 
-from swarmctl.session import labs
 from swarmctl.session.labs import LabState
 from swarmctl.session.session import Session, connect
 from swarmlab.experiment import PLAN, TASK, TASK_S, mission_task
@@ -26,7 +24,6 @@ from swarmlab.run import lifecycle
 from swarmlab.run.watch import SwarmWatch
 from swarmware.types.mission import AbortAnswer, MissionAbort, MissionPlan, TaskAnswer
 
-NODES: Final = 16
 OWN: Final = "bench-orders"
 QUIET_S: Final = 15.0
 ABORT: Final = MissionAbort("the bench gives the next order", "hold")
@@ -89,20 +86,11 @@ async def measure(lab: LabState, orders: int) -> list[dict[str, object]]:
 
 def main() -> int:
     """Measures; 1 when the budget is missed."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = options(__doc__)
     parser.add_argument("--orders", type=int, default=8, help="after the first one")
-    parser.add_argument("--lab", default="")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    swarmctl = [sys.executable, "-m", "swarmctl", "--quiet", "lab"]
-    if not given.lab:
-        up = ["up", "formation", "--nodes", str(NODES), "--name", OWN, "--detach"]
-        subprocess.run([*swarmctl, *up], check=True, stdout=subprocess.DEVNULL)
-    try:
-        found = asyncio.run(measure(labs.find(given.lab or OWN), given.orders))
-    finally:
-        if not given.lab:
-            subprocess.run([*swarmctl, "down", OWN], check=True, stdout=subprocess.DEVNULL)
+    with formation_lab(given.lab, OWN) as lab:
+        found = asyncio.run(measure(lab, given.orders))
     if given.json:
         print(json.dumps(found, indent=1))
     limits = (("p50_ms", LIMITS.receipt_p50_ms), ("p99_ms", LIMITS.receipt_p99_ms))

@@ -15,9 +15,7 @@ from swarmware.model import paths
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.runtime.backoff import pause_after
-from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.immediate import Immediate
-from swarmware.runtime.instant import until
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.health import (
     OK_STATE,
@@ -34,13 +32,8 @@ D = TypeVar("D")
 ADDRESS: Final = "sys/health/register"
 REPORT_S: Final = 1.0
 """Period of repeated reports: three missing ones are a fault."""
-LOOK_NS: Final = 1_000_000_000
-"""Period of the check whether the monitor has restarted."""
-LOOK_PHASE_NS: Final = 600_000_000
-"""Phase of the reports: an instant of the grid between the full seconds, at which other periodic work is
-done."""
 RETRY_S: Final = (0.2, 0.5, 1.0, 2.0, 5.0)
-"""Pauses while no monitor accepts the registration; services start in any order."""
+"""Pauses while the monitor does not accept the registration."""
 FREEZE_FRAME_CHARACTERS: Final = 200
 FAILED_STATE: Final = "no data"
 """The data callback raised a SwarmError."""
@@ -253,19 +246,21 @@ class HealthMonitor:
 
     async def _keep_registered(self, registration: CheckRegistration) -> None:
         """Register with the monitor, and again after each start of it, which may have lost its journal."""
+        node, changed = self._module.node, asyncio.Event()
         registered_ns = -1
         failures = 0
-        while True:
-            monitor = self._module.node.table.named("health")
-            if monitor is not None and monitor.started_ns != registered_ns:
-                outcome = await self._module.send(ADDRESS, registration)
-                if outcome.status is Status.DELIVERED:
+        subscription = node.applications.subscribe(lambda _: changed.set())
+        try:
+            while True:
+                changed.clear()
+                monitor = node.table.named("health")
+                if monitor is None or monitor.started_ns == registered_ns:
+                    await changed.wait()
+                elif (await self._module.send(ADDRESS, registration)).status is Status.DELIVERED:
                     registered_ns = monitor.started_ns
                     failures = 0
-            if registered_ns >= 0:
-                clock = self._module.clock
-                await until(clock, next_multiple_ns(clock.now_ns(), LOOK_NS, LOOK_PHASE_NS))
-            else:
-                failures += 1
-                await asyncio.sleep(pause_after(failures, RETRY_S))
-            self._module.node.table.refresh()
+                else:
+                    failures += 1
+                    await asyncio.sleep(pause_after(failures, RETRY_S))
+        finally:
+            subscription.close()

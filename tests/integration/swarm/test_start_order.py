@@ -1,10 +1,10 @@
 """No node depends on another being there first: any order, any gap between the starts."""
 
 import asyncio
-import random
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
+from random import Random
 
 import pytest
 from tests.integration.swarm.swarm import NAMES, PATIENCE_S, Swarm, swarm, until, until_trees_agree
@@ -14,6 +14,8 @@ from swarmware.types.health import HealthState
 from swarmware.types.system import AppStatus
 from swarmware.types.vehicle import Pose
 
+SEED = 7
+"""Of the orders of start; printed with each."""
 BEATS_LATER = 3
 """A beat comes every second."""
 
@@ -53,7 +55,7 @@ def test_nodes_that_start_long_after_each_other_find_each_other(
     labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     order = ["uav1", "ugv1"]
-    random.Random().shuffle(order)
+    Random(SEED).shuffle(order)
 
     async def run() -> LabState:
         async with swarm("k2order") as made:
@@ -62,7 +64,9 @@ def test_nodes_that_start_long_after_each_other_find_each_other(
             await made.start(order[1])
             await beats_passed(made, order[1], 1)
             await made.start("gcs")
-            print(f"{order} and gcs: converged {await converged(made):.2f} s after the last was ready")
+            print(
+                f"seed {SEED}, {order} and gcs: converged {await converged(made):.2f} s after the last start"
+            )
             return made.record
 
     nothing_remains(asyncio.run(run()))
@@ -73,13 +77,13 @@ def test_nodes_that_start_in_any_order_at_once_find_each_other(
     labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     order = list(NAMES)
-    random.Random().shuffle(order)
+    Random(SEED).shuffle(order)
 
     async def run() -> LabState:
         # a process for each daemon: these too come in whatever order the machine likes
         async with swarm("k2order", per_daemon=order[0]) as made:
             await asyncio.gather(*(made.start(name) for name in order))
-            print(f"{order}: converged {await converged(made):.2f} s after the last was ready")
+            print(f"seed {SEED}, {order}: converged {await converged(made):.2f} s after the last start")
             return made.record
 
     nothing_remains(asyncio.run(run()))

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.unit.mission.manifests import AIR_AND_CONTROL
 
 from swarmware.errors import ConfigError, MissionError, NotFound
 from swarmware.mission.assignment import Platform, assign
@@ -17,24 +18,14 @@ from swarmware.mission.folder import from_files, read_folder
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionFile
 
-MANIFEST = """
+MANIFEST = f"""
 name = "relay"
 [[roles]]
 name = "leader"
 file = "leader.json"
 kinds = ["ugv"]
 take = 1
-[[roles]]
-name = "air"
-file = "air.json"
-kinds = ["uav"]
-[roles.params]
-height = {first = 5.0, step = 1.5}
-[[roles]]
-name = "control"
-file = "control.json"
-kinds = ["gcs"]
-required = false
+{AIR_AND_CONTROL}
 [params]
 head = "$role.leader"
 """

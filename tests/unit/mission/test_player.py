@@ -63,6 +63,21 @@ def steps(actions: list[Any]) -> list[str]:
     return [f"{a.block} {a.event}" for a in actions if isinstance(a, ProgressStep)]
 
 
+def branches(after: str) -> Player:
+    """Two branches, a block when both have ended, and `after` it the end or the fork again."""
+    return player(
+        net(
+            s="Start>f",
+            f="Fork>a,b",
+            a={"type": "Arm", "next": "j"},
+            b={"type": "Hold", "next": "j"},
+            j="Join>c",
+            c={"type": "Land", "next": after},
+            e="End",
+        )
+    )
+
+
 ARM = {"type": "Arm", "next": "e"}
 
 
@@ -88,34 +103,14 @@ def test_a_pause_ends_by_itself_at_its_time() -> None:
 
 
 def test_a_join_waits_for_all_its_branches() -> None:
-    p = player(
-        net(
-            s="Start>f",
-            f="Fork>a,b",
-            a={"type": "Arm", "next": "j"},
-            b={"type": "Hold", "next": "j"},
-            j="Join>c",
-            c={"type": "Land", "next": "e"},
-            e="End",
-        )
-    )
+    p = branches(after="e")
     assert short(p.start(0)) == ["start a 1", "start b 2"]
     assert short(p.on_ended(2, result("ok"), S)) == []
     assert short(p.on_ended(1, result("ok"), S)) == ["start c 3"]
 
 
 def test_a_join_waits_for_all_its_branches_each_time() -> None:
-    p = player(
-        net(
-            s="Start>f",
-            f="Fork>a,b",
-            a={"type": "Arm", "next": "j"},
-            b={"type": "Hold", "next": "j"},
-            j="Join>c",
-            c={"type": "Land", "next": "f"},
-            e="End",
-        )
-    )
+    p = branches(after="f")
     p.start(0)
     p.on_ended(1, result("ok"), S)
     assert short(p.on_ended(2, result("ok"), S)) == ["start c 3"]

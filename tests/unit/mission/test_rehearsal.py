@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from tests.unit.mission.manifests import AIR_AND_CONTROL
 from tests.unit.mission.nets import net
 
 from swarmd.mission import checking
@@ -23,28 +24,17 @@ UAV1, UAV2, GCS = (
     Platform("uav2", PlatformKind.UAV),
     Platform("gcs", PlatformKind.GCS),
 )
-MANIFEST = """
+MANIFEST = f"""
 name = "climb"
-[[roles]]
-name = "air"
-file = "air.json"
-kinds = ["uav"]
-[roles.params]
-height_m = {first = 5.0, step = 2.0}
-[[roles]]
-name = "control"
-file = "control.json"
-kinds = ["gcs"]
-required = false
-"""
+{AIR_AND_CONTROL}"""
 AIR = net(
     s="Start>t",
-    t={"type": "Takeoff", "alt": "$param.height_m", "next": "l"},
+    t={"type": "Takeoff", "alt": "$param.height", "next": "l"},
     l="Land>e",
     e="End",
 ).replace(
     '{"mission"',
-    '{"params": {"height_m": 1.0}, "requires": ["battery > 20 %", "age(/gcs/nav/pose) < 9"], "mission"',
+    '{"params": {"height": 1.0}, "requires": ["battery > 20 %", "age(/gcs/nav/pose) < 9"], "mission"',
     1,
 )
 
@@ -88,7 +78,7 @@ async def test_an_order_of_a_stored_mission_is_answered_from_memory(
         first, second, _ = assign(folder, [GCS, UAV1, UAV2], {}).member_assignments
         mission = await checker.load(AIR, "as the station calls it", second.binding)
         assert (read, mission.file) == ([], "as the station calls it")
-        assert mission.blocks["t"].params.altitude_m == 7.0  # type: ignore[attr-defined]  # of a Takeoff
+        assert mission.blocks["t"].params.altitude_m == 6.5  # type: ignore[attr-defined]  # of a Takeoff
         await checker.load(AIR, "air.json", first.binding)  # the other platform's part
         assert read == [AIR]
         # what would have to be sent by another platform is not asked for yet

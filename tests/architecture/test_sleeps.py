@@ -1,0 +1,57 @@
+"""Every sleep in the product is a pause that is meant: whoever waits for an event waits for that event."""
+
+import ast
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[2]
+MEANT: Final = {
+    "cli/swarmlab/run/capacity.py:Capacity.measure": "the interval over which load is measured",
+    "daemons/swarmd/broker/beacon_transport.py:BeaconTransport.look_up_seeds": "period of name resolution",
+    "daemons/swarmd/hal/service.py:Hal._keep": "back-off: a device has no event when it works again",
+    "daemons/swarmd/logger/service.py:Logger._open_recorder": "back-off: a disk has no event",
+    "daemons/swarmd/logger/upload.py:Upload.run": "back-off: a server that is away has no event",
+    "daemons/swarmd/main.py:main": "limits the rate of restarts by systemd",
+    "daemons/swarmd/mission/blocks/motions.py:HoldBlock.run": "the time in the mission",
+    "lib/swarmware/health/monitor.py:HealthMonitor._keep_registered": "back-off: the monitor refused",
+    "lib/swarmware/runtime/instant.py:until": "the one wait for an instant",
+    "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._keep": "no descriptor is free: no event either",
+    "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._pause": "back-off before a restart",
+    "lib/swarmware/service/host.py:ServiceHost._keep": "back-off before a restart",
+    "lib/swarmware/transport/appfile/file.py:_touch_anothers": "a tick of the kernel's coarse clock",
+    "lib/swarmware/transport/shm/lock.py:lock_within": "`flock` has no time-out; holders are short",
+}
+"""Pauses, by file and function, and why each is no wait for an event."""
+
+
+def is_sleep(call: ast.Call) -> bool:
+    return "sleep" in ast.unparse(call.func).rsplit(".", 1)[-1]
+
+
+def is_yield(call: ast.Call) -> bool:
+    """`sleep(0)` gives other tasks one turn and waits for nothing."""
+    return ast.unparse(call) == "asyncio.sleep(0)"
+
+
+def pauses(node: ast.AST, place: str) -> set[str]:
+    """Functions below a node that sleep."""
+    found: set[str] = set()
+    for child in ast.iter_child_nodes(node):
+        inner = place
+        if isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            inner = f"{place}{'' if place.endswith(':') else '.'}{child.name}"
+        elif isinstance(child, ast.Call) and is_sleep(child) and not is_yield(child):
+            found.add(place)
+        found |= pauses(child, inner)
+    return found
+
+
+def test_every_pause_is_listed_with_its_reason() -> None:
+    found = {
+        place
+        for folder in ("lib", "daemons", "cli")
+        for path in (ROOT / folder).rglob("*.py")
+        for place in pauses(ast.parse(path.read_text("utf-8")), f"{path.relative_to(ROOT)}:")
+    }
+    assert sorted(found - MEANT.keys()) == [], "wait for the event, or list the pause with its reason"
+    assert sorted(MEANT.keys() - found) == [], "listed, and does not pause"
