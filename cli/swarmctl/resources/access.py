@@ -65,10 +65,12 @@ class Written(msgspec.Struct, frozen=True):
 async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
     """The newest value; a mirror older than FRESH_S is replaced by the owner's value, if it answers.
 
+    Of a platform without a route it is the last value that the joined node received.
     Raises: NotFound, NoAnswer.
     """
     ask = names.join(session.here, "sys/tree/get")
-    found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about=path)
+    lost = not fresh and not await session.in_reach(names.split(path)[0] or session.here)
+    found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about="" if lost else path)
     if (
         found.source is not ValueSource.MIRROR
         or found.quality is Quality.LOST

@@ -40,10 +40,14 @@ async def ask_all(
 async def read_boards(
     session: Session, asked: list[str], path: str, cls: type[R]
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:
-    """The newest value of a board of each platform: from a mirror if there is one, else from its owner."""
+    """The newest value of a board of each platform: from a mirror if there is one, else from its owner.
+
+    A platform without a route has an error: its last values are `last_words`.
+    """
 
     async def one(platform: str) -> R | SwarmError:
         try:
+            await session.reach(platform)
             return registry.decode(cls, (await newest(session, names.join(platform, path))).data)
         except SwarmError as error:
             return error

@@ -83,15 +83,21 @@ class Session:
 
         Raises: NotFound for an unknown platform, NoAnswer for one without a route.
         """
+        if not await self.in_reach(platform):
+            raise NoAnswer(f"node {platform!r}: known, but {self.here} has no route to it now")
+
+    async def in_reach(self, platform: str) -> bool:
+        """Whether a known platform has a route now.
+
+        Raises: NotFound for an unknown platform.
+        """
         names.check_platform(platform)
         if platform == self.here:
-            return
+            return True
         ways = {route.platform for route in (await self.routes()).routes}
-        if platform in ways:
-            return
-        known = await self.known()
-        if platform in known:
-            raise NoAnswer(f"node {platform!r}: known, but {self.here} has no route to it now")
+        known = () if platform in ways else await self.known()
+        if platform in ways or platform in known:
+            return platform in ways
         there = ", ".join(sorted({self.here, *ways, *known}, key=names.natural))
         raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
 

@@ -12,6 +12,8 @@ from swarmware.types.json_form import json_schema
 DOCUMENTS: Final = {
     "node ls": "swarmctl.commands.node.overview:NodeList",
     "node info": "swarmware.types.system:NodeInfo",
+    "node restart": "swarmctl.resources.restart:RestartedServices",
+    "app restart": "swarmctl.resources.restart:RestartedServices",
     "app ls": "swarmctl.commands.app.listing:ApplicationList",
     "tree ls": "swarmware.types.tree:TreeListing",
     "tree show": "swarmware.types.tree:TreeListing",

@@ -1,6 +1,7 @@
 """Output of a command: results on stdout as table or JSON, messages on stderr."""
 
 import os
+import shutil
 import sys
 from collections.abc import Sequence
 from typing import Any, Final, TextIO
@@ -38,11 +39,18 @@ class Output:
         self.settings = settings
         self._out = stdout or sys.stdout
         self._err = stderr or sys.stderr
+        self._redrawn = 0
+        """Lines of the last redrawn text."""
 
     @property
     def fancy(self) -> bool:
         """Whether stdout is a terminal with colours."""
         return self._out.isatty() and self.colors
+
+    @property
+    def redraws(self) -> bool:
+        """Whether stdout is a terminal on which a table can be drawn again at its place."""
+        return self._out.isatty() and not self.settings.structured and os.environ.get("TERM") != "dumb"
 
     @property
     def lively(self) -> bool:
@@ -70,6 +78,7 @@ class Output:
         self._talk("warning", text)
 
     def _talk(self, kind: str, text: str) -> None:
+        self._redrawn = 0  # this line stays above the next redrawn text
         line = text if kind == "message" else f"{kind}: {text}"
         print(json_line({kind: text}) if self.settings.structured else line, file=self._err, flush=True)
 
@@ -80,6 +89,14 @@ class Output:
     def now(self, text: str) -> None:
         """Print one line of a continuous result, flushed because a reader may follow it."""
         print(text, file=self._out, flush=True)
+
+    def redraw(self, text: str) -> None:
+        """Print lines in the place of those of the last call, each cut at the width of the terminal."""
+        width = shutil.get_terminal_size().columns
+        lines = [line[:width] for line in text.splitlines()]
+        back = f"\x1b[{self._redrawn}F\x1b[J" if self._redrawn else ""
+        self._redrawn = len(lines)
+        print(back + "\n".join(lines), file=self._out, flush=True)
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
         """Print a result as a table; wide columns only with `-o wide`."""

@@ -122,16 +122,31 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
         first = ctl("link ls -n uav2 --timeout 1.5")
         assert first.code == 4, first.err
         assert "uav2" in first.err
-        while "away" not in ctl("node ls").out:
+        while "lost " not in (listed := ctl("node ls")).out:
             pass
-        for command in ("tree get /uav2/nav/pose", "tree watch /uav2/nav/pose", f"tree set {GAIN} 1"):
+        assert listed.code == 3
+        lost = next(one for one in ctl("node ls --json").document["nodes"] if one["platform"] == "uav2")
+        assert lost["lost_s"] > 0
+        assert (lost["armed"], lost["mode"]) == (False, "auto")
+        last = ctl("tree get /uav2/nav/pose.z_m")
+        assert last.code == 0
+        assert "/uav2/nav/pose: lost; this is the last value" in last.err
+        shown = ctl("node info uav2")
+        assert shown.code == 4
+        assert {line.split()[0] for line in shown.out.splitlines()[1:]} == {
+            "platform", "lost", "position", "height", "battery", "mode", "mission"
+        }  # fmt: skip
+        assert ctl("tree get /uav2/nav/pose --fresh").code == 4
+        for command in ("tree watch /uav2/nav/pose", f"tree set {GAIN} 1"):
             done = ctl(command)
             assert (done.code, done.out) == (4, ""), done.err
             assert "node 'uav2': known, but gcs has no route to it now" in done.err
         partial = ctl("topo --json")
         assert partial.code == 3
         assert partial.document["silent"] == ["uav2"]
-        assert ctl("tree get '/*/nav/pose.x_m'").code == 3
+        of_all = ctl("tree get '/*/nav/pose.x_m'")
+        assert "/uav2/nav/pose " in of_all.out
+        assert "/uav2/nav/pose: lost" in of_all.err
         assert ctl("health ls").code == 3
         while "without uav2" not in (start := ctl("mission start formation")).err:
             assert start.code == 2, "known to be away is one second, lost for a mission three"
@@ -213,3 +228,14 @@ def test_paths_of_the_swarm_are_completed_after_they_were_listed(lab: Lab) -> No
 def test_quiet_is_quiet_and_results_alone_are_on_stdout(command: str, ctl: Ctl) -> None:
     done = ctl(f"{command} -q")
     assert (done.code, done.err) == (0, "")
+
+
+def test_a_service_is_restarted_by_the_guard_and_runs_again(ctl: Ctl) -> None:
+    asked = ctl("app restart logger -n uav1")
+    assert (asked.code, asked.out) == (2, "")
+    before = ctl("app restart logger -n uav1 --yes --json").document["services"][0]["restarts"]
+    done = ctl("app restart logger -n uav1 --yes --json").document["services"]
+    assert [(one["name"], one["state"], one["restarts"]) for one in done] == [
+        ("logger", "running", before + 1)
+    ]
+    assert ctl("app restart gps -n uav1 --yes").code == 6

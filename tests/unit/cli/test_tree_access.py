@@ -20,13 +20,17 @@ class Node:
         )
         self.asked: list[bool] = []
 
+    async def in_reach(self, platform: str) -> bool:
+        assert platform == "uav3"
+        return self.value.quality is not Quality.LOST
+
     async def ask(self, _path: str, request: TreeGet, _reply: type[Any], about: str) -> TreeValue:
-        assert about == request.path
+        assert about == ("" if self.value.quality is Quality.LOST else request.path)
         self.asked.append(request.fresh)
         return self.value
 
     def link(self) -> Session:
-        return cast(Session, SimpleNamespace(here="gcs", ask=self.ask))
+        return cast(Session, SimpleNamespace(here="gcs", ask=self.ask, in_reach=self.in_reach))
 
 
 async def test_the_last_value_of_a_lost_platform_is_given_without_asking_it_again() -> None:

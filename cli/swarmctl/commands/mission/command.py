@@ -95,7 +95,10 @@ def status(ctx: click.Context) -> None:
 @click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", type=PLATFORM)
 @click.pass_context
 def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
-    """Follow a mission until it ends: a line for each change of a member, or of the named members.
+    """Follow a mission until it ends, at all its members or at the named ones.
+
+    On a terminal each member has one line, which is redrawn; elsewhere each change of state or block is a
+    line with its time.
 
     Example: swarmctl mission watch --json
     """

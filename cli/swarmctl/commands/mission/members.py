@@ -1,9 +1,17 @@
 """The members of a running mission, from the boards that the joined node receives."""
 
+import math
+import time
 from typing import Final
 
 import msgspec
 
+from swarmctl.commands.mission.member_lines import (
+    MemberProgress,
+    change_line,
+    display_key,
+    member_table,
+)
 from swarmctl.resources.fanout import ask_all
 from swarmctl.session.session import Session
 from swarmctl.vehicles.observer import first_of
@@ -12,6 +20,7 @@ from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import INACTIVE, NOT_STARTED, MissionPhase, MissionState, MissionStatus
 from swarmware.types.rpc import Empty
+from swarmware.types.vehicle import NavStatus, Pose
 
 UNSUCCESSFUL: Final = INACTIVE - {MissionPhase.DONE}
 SILENT_S: Final = 5.0
@@ -78,14 +87,37 @@ def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[Mission
     return ActiveMission(mission, epoch, members, kinds, plays)
 
 
-async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None:
-    """Prints a line for each change of a member in this run, until it has ended at all members.
+class _MotionBoards:
+    """Boards of the members that a terminal shows beside their mission states."""
 
+    def __init__(self, session: Session) -> None:
+        module = session.module
+        self._poses = module.readers("/*/nav/pose", Pose)
+        self._navs = module.readers("/*/nav/status", NavStatus)
+
+    def progress(self, platform: str, state: MissionState | None, since_s: float) -> MemberProgress:
+        """The newest values of a member."""
+        pose, nav = self._poses.get(platform), self._navs.get(platform)
+        at = None if pose is None else pose.value
+        goal = None if nav is None else nav.value
+        if at is None:
+            return MemberProgress(state, since_s)
+        speed_m_s = math.hypot(at.vx_m_s, at.vy_m_s, at.vz_m_s)
+        return MemberProgress(state, since_s, at.z_m, goal.distance_m if goal else None, speed_m_s)
+
+
+async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None:
+    """Shows the states of the members in this run until it has ended at all of them.
+
+    On a terminal each member has one line, which is redrawn; elsewhere each change is a line with its time.
     Raises: SwarmError when it was unsuccessful at a member, Partial when states of one are missing.
     """
     others = session.module.readers("/*/mission/state", MissionState)
     own = session.module.reader("mission/state", MissionState)
+    boards = _MotionBoards(session) if session.out.redraws else None
+    begin_ns = session.module.now_ns()
     shown: dict[str, MissionState] = {}
+    since: dict[str, int] = {}
     last_change: dict[str, tuple[int | None, int]] = {}
     silent: set[str] = set()
     while True:
@@ -98,19 +130,31 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
                 last_change[platform] = (stamp_ns, now_ns)
                 silent.discard(platform)
             # a board shows the previous run until its member has received the order
-            if state is None or state.epoch != epoch:
-                pass
-            elif platform not in shown or display_key(state) != display_key(shown[platform]):
+            if state is not None and state.epoch == epoch:
+                changed = platform not in shown or display_key(state) != display_key(shown[platform])
                 shown[platform] = state
-                _print_state(session, platform, state)
+                if changed:
+                    since[platform] = now_ns
+                    _print_change(session, platform, state)
             ended = platform in shown and shown[platform].state in INACTIVE
             if not ended and now_ns - last_change[platform][1] > SILENT_S * 1e9 and platform not in silent:
                 silent.add(platform)
                 session.out.warn(f"{platform}: no state received for {SILENT_S:g} s")
+        if boards is not None:
+            found = {
+                name: boards.progress(name, shown.get(name), (now_ns - since.get(name, begin_ns)) / 1e9)
+                for name in members
+            }
+            title = next((state.mission for state in shown.values() if state.mission), "mission")
+            session.out.redraw(member_table(title, (now_ns - begin_ns) / 1e9, found))
         ended_by = {platform for platform, state in shown.items() if state.state in INACTIVE}
         if ended_by | silent >= set(members):
             break
         await first_of(own.changed(), others.changed(), timeout_s=1.0)
+    _raise_unsuccessful(shown, ended_by, silent)
+
+
+def _raise_unsuccessful(shown: dict[str, MissionState], ended_by: set[str], silent: set[str]) -> None:
     bad = sorted(
         (platform for platform in ended_by if shown[platform].state in UNSUCCESSFUL), key=names.natural
     )
@@ -118,23 +162,20 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
         raise Partial(f"mission: {', '.join(sorted(silent, key=names.natural))} sent no state before its end")
     if bad:
         name = next((shown[p].mission for p in bad if shown[p].mission), "")
-        how = [f"{p} ({'not started' if shown[p].state == NOT_STARTED else shown[p].state})" for p in bad]
-        raise SwarmError(f"mission {name}: unsuccessful at {', '.join(how)}")
+        raise SwarmError(f"mission {name}: unsuccessful at {', '.join(_how(p, shown[p]) for p in bad)}")
 
 
-def display_key(state: MissionState) -> object:
-    """Fields whose change is printed."""
-    return state.state, state.mission, state.active, state.text
+def _how(platform: str, state: MissionState) -> str:
+    """How the mission ended at a member, with the reason."""
+    how = "not started" if state.state == NOT_STARTED else str(state.state)
+    return f"{platform} ({how}: {state.text})" if state.text and state.text != how else f"{platform} ({how})"
 
 
-def _print_state(session: Session, platform: str, state: MissionState) -> None:
+def _print_change(session: Session, platform: str, state: MissionState) -> None:
     if session.settings.structured:
         session.out.line(MemberState(platform, state))
-    else:
-        blocks = ", ".join(state.active)
-        session.out.now(
-            f"{platform:<8} {state.mission:<12} {state.state:<10} {blocks:<24} {state.text}".rstrip()
-        )
+    elif not session.out.redraws:
+        session.out.now(change_line(time.strftime("%H:%M:%S"), platform, state))
 
 
 async def watch(session: Session, platforms: tuple[str, ...]) -> None:

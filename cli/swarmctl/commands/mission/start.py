@@ -52,7 +52,11 @@ async def start(session: Session, mission: str, task: MissionTask, *, yes: bool,
         ]
         session.out.table(columns, rows, f"{answer.mission} {answer.hash[:8]} run {answer.epoch}")
     if not answer.accepted:
-        refused = ", ".join(order.platform for order in answer.orders if not order.accepted)
+        refused = ", ".join(
+            order.platform + (f" ({'; '.join(order.reasons)})" if order.reasons else "")
+            for order in answer.orders
+            if not order.accepted
+        )
         raise Partial(f"mission {mission}: refused or not answered by {refused}; not started")
     if watch:
         took = tuple(order.platform for order in answer.orders)

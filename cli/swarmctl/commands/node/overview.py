@@ -5,10 +5,11 @@ import asyncio
 import msgspec
 
 from swarmctl.resources.fanout import ask_all, platforms, read_boards, warn_errors
+from swarmctl.resources.last_words import LastWords, last_words
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Cell, Column
 from swarmctl.terminal.quantities import spoken
-from swarmware.errors import Partial, SwarmError
+from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.model import names
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
@@ -33,6 +34,8 @@ class NodeOverview(msgspec.Struct, frozen=True):
     height_m: float | None
     """Estimated height of the vehicle above the map's origin."""
     battery_ratio: float | None
+    lost_s: float | None
+    """Age of the newest value of a platform without a route; its other values are the last known ones."""
 
 
 class NodeList(msgspec.Struct, frozen=True):
@@ -60,9 +63,16 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
         read_boards(session, asked, "nav/pose", Pose),
         read_boards(session, asked, "power/battery", BatteryState),
     )
+    away = [name for name in asked if name != session.here and name not in ways]
+    lost = {
+        words.platform: words for words in await asyncio.gather(*(last_words(session, name) for name in away))
+    }
     nodes = []
     for name in asked:
         vehicle, pose, battery = vehicles.get(name), poses.get(name), batteries.get(name)
+        words = lost.get(name)
+        if words is not None:
+            vehicle, pose, battery = words.vehicle, words.pose, words.battery
         nodes.append(
             NodeOverview(
                 name,
@@ -70,11 +80,12 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
                 infos.get(name),
                 ways.get(name),
                 healths.get(name),
-                missions.get(name),
+                words.mission if words else missions.get(name),
                 vehicle.mode if vehicle else None,
                 vehicle.armed if vehicle else None,
                 round(pose.z_m, 2) if pose else None,
                 round(battery.remaining_ratio, 3) if battery else None,
+                words.seen_s if words else None,
             )
         )
     return nodes, errors
@@ -85,7 +96,7 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
     rows: list[tuple[Cell, ...]] = [
         (
             one.platform,
-            "answers" if one.answers else "silent" if one.route else "away",
+            _presence(one),
             spoken(one.info.uptime_s) if one.info else None,
             one.health.level if one.health else None,
             one.mode,
@@ -114,6 +125,15 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
     return columns, rows
 
 
+def _presence(node: NodeOverview) -> str:
+    """answers | silent | lost 12s ago | away."""
+    if node.answers:
+        return "answers"
+    if node.route:
+        return "silent"
+    return "away" if node.lost_s is None else f"lost {spoken(node.lost_s)} ago"
+
+
 async def list_nodes(session: Session) -> None:
     """Prints all nodes.
 
@@ -132,8 +152,14 @@ async def list_nodes(session: Session) -> None:
 
 
 async def show_node(session: Session, platform: str) -> None:
-    """Prints the identity of one node; empty: the platform that `-n` names."""
+    """Prints the identity of one node; empty: the platform that `-n` names.
+
+    Of a lost platform the last known state is printed. Raises: NoAnswer then; as `Session.ask`.
+    """
     target = names.check_platform(platform or session.platform)
+    if not await session.in_reach(target):
+        _show_lost(session, await last_words(session, target))
+        raise NoAnswer(f"node {target!r}: known, but {session.here} has no route to it now")
     found = await session.ask(names.join(target, "sys/node/info"), Empty(), NodeInfo)
     if session.settings.structured:
         session.out.document(found)
@@ -149,3 +175,22 @@ async def show_node(session: Session, platform: str) -> None:
         ("boot", f"{found.boot_id:016x}"),
     ]
     session.out.table([Column("WHAT"), Column("IS")], rows)
+
+
+def _show_lost(session: Session, words: LastWords) -> None:
+    if words.seen_s is None or session.settings.structured:
+        return  # the document of this command is the identity, which no process answers
+    pose, vehicle, battery, mission = words.pose, words.vehicle, words.battery, words.mission
+    rows: list[tuple[Cell, ...]] = [("platform", words.platform), ("lost", f"{spoken(words.seen_s)} ago")]
+    if pose is not None:
+        rows += [
+            ("position", f"{pose.x_m:.1f} m east, {pose.y_m:.1f} m north"),
+            ("height", f"{pose.z_m + 0.0:.1f} m"),
+        ]
+    if battery is not None:
+        rows.append(("battery", f"{battery.remaining_ratio:.0%}"))
+    if vehicle is not None:
+        rows.append(("mode", f"{vehicle.mode}, {'armed' if vehicle.armed else 'disarmed'}"))
+    if mission is not None:
+        rows.append(("mission", f"{mission.mission} {mission.state}".strip()))
+    session.out.table([Column("LAST KNOWN"), Column("IS")], rows)

@@ -1,0 +1,63 @@
+"""The last values of a lost platform that the joined node received."""
+
+import asyncio
+from typing import Final, TypeVar
+
+import msgspec
+
+from swarmctl.resources.access import newest
+from swarmctl.session.session import Session
+from swarmware.errors import SwarmError
+from swarmware.model import names
+from swarmware.types import registry
+from swarmware.types.mission import MissionState
+from swarmware.types.tree import TreeValue
+from swarmware.types.vehicle import BatteryState, Pose, VehicleState
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+KEPT: Final = {
+    "mission/state": MissionState,
+    "vehicle/state": VehicleState,
+    "nav/pose": Pose,
+    "power/battery": BatteryState,
+}
+"""Boards of other platforms that a ground station keeps (`keep` of services/tree.toml)."""
+
+
+class LastWords(msgspec.Struct, frozen=True):
+    """Last known state of a platform without a route."""
+
+    platform: str
+    seen_s: float | None
+    """Age of the newest of these values; None: unknown."""
+    mission: MissionState | None
+    vehicle: VehicleState | None
+    pose: Pose | None
+    battery: BatteryState | None
+
+
+async def last_words(session: Session, platform: str) -> LastWords:
+    """The last values of a platform; a value that was never received here is None."""
+
+    async def one(path: str) -> TreeValue | None:
+        try:
+            return await newest(session, names.join(platform, path))
+        except SwarmError:
+            return None  # never received, or not a vehicle
+
+    found = dict(zip(KEPT, await asyncio.gather(*map(one, KEPT)), strict=True))
+    ages = [value.age_s for value in found.values() if value is not None and value.age_s is not None]
+
+    def decoded(path: str, cls: type[T]) -> T | None:
+        value = found[path]
+        return None if value is None else registry.decode(cls, value.data)
+
+    return LastWords(
+        platform,
+        min(ages, default=None),
+        decoded("mission/state", MissionState),
+        decoded("vehicle/state", VehicleState),
+        decoded("nav/pose", Pose),
+        decoded("power/battery", BatteryState),
+    )

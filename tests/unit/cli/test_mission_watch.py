@@ -1,0 +1,92 @@
+"""Lines of `mission watch`: a change of state or block is one, progress within a block is none."""
+
+import io
+
+import msgspec
+import pytest
+from tests.unit.cli.test_commands import ScriptedSession, receipt
+
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.commands.mission.member_lines import MemberProgress, change_line, display_key, member_table
+from swarmctl.commands.mission.members import _raise_unsuccessful
+from swarmctl.commands.mission.start import start
+from swarmctl.terminal.output import Output
+from swarmware.errors import Partial, SwarmError
+from swarmware.types.mission import MissionPhase, MissionPlan, MissionState, MissionTask, TaskAnswer
+
+
+def state(
+    phase: MissionPhase = MissionPhase.RUNNING, block: str = "goto", text: str = "", ratio: float = 0.5
+) -> MissionState:
+    return MissionState(1, "ab", phase, (block,) if block else (), (), (), ratio, text, "formation")
+
+
+def test_metres_of_one_block_are_one_line_and_a_new_block_or_state_is_another() -> None:
+    assert display_key(state(text="12 m left")) == display_key(state(text="11 m left", ratio=0.6))
+    assert display_key(state()) != display_key(state(block="land"))
+    assert display_key(state()) != display_key(state(MissionPhase.ENDING))
+    failed = state(MissionPhase.FAILED, "", "came to failed: goto ended with timeout")
+    assert change_line("14:03:22", "uav1", failed) == (
+        "14:03:22 uav1     formation    failed                              "
+        "came to failed: goto ended with timeout"
+    )
+
+
+def test_a_member_has_one_line_with_height_distance_arrival_and_time() -> None:
+    moving = MemberProgress(state(), 3.0, 8.04, 12.0, 2.0)
+    lines = member_table(
+        "formation",
+        61.0,
+        {
+            "uav1": moving,
+            "uav2": MemberProgress(None, 4.0),
+            "ugv1": MemberProgress(state(MissionPhase.DONE, "", "done", 1.0), 9.0, 0.0, 0.3, 2.0),
+        },
+    ).splitlines()
+    assert lines[0] == "formation 1m01s"
+    assert lines[2].split() == ["uav1", "running", "goto", "50%", "8.0", "12.0", "6.0s", "3.0s"]
+    assert lines[3].split() == ["uav2", "no", "state", "yet", "-", "-", "-", "-", "-", "4.0s"]
+    assert lines[4].split() == ["ugv1", "done", "done", "100%", "0.0", "-", "-", "9.0s"]
+
+
+def test_a_vehicle_that_does_not_move_has_no_time_of_arrival() -> None:
+    assert MemberProgress(state(), 1.0, 2.0, 5.0, 0.1).eta_s is None
+    assert MemberProgress(state(), 1.0).eta_s is None
+
+
+def test_lines_are_redrawn_at_their_place_and_a_warning_stays_above(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "10")
+    out, err = io.StringIO(), io.StringIO()
+    terminal = Output(CliSettings(), out, err)
+    terminal.redraw("a\nb")
+    terminal.redraw("c\n0123456789abc")
+    assert out.getvalue() == "a\nb\n\x1b[2F\x1b[Jc\n0123456789\n"
+    terminal.warn("x")
+    terminal.redraw("d")
+    assert out.getvalue().endswith("0123456789\nd\n")
+
+
+def test_the_end_of_a_mission_names_the_reason_of_each_member() -> None:
+    shown = {
+        "uav1": state(MissionPhase.IDLE, "", "formation was not started: not accepted by uav2"),
+        "uav2": state(MissionPhase.FAILED, "", "came to failed: goto ended with timeout"),
+        "ugv1": state(MissionPhase.DONE, ""),
+    }
+    with pytest.raises(SwarmError) as error:
+        _raise_unsuccessful(shown, set(shown), set())
+    assert str(error.value) == (
+        "mission formation: unsuccessful at "
+        "uav1 (not started: formation was not started: not accepted by uav2), "
+        "uav2 (failed: came to failed: goto ended with timeout)"
+    )
+
+
+async def test_a_refused_start_names_the_reason_in_its_error() -> None:
+    refusal = msgspec.structs.replace(receipt("uav2", accepted=False), reasons=("uav2 is busy",))
+    answers = {
+        "sys/mission/plan": MissionPlan("formation", "h", ()),
+        "sys/mission/task": TaskAnswer("formation", "h", 1, False, (refusal,)),
+    }
+    session = ScriptedSession(answers)
+    with pytest.raises(Partial, match=r"refused or not answered by uav2 \(uav2 is busy\); not started"):
+        await start(session, "formation", MissionTask("formation"), yes=True, watch=True)
