@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import signal
 import time
-from contextlib import suppress
 
 from swarmware.runtime.pidfd import ProcessHandle
+from swarmware.runtime.plain import signal
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.fork import FOLDER, SOCKET
+from swarmware.service.notify import remove_file
 from swarmware.service.starting import environment, start
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
@@ -68,8 +68,7 @@ class Forks:
                 self._process.signal(signal.SIGKILL)
             os.waitid(os.P_PID, self.pid, os.WEXITED)
             self._forget()
-        with suppress(FileNotFoundError):
-            os.unlink(os.path.join(self._run_dir, FOLDER, SOCKET))
+        remove_file(os.path.join(self._run_dir, FOLDER, SOCKET))
 
     def _forget(self) -> None:
         if self._process is not None:

@@ -1,58 +1,46 @@
 """`swarmd`: runs daemons of a node."""
 
-import argparse
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from swarmware import __version__
 from swarmware.errors import SwarmError
 
 FAILED_S: Final = 2.0
 """Minimum lifetime of a process under systemd, which would restart a faster failure without limit."""
 
 
-def parser() -> argparse.ArgumentParser:
-    """The parser of swarmd's command line."""
-    made = argparse.ArgumentParser(
-        prog="swarmd",
-        description="Run daemons of a Swarmware node.",
-        epilog="Example: swarmd run broker tree register --config /etc/swarm",
-    )
-    made.add_argument("--version", action="version", version=f"swarmd {__version__}")
-    commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    run = commands.add_parser(
-        "run",
-        help="run one service, or several in one process",
-        epilog="Example: swarmd run broker tree register",
-    )
-    run.add_argument("services", nargs="+", metavar="NAME", help="a service; `swarmd ls` names them")
-    node = commands.add_parser(
-        "node", help="run all services of the node that node.toml lists", epilog="Example: swarmd node"
-    )
-    units = commands.add_parser(
-        "units",
-        help="list the systemd units of the services that node.toml lists",
-        epilog="Example: systemctl enable swarm.target $(swarmd units)",
-    )
-    forks = commands.add_parser("forkserver")  # started by `swarmd node`: no help, so not listed
-    forks.add_argument("services", nargs="*")
-    for command in (run, node, units, forks):
-        command.add_argument(
-            "--config",
-            metavar="DIR",
-            type=Path,
-            help="configuration folder with node.toml; default: SWARM_CONFIG, else /etc/swarm",
-        )
-    commands.add_parser("ls", help="list the services that are installed", epilog="Example: swarmd ls")
-    return made
+class Options:
+    """The options that `swarmd` was given."""
+
+    def __init__(self, command: str = "", services: Sequence[str] = (), config: Path | None = None) -> None:
+        self.command = command
+        self.services = list(services)
+        self.config = config
+
+
+def parse(words: list[str]) -> Options:
+    """The options in these words.
+
+    `run NAME… --config DIR`, by which the parent of a node starts it, is read without argparse: that would
+    stay in each node, with 0.4 MB.
+    """
+    match words:
+        case ["run", *names, "--config", folder] if names and not any(
+            word.startswith("-") for word in (*names, folder)
+        ):
+            return Options("run", names, Path(folder))
+    from swarmd.command_line import parser
+
+    return parser().parse_args(words, Options())
 
 
 def main(args: list[str] | None = None) -> int:
     """Runs one command; an error that the user can cause gives one line and an exit code."""
-    options = parser().parse_args(args)
+    options = parse(sys.argv[1:] if args is None else args)
     began_s = time.monotonic()
     failed = True
     try:
@@ -65,7 +53,7 @@ def main(args: list[str] | None = None) -> int:
             time.sleep(max(0.0, began_s + FAILED_S - time.monotonic()))
 
 
-def _carry_out(options: argparse.Namespace) -> int:
+def _carry_out(options: Options) -> int:
     try:
         match options.command:
             case "ls":

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import os
 import select
-import signal
-import socket
 import sys
 import time
 
-from swarmd.forks import Forks
+import swarmd
+import swarmware
 from swarmd.words import Words
 from swarmware.errors import SwarmError
 from swarmware.runtime.pidfd import ProcessHandle
+from swarmware.runtime.plain import signal
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import ENDED_S, StartedProcess
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Final, NoReturn
 
+    from swarmd.forks import Forks
+
 HUNG_S: Final = 15.0
 """Time without a heartbeat after which a process is killed; an event loop sends one every few seconds."""
 ELSEWHERE_S: Final = 0.3
@@ -49,8 +51,8 @@ FORKS_S: Final = 10.0
 LATE_S: Final = 1.0
 """A parent that itself was delayed for longer does not count that time as silence of its process."""
 _NS: Final = 1_000_000_000
-_ENTRY: Final = "import sys; from swarmd.parent import main; sys.exit(main(sys.argv[1:]))"
-"""Half a megabyte less than `-m swarmd.parent`, whose runpy stays loaded."""
+EMPTY: Final = ("-S", "-P")
+"""Neither `site` with the .pth files of other packages, nor modules of the working directory."""
 
 
 def become(platform: str, config_dir: Path, run_dir: Path, services: list[str], *, shared: bool) -> NoReturn:
@@ -59,7 +61,16 @@ def become(platform: str, config_dir: Path, run_dir: Path, services: list[str], 
     `shared`: one process per daemon; the parent starts the guard, which starts the others.
     """
     words = ["node", platform, str(config_dir), str(run_dir), "shared" if shared else "", *services]
-    os.execv(sys.executable, [sys.executable, "-c", _ENTRY, *words])
+    os.execv(sys.executable, [sys.executable, *EMPTY, "-c", entry(), *words])
+
+
+def entry() -> str:
+    """Program of the parent: half a megabyte less than `-m swarmd.parent`, whose runpy stays loaded."""
+    folders = [os.path.dirname(package.__path__[0]) for package in (swarmd, swarmware)]
+    return (
+        f"import sys; sys.path[:0] = {list(dict.fromkeys(folders))!r}; "
+        "from swarmd.parent import main; sys.exit(main(sys.argv[1:]))"
+    )
 
 
 def main(words: list[str]) -> int:
@@ -86,6 +97,8 @@ def main(words: list[str]) -> int:
         return error.exit_code
     try:
         if shared:
+            from swarmd.forks import Forks  # one process for all services has no fork server
+
             forks = Forks(services, config_dir, run_dir)
             return Parent(guard, platform, listening, RestartPolicy(), forks).run()
         return Parent(one, platform, listening, RestartPolicy()).run()
@@ -128,15 +141,13 @@ class Parent:
 
     def run(self) -> int:
         """Returns the exit code of the node."""
-        wake, waker = socket.socketpair()
-        for end in (wake, waker):
-            end.setblocking(False)
+        wake, waker = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
         signal.signal(signal.SIGCHLD, lambda *_: None)
-        signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
+        signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
         poller = select.poll()
-        for fd in (wake.fileno(), self._words.fileno()):
+        for fd in (wake, self._words.fileno()):
             poller.register(fd, select.POLLIN)
         try:
             if self._forks is None:
@@ -157,9 +168,9 @@ class Parent:
                 self._forks.close()
             self._above.close()
             for end in (wake, waker):
-                end.close()
+                os.close(end)
 
-    def _turn(self, poller: select.poll, wake: socket.socket) -> int | None:
+    def _turn(self, poller: select.poll, wake: int) -> int | None:
         process = self._process
         watched = -1 if process is None else process.fileno()
         forks = -1 if self._forks is None else self._forks.fileno()
@@ -174,8 +185,8 @@ class Parent:
         for fd in (watched, forks):
             if fd >= 0:
                 poller.unregister(fd)
-        if wake.fileno() in ready:
-            wake.recv(RECEIVE_BYTES)
+        if wake in ready:
+            os.read(wake, RECEIVE_BYTES)
         while (word := self._words.receive()) is not None:
             self._on_notification(*word)
         if self._above.watchdog_s is not None:
@@ -213,7 +224,7 @@ class Parent:
         self._above.stopping()
         self._signal(signal.SIGTERM)
 
-    def _signal(self, number: signal.Signals) -> None:
+    def _signal(self, number: int) -> None:
         if self._process is not None:
             self._process.signal(number)  # if it has ended, the next poll returns it
 

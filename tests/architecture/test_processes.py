@@ -13,6 +13,7 @@ PROC: Final = {
     "lib/swarmware/service/status.py": "own memory, once a second, in daemons without psutil",
     "lib/swarmware/transport/shm/owner.py": "the boot id, which psutil does not have",
     "lib/swarmware/testing/leaks.py": "descriptors and children of a thread, not in psutil",
+    "daemons/swarmd/hal/drivers/computer.py": "load of the computer, in each node: psutil costs a megabyte",
     "daemons/swarmd/forkserver.py": "own threads and command line, before anything is imported",
     "daemons/swarmd/broker/links/zmq_socket.py": "the thread ids of libzmq, to set their priority",
     "cli/swarmlab/measure/host.py": "the model of the processor, which psutil does not have",

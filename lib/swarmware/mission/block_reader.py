@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Iterable
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.mission.source import escape
 from swarmware.model.misfit import misfit
+from swarmware.model.similar import similar
 
 _ALWAYS: Final = ("type", "title", "comment")
 _TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
@@ -42,7 +42,7 @@ TIMEOUT_MIN_MS: Final = 1_000.0
 def nearest(word: str, known: Iterable[str]) -> str:
     """A hint: the known word that is most similar to this one."""
     lower = {name.lower(): name for name in known}
-    near = get_close_matches(word.lower(), list(lower), n=1, cutoff=0.0)
+    near = similar(word.lower(), list(lower), cutoff=0.0)
     return f"nearest known: {lower[near[0]]}" if near else "no names are known"
 
 

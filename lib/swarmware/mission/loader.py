@@ -1,7 +1,6 @@
 """Loads a mission from a file's text: each error with line, JSON pointer and what was expected."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from itertools import islice
 from typing import Any
 
@@ -17,6 +16,7 @@ from swarmware.mission.finding import Finding
 from swarmware.mission.model import ON_FAILURE, Block, MissionDefinition
 from swarmware.mission.source import JsonSource, SourceError, escape
 from swarmware.mission.source import parse as parse_source
+from swarmware.model.similar import similar
 from swarmware.types.mission import ParamValue
 
 _TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "requires")
@@ -171,7 +171,7 @@ class _Loader:
             if blocks[target].type == BlockName.START:
                 self._report(pointer, "into-start", f"leads to {target!r}, the Start: expected another block")
         elif target not in raw:
-            near = get_close_matches(target, islice(raw, HINTS_LIMIT), n=1)
+            near = similar(target, islice(raw, HINTS_LIMIT))
             hint = f"did you mean {near[0]!r}?" if near else "expected the name of a block"
             self._report(pointer, "no-such-block", f"block {target!r} does not exist; {hint}")
 

@@ -1,7 +1,6 @@
 """Checks the operands of conditions: resources of the templates, fields of their types, ranges of values."""
 
 from collections.abc import Generator, Iterable, Iterator
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, Final, get_type_hints
 
@@ -27,6 +26,7 @@ from swarmware.model import template
 from swarmware.model.config import share_dir
 from swarmware.model.names import split
 from swarmware.model.resource import Kind, Resource
+from swarmware.model.similar import similar
 from swarmware.types import registry
 
 _RATIO: Final = "_ratio"
@@ -161,7 +161,7 @@ class _TemplateReader:
         platform, local = split(node.path)
         having = self._known.get(local)
         if having is None:
-            near = get_close_matches(local, self._known, n=1)
+            near = similar(local, self._known)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             yield (
                 node.at,
@@ -209,7 +209,7 @@ class _TemplateReader:
             inner = _fields(found.cls) if isinstance(found, msgspec.inspect.StructType) else {}
             if step not in inner:
                 near = [field for field in inner if field.startswith(f"{step}_")]  # its unit was left out
-                near += get_close_matches(step, inner, n=1, cutoff=0.4)
+                near += similar(step, inner, cutoff=0.4)
                 hint = f"did you mean {near[0]!r}?" if near else "expected one of these"
                 owner = found.cls.__name__ if inner else node.path
                 names = ", ".join(inner) or "it has none"

@@ -2,7 +2,6 @@
 
 import os
 import re
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
@@ -13,6 +12,7 @@ from swarmware.model import document, paths
 from swarmware.model.misfit import misfit
 from swarmware.model.names import check_application, check_platform, segment
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.model.similar import similar
 
 T = TypeVar("T")
 
@@ -196,7 +196,7 @@ def _explain(message: str, raw: Any, cls: Any) -> str:
     if found.unknown:
         prefix = f"{found.place}." if found.place else ""
         known = _fields_at(cls, found.place)
-        near = get_close_matches(found.unknown, known, n=1)
+        near = similar(found.unknown, known)
         hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
         return f"key {prefix}{found.unknown}: unknown; {hint}"
     if not found.place:

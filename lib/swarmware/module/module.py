@@ -3,10 +3,9 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Literal, Protocol, Self, TypeVar, overload
+from typing import Any, Final, Literal, NamedTuple, Protocol, Self, TypeVar, overload
 
 import msgspec
 
@@ -50,8 +49,7 @@ class _Closes(Protocol):
 C = TypeVar("C", bound=_Closes)
 
 
-@dataclass(frozen=True)
-class _Membership:
+class _Membership(NamedTuple):
     """State of a module while it is on its node."""
 
     participant: NodeParticipant

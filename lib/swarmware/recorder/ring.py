@@ -1,7 +1,6 @@
 """The local log ring: segments bounded by size and by free disk space, repaired after a crash."""
 
 import os
-import shutil
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -194,7 +193,8 @@ class LogRing:
     def _prune(self) -> None:
         paths = _files(self.directory)
         total = sum(path.stat().st_size for path in paths)
-        free = shutil.disk_usage(self.directory).free
+        disk = os.statvfs(self.directory)
+        free = disk.f_bavail * disk.f_frsize
         while paths and (total + self._segment_bytes > self._ring_bytes or free < self._min_free_bytes):
             oldest = paths.pop(0)
             if oldest == self._writer.path:

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
-from contextlib import suppress
 
+from swarmware.runtime.plain import signal
 from swarmware.runtime.start_ticks import start_ticks
 
 
@@ -34,14 +33,16 @@ class ProcessHandle:
         """Descriptor that is readable when the process has ended; -1 after `close`."""
         return self._fd
 
-    def signal(self, number: signal.Signals) -> None:
+    def signal(self, number: int) -> None:
         """Send a signal; no effect on a process that has ended.
 
         Raises: PermissionError for a process of another user.
         """
         if self._fd >= 0:
-            with suppress(ProcessLookupError):
+            try:
                 signal.pidfd_send_signal(self._fd, number)
+            except ProcessLookupError:
+                pass
 
     def close(self) -> None:
         """Close the descriptor; the process continues."""

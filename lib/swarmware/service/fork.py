@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import os
 import select
-import signal
-import socket
-import struct
-from contextlib import closing, suppress
 
 from swarmware.runtime.pidfd import ProcessHandle
+from swarmware.runtime.plain import signal, socket
 from swarmware.service.exit_status import ExitStatus
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
@@ -31,8 +28,8 @@ ANSWER_S: Final = 2.0
 """A fork takes milliseconds; a server that needs longer hangs, and is killed: the parent starts another."""
 ENDED_S: Final = 0.3
 """The kernel reports the end of a process first, the fork server how it ended a moment later."""
-_PEER: Final = struct.Struct("3i")
-"""pid, uid, gid. Source: unix(7), SO_PEERCRED."""
+_PEER_BYTES: Final = 12
+"""Three `int`: pid, uid, gid. Source: unix(7), SO_PEERCRED."""
 
 
 def own_folder(run_dir: Path, name: str) -> str:
@@ -40,8 +37,10 @@ def own_folder(run_dir: Path, name: str) -> str:
     folder = os.path.join(run_dir, name)
     os.makedirs(os.path.dirname(os.path.abspath(run_dir)), exist_ok=True)
     for path in (run_dir, folder):
-        with suppress(FileExistsError):
+        try:
             os.mkdir(path, mode=0o700)
+        except FileExistsError:
+            pass
     return folder
 
 
@@ -61,8 +60,10 @@ class StartedProcess:
         poller = select.poll()
         poller.register(self.status, select.POLLIN)
         if poller.poll(timeout_s * 1000):
-            with suppress(OSError):  # the fork server was killed: the exit status is lost
+            try:
                 return ExitStatus.parse(self.status.recv(MESSAGE_BYTES).decode("ascii", "replace"))
+            except OSError:  # the fork server was killed: the exit status is lost
+                pass
         return ExitStatus()
 
     def close(self) -> None:
@@ -96,14 +97,21 @@ def request_fork(
 
 def _end_server(asking: socket.socket) -> None:
     """Kill a fork server that hangs; it does not fork for a closed connection."""
-    pid, uid, _ = _PEER.unpack(asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
+    peer = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER_BYTES)
+    pid, uid, _ = memoryview(peer).cast("i")
     if uid != os.getuid() or pid <= 0:
         return
-    with suppress(ProcessLookupError), closing(ProcessHandle(pid)) as server:
+    try:
+        server = ProcessHandle(pid)
+    except ProcessLookupError:
+        return
+    try:
         poller = select.poll()
         poller.register(asking, 0)
         if not poller.poll(0):  # still connected, so the server runs and the handle is its own
             server.signal(signal.SIGKILL)
+    finally:
+        server.close()
 
 
 def _collected(pid: int) -> ExitStatus:

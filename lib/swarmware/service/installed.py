@@ -4,6 +4,7 @@ from functools import cache
 
 from swarmware.errors import ConfigError, NotFound
 from swarmware.model.plugins import SERVICE_GROUP, EntryPoint, entry_points
+from swarmware.model.similar import similar
 from swarmware.service.service import Service
 
 
@@ -20,9 +21,7 @@ def find(name: str) -> type[Service]:
     """
     points = installed()
     if name not in points:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, points, n=1)
+        near = similar(name, points)
         hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(points)}"
         raise NotFound(f"service {name!r}: not installed; {hint}")
     found = points[name].load()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import socket
-import struct
-from contextlib import suppress
+
+from swarmware.runtime.plain import socket
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
@@ -14,8 +13,8 @@ if TYPE_CHECKING:
 _USEC: Final = 1_000_000
 RECEIVE_BYTES: Final = 4096
 """A notification is one datagram of a few lines."""
-_CREDENTIALS: Final = struct.Struct("3i")
-"""pid, uid, gid. Source: unix(7), SCM_CREDENTIALS."""
+_CREDENTIALS_BYTES: Final = 12
+"""Three `int`: pid, uid, gid. Source: unix(7), SCM_CREDENTIALS."""
 
 
 class Notifier:
@@ -61,9 +60,10 @@ class Notifier:
 
     def _send(self, text: str) -> None:
         if self._socket is not None:
-            # a service manager that has ended or is busy must not stop the service
-            with suppress(OSError):
+            try:
                 self._socket.sendto(text.encode(), self._address)
+            except OSError:  # a service manager that has ended or is busy must not stop the service
+                pass
 
 
 class NotificationSocket:
@@ -76,8 +76,7 @@ class NotificationSocket:
         """
         self._path = path
         if path:
-            with suppress(FileNotFoundError):
-                os.unlink(path)
+            remove_file(path)
         kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC
         self._socket = socket.socket(socket.AF_UNIX, kind)
         try:
@@ -101,22 +100,29 @@ class NotificationSocket:
         while True:
             try:
                 data, ancillary, _, _ = self._socket.recvmsg(
-                    RECEIVE_BYTES, socket.CMSG_SPACE(_CREDENTIALS.size)
+                    RECEIVE_BYTES, socket.CMSG_SPACE(_CREDENTIALS_BYTES)
                 )
             except BlockingIOError:
                 return None
             for level, kind, content in ancillary:
                 if (level, kind) == (socket.SOL_SOCKET, socket.SCM_CREDENTIALS):
-                    pid, uid, _gid = _CREDENTIALS.unpack(content)
+                    pid, uid, _gid = memoryview(content).cast("i")
                     if uid == os.getuid():
                         return pid, variables(data)
 
     def close(self) -> None:
         """Close the socket and remove its file."""
         if self._path:
-            with suppress(FileNotFoundError):
-                os.unlink(self._path)
+            remove_file(self._path)
         self._socket.close()
+
+
+def remove_file(path: str) -> None:
+    """Remove the file at this path, if there is one."""
+    try:
+        os.unlink(path)
+    except FileNotFoundError:
+        pass
 
 
 def variables(data: bytes) -> dict[str, str]:

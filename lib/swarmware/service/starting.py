@@ -7,13 +7,13 @@ own, so that a signal to the terminal or the end of the supervisor does not reac
 from __future__ import annotations
 
 import os
-import signal
 import sys
-from contextlib import suppress
 
+from swarmware.runtime.plain import signal
 from swarmware.runtime.start_ticks import start_ticks
 from swarmware.service.fork import FOLDER as PARENT_FOLDER
 from swarmware.service.fork import StartedProcess, own_folder, request_fork
+from swarmware.service.notify import remove_file
 from swarmware.transport.shm.lock import held_by_other, lock_within
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
@@ -109,8 +109,7 @@ def starting_pid(name: str, run_dir: PathLike[str] | str) -> int:
 
 def clear_start_record(name: str, run_dir: PathLike[str] | str) -> None:
     """Remove the start record: the service has joined the node, or its process has ended."""
-    with suppress(FileNotFoundError):
-        os.unlink(os.path.join(run_dir, STARTING_DIR, name))
+    remove_file(os.path.join(run_dir, STARTING_DIR, name))
 
 
 def spawn_missing(

@@ -4,7 +4,6 @@ import struct
 from collections.abc import Callable
 from functools import lru_cache
 from importlib import import_module
-from pkgutil import iter_modules
 from typing import Protocol, TypeVar, runtime_checkable
 
 import msgspec
@@ -61,6 +60,8 @@ def find(name: str) -> type[msgspec.Struct]:
     Raises: NotFound when no loaded module defines it.
     """
     if name not in _TYPES:
+        from pkgutil import iter_modules
+
         for area in iter_modules(swarmware.types.__path__):
             import_module(f"swarmware.types.{area.name}")
     try:

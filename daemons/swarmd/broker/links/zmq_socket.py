@@ -3,12 +3,12 @@
 import asyncio
 import contextlib
 import os
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 import zmq
-from zmq.utils.monitor import parse_monitor_message
 
 Socket = zmq.Socket[bytes]
 TURN: Final = 64
@@ -19,6 +19,9 @@ POLLOUT: Final = int(zmq.POLLOUT)
 IO_NICE: Final = -10
 """Nice value of libzmq's own threads, where the host allows one below zero."""
 _THREADS: Final = Path("/proc/self/task")
+
+_EVENT: Final = struct.Struct("=HI")
+"""Number and value of an event; pyzmq's parser of it imports `zmq.asyncio`. Source: zmq_socket_monitor(3)."""
 
 EVENTS: Final = (
     zmq.EVENT_CONNECTED
@@ -115,8 +118,7 @@ class ConnectionMonitor:
             parts = monitor.recv_multipart(zmq.NOBLOCK)
         except zmq.Again:
             return
-        message = parse_monitor_message(parts)
-        self._on_event(int(message["event"]), int(message["value"]))
+        self._on_event(*_EVENT.unpack(parts[0]))
 
     def close(self) -> None:
         """Stops watching; call it before the watched socket is closed."""

@@ -3,10 +3,9 @@
 import os
 from typing import Final
 
-import psutil
-
 from swarmd.hal.config import Config
 from swarmd.hal.driver import Driver, Site
+from swarmd.hal.drivers.computer import ProcessorUse, disk_free_bytes, memory_used_ratio, temperature_degc
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.system import SystemLoad
@@ -26,6 +25,7 @@ class System(Driver):
         self._rate_hz = rate_hz
         self._module: Module | None = None
         self._writer: BoardWriter[SystemLoad] | None = None
+        self._processors: ProcessorUse | None = None
         self._disk = "/"
         self._temperature_degc: float | None = None
         self._reads = 0
@@ -34,20 +34,20 @@ class System(Driver):
         """Open the writer of `system/load`."""
         self._module = module
         self._writer = module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
-        psutil.cpu_percent()  # the first call returns 0: it has no earlier sample to compare with
+        self._processors = ProcessorUse()
 
     async def read(self, now_ns: int) -> bool:
         """Publishes the counters of the kernel."""
-        if self._writer is None:
+        if self._writer is None or self._processors is None:
             return False
         if self._reads % TEMPERATURE_EVERY == 0:
-            self._temperature_degc = _temperature_degc()
+            self._temperature_degc = temperature_degc()
         self._reads += 1
         self._writer.write(
             SystemLoad(
-                psutil.cpu_percent(),
-                round(psutil.virtual_memory().percent / 100, 4),
-                psutil.disk_usage(self._disk).free,
+                self._processors.percent(),
+                round(memory_used_ratio(), 4),
+                disk_free_bytes(self._disk),
                 round(os.getloadavg()[0], 2),
                 self._temperature_degc,
             )
@@ -59,12 +59,6 @@ class System(Driver):
         if self._module is not None and self._writer is not None:
             self._module.close_writer(self._writer)
             self._writer = None
-
-
-def _temperature_degc() -> float | None:
-    """Temperature of the hottest sensor; None without sensors."""
-    found = [entry.current for entries in psutil.sensors_temperatures().values() for entry in entries]
-    return round(max(found), 1) if found else None
 
 
 def make(config: Config, site: Site) -> list[Driver]:

@@ -1,7 +1,6 @@
 """The index of one platform's resources: sorted by path, with a digest that follows every change."""
 
 from collections.abc import Iterable, Iterator
-from difflib import get_close_matches
 from functools import lru_cache
 from typing import Final
 
@@ -11,6 +10,7 @@ from sortedcontainers import SortedList
 from swarmware.model.digest import blake2b
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Resource
+from swarmware.model.similar import similar
 
 _encoder = msgspec.msgpack.Encoder()
 _AFTER: Final = chr(ord("/") + 1)
@@ -132,7 +132,7 @@ class Index:
         paths = self.paths
         branch = path.rpartition("/")[0]
         siblings = list(paths.irange(branch + "/", branch + _AFTER)) if branch else []
-        close = get_close_matches(path, siblings or paths[:5000], n=HINTS, cutoff=0.6)
+        close = similar(path, siblings or paths[:5000], limit=HINTS, cutoff=0.6)
         if not close and siblings:
-            close = get_close_matches(path, paths[:5000], n=HINTS, cutoff=0.6) or siblings[:HINTS]
+            close = similar(path, paths[:5000], limit=HINTS, cutoff=0.6) or siblings[:HINTS]
         return close
