@@ -18,8 +18,10 @@ THIN_LINES = 40
 THIN = {
     "lib/swarmware/mission/installed.py": "the installed block types, which a core must not look for",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
+    "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
     "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",
     "lib/swarmware/runtime/backoff.py": "the one back-off",
+    "lib/swarmware/runtime/plain.py": "signals and sockets without enumerations, for the parent of a node",
     "lib/swarmware/runtime/filewriter.py": "the one atomic file writer",
     "lib/swarmware/runtime/instant.py": "waits for instants, which a core must not import",
     "lib/swarmware/service/garbage.py": "the garbage collector of a process",
