@@ -37,6 +37,7 @@ class Navigator(Service):
 
     name = "navigator"
     Config: ClassVar = settings.Config
+    live_settings: ClassVar = {f"{table}.{key}": f"navigator/{name}" for name, (table, key) in GAINS.items()}
     config: settings.Config
 
     def __init__(self, module: Module, config: settings.Config) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import msgspec
@@ -29,6 +29,8 @@ class Service(ABC):
     """Name of the application, of the configuration file and of the entry point: [a-z][a-z0-9_-]{0,30}."""
     Config: ClassVar[type[msgspec.Struct]] = NoSettings
     """Settings, read from services/<name>.toml."""
+    live_settings: ClassVar[Mapping[str, str]] = {}
+    """Keys of the file, such as `altitude.kp_1_s`, and the keys of the live settings that override them."""
     stop_s: ClassVar[float] = 2.0
     """Time that `stop` may take."""
 

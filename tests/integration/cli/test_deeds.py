@@ -239,3 +239,18 @@ def test_a_service_is_restarted_by_the_guard_and_runs_again(ctl: Ctl) -> None:
         ("logger", "running", before + 1)
     ]
     assert ctl("app restart gps -n uav1 --yes").code == 6
+
+
+def test_live_settings_go_from_one_vehicle_to_another_by_a_file(ctl: Ctl, tmp_path: Path) -> None:
+    assert ctl("config set navigator/altitude_ki 0.25 -n uav1").code == 0
+    assert ctl(f"config dump {tmp_path}/gains.toml -n uav1").code == 0
+    found = ctl("config diff uav1 -n uav2 --json").document["differences"]
+    assert {one["key"]: one["there"] for one in found}["navigator/altitude_ki"] == 0.25
+    changed = ctl(f"config load {tmp_path}/gains.toml -n uav2 --yes --json").document["changed"]
+    assert "navigator/altitude_ki" in {one["key"] for one in changed}
+    assert ctl("config diff uav1 -n uav2 --json").document["differences"] == []
+    (tmp_path / "gains.toml").write_text('"navigator/altitude_ki" = -1.0')
+    assert ctl(f"config load {tmp_path}/gains.toml -n uav2").code == 7
+    shown = ctl("config show navigator -n uav2")
+    assert "overridden: swarmctl config get navigator/altitude_kp" in shown.out
+    assert ctl("config diff ugv1 -n gcs").code == 6

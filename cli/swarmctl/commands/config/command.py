@@ -75,3 +75,48 @@ def undo(ctx: click.Context, key: str, yes: bool) -> None:
     from swarmctl.session.session import run
 
     run(settings(ctx), undo_setting, key, yes=yes)
+
+
+@cmd.command()
+@click.argument("file", default="", metavar="[FILE]")
+@click.pass_context
+def dump(ctx: click.Context, file: str) -> None:
+    """Print the live settings of a platform as TOML, or write them to a file for `config load`.
+
+    Example: swarmctl config dump uav1.toml --node uav1
+    """
+    from swarmctl.commands.config import transfer
+    from swarmctl.session.session import run
+
+    run(settings(ctx), transfer.dump, file)
+
+
+@cmd.command()
+@click.argument("file", metavar="FILE")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.pass_context
+def load(ctx: click.Context, file: str, yes: bool) -> None:
+    """Set the live settings of a file, all or none, and print what changed.
+
+    All values are checked before one is set; when one is refused the others are taken back.
+
+    Example: swarmctl config load uav1.toml --node uav2
+    """
+    from swarmctl.commands.config import transfer
+    from swarmctl.session.session import run
+
+    run(settings(ctx), transfer.load, file, yes=yes)
+
+
+@cmd.command()
+@click.argument("other", metavar="FILE|PLATFORM")
+@click.pass_context
+def diff(ctx: click.Context, other: str) -> None:
+    """Print the live settings of a platform that differ from those of a file or of another platform.
+
+    Example: swarmctl config diff uav1 --node uav2
+    """
+    from swarmctl.commands.config import transfer
+    from swarmctl.session.session import run
+
+    run(settings(ctx), transfer.diff, other)

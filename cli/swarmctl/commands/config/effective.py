@@ -25,6 +25,8 @@ class EffectiveSetting(msgspec.Struct, frozen=True):
     value: str
     origin: str
     """Origin of the value: `default`, or the file."""
+    live: str = ""
+    """Key of the live setting that overrides the value, for `config get`; empty: none."""
 
 
 class EffectiveSettings(msgspec.Struct, frozen=True):
@@ -47,7 +49,9 @@ def effective(folder: Path, service: str) -> list[EffectiveSetting]:
         out += _keys("node", folder / "node.toml", load_node(folder), NodeConfig())
     for name in load_node(folder).services if not service else [service] if service != "node" else []:
         cls = find(name).Config
-        out += _keys(name, paths.service_config(folder, name), load_service(folder, name, cls), cls())
+        found = _keys(name, paths.service_config(folder, name), load_service(folder, name, cls), cls())
+        live = find(name).live_settings
+        out += [msgspec.structs.replace(one, live=live.get(one.key, "")) for one in found]
     return out
 
 
@@ -64,8 +68,13 @@ def print_effective(settings: CliSettings, service: str, out: Output, *, changed
         return
     out.table(
         [Column("SERVICE"), Column("KEY"), Column("FROM"), Column("VALUE")],
-        [(row.service, row.key, row.origin, row.value) for row in rows],
+        [(row.service, row.key, row.origin, _shown(row)) for row in rows],
     )
+
+
+def _shown(row: EffectiveSetting) -> str:
+    """The value of the file; where a live setting is in force instead, the command that prints that."""
+    return f"{row.value}, overridden: swarmctl config get {row.live}" if row.live else row.value
 
 
 def _keys(service: str, path: Path, config: Any, defaults: Any) -> Iterator[EffectiveSetting]:

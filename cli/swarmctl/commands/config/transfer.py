@@ -1,0 +1,208 @@
+"""The live settings of a platform as a file: written, loaded all or none, and compared."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import tomli_w
+
+from swarmctl.resources.access import read_all, write
+from swarmctl.resources.listing import valued
+from swarmctl.resources.values import brief
+from swarmctl.session.session import Session
+from swarmctl.terminal.confirmation import confirm
+from swarmctl.terminal.output import Column
+from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
+from swarmware.model import document, names, paths
+from swarmware.runtime.filewriter import replace_file
+from swarmware.types.tree import TreeEntry
+
+PYTHON_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
+    "Float": (int, float),
+    "Int": (int,),
+    "Bool": (bool,),
+    "Text": (str,),
+}
+"""Types of a value in a file, by the type of the setting."""
+
+
+class SettingChange(msgspec.Struct, frozen=True):
+    """A setting with another value before and after."""
+
+    key: str
+    before: Any
+    after: Any
+
+
+class SettingsLoaded(msgspec.Struct, frozen=True):
+    """Settings that a file changed."""
+
+    changed: list[SettingChange]
+    platform: str
+
+
+class SettingDifference(msgspec.Struct, frozen=True):
+    """A setting that differs; None: it does not exist there."""
+
+    key: str
+    here: Any
+    there: Any
+
+
+class SettingsDiff(msgspec.Struct, frozen=True):
+    """Settings of a platform that differ from those of a file or another platform."""
+
+    differences: list[SettingDifference]
+    platform: str
+    other: str
+
+
+class DumpedSettings(msgspec.Struct, frozen=True):
+    """Values of all live settings of a platform, by key."""
+
+    platform: str
+    settings: dict[str, Any]
+
+
+async def dump(session: Session, file: str) -> None:
+    """Prints the live settings as TOML, or writes them to a file.
+
+    Raises: as `_present`; OSError when the file cannot be written.
+    """
+    values = {key: value for key, (_, value) in (await _present(session, session.platform)).items()}
+    text = tomli_w.dumps(values)
+    if file:
+        replace_file(Path(file), text.encode())
+        session.out.say(f"{file}: {len(values)} settings of {session.platform}")
+    if session.settings.structured:
+        session.out.document(DumpedSettings(session.platform, values))
+    elif not file:
+        session.out.text(text.rstrip())
+
+
+async def load(session: Session, file: str, *, yes: bool) -> None:
+    """Sets the live settings of a file, all or none, and prints what changed.
+
+    Raises: ConfigError for a file that is not TOML, NotFound for an unknown key, InvalidInput for an invalid
+    value, the error of a refused change after all others were taken back; as `confirm`.
+    """
+    wanted = _file(file)
+    present = await _present(session, session.platform)
+    for key, value in wanted.items():
+        if key not in present:
+            raise NotFound(
+                f"{file}: {key}: no live setting of {session.platform}; expected some of {', '.join(present)}"
+            )
+        check(file, key, present[key][0], value)
+    changes = [
+        SettingChange(key, present[key][1], value)
+        for key, value in wanted.items()
+        if value != present[key][1]
+    ]
+    asks = sorted({entry.confirm for key, (entry, _) in present.items() if key in wanted and entry.confirm})
+    if changes and asks:
+        confirm(yes, f"set {', '.join(change.key for change in changes)}: {'; '.join(asks)}")
+    await _set_all(session, changes)
+    if session.settings.structured:
+        session.out.document(SettingsLoaded(changes, session.platform))
+        return
+    for change in changes:
+        session.out.text(f"{change.key} = {brief(change.after)} (was {brief(change.before)})")
+    if not changes:
+        session.out.say(f"{session.platform}: has these values already")
+
+
+async def diff(session: Session, other: str) -> None:
+    """Prints the live settings that differ from those of a file, or of another platform.
+
+    Raises: as `_present`, ConfigError for a file that is not TOML.
+    """
+    here = {key: value for key, (_, value) in (await _present(session, session.platform)).items()}
+    there = _file(other) if _is_file(other) else None
+    if there is None:
+        there = {key: value for key, (_, value) in (await _present(session, other)).items()}
+    differences = [
+        SettingDifference(key, here.get(key), there.get(key))
+        for key in dict.fromkeys([*here, *there])
+        if here.get(key) != there.get(key)
+    ]
+    if session.settings.structured:
+        session.out.document(SettingsDiff(differences, session.platform, other))
+        return
+    if not differences:
+        session.out.say(f"{session.platform}: same live settings as {other}")
+        return
+    columns = [Column("KEY"), Column(session.platform, right=True), Column(other, right=True)]
+    session.out.table(columns, [(one.key, _cell(one.here), _cell(one.there)) for one in differences])
+
+
+def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
+    """Checks a value of a file before anything is changed; its owner checks it again.
+
+    Raises: InvalidInput naming file, key and what was expected.
+    """
+    types = PYTHON_TYPES.get(entry.type)
+    if types is not None and (not isinstance(value, types) or isinstance(value, bool) != (bool in types)):
+        raise InvalidInput(f"{file}: {key}: {value!r}; expected a value of type {entry.type}")
+    if entry.range is not None and not entry.range[0] <= value <= entry.range[1]:
+        low, high = entry.range
+        raise InvalidInput(
+            f"{file}: {key}: {brief(value)}; expected {low:g} to {high:g} {entry.unit}".rstrip()
+        )
+    if entry.choices and value not in entry.choices:
+        raise InvalidInput(f"{file}: {key}: {value!r}; expected one of {', '.join(entry.choices)}")
+
+
+async def _set_all(session: Session, changes: list[SettingChange]) -> None:
+    """Sets all of them; a refusal takes back those before it, and is raised."""
+    done: list[SettingChange] = []
+    for change in changes:
+        try:
+            await _set(session, change.key, change.after)
+        except SwarmError as error:
+            left = []
+            for earlier in reversed(done):
+                try:
+                    await _set(session, earlier.key, earlier.before)
+                except SwarmError:
+                    left.append(earlier.key)
+            if left:
+                raise Partial(f"{error}; not taken back: {', '.join(left)}") from error
+            raise
+        done.append(change)
+
+
+async def _set(session: Session, key: str, value: Any) -> None:
+    path = names.join(session.platform, paths.setting(key))
+    await write(session, path, msgspec.json.encode(value).decode())
+
+
+async def _present(session: Session, platform: str) -> dict[str, tuple[TreeEntry, Any]]:
+    """The live settings of a platform with their values, by key.
+
+    Raises: NotFound for a platform without any, NoAnswer.
+    """
+    await session.reach(platform)
+    prefix = names.join(platform, paths.setting(""))
+    try:
+        entries = await valued(session, f"{prefix}**")
+    except NotFound as error:
+        raise NotFound(f"{platform}: has no live settings; expected a vehicle") from error
+    readings, errors = await read_all(session, [entry.path for entry in entries], fresh=True)
+    if errors:
+        raise errors[0]
+    values = {reading.path: reading.value for reading in readings}
+    return {entry.path.removeprefix(prefix): (entry, values[entry.path]) for entry in entries}
+
+
+def _file(file: str) -> dict[str, Any]:
+    return document.toml(document.read(Path(file)), file)
+
+
+def _is_file(name: str) -> bool:
+    return Path(name).is_file()
+
+
+def _cell(value: Any) -> str | None:
+    return None if value is None else brief(value)
