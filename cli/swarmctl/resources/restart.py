@@ -19,7 +19,7 @@ from swarmware.types.vehicle import VehicleState
 GROUNDED: Final = frozenset({"health", "logger", "register"})
 """Services without which a vehicle flies on: an armed one may restart them."""
 POLL_S: Final = 0.25
-"""Period of the questions to the guard, as an interactive program answers."""
+"""Period of the questions to the guard: no event is awaited, because its broker or tree may be restarted."""
 
 
 class RestartedServices(msgspec.Struct, frozen=True):
