@@ -4,6 +4,7 @@ import fcntl
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -186,6 +187,18 @@ def test_a_folder_locked_by_a_stopped_process_stops_neither_writer_nor_reader(
         os.close(fd)
 
 
+def test_an_empty_folder_that_was_removed_long_after_its_last_change_is_opened_again(
+    notifier: ReaderNotifier, others: ReaderNotifier, doorbell: Doorbell
+) -> None:
+    notifier.notify()
+    os.utime(notifier.path, ns=(1, 1))
+    notifier.notify()
+    notifier.path.rmdir()  # which does not change its time
+    others.add(doorbell.name)
+    notifier.notify()
+    assert doorbell.drain()
+
+
 def test_a_folder_that_left_its_path_is_opened_again(
     notifier: ReaderNotifier, others: ReaderNotifier, doorbell: Doorbell
 ) -> None:
@@ -241,7 +254,7 @@ def test_what_stands_in_the_place_of_the_folder_gives_way_to_it(
         case "empty":
             notifier.path.touch()
         case "garbage":
-            notifier.path.write_bytes(os.urandom(4096))
+            notifier.path.write_bytes(Random(1).randbytes(4096))
         case _:
             notifier.path.write_bytes(b"SWBELLS\0".ljust(4096, b"\0"))
     notifier.notify()

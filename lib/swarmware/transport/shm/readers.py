@@ -46,8 +46,9 @@ class ReadersFolder:
             os.fchmod(self._fd, MODE)  # new: the umask applies to mkdir
 
     def changed(self) -> bool:
-        """Whether it has to be listed (again)."""
-        return os.fstat(self._fd).st_mtime_ns != self._seen_ns
+        """Whether it has to be listed (again), or was removed, which does not change its time."""
+        status = os.fstat(self._fd)
+        return status.st_mtime_ns != self._seen_ns or status.st_nlink == 0
 
     @property
     def gone(self) -> bool:
