@@ -1,9 +1,9 @@
 """The first attempt of an urgent frame is one sealed datagram; whatever becomes of it, it arrives once."""
 
 import asyncio
-import os
 import socket
 from pathlib import Path
+from random import Random
 
 import pytest
 from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
@@ -20,6 +20,8 @@ from swarmware.types.net import Refused
 from swarmware.types.scalar import Text
 
 PATH = "cmd/note"
+NOISE = Random(1)
+"""Its bytes cannot be compressed."""
 
 
 class Wire:
@@ -99,7 +101,7 @@ async def test_other_frames_and_large_ones_take_the_connection(tmp_path: Path, w
         await pair["uav1"].until_up("gcs")
         await serve(pair["uav1"])
         await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=10)
-        assert await ask(pair["gcs"], "uav1", os.urandom(1500).hex()), "too large even when compressed"
+        assert await ask(pair["gcs"], "uav1", NOISE.randbytes(1500).hex()), "too large even when compressed"
         assert wire.sent == [] or all(name == "gcs" for name, _, _ in wire.sent)
 
 
@@ -118,8 +120,8 @@ async def test_forged_replayed_and_garbage_datagrams_are_refused_and_counted(
         before, before2 = await refused(uav1), await refused(uav2)
         changed = recorded[:-1] + bytes((recorded[-1] ^ 1,))
         newer = encode_header(int.from_bytes(recorded[2:6], "little"), 0xFFFF_FFF0) + recorded[10:]
-        stranger = encode_header(1, 1) + os.urandom(60)
-        garbage = [b"", b"x", os.urandom(1200), recorded[:10]]
+        stranger = encode_header(1, 1) + NOISE.randbytes(60)
+        garbage = [b"", b"x", NOISE.randbytes(1200), recorded[:10]]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
             for datagram in (recorded, changed, newer, stranger, *garbage):
                 attacker.sendto(datagram, ("127.0.0.1", wire.port_of("uav1")))

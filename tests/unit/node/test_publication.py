@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -38,7 +39,7 @@ def grow(path: Path) -> None:
 
 def garble(path: Path) -> None:
     with path.open("r+b") as file:
-        file.write(os.urandom(64))
+        file.write(Random(1).randbytes(64))
 
 
 def swap(path: Path) -> None:

@@ -1,6 +1,5 @@
 """Keys, rosters and sealed datagrams: what is let in and what is not."""
 
-import os
 import stat
 from pathlib import Path
 
@@ -32,6 +31,7 @@ from swarmware.transport.sodium import SigningKey
 
 GROUP = GroupKey(3, bytes(range(32)))
 HW = 0xCAFE
+OTHER_SEED = b"\5" * 32
 CLEAR = b"the clear header"
 
 
@@ -243,13 +243,13 @@ def test_a_platform_that_is_not_on_the_roster_is_denied(tmp_path: Path) -> None:
 def test_a_roster_that_the_root_did_not_sign_is_denied(tmp_path: Path) -> None:
     roster = make_swarm(tmp_path, ["uav1"])
     file = tmp_path / "uav1" / "roster.json"
-    file.write_bytes(sign_roster(roster, SigningKey(os.urandom(32))))
+    file.write_bytes(sign_roster(roster, SigningKey(OTHER_SEED)))
     with pytest.raises(Denied, match="not signed by this swarm's root"):
         Keys.load(tmp_path / "uav1", "uav1")
 
 
 def test_a_revoked_member_is_a_stranger(tmp_path: Path) -> None:
-    root = SigningKey(os.urandom(32))
+    root = SigningKey(OTHER_SEED)
     roster = Roster(2, (RosterMember("uav1", bytes(32), b"\1" * 32, serial=1),), revoked=(1,))
     (tmp_path / "roster.json").write_bytes(sign_roster(roster, root))
     read = read_roster(tmp_path / "roster.json", root.public)
