@@ -13,10 +13,10 @@ from swarmctl.session.labs import LabNode, LabState
 from swarmctl.session.session import Session, connect
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.progress import Progress
-from swarmlab.measure import host
+from swarmlab.measure import host, software
 from swarmlab.measure.clocks import ClockTruth
 from swarmlab.measure.host import HostInfo
-from swarmlab.provision import prerequisites, provisioning
+from swarmlab.provision import command_line, prerequisites, provisioning
 from swarmlab.provision.provisioning import RADIUS_M, LabSpec
 from swarmlab.report.run_metadata import NodeMetadata, RunMetadata, failure
 from swarmlab.run import lifecycle
@@ -41,8 +41,10 @@ RUN_FILE: Final = "run.json"
 REPORT: Final = "report.json"
 PAGE: Final = "report.html"
 LOGS: Final = "logs"
-CAPTIONS: Final = ("Paths", "Formation error", "Command to receipt", "Topology", "Traffic")
-"""Captions of the report's pictures in their order, one file each."""
+PICTURE: Final = "paths.png"
+"""The paths as a picture, for documents."""
+OLD_PICTURES: Final = ("formation-error.png", "command-to-receipt.png", "topology.png", "traffic.png")
+"""Pictures of earlier versions, whose charts are in the page now."""
 DATA_LOST: Final = 3
 """Exit code of a successful experiment with missing log entries."""
 
@@ -74,7 +76,8 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
             provisioning.remove(lab)
     if forced:
         out.warn(f"{forced} processes did not end in time and were killed; their logs may lack the end")
-    metadata = _metadata(running, spec, course, started_utc_ns, here)
+    command = command_line.run_command(spec, duration_s, out_dir)
+    metadata = _metadata(running, spec, course, started_utc_ns, here, command)
     (out_dir / RUN_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(metadata), indent=1))
     return report(out_dir, out, strict=strict)
 
@@ -95,24 +98,17 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     found, data = analysis.analyse(metadata, out_dir / LOGS)
     text = msgspec.json.format(msgspec.json.encode(figures.rounded(found)), indent=2)
     (out_dir / REPORT).write_bytes(text + b"\n")
-    drawn = (
-        plots.paths(data),
-        plots.formation(data, figures.LIMITS.formation_error_m),
-        plots.receipts(data, found.receipts),
-        plots.topology(data),
-        plots.traffic(data),
-    )
-    pictures = dict(zip(CAPTIONS, drawn, strict=True))
-    for caption, png in pictures.items():
-        (out_dir / _file(caption)).write_bytes(png)
+    (out_dir / PICTURE).write_bytes(plots.paths(data))
     shortfalls, misses = figures.shortfalls(found), figures.misses(found)
     remarks = [*metadata.remarks(), *shortfalls]
     remarks += [f"missed: {miss} ({found.host.summary()})" for miss in misses]
-    (out_dir / PAGE).write_text(page.page(data, found, pictures, remarks), "utf-8")
+    (out_dir / PAGE).write_text(page.page(data, found, metadata, remarks), "utf-8")
     if out.settings.structured:
         out.exact(figures.rounded(found))
     else:
-        out.table(figures.COLUMNS, figures.cells(found))
+        out.table(figures.columns(found), figures.cells(found))
+        if note := figures.comparison_note(found):
+            out.say(note)
     for remark in remarks:
         out.warn(remark)
     out.say(f"report: {out_dir / PAGE}")
@@ -144,12 +140,8 @@ def prepare(out_dir: Path) -> None:
     """Removes an earlier report from the folder; other files are not changed."""
     shutil.rmtree(out_dir / LOGS, ignore_errors=True)
     (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
-    for name in (RUN_FILE, REPORT, PAGE, *(_file(caption) for caption in CAPTIONS)):
+    for name in (RUN_FILE, REPORT, PAGE, PICTURE, *OLD_PICTURES):
         (out_dir / name).unlink(missing_ok=True)
-
-
-def _file(caption: str) -> str:
-    return f"{caption.lower().replace(' ', '-')}.png"
 
 
 async def _conduct(running: RunningLab, duration_s: float, out: Output) -> MissionRun:
@@ -243,7 +235,12 @@ def _keep_logs(lab: LabState, out_dir: Path) -> None:
 
 
 def _metadata(
-    running: RunningLab, spec: LabSpec, course: MissionRun, started_utc_ns: int, here: HostInfo
+    running: RunningLab,
+    spec: LabSpec,
+    course: MissionRun,
+    started_utc_ns: int,
+    here: HostInfo,
+    command: str,
 ) -> RunMetadata:
     lab, answer = running.state, course.answer
     nodes = tuple(_node_metadata(running, course, node) for node in lab.nodes)
@@ -254,6 +251,9 @@ def _metadata(
         seed=lab.seed,
         net=lab.net,
         version=__version__,
+        commit=software.commit(),
+        versions=software.versions(),
+        command=command,
         host=host.shares(here, *course.busy, [node.cpu_percent for node in nodes]),
         started_utc_ns=started_utc_ns,
         ready_s=lab.ready_s,

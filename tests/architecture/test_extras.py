@@ -19,9 +19,16 @@ REPORT = (
     "measure.tracks",
     "measure.traffic_totals",
     "report.analysis",
+    "report.charts",
+    "report.flight_map",
     "report.page",
     "report.plot_data",
     "report.plots",
+    "report.replay",
+    "report.svg",
+    "report.time_chart",
+    "report.timeline_chart",
+    "report.link_chart",
 )
 NEEDY = {
     "swarmware.recorder.mongo",

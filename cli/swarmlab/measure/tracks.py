@@ -159,3 +159,9 @@ def within(times_s: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.
     for start_s, end_s in spans:
         inside |= (times_s >= start_s) & (times_s <= end_s)
     return inside
+
+
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Start and end index of each run of true values. Shape (T,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]

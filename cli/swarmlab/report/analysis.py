@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from swarmlab.measure import clocks, formation_error, tracks, traffic_totals
+from swarmlab.measure import clocks, formation_error, mission_timeline, tracks, traffic_totals
+from swarmlab.measure.mission_timeline import BarrierPassage, MemberTimeline
 from swarmlab.measure.recording import TRUTH, Recording
 from swarmlab.measure.tracks import Contact, Floats, TimeSeries, VehicleTrack
 from swarmlab.report.plot_data import NodeFigures, ObservedLink, PlotData
@@ -15,10 +16,11 @@ from swarmlab.report.run_metadata import RunMetadata
 from swarmware.geometry.world import World
 from swarmware.model import paths
 from swarmware.model.config import load, share_dir
+from swarmware.model.names import natural
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types import net
 from swarmware.types.log import LogGap
-from swarmware.types.mission import MissionProgress
+from swarmware.types.mission import MissionProgress, MissionState
 from swarmware.types.net import LinkTransport
 from swarmware.types.time import TimeFunctions
 from swarmware.types.vehicle import Collision, Goal
@@ -31,7 +33,8 @@ FUNCTIONS: Final = "time/functions"
 GAPS: Final = "log/gaps"
 ENDS: Final = frozenset({"state:done", "state:failed", "state:aborted"})
 """Final events of a mission's progress."""
-WANTED: Final = (TRUTH, GOAL, COLLISION, PROGRESS, TRAFFIC, FUNCTIONS, GAPS)
+STATE: Final = "mission/state"
+WANTED: Final = (TRUTH, GOAL, COLLISION, PROGRESS, STATE, TRAFFIC, FUNCTIONS, GAPS)
 
 
 def analyse(metadata: RunMetadata, logs: Path) -> tuple[ExperimentReport, PlotData]:
@@ -51,15 +54,14 @@ class Analysis:
         self._metadata = metadata
         self._recording = recording
         self._world = world
-        self._vehicles = [node.platform for node in metadata.nodes if node.kind != PlatformKind.GCS]
+        self._nodes = sorted(metadata.nodes, key=lambda node: natural(node.platform))
+        self._vehicles = [node.platform for node in self._nodes if node.kind != PlatformKind.GCS]
         self._end_s = self._mission_end_s()
         self._axis = tracks.axis(0.0, self._end_s)
         self._tracks = {p: self._trimmed(recording.track(p)) for p in self._vehicles}
         self._goals = {p: recording.values(p, GOAL, Goal) for p in self._vehicles}
         self._formed = formation_error.formed_spans(self._goals, self._end_s)
-        self._counters = {
-            n.platform: recording.values(n.platform, TRAFFIC, net.Traffic) for n in metadata.nodes
-        }
+        self._counters = {n.platform: recording.values(n.platform, TRAFFIC, net.Traffic) for n in self._nodes}
         self._errors = self._formation_errors()
         self._clock_errors = {node.platform: self._clock_errors_of(node.platform) for node in metadata.nodes}
 
@@ -152,7 +154,7 @@ class Analysis:
         station = gcs.clock.clock
         instructed_mono_ns = station.to_mono_ns(self._metadata.instructed_ns)
         found = []
-        for order in self._metadata.orders:
+        for order in sorted(self._metadata.orders, key=lambda order: natural(order.platform)):
             known = order.platform in self._recording.clocks and order.platform != gcs.platform
             if order.received_ns and known:
                 there = self._recording.clocks[order.platform].clock
@@ -190,6 +192,7 @@ class Analysis:
                 f"{ground} ground vehicles, {afloat}{air} air vehicles, 1 ground station · {metadata.net}"
                 f" · seed {metadata.seed} · {metadata.host.cores} cores · swarmware {metadata.version}"
             ),
+            duration_s=self._end_s,
             nodes=tuple(
                 NodeFigures(
                     platform=node.platform,
@@ -205,11 +208,12 @@ class Analysis:
                     drift_ppm=node.clock.drift_ppm,
                     outcome=f"node ended: {node.ended}" if node.ended else node.outcome,
                     restarts=node.restarts.count,
+                    log=node.log,
                 )
-                for node in metadata.nodes
+                for node in self._nodes
             ),
             tracks=self._tracks,
-            kinds={node.platform: node.kind for node in metadata.nodes},
+            kinds={node.platform: node.kind for node in self._nodes},
             leader=formation_error.leader_of(self._goals),
             course=formation_error.course_of(self._goals),
             obstacles=tuple(self._world.obstacles()),
@@ -217,7 +221,28 @@ class Analysis:
             formed=self._formed,
             traffic={p: self._clipped(traffic_totals.egress(known)) for p, known in self._counters.items()},
             neighbours=self._neighbours(),
+            timelines=self._timelines(),
+            barriers=self._barriers(),
         )
+
+    def _timelines(self) -> dict[str, MemberTimeline]:
+        steps = {
+            n.platform: self._recording.values(n.platform, PROGRESS, MissionProgress) for n in self._nodes
+        }
+        found = {p: mission_timeline.of_member(p, known, self._end_s) for p, known in steps.items()}
+        return {p: member for p, member in found.items() if member.spans}
+
+    def _barriers(self) -> tuple[BarrierPassage, ...]:
+        epochs = {order.epoch for order in self._metadata.orders}
+        states = {
+            n.platform: [
+                (t_s, state)
+                for t_s, state in self._recording.values(n.platform, STATE, MissionState)
+                if state.epoch in epochs
+            ]
+            for n in self._nodes
+        }
+        return mission_timeline.passages(states, self._recording.clocks, self._recording.origin_ns)
 
     def _clipped(self, series: TimeSeries) -> TimeSeries:
         keep = (series.t_s >= 0) & (series.t_s <= self._end_s)
@@ -231,10 +256,11 @@ class Analysis:
                 continue
             functions = self._recording.values(platform, FUNCTIONS, TimeFunctions)
             newest = functions[-1][1].functions if functions else ()
+            others = self._counters.keys() - {platform}
             rtts = {function.platform: function.rtt_ns / 1e6 for function in newest if function.rtt_ns}
             for link in known[-1][1].links:
                 received = link.received_frames
-                if link.transport == LinkTransport.UDP and link.platform != "*" and received:
+                if link.transport == LinkTransport.UDP and link.platform in others and received:
                     quality = received / (received + link.lost)
                     found.append(ObservedLink(platform, link.platform, quality, rtts.get(link.platform)))
         return tuple(found)

@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmlab.measure.mission_timeline import BarrierPassage, MemberTimeline
 from swarmlab.measure.tracks import TimeSeries, VehicleTrack
 from swarmware.geometry.world import Obstacle
 from swarmware.model.platform_kind import PlatformKind
@@ -36,6 +37,8 @@ class NodeFigures(msgspec.Struct, frozen=True, kw_only=True):
     outcome: str = ""
     """Final state of its mission, or the end of the node."""
     restarts: int = 0
+    log: str = ""
+    """Path of its processes' output, relative to the report; its log segments are in the same folder."""
 
 
 class PlotData(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,7 +46,9 @@ class PlotData(msgspec.Struct, frozen=True, kw_only=True):
 
     title: str
     subtitle: str
+    duration_s: float = 0.0
     nodes: tuple[NodeFigures, ...]
+    """In the natural order of their names, as are all other members here."""
     tracks: dict[str, VehicleTrack]
     """Paths while the mission ran."""
     kinds: dict[str, PlatformKind]
@@ -56,3 +61,6 @@ class PlotData(msgspec.Struct, frozen=True, kw_only=True):
     traffic: dict[str, TimeSeries] = {}
     """Egress of each node over time, kB/s."""
     neighbours: tuple[ObservedLink, ...] = ()
+    timelines: dict[str, MemberTimeline] = {}
+    """Course of the mission on each member."""
+    barriers: tuple[BarrierPassage, ...] = ()

@@ -4,7 +4,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.terminal.output import Cell, Column
+from swarmctl.terminal.output import Column
 from swarmlab.measure.host import HostInfo
 
 
@@ -95,13 +95,43 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     host: HostInfo = HostInfo()
 
 
+class PaperFigures(msgspec.Struct, frozen=True):
+    """What paper S0 reports of its experiment."""
+
+    nodes: int = 16
+    global_kbps: float = 56.07
+    egress_kbps: float = 14.89
+    """Per node."""
+    ingress_kbps: float = 1.31
+    """Per node."""
+    receipt_ms: float = 11.95
+
+
+PAPER: Final = PaperFigures()
+
+
+def comparable(report: ExperimentReport) -> bool:
+    """Whether the run has as many nodes as the paper's: traffic and delays depend on their number."""
+    return report.nodes == PAPER.nodes
+
+
+def comparison_note(report: ExperimentReport) -> str:
+    """Why the paper's figures are not shown; empty where they are."""
+    if comparable(report):
+        return ""
+    return (
+        f"the paper's figures are of {PAPER.nodes} nodes and are left out: "
+        f"this run has {report.nodes}, and traffic and delays depend on their number"
+    )
+
+
 class ReportLimits(msgspec.Struct, frozen=True):
     """Goals of the experiment on two cores."""
 
     ready_s: float = 15.0
     formation_error_m: float = 1.0
     receipt_p50_ms: float = 6.0
-    receipt_p99_ms: float = 11.95
+    receipt_p99_ms: float = PAPER.receipt_ms
     """The paper's own figure."""
     bytes_per_notification: float = 200.0
 
@@ -137,24 +167,39 @@ class ComparisonRow(msgspec.Struct, frozen=True):
 
 
 def comparison(report: ExperimentReport) -> list[ComparisonRow]:
-    """Figures of paper S0 beside those of this run, then figures that it did not report."""
+    """Figures of paper S0 beside those of a run with as many nodes, then figures that it did not report."""
+    rows = _rows(report)
+    return rows if comparable(report) else [msgspec.structs.replace(row, paper="") for row in rows]
+
+
+def _rows(report: ExperimentReport) -> list[ComparisonRow]:
     receipt, error = report.command_to_receipt_ms, report.formation_error_m
     order = report.order_to_receipt_ms
     return [
-        ComparisonRow("nodes", "16", str(report.nodes), "vehicles and the ground station"),
+        ComparisonRow("nodes", str(PAPER.nodes), str(report.nodes), "vehicles and the ground station"),
         ComparisonRow(
-            "global traffic", "56.07 kB/s", f"{report.traffic.global_kbps:.2f} kB/s", "all nodes' egress"
+            "global traffic",
+            f"{PAPER.global_kbps} kB/s",
+            f"{report.traffic.global_kbps:.2f} kB/s",
+            "all nodes' egress",
         ),
-        ComparisonRow("egress traffic", "14.89 kB/s", f"{report.traffic.egress_kbps:.2f} kB/s", "per node"),
+        ComparisonRow(
+            "egress traffic",
+            f"{PAPER.egress_kbps} kB/s",
+            f"{report.traffic.egress_kbps:.2f} kB/s",
+            "per node",
+        ),
         ComparisonRow(
             "ingress traffic",
-            "1.31 kB/s",
+            f"{PAPER.ingress_kbps} kB/s",
             f"{report.traffic.ingress_kbps:.2f} kB/s",
             "per node, from all others",
         ),
         ComparisonRow("request/response", "25", _count(report.requests), "between nodes"),
         ComparisonRow("notifications", "81 297", _count(report.notifications), "delivered to other nodes"),
-        ComparisonRow("command to receipt", "11.95 ms", _number(receipt.p50, "ms"), _tail(receipt)),
+        ComparisonRow(
+            "command to receipt", f"{PAPER.receipt_ms} ms", _number(receipt.p50, "ms"), _tail(receipt)
+        ),
         ComparisonRow("order to receipt", "", _number(order.p50, "ms"), _tail(order)),
         ComparisonRow(
             "bytes per notification",
@@ -191,17 +236,24 @@ def comparison(report: ExperimentReport) -> list[ComparisonRow]:
 
 def markdown(report: ExperimentReport) -> str:
     """The comparison as a table in Markdown."""
-    lines = ["| | paper | here | |", "|---|---|---|---|"]
-    lines += [f"| {row.what} | {row.paper or '–'} | {row.ours} | {row.note} |" for row in comparison(report)]
+    names = [column.name for column in columns(report)]
+    lines = [f"| {' | '.join(names)} |".replace("|  |", "| |"), "|" + "---|" * len(names)]
+    lines += [f"| {' | '.join(row)} |" for row in cells(report, "–")]
     return "\n".join(lines) + "\n"
 
 
-COLUMNS: Final = (Column(""), Column("paper", right=True), Column("here", right=True), Column(""))
+def columns(report: ExperimentReport) -> tuple[Column, ...]:
+    """Columns of the comparison; the paper's only for a run with as many nodes."""
+    paper = (Column("paper", right=True),) if comparable(report) else ()
+    return (Column(""), *paper, Column("here", right=True), Column(""))
 
 
-def cells(report: ExperimentReport) -> list[list[Cell]]:
-    """The comparison for `Output.table`."""
-    return [[row.what, row.paper, row.ours, row.note] for row in comparison(report)]
+def cells(report: ExperimentReport, absent: str = "") -> list[list[str]]:
+    """Cells of the comparison, one for each column; `absent` where the paper has no figure."""
+    rows = comparison(report)
+    if comparable(report):
+        return [[row.what, row.paper or absent, row.ours, row.note] for row in rows]
+    return [[row.what, row.ours, row.note] for row in rows]
 
 
 def shortfalls(report: ExperimentReport) -> list[str]:

@@ -43,6 +43,12 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     net: str
     version: str
+    commit: str = ""
+    """Git commit of the sources, with -dirty where files differ from it; empty: not run from a checkout."""
+    versions: dict[str, str] = {}
+    """Versions of Python and the libraries."""
+    command: str = ""
+    """The command that repeats the run."""
     host: HostInfo
     started_utc_ns: int
     ready_s: float

@@ -18,7 +18,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.log import GapCause, LogGap
-from swarmware.types.mission import MissionProgress, OrderReceipt
+from swarmware.types.mission import BarrierResult, MissionPhase, MissionProgress, MissionState, OrderReceipt
 from swarmware.types.net import LinkTraffic, LinkTransport, Refused, Traffic
 from swarmware.types.time import Conversion, TimeFunctions
 from swarmware.types.vehicle import Collision, Goal, GoalKind, Pose
@@ -193,7 +193,7 @@ def test_every_figure_of_the_made_up_run_is_found(result: tuple[ExperimentReport
     assert found.command_to_receipt_ms.max == pytest.approx(8.0, abs=1e-3)
     assert found.order_to_receipt_ms.p50 == pytest.approx(2.0, abs=1e-3)
     assert found.order_to_receipt_ms.max == pytest.approx(2.0, abs=1e-3)
-    assert [receipt.platform for receipt in found.receipts] == ["ugv1", "uav1"]
+    assert [receipt.platform for receipt in found.receipts] == ["uav1", "ugv1"]
     assert found.host == HostInfo("Some CPU", 2)
     assert found.formation_error_m.mean == pytest.approx(0.25, abs=1e-6)
     assert found.formation_error_m.max == pytest.approx(0.25, abs=1e-6)
@@ -221,8 +221,8 @@ def test_the_scene_shows_what_happened_between_command_and_end(
     assert scene.traffic["gcs"].value == pytest.approx(np.ones(len(scene.traffic["gcs"].t_s)), rel=1e-3)
     assert [(n.node, n.hears, n.quality) for n in scene.neighbours] == [
         ("gcs", "uav1", 0.99),
-        ("ugv1", "gcs", 0.99),
         ("uav1", "gcs", 0.99),
+        ("ugv1", "gcs", 0.99),
     ]
     assert [n.rtt_ms for n in scene.neighbours] == pytest.approx([0.3, 0.3, 0.3])
     assert len(scene.obstacles) > 3, "the world of the experiment"
@@ -241,6 +241,30 @@ def test_collisions_and_gaps_are_counted(tmp_path: Path) -> None:
     found, _ = analysis.analyse(facts(), tmp_path)
     assert found.collisions == 1, "grinding is one; what comes after the mission is not its"
     assert found.log_gaps == 12
+
+
+def test_blocks_barriers_and_known_links_are_taken_from_the_logs(tmp_path: Path) -> None:
+    write_logs(tmp_path)
+    log = Log(tmp_path, "ugv1/more")
+    log.platform = "ugv1"
+    log.add("mission/progress", 2.0, MissionProgress("formation", 77, "form", "Formation", "started", 0))
+    log.add("mission/progress", 6.0, MissionProgress("formation", 77, "form", "Formation", "ok", 0))
+    meetings = (BarrierResult("formed", 1, stamp("ugv1", 6.5)),)
+    log.add("mission/state", 6.4, MissionState(77, "", MissionPhase.RUNNING, meetings=meetings))
+    other = (BarrierResult("earlier", 1, stamp("ugv1", 1.5)),)
+    log.add("mission/state", 1.0, MissionState(76, "", MissionPhase.RUNNING, meetings=other))
+    unknown = LinkTraffic("?", LinkTransport.UDP, received_frames=9, lost=0)
+    newest = traffic("ugv1", 22.5)
+    log.add("net/traffic", 22.5, msgspec.structs.replace(newest, links=(*newest.links, unknown)))
+    log.close()
+    (tmp_path / "ugv1" / "more" / "000001.mcap").rename(tmp_path / "ugv1" / "000002.mcap")
+    _, scene = analysis.analyse(facts(), tmp_path)
+    assert [(s.block, round(s.start_s, 6), round(s.end_s, 6)) for s in scene.timelines["ugv1"].spans] == [
+        ("form", 2.0, 6.0)
+    ]
+    assert [(b.barrier, round(b.at_s, 6), b.members) for b in scene.barriers] == [("formed", 6.5, 1)]
+    assert {link.hears for link in scene.neighbours} == {"gcs", "uav1"}, "not of an unknown sender"
+    assert [node.platform for node in scene.nodes] == ["gcs", "uav1", "ugv1"]
 
 
 def test_a_run_that_never_moved_has_figures_too(tmp_path: Path) -> None:

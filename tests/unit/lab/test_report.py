@@ -1,20 +1,13 @@
 """The report: fixed keys, the paper's figures beside ours, one page that needs nothing else."""
 
 import json
-from html.parser import HTMLParser
 
 import msgspec
-import numpy as np
-import pytest
 
 from swarmctl.terminal.output import plain_table
 from swarmlab.measure.host import HostInfo
-from swarmlab.measure.tracks import TimeSeries, VehicleTrack
-from swarmlab.report import page, plots, report
-from swarmlab.report.plot_data import NodeFigures, ObservedLink, PlotData
+from swarmlab.report import report
 from swarmlab.report.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
-from swarmware.geometry.world import Box, Circle
-from swarmware.model.platform_kind import PlatformKind
 
 GOOD = ExperimentReport(
     nodes=16,
@@ -67,7 +60,7 @@ def test_numbers_have_four_significant_digits_and_counts_have_all() -> None:
 
 
 def test_the_table_shows_the_papers_figures_beside_ours() -> None:
-    text = plain_table(report.COLUMNS, [[str(cell) for cell in row] for row in report.cells(GOOD)])
+    text = plain_table(report.columns(GOOD), report.cells(GOOD))
     for figure in ("56.07", "14.89", "1.31", "25", "81 297", "11.95 ms", "16.10 kB/s", "123 456", "1.5 ms"):
         assert figure in text
 
@@ -99,76 +92,11 @@ def test_goals_that_were_missed_are_named_with_the_goal() -> None:
     ]
 
 
-def scene() -> PlotData:
-    t_s = np.arange(0, 60, 0.5)
-    xyz = np.stack([t_s, np.sin(t_s / 9) * 5, np.full(len(t_s), 2.0)], axis=1)
-    kinds = {"gcs": "gcs", "ugv1": "ugv", "uav1": "uav"}
-    return PlotData(
-        title="Formation <of> 3 & more",
-        subtitle="seed 1",
-        nodes=tuple(NodeFigures(platform=name, kind=PlatformKind(kind)) for name, kind in kinds.items()),
-        tracks={
-            name: VehicleTrack(name, t_s, xyz + i, np.zeros(len(t_s)))
-            for i, name in enumerate(("ugv1", "uav1"))
-        },
-        kinds={name: PlatformKind(kind) for name, kind in kinds.items()},
-        leader="ugv1",
-        course=((0, 0), (60, 0)),
-        obstacles=(
-            Circle(name="tree", x_m=20, y_m=9, radius_m=1, height_m=4),
-            Box(name="shed", x_m=40, y_m=-9, size_m=(4, 2), height_m=3, yaw_rad=0.5),
-        ),
-        formation_errors={"uav1": TimeSeries(t_s, np.where(t_s < 10, np.nan, 0.2))},
-        formed=((15.0, 50.0),),
-        traffic={name: TimeSeries(t_s, np.full(len(t_s), 1.5)) for name in kinds},
-        neighbours=(
-            ObservedLink("gcs", "ugv1", 0.9, 0.4),
-            ObservedLink("ugv1", "gcs", 1.0),
-            ObservedLink("gcs", "uav1", 1),
-        ),
-    )
-
-
-EMPTY = PlotData(title="Nothing", subtitle="", nodes=(), tracks={}, kinds={})
-
-
-@pytest.mark.parametrize("shown", [scene(), EMPTY], ids=["full", "empty"])
-def test_every_picture_can_be_drawn_even_of_a_run_that_recorded_nothing(shown: PlotData) -> None:
-    pictures = [
-        plots.paths(shown),
-        plots.formation(shown, 1.0),
-        plots.receipts(shown, GOOD.receipts if shown.nodes else ()),
-        plots.topology(shown),
-        plots.traffic(shown),
-    ]
-    assert all(png.startswith(b"\x89PNG") for png in pictures)
-
-
-class Outline(HTMLParser):
-    """Tags left open, and everything the page would have to fetch."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.fetched: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.fetched += [
-            value[:30] for key, value in attrs if key in {"src", "href"} and value and value[:5] != "data:"
-        ]
-        if tag not in {"meta", "img", "br"}:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
-def test_the_page_is_well_formed_escaped_and_fetches_nothing() -> None:
-    html = page.page(scene(), GOOD, {"Paths": b"\x89PNG"}, ["ready: 16 s, goal below <15> s"])
-    outline = Outline()
-    outline.feed(html)
-    assert outline.open == []
-    assert outline.fetched == []
-    assert "Formation &lt;of&gt; 3 &amp; more" in html
-    assert "goal below &lt;15&gt; s" in html
-    assert "data:image/png;base64,iVBORw" in html
+def test_a_run_of_another_size_is_not_set_beside_the_papers() -> None:
+    few = msgspec.structs.replace(GOOD, nodes=4)
+    text = plain_table(report.columns(few), report.cells(few)) + report.markdown(few)
+    assert not any(figure in text for figure in ("paper", "56.07", "14.89", "1.31", "81 297", "11.95"))
+    assert "this run has 4" in report.comparison_note(few)
+    assert report.comparison_note(GOOD) == ""
+    assert report.markdown(GOOD).splitlines()[:2] == ["| | paper | here | |", "|---|---|---|---|"]
+    assert report.markdown(few).splitlines()[:2] == ["| | here | |", "|---|---|---|"]

@@ -1,4 +1,4 @@
-"""The picture of a topology, for the command and the report of a lab: one layout, one meaning of lines."""
+"""The picture of a topology: its layout, the colours of kinds and the meaning of lines."""
 
 import math
 from collections.abc import Iterable, Mapping
