@@ -2,6 +2,7 @@
 (() => {
   const TRAIL_MS = 8000;
   const NEAR_PX = 14;
+  const PLACES = [[10, 4], [10, -5], [10, 13], [-10, 4], [-10, -5], [-10, 13], [18, -14], [18, 22], [-18, -14], [-18, 22]];
   const element = (id) => document.getElementById(id);
   const map = element("map");
   const drawn = (name, kind, parent) => {
@@ -200,7 +201,24 @@
   let playing = false;
   let before = 0;
 
+  /** Names beside their vehicles; one that would cover another name or vehicle is not shown. */
+  function placeNames(shown) {
+    const taken = shown.map(({ x, y }) => [x - 7, y - 6, x + 9, y + 6]);
+    for (const { name, x, y } of shown) {
+      const wide = 7 * name.textContent.length;
+      const found = PLACES.map(([dx, dy]) => [dx < 0 ? x + dx - wide : x + dx, y + dy])
+        .find(([left, base]) => taken.every((box) => left >= box[2] || left + wide <= box[0] || base - 9 >= box[3] || base + 2 <= box[1]));
+      name.style.display = found ? "" : "none";
+      if (!found) continue;
+      const [left, base] = found;
+      taken.push([left, base - 9, left + wide, base + 2]);
+      name.setAttribute("x", left.toFixed(1));
+      name.setAttribute("y", base.toFixed(1));
+    }
+  }
+
   function draw() {
+    const shown = [];
     recording.vehicles.forEach((vehicle, i) => {
       const here = position(vehicle, now);
       for (const node of [bodies[i], names[i], trails[i]]) node.style.display = here ? "" : "none";
@@ -208,8 +226,7 @@
       const x = px(here.x);
       const y = py(here.y);
       bodies[i].setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)}) rotate(${(-here.h).toFixed(0)})`);
-      names[i].setAttribute("x", (x + 9).toFixed(1));
-      names[i].setAttribute("y", (y - 6).toFixed(1));
+      shown.push({ name: names[i], x, y });
       const trail = [];
       for (let ms = Math.max(0, now - TRAIL_MS); ms < now; ms += Math.max(200, recording.step_ms)) {
         const was = position(vehicle, ms);
@@ -218,6 +235,7 @@
       trail.push(`${x.toFixed(1)} ${y.toFixed(1)}`);
       trails[i].setAttribute("d", "M" + trail.join("L"));
     });
+    placeNames(shown);
     for (const chart of charts) {
       const x = chart.x(now / 1000).toFixed(1);
       chart.cursor.setAttribute("x1", x);
