@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 PLACES = ("lib", "daemons", "cli", "etc", "share", "tests", ".ci", ".")
 """Folders whose text may cite; of the root only its own files."""
 TEXT = {".py", ".md", ".toml", ".json", ".yaml", ".yml", ".sh", ".service", ".conf", ".target", ""}
-MADE = {"build", "dist", "report", "node_modules", "target", "__pycache__"}
+MADE = {"build", "dist", "node_modules", "target", "__pycache__"}
 DOCUMENT = re.compile(r"(?<![\w/.*-])((?:[\w.-]+/)*[\w-]+\.md)\b")
 MARKDOWN_LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)\s#]+)(?:#[^)]*)?\)")
 DECISION = re.compile(r"\bADRs? (\d+)(?:(?:, | and |-|–| to )(\d+))*")
@@ -33,7 +33,7 @@ def texts() -> Iterator[tuple[str, str]]:
             if (
                 path.is_file()
                 and path.suffix in TEXT
-                and not MADE & set(path.parts)
+                and not MADE & set(path.relative_to(ROOT).parts)
                 and path != Path(__file__)
             ):
                 yield str(path.relative_to(ROOT)), path.read_text("utf-8", errors="replace")

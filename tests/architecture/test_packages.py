@@ -33,6 +33,7 @@ THIN = {
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",
     "cli/swarmctl/terminal/confirmation.py": "questions to the operator",
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
+    "cli/swarmlab/provision/command_line.py": "the command that repeats a run",
     "cli/swarmlab/provision/prerequisites.py": "what a lab needs of the computer, before it makes anything",
 }
 """Files of fewer lines that define no class of their own, and the noun that each is."""

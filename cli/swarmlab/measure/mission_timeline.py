@@ -16,12 +16,14 @@ States = Sequence[tuple[float, MissionState]]
 """States that one platform published, with their instants, in order."""
 
 STARTED: Final = "started"
-STATE: Final = "state:"
+PHASES: Final = {f"state:{phase}": phase for phase in MissionPhase}
+"""Events of the mission as a whole, which have no block."""
 RECOVERY: Final = "@recovery"
 """Name of the span in which a built-in mission brings the vehicle to safety."""
 READY: Final = "@ready"
 """Name of the span between the acceptance of the order and the common start."""
-_PHASES: Final = {f"{STATE}{MissionPhase.READY}": READY, f"{STATE}{MissionPhase.RECOVERING}": RECOVERY}
+_NAMES: Final = {MissionPhase.READY: READY, MissionPhase.RECOVERING: RECOVERY}
+"""Phases that are shown as a span."""
 
 
 class BlockSpan(msgspec.Struct, frozen=True):
@@ -44,8 +46,8 @@ class MemberTimeline(msgspec.Struct, frozen=True):
 
     platform: str
     spans: tuple[BlockSpan, ...]
-    outcome: str = ""
-    """Final state of the mission; empty: none was recorded."""
+    outcome: MissionPhase | None = None
+    """Newest state of the mission; None: none was recorded."""
     end_s: float | None = None
 
     @property
@@ -73,18 +75,19 @@ def of_member(platform: str, steps: Steps, end_s: float) -> MemberTimeline:
     """The spans of all blocks; one that had not ended lasts until `end_s`."""
     open_at: dict[str, tuple[float, MissionProgress]] = {}
     found: list[BlockSpan] = []
-    outcome, ended_s = "", None
+    outcome: MissionPhase | None = None
+    ended_s: float | None = None
     for t_s, step in steps:
         if not 0 <= t_s <= end_s:
             continue
         key = step.block
         if step.event == STARTED:
             open_at[key] = (t_s, step)
-        elif step.event.startswith(STATE):
+        elif step.event in PHASES:
             _close(found, open_at, "", t_s, "")
-            if step.event in _PHASES:
+            outcome, ended_s = PHASES[step.event], t_s
+            if outcome in _NAMES:
                 open_at[""] = (t_s, step)
-            outcome, ended_s = step.event.removeprefix(STATE), t_s
         elif key in open_at:
             _close(found, open_at, key, t_s, step.event, step.text)
     for key in list(open_at):
@@ -105,7 +108,7 @@ def _close(
     if began is None:
         return
     start_s, step = began
-    name = key or _PHASES[step.event]
+    name = key or _NAMES[PHASES[step.event]]
     found.append(BlockSpan(name, step.type if key else "", start_s, end_s, outcome, text))
 
 

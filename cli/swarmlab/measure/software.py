@@ -39,6 +39,9 @@ def _git(folder: Path, *words: str) -> str:
         done = subprocess.run(
             ["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=GIT_S, check=False
         )
-    except (OSError, subprocess.TimeoutExpired):
+    except (
+        OSError,
+        subprocess.TimeoutExpired,
+    ):  # without git the report has no commit
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""

@@ -10,7 +10,7 @@ from swarmlab.report.plot_data import PlotData
 from swarmlab.report.report import LIMITS, PAPER, ExperimentReport, comparable
 from swarmlab.report.scale import Scale, label, round_top
 from swarmlab.report.svg import LEFT, RIGHT, document, element, line, path, rectangle, text, title
-from swarmlab.report.time_chart import Series, TimeChart
+from swarmlab.report.time_chart import NamedLine, TimeChart
 
 TOP: Final = 44.0
 FINEST_M: Final = 0.01
@@ -36,7 +36,10 @@ def heights(data: PlotData) -> str:
     chart.spans(data.formed, "formed")
     chart.grid("height, m")
     chart.series(
-        [Series(name, data.kinds[name], track.t_s, track.xyz_m[:, 2]) for name, track in data.tracks.items()],
+        [
+            NamedLine(name, data.kinds[name], track.t_s, track.xyz_m[:, 2])
+            for name, track in data.tracks.items()
+        ],
         inline=True,
     )
     return chart.svg()
@@ -63,7 +66,7 @@ def formation(data: PlotData) -> str:
     )
     chart.spans(data.formed, "formed")
     chart.grid("distance from the slot, m, logarithmic axis")
-    found = [Series(n, data.kinds[n], s.t_s, s.value) for n, s in data.formation_errors.items()]
+    found = [NamedLine(n, data.kinds[n], s.t_s, s.value) for n, s in data.formation_errors.items()]
     chart.series(found)
     if found:
         mean = _mean([one.value for one in found])
@@ -147,15 +150,13 @@ def _steps(found: list[tuple[float, str]], times: Scale, shares: Scale, kind: st
     return path(np.array(points), {"class": f"ecdf {kind}"})
 
 
-def _dots(
-    found: list[tuple[float, str]], times: Scale, shares: Scale, data: PlotData, kind: str
-) -> list[str]:
-    of = "order to receipt" if kind == "part" else "command to receipt"
+def _dots(found: list[tuple[float, str]], times: Scale, shares: Scale, data: PlotData, way: str) -> list[str]:
+    of = "order to receipt" if way == "part" else "command to receipt"
     return [
         element(
             "circle",
             {
-                "class": f"dot {kind} {data.kinds.get(platform, '')}",
+                "class": f"dot {way} {data.kinds.get(platform, '')}",
                 "cx": times.px(ms),
                 "cy": shares.px((rank + 1) / len(found)),
                 "r": 4,
@@ -212,7 +213,7 @@ def traffic_total(data: PlotData, report: ExperimentReport) -> str:
     )
     chart.spans(data.formed, "formed")
     chart.grid("sent by all nodes, kB/s, mean of 1 s")
-    chart.series([Series("all nodes", "total", t_s, whole)])
+    chart.series([NamedLine("all nodes", "total", t_s, whole)])
     if show_paper:
         chart.level(PAPER.global_kbps, f"paper, 16 nodes: {PAPER.global_kbps:g} kB/s")
     return chart.svg()

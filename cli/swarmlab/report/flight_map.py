@@ -100,7 +100,7 @@ def flight_map(data: PlotData) -> str:
             dot = {"class": f"{mark} {data.kinds[name]}", "cx": x, "cy": y, "r": 3.5}
             parts.append(element("circle", dot, title(f"{mark} of {name}")))
         ends.append((name, float(points[-1, 0]), float(points[-1, 1])))
-    area = labels.Box(LEFT, TOP, frame.right, frame.bottom)
+    area = labels.LabelBox(LEFT, TOP, frame.right, frame.bottom)
     parts += [
         text(placed.text, placed.x, placed.y, f"name {data.kinds[placed.text]}")
         for placed in labels.around(ends, SIZE, area)

@@ -15,7 +15,7 @@ _ROUND: Final = tuple(
 """Offsets of a label from its point, nearest first."""
 
 
-class Box(msgspec.Struct, frozen=True):
+class LabelBox(msgspec.Struct, frozen=True):
     """A rectangle on the chart, in pixels."""
 
     left: float
@@ -23,7 +23,7 @@ class Box(msgspec.Struct, frozen=True):
     right: float
     bottom: float
 
-    def overlaps(self, other: "Box") -> bool:
+    def overlaps(self, other: "LabelBox") -> bool:
         """Whether two rectangles have an area in common."""
         return (
             self.left < other.right
@@ -39,7 +39,7 @@ class Placed(msgspec.Struct, frozen=True):
     text: str
     x: float
     y: float
-    box: Box
+    box: LabelBox
 
 
 def width(text: str, size: float) -> float:
@@ -62,7 +62,7 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
     return places
 
 
-def around(points: Iterable[tuple[str, float, float]], size: float, area: Box) -> list[Placed]:
+def around(points: Iterable[tuple[str, float, float]], size: float, area: LabelBox) -> list[Placed]:
     """Labels beside their points, inside the area; one that finds no free place is left out."""
     taken: list[Placed] = []
     for text, x, y in points:
@@ -70,7 +70,7 @@ def around(points: Iterable[tuple[str, float, float]], size: float, area: Box) -
             wide = width(text, size)
             left = x + dx if dx > 0 else x + dx - wide if dx < 0 else x - wide / 2
             base = y + dy
-            box = Box(left, base - 0.8 * size, left + wide, base + 0.25 * size)
+            box = LabelBox(left, base - 0.8 * size, left + wide, base + 0.25 * size)
             inside = (
                 box.left >= area.left
                 and box.right <= area.right

@@ -52,12 +52,12 @@ def text(content: str, x: float, y: float, kind: str = "", anchor: str = "start"
 
 
 def line(x1: float, y1: float, x2: float, y2: float, kind: str, *content: str) -> str:
-    """A straight line."""
+    """A straight line between two points."""
     return element("line", {"x1": x1, "y1": y1, "x2": x2, "y2": y2, "class": kind}, *content)
 
 
 def rectangle(x: float, y: float, width: float, height: float, kind: str, *content: str) -> str:
-    """An upright rectangle."""
+    """A rectangle with upright sides."""
     return element(
         "rect",
         {"x": x, "y": y, "width": max(width, 0.0), "height": max(height, 0.0), "class": kind},

@@ -19,7 +19,7 @@ NAMES_FROM: Final = 0.3
 """Share of the axis before the first name on a line: the vehicles have spread by then."""
 
 
-class Series(msgspec.Struct, frozen=True):
+class NamedLine(msgspec.Struct, frozen=True):
     """A named line of a chart over time."""
 
     name: str
@@ -73,7 +73,7 @@ class TimeChart:
         self.add(line(start, self._top - LEGEND_PX - 4, start + 22, self._top - LEGEND_PX - 4, kind))
         self.add(text(name, start + 28, self._top - LEGEND_PX, f"{kind}name"))
 
-    def series(self, found: Sequence[Series], *, inline: bool = False) -> None:
+    def series(self, found: Sequence[NamedLine], *, inline: bool = False) -> None:
         """Lines with their names, as many as fit, at the right end or on the line; each has a tooltip."""
         drawn = [(one, self.points(one.t_s, one.value)) for one in found]
         for one, points in drawn:
@@ -94,8 +94,8 @@ class TimeChart:
         """A line with a tooltip."""
         self.add(path(points, {"class": f"series {kind}", "data-name": name}, title(name)))
 
-    def _names_at_ends(self, drawn: Sequence[tuple[Series, Points]]) -> None:
-        ends: list[tuple[Series, float, float]] = []
+    def _names_at_ends(self, drawn: Sequence[tuple[NamedLine, Points]]) -> None:
+        ends: list[tuple[NamedLine, float, float]] = []
         for one, points in drawn:
             known = np.flatnonzero(np.isfinite(points).all(axis=1))
             if len(known):
@@ -110,13 +110,13 @@ class TimeChart:
                 text(one.name, start, at + 4, f"name {one.kind}"),
             )
 
-    def _names_on_lines(self, drawn: Sequence[tuple[Series, Points]]) -> None:
-        taken: list[labels.Box] = []
+    def _names_on_lines(self, drawn: Sequence[tuple[NamedLine, Points]]) -> None:
+        taken: list[labels.LabelBox] = []
         for one, points in drawn:
             wide = labels.width(one.name, SIZE)
             for at in np.flatnonzero(np.isfinite(points).all(axis=1)):
                 x, y = float(points[at, 0]), float(points[at, 1])
-                box = labels.Box(x, y - 6, x + wide + 4, y + 6)
+                box = labels.LabelBox(x, y - 6, x + wide + 4, y + 6)
                 early = x < self.times.start_px + NAMES_FROM * (self.times.end_px - self.times.start_px)
                 if early or box.right > self.times.end_px or any(box.overlaps(other) for other in taken):
                     continue
@@ -125,7 +125,7 @@ class TimeChart:
                 break
 
     def svg(self) -> str:
-        """The finished chart."""
+        """The chart as an element of the page."""
         ends = " ".join(number(px) for px in (self.values.start_px, self.values.end_px))
         return document(
             self._name,

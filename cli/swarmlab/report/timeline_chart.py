@@ -8,6 +8,7 @@ from swarmlab.report.plot_data import PlotData
 from swarmlab.report.scale import Scale
 from swarmlab.report.svg import LEFT, RIGHT, SIZE, document, element, line, text, title
 from swarmlab.report.time_chart import time_axis
+from swarmware.types.mission import MissionPhase
 
 ROW_PX: Final = 20.0
 HEAD_PX: Final = 46.0
@@ -20,7 +21,7 @@ _NAMES: Final = {READY: "ready", RECOVERY: "recovery"}
 
 
 def timeline(data: PlotData) -> str:
-    """Who was in which block, and when the barriers opened."""
+    """The blocks of each member over time, and the instants at which barriers opened."""
     times = Scale(0.0, max(data.duration_s, 1.0), LEFT, RIGHT)
     bottom = HEAD_PX + ROW_PX * max(1, len(data.timelines))
     colours = block_colours(data)
@@ -30,8 +31,8 @@ def timeline(data: PlotData) -> str:
         parts.append(text(name, LEFT - 6, top + 14, f"name {data.kinds.get(name, '')}", "end"))
         height = (ROW_PX - 4) / member.lanes
         parts += [_span(span, name, times, top + 2, height, colours) for span in member.spans]
-        if member.outcome:
-            kind = "outcome" if member.outcome == "done" else "outcome failed"
+        if member.outcome is not None:
+            kind = "outcome" if member.outcome is MissionPhase.DONE else "outcome failed"
             parts.append(text(member.outcome, RIGHT + 8, top + 14, kind))
     parts += _barriers(data.barriers, times, bottom)
     return document(

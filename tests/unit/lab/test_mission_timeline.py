@@ -39,7 +39,7 @@ def test_blocks_become_spans_and_simultaneous_ones_have_lanes_of_their_own() -> 
         ("arm", 7.0, 10.0, "", 1),
         ("@recovery", 8.0, 9.0, "", 2),
     ]
-    assert (member.outcome, member.end_s, member.lanes) == ("failed", 9.0, 3)
+    assert (member.outcome, member.end_s, member.lanes) == (MissionPhase.FAILED, 9.0, 3)
     assert mission_timeline.of_member("uav2", [], 10.0).lanes == 1
 
 

@@ -20,6 +20,7 @@ from swarmlab.report.svg import simplified
 from swarmware.geometry.world import Box, Circle
 from swarmware.model.names import natural
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.types.mission import MissionPhase
 
 
 def scene() -> PlotData:
@@ -52,7 +53,7 @@ def scene() -> PlotData:
         ),
         formation_errors={"uav1": TimeSeries(t_s, np.where(t_s < 10, np.nan, 0.2))},
         formed=((15.0, 50.0),),
-        timelines={name: MemberTimeline(name, spans, "failed", 50.0) for name in kinds},
+        timelines={name: MemberTimeline(name, spans, MissionPhase.FAILED, 50.0) for name in kinds},
         barriers=(
             BarrierPassage("airborne", 1, 15.0, 0.0001, 3),
             BarrierPassage("down", 2, 52.0, 0.0, 1, broken=True),
@@ -246,7 +247,7 @@ def test_no_two_labels_overlap() -> None:
     assert all(b - a >= 10 - 1e-9 for a, b in pairwise(ordered))
     assert ordered[0] >= 0 and ordered[-1] <= 100
     assert labels.spread([1.0] * 20, 10.0, 0.0, 100.0) is None
-    area = labels.Box(0, 0, 400, 300)
+    area = labels.LabelBox(0, 0, 400, 300)
     placed = labels.around([(f"uav{i}", 200.0 + i, 150.0) for i in range(40)], 12.0, area)
     assert len(placed) > 8
     assert not any(a.box.overlaps(b.box) for i, a in enumerate(placed) for b in placed[:i])
