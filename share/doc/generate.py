@@ -30,6 +30,7 @@ from swarmware.mission.schema import mission_schema
 from swarmware.model import resource, template
 from swarmware.transport.appfile import entry
 from swarmware.types.quantised import Form
+from swarmware.types.units import unit_of
 
 HERE = Path(__file__).parent
 README = HERE.parent.parent / "README.md"
@@ -184,28 +185,6 @@ resources: `swarmctl tree ls`.
 |---|---|---|---|---|
 """
 
-_UNITS = (
-    ("_m_s2", "m/s²"),
-    ("_rad_s", "rad/s"),
-    ("_m_s", "m/s"),
-    ("_ns", "ns"),
-    ("_ms", "ms"),
-    ("_hz", "Hz"),
-    ("_degc", "°C"),
-    ("_deg", "°"),
-    ("_rad", "rad"),
-    ("_percent", "%"),
-    ("_bytes", "B"),
-    ("_mb", "MB"),
-    ("_ratio", "1"),
-    ("_m", "m"),
-    ("_s", "s"),
-    ("_v", "V"),
-    ("_a", "A"),
-)
-"""Ends of names and the units they stand for, the first that fits."""
-
-
 def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
@@ -281,9 +260,7 @@ def _real(number: float | None) -> str:
 
 
 def _unit(name: str, wire: str) -> str:
-    ending, unit = next(((e, u) for e, u in _UNITS if name.endswith(e)), ("", ""))
-    # a whole number of metres or seconds is a count with a short name
-    return "" if "int" in wire and ending in {"_m", "_s", "_v", "_a"} else unit
+    return unit_of(name, whole="int" in wire)
 
 
 def _default(field: msgspec.inspect.Field) -> str:

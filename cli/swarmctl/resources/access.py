@@ -5,12 +5,15 @@ from typing import Any, Final
 
 import msgspec
 
+from swarmctl.resources.classes import payload_class
+from swarmctl.resources.fields import attitudes
 from swarmctl.resources.listing import consequence
-from swarmctl.resources.values import brief, decoded, decoded_payload, field, typed
+from swarmctl.resources.values import brief, decoded, select, typed
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmware.errors import NoAnswer, NotFound, SwarmError
-from swarmware.model import names
+from swarmware.model.clock import utc_ns
+from swarmware.model.names import split
 from swarmware.types.tree import Quality, TreeGet, TreeSet, TreeSetDone, TreeUndo, TreeValue, ValueSource
 
 FRESH_S: Final = 1.0
@@ -37,6 +40,12 @@ class ResourceReading(msgspec.Struct, frozen=True):
     owner: str
     source: str
     """own | mirror | asked."""
+    utc_ns: int | None = None
+    """Its stamp on the wall clock of this machine; None: the owner's clock is not known here."""
+    measured_hz: float | None = None
+    """Rate at which the owner has written the newest values; None: not known."""
+    angles: dict[str, dict[str, float]] = {}
+    """Roll, pitch and yaw in degrees of each quaternion, by the name before its components."""
 
     @property
     def warning(self) -> str:
@@ -83,19 +92,24 @@ async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeVal
         return found
 
 
-async def read(session: Session, path: str, fields: str = "", *, fresh: bool = False) -> ResourceReading:
-    """The newest value of a resource, or of one of its fields.
+async def read(
+    session: Session, path: str, fields: str = "", *, names: tuple[str, ...] = (), fresh: bool = False
+) -> ResourceReading:
+    """The newest value of a resource, or of its fields: `fields` as in a path, of that those in `names`.
 
     Raises: NotFound, NoAnswer, InvalidInput for an unknown field.
     """
-    if not names.split(path)[1]:
+    platform, local = split(path)
+    if not local:
         raise NotFound(f"{path}: a platform has no value; `swarmctl tree ls {path}` shows its resources")
     found = await newest(session, path, fresh=fresh)
+    cls = await payload_class(session, platform or session.here, found.type)
+    value = select(decoded(cls, found.data), found.path, fields, names)
     return ResourceReading(
         found.path,
         found.type,
         found.unit,
-        field(decoded(found), found.path, fields),
+        value,
         found.stamp_ns,
         found.age_s,
         found.sequence,
@@ -103,17 +117,25 @@ async def read(session: Session, path: str, fields: str = "", *, fresh: bool = F
         found.quality,
         found.owner,
         found.source,
+        None if found.age_s is None else utc_ns() - round(found.age_s * 1e9),
+        found.measured_hz,
+        {name: angles._asdict() for name, angles in attitudes(value).items()},
     )
 
 
 async def read_all(
-    session: Session, paths: list[str], fields: str = "", *, fresh: bool = False
+    session: Session,
+    paths: list[str],
+    fields: str = "",
+    *,
+    names: tuple[str, ...] = (),
+    fresh: bool = False,
 ) -> tuple[list[ResourceReading], list[SwarmError]]:
     """The values that were read, and the errors of the others."""
 
     async def one(path: str) -> ResourceReading | SwarmError:
         try:
-            return await read(session, path, fields, fresh=fresh)
+            return await read(session, path, fields, names=names, fresh=fresh)
         except SwarmError as error:
             return error
 
@@ -129,7 +151,13 @@ async def write(session: Session, path: str, text: str, version: int | None = No
     """
     request = TreeSet(path, typed(text), version)
     done = await session.ask(names.join(session.here, "sys/tree/set"), request, TreeSetDone, about=path)
-    return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)
+    return await _written(session, done)
+
+
+async def _written(session: Session, done: TreeSetDone) -> Written:
+    platform = split(done.path)[0] or session.here
+    cls = await payload_class(session, platform, done.type)
+    return Written(done.path, done.type, decoded(cls, done.data), done.version)
 
 
 async def set_resource(session: Session, path: str, text: str, *, version: int | None, yes: bool) -> None:
@@ -155,4 +183,4 @@ async def undo(session: Session, path: str) -> Written:
     done = await session.ask(
         names.join(session.here, "sys/tree/undo"), TreeUndo(path), TreeSetDone, about=path
     )
-    return Written(done.path, done.type, decoded_payload(done.type, done.data), done.version)
+    return await _written(session, done)

@@ -1,5 +1,6 @@
 """Lists resources of the swarm by the pattern of an operator."""
 
+import asyncio
 from typing import Final
 
 import msgspec
@@ -7,7 +8,7 @@ import msgspec
 from swarmctl.commandline import completion_cache
 from swarmctl.commandline.completion_cache import VALUED, CachedResource
 from swarmctl.session.session import Session, config_dir
-from swarmware.errors import NotFound
+from swarmware.errors import NotFound, SwarmError
 from swarmware.model import names
 from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeValue
 
@@ -38,8 +39,55 @@ async def listing(session: Session, pattern: str) -> TreeListing:
         if not is_pattern(platform) and platform not in known:
             await session.reach(platform)
         there = ", ".join(sorted(known, key=names.natural))
-        raise NotFound(f"{pattern or full}: no resource matches; platforms known to {session.here}: {there}")
+        near = f"did you mean /{pattern}? " if pattern.partition("/")[0] in known else ""
+        raise NotFound(
+            f"{pattern or full}: no resource matches; {near}platforms known to {session.here}: {there}"
+        )
     return found
+
+
+async def at_owners(session: Session, found: TreeListing) -> TreeListing:
+    """The list with ages, qualities and measured rates as their owners know them.
+
+    A platform without an answer keeps what is known here; one that is unreachable is not asked.
+    """
+    reachable = {one.platform for one in found.platforms if one.reachable} - {session.here}
+    by_platform: dict[str, list[str]] = {}
+    for entry in found.entries:
+        platform, local = names.split(entry.path)
+        if platform in reachable and entry.kind in VALUED:
+            by_platform.setdefault(platform, []).append(local)
+
+    async def ask(platform: str, paths: list[str]) -> list[TreeEntry]:
+        try:
+            return list((await _pages(session, f"/{platform}/{_common(paths)}", platform)).entries)
+        except SwarmError as error:
+            session.out.warn(f"{platform}: ages and rates as seen from {session.here}: {error}")
+            return []
+
+    answers = await asyncio.gather(*(ask(*item) for item in by_platform.items()))
+    owners = {entry.path: entry for answer in answers for entry in answer}
+    merged = [
+        entry
+        if (known := owners.get(entry.path)) is None or known.age_s is None
+        else msgspec.structs.replace(
+            entry, age_s=known.age_s, quality=known.quality, measured_hz=known.measured_hz
+        )
+        for entry in found.entries
+    ]
+    return msgspec.structs.replace(found, entries=tuple(merged))
+
+
+def _common(paths: list[str]) -> str:
+    """A pattern that all of these local paths match: their one path, or all below their common branch."""
+    if len(paths) == 1:
+        return paths[0]
+    parts: list[str] = []
+    for column in zip(*(path.split("/") for path in paths), strict=False):
+        if len(set(column)) > 1:
+            break
+        parts.append(column[0])
+    return "/".join([*parts, "**"])
 
 
 async def valued(session: Session, path: str) -> list[TreeEntry]:
@@ -52,9 +100,10 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
     entries = [entry for entry in found.entries if entry.kind in VALUED]
     if is_pattern(full):
         if not entries:
-            raise NotFound(
-                f"{full}: no resource with a value matches; `swarmctl tree ls` lists the resources"
-            )
+            known = [one.platform for one in found.platforms]
+            near = f"did you mean /{path}?" if path.partition("/")[0] in known else ""
+            near = near or "`swarmctl tree ls` lists the resources"
+            raise NotFound(f"{full}: no resource with a value matches; {near}")
         return entries
     platform = names.split(names.check_path(full))[0] or session.platform
     await session.reach(platform)
@@ -62,6 +111,22 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
         # the error of its tree has the reason: an unknown path, a branch, a command
         await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
     return entries
+
+
+async def entry_of(session: Session, path: str) -> TreeEntry:
+    """The resource of any kind at a path.
+
+    Raises: NotFound with similar paths, NoAnswer when the platform is not reachable.
+    """
+    full = names.check_path(session.path(path))
+    platform = names.split(full)[0] or session.here
+    await session.reach(platform)
+    found = await _pages(session, full)
+    if not found.entries:
+        # the error of its tree names similar paths
+        await session.ask(f"/{session.here}/sys/tree/get", TreeGet(full), TreeValue, about=full)
+        raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
+    return found.entries[0]
 
 
 async def consequence(session: Session, path: str) -> str:
@@ -72,14 +137,16 @@ async def consequence(session: Session, path: str) -> str:
     return found.entries[0].confirm if found.entries else ""
 
 
-async def _pages(session: Session, pattern: str) -> TreeListing:
-    path = names.join(session.here, "sys/tree/list")
+async def _pages(session: Session, pattern: str, platform: str = "") -> TreeListing:
+    """All pages of a list of the joined node, or of another platform."""
+    path = names.join(platform or session.here, "sys/tree/list")
     found = await session.ask(path, TreeList(pattern, PAGE), TreeListing)
     entries = list(found.entries)
     while found.more and found.entries:
         found = await session.ask(path, TreeList(pattern, PAGE, found.entries[-1].path), TreeListing)
         entries += found.entries
-    _remember(session, pattern, entries, [one.platform for one in found.platforms])
+    if not platform:
+        _remember(session, pattern, entries, [one.platform for one in found.platforms])
     return msgspec.structs.replace(found, entries=tuple(entries), more=0)
 
 

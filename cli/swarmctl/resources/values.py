@@ -6,23 +6,22 @@ from typing import Any
 import msgspec
 
 from swarmware.errors import InvalidInput, SwarmError
+from swarmware.model.frame import Codec
 from swarmware.recorder.entry import list_or_none, plain
 from swarmware.types import registry
-from swarmware.types.tree import TreeValue
 
 
-def decoded(value: TreeValue) -> Any:
-    """The value as plain data with field names."""
-    return decoded_payload(value.type, value.data)
+def decoded(cls: type[msgspec.Struct] | None, data: bytes | memoryview, codec: Codec = Codec.NONE) -> Any:
+    """A payload as plain data with field names, a single value without its Struct.
 
-
-def decoded_payload(type_name: str, data: bytes) -> Any:
-    """MessagePack of a type as plain data with field names; a single value without its Struct."""
-    try:
-        value = registry.decode(registry.find(type_name), data)
-    except SwarmError:
-        return list_or_none(data)  # a type that is not installed here
-    return single(value)
+    `cls`: None for a type that nobody describes; then it is a list or a map as on the wire.
+    """
+    if cls is not None:
+        try:
+            return single(registry.decode(cls, data, codec))
+        except SwarmError:
+            pass  # its owner has another version of the type
+    return plain(list_or_none(bytes(data)))
 
 
 def single(value: msgspec.Struct) -> Any:
@@ -44,6 +43,17 @@ def field(value: Any, path: str, fields: str) -> Any:
         else:
             raise InvalidInput(f"{path}: no field {name!r}; expected {_fields(value)}")
     return value
+
+
+def select(value: Any, path: str, fields: str, names: tuple[str, ...] = ()) -> Any:
+    """The field of the dotted name `fields`, and of that the fields `names`: one alone, several by name.
+
+    Raises: InvalidInput naming the existing fields.
+    """
+    value = field(value, path, fields)
+    if len(names) == 1:
+        return field(value, path, names[0])
+    return {name: field(value, path, name) for name in names} if names else value
 
 
 def _fields(value: Any) -> str:

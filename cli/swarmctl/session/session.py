@@ -39,6 +39,8 @@ class Session:
         """Platform that `--node` names, else the one that was joined."""
         self._routes: Routes | None = None
         self._known: tuple[str, ...] = ()
+        self.classes: dict[tuple[str, str], type[msgspec.Struct] | None] = {}
+        """Payload types that are not installed here, by platform and name; None: not described."""
 
     def path(self, path: str) -> str:
         """A path with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""

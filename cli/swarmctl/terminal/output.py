@@ -53,6 +53,11 @@ class Output:
         return self._out.isatty() and not self.settings.structured and os.environ.get("TERM") != "dumb"
 
     @property
+    def width(self) -> int | None:
+        """Columns of the terminal; None: stdout is none, lines are as long as they are."""
+        return shutil.get_terminal_size().columns if self._out.isatty() else None
+
+    @property
     def lively(self) -> bool:
         """Whether stderr is a terminal that can show a progress bar."""
         return self._err.isatty() and not self.settings.quiet

@@ -1,6 +1,7 @@
 """Rates and durations in arguments."""
 
 import re
+from datetime import UTC, datetime
 from typing import Final
 
 from swarmware.errors import InvalidInput
@@ -33,6 +34,12 @@ def spoken(span: float) -> str:
     if seconds < 86400:
         return f"{seconds // 3600}h{seconds % 3600 // 60:02}m"
     return f"{seconds // 86400}d{seconds % 86400 // 3600:02}h"
+
+
+def utc_text(instant_utc_ns: int) -> str:
+    """An instant in UTC to the millisecond: 2026-11-22T16:05:37.123Z."""
+    moment = datetime.fromtimestamp(instant_utc_ns // 1_000_000 / 1000, UTC)
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def rate_hz(text: str) -> float | None:

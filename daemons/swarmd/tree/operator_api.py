@@ -12,6 +12,7 @@ from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.settings import Settings
 from swarmd.tree.tree_view import TreeView, json_text
+from swarmd.tree.type_catalogue import TypeCatalogue
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.model import names
 from swarmware.model.access import Access, Verb
@@ -22,6 +23,7 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types import registry
+from swarmware.types.description import TypeDescription
 from swarmware.types.tree import (
     Quality,
     TreeChange,
@@ -33,6 +35,7 @@ from swarmware.types.tree import (
     TreeSetDone,
     TreeUndo,
     TreeValue,
+    TypeRequest,
     ValueSource,
 )
 
@@ -43,7 +46,7 @@ DEMAND_S: Final = 1.0
 
 
 class OperatorApi:
-    """Serves `sys/tree/get`, `set`, `undo` and `list`."""
+    """Serves `sys/tree/get`, `set`, `undo`, `list` and `type`."""
 
     def __init__(
         self,
@@ -53,6 +56,7 @@ class OperatorApi:
         stepped: asyncio.Event,
         view: TreeView,
         settings: Settings,
+        types: TypeCatalogue,
         changes: BoardWriter[TreeChange],
         answer_s: float,
     ) -> None:
@@ -63,6 +67,7 @@ class OperatorApi:
         self._stepped = stepped
         self._view = view
         self._settings = settings
+        self._types = types
         self._changes = changes
         self._answer_s = answer_s
         self._access = Access()
@@ -74,6 +79,7 @@ class OperatorApi:
         serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
         serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
         serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
+        serve("sys/tree/type", TypeRequest, self._type, reply=TypeDescription)
 
     def _split(self, path: str) -> tuple[str, str]:
         platform, local = names.split(names.check_path(path))
@@ -102,6 +108,24 @@ class OperatorApi:
         stamp_ns = self._module.remote_clocks.to_local(names.hardware_id(platform), found.stamp_ns)
         age_s = found.age_s if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
         return msgspec.structs.replace(found, source=ValueSource.ASKED, age_s=age_s)
+
+    # -- type
+
+    async def _type(self, request: TypeRequest, _: Meta) -> TypeDescription:
+        name, platform = request.name, request.platform or self._module.platform
+        if platform == self._module.platform:
+            return self._types.description(name)
+        self._view.check_platform(platform)
+        if not self._view.is_reachable(platform):
+            return self._types.kept(platform, name)
+        try:
+            found = await self._module.request(
+                f"/{platform}/sys/tree/type", TypeRequest(name), TypeDescription, timeout_s=self._answer_s
+            )
+        except NoAnswer:
+            return self._types.kept(platform, name)
+        self._types.keep(platform, name, found)
+        return found
 
     # -- changes
 
@@ -166,11 +190,11 @@ class OperatorApi:
         check_settable(resource, shown)
         plain = unpacked(request.value, shown)
         frame = self._view.own_frame(resource)
+        cls = self._types.cls(resource.type)
         if field:
-            cls = registry.find(resource.type)
             present = None if frame is None else registry.decode(cls, frame.payload, frame.codec)
             plain = with_field(present, field, plain, shown)
-        value = typed(resource, plain, f"{shown}.{field}" if field else shown)
+        value = typed(resource, plain, f"{shown}.{field}" if field else shown, cls)
         if resource.kind is Kind.SETTING:
             version = await self._settings.set(resource, value, shown, request.version)
             return TreeSetDone(shown, version, resource.type, registry.encode(value))
@@ -186,7 +210,7 @@ class OperatorApi:
             owner = resource.owner or "no application"
             raise Denied(f"{shown}: {owner} does not accept values for it now")
         if taker[1].kind == "request":
-            cls = registry.find(resource.reply)
+            cls = self._types.cls(resource.reply)
             answer = await self._module.request(resource.path, value, cls, timeout_s=self._answer_s)
             return TreeSetDone(shown, 0, resource.reply, registry.encode(answer))
         outcome = await self._module.send(resource.path, value, timeout_s=self._answer_s)

@@ -29,6 +29,7 @@ from swarmd.tree.store import SettingsStore
 from swarmd.tree.taps import Peek, Tap
 from swarmd.tree.tree_exchange import TreeExchange
 from swarmd.tree.tree_view import TreeView
+from swarmd.tree.type_catalogue import TypeCatalogue
 from swarmware.errors import ConfigError
 from swarmware.model import template
 from swarmware.model.resource import Resource
@@ -87,6 +88,7 @@ class Tree(Service):
             self._stepped,
             TreeView(self._tree, self._peek, module.now_ns, module.remote_clocks.to_local),
             self._settings,
+            TypeCatalogue(module.platform, node.applications.table),
             changes,
             config.answer_s,
         )

@@ -34,6 +34,11 @@ class Peek:
             follower.close()
         return frame
 
+    def older(self, path: str, platform: str | None = None) -> Frame | None:
+        """The oldest frame that is still there beside the one that `frame` has returned."""
+        follower = self._followers.get((platform, path))
+        return None if follower is None else follower.oldest()
+
     def close(self) -> None:
         """Stop reading and close all rings."""
         for follower in self._followers.values():

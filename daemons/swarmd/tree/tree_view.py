@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.quality import quality
+from swarmd.tree.core.rate import measured_hz
 from swarmd.tree.core.structure.index import Index, Leaf
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.taps import Peek
@@ -74,6 +75,8 @@ class TreeView:
         found = index.get(local)
         if found is None:
             near = ", ".join(names.join(self._own, path) for path in index.near(local))
+            if local.partition("/")[0] in self.platforms():
+                near = f"/{local}"  # the slash before the platform was forgotten
             hint = f"did you mean {near}?" if near else "expected a path that `swarmctl tree ls` shows"
             raise NotFound(f"{names.join(self._own, local)}: no such resource; {hint}")
         return found
@@ -98,7 +101,8 @@ class TreeView:
             frame = self._frame(platform, resource.path)
         age_s = None if frame is None else self._age_s(platform, frame)
         quality = self._quality(platform, leaf, age_s, known=frame is not None)
-        return TreeEntry.of(resource, names.join(platform, resource.path), age_s, quality)
+        measured = self._measured_hz(platform, resource, frame, age_s)
+        return TreeEntry.of(resource, names.join(platform, resource.path), age_s, quality, measured)
 
     # -- values
 
@@ -163,7 +167,19 @@ class TreeView:
             resource.unit,
             resource.owner,
             source,
+            self._measured_hz(platform, resource, frame, age_s),
         )
+
+    def _measured_hz(
+        self, platform: str, resource: Resource, frame: Frame | None, age_s: float | None
+    ) -> float | None:
+        if frame is None:
+            return None
+        older = self._peek.older(resource.path, None if platform == self._own else platform)
+        if older is None or older.sender_hw != frame.sender_hw:
+            return None
+        span_s = (frame.stamp_ns - older.stamp_ns) / 1e9
+        return measured_hz(frame.sequence - older.sequence, span_s, age_s)
 
     def _age_s(self, platform: str, frame: Frame) -> float | None:
         now_ns = self._now_ns()

@@ -58,7 +58,7 @@ DEFAULT: Final = (
     AccessRule(Verb.GET, "**", Role.OBSERVER),
     AccessRule(Verb.SET, "**", Role.OPERATOR),
     # the tree itself checks the access to the requested path
-    AccessRule(Verb.CALL, "sys/tree/{get,list,structure,subscribe}", Role.OBSERVER),
+    AccessRule(Verb.CALL, "sys/tree/{get,list,structure,subscribe,type}", Role.OBSERVER),
     AccessRule(Verb.CALL, "sys/tree/{notify,set,undo}", Role.NODE),
     AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,apps,functions}", Role.OBSERVER),
     AccessRule(Verb.CALL, "sys/broker/{links,routes,traffic}", Role.OBSERVER),

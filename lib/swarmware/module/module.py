@@ -19,6 +19,7 @@ from swarmware.module.accepted import acceptance
 from swarmware.module.addressing import Addressing
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
+from swarmware.module.frame_reader import FrameReader
 from swarmware.module.inbox import Inbox
 from swarmware.module.node_participant import NodeParticipant
 from swarmware.module.remote_clocks import RemoteClocks
@@ -287,6 +288,7 @@ class Module:
         self, resource: str | Resource, cls: type[T], kinds: tuple[Kind, Kind], details: dict[str, Any]
     ) -> Resource:
         """The complete descriptor of the resource to be written."""
+        self._member.participant.declare(cls)
         if isinstance(resource, Resource):
             path, kind, given = resource.path, resource.kind, resource.type
             if details:
@@ -335,6 +337,10 @@ class Module:
         local = self._interest(path)
         data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
         return self._track(StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest))
+
+    def frame_reader(self, path: str, *, every: bool = False) -> FrameReader:
+        """The undecoded frames of a resource of any type; `every`: each one, as of an event or stream."""
+        return self._track(FrameReader(self.node, self._interest(path), every=every))
 
     def _interest(self, path: str) -> str:
         participant = self._member.participant
@@ -408,6 +414,8 @@ class Module:
         participant = self._member.participant
         local = participant.own(path)
         reply_name = registry.type_name(reply) if reply is not None else ""
+        if reply is not None:
+            participant.declare(reply)
         served = participant.serve(local, cls, "request", reply=reply_name, description=description)
         server = Server(local, cls, handler, self.start, acceptance(self.node, local, self._track))
         self.node.messaging.serve_requests(served.data_id, self.app_id, server.on_request)

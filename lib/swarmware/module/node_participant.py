@@ -1,7 +1,8 @@
 """One application on its node: its identity, and its declarations in the application file."""
 
 import asyncio
-from typing import Literal
+import logging
+from typing import Final, Literal
 
 import msgspec
 
@@ -13,6 +14,11 @@ from swarmware.node.node import Node
 from swarmware.transport.appfile.entry import AppEntry, Served
 from swarmware.transport.appfile.file import AppFile
 from swarmware.types import registry
+
+log = logging.getLogger("swarm.module")
+
+_EVERYWHERE: Final = "swarmware.types."
+"""Package of the types that every node has."""
 
 
 class NodeParticipant:
@@ -38,6 +44,7 @@ class NodeParticipant:
         self._provides: dict[str, Resource] = {}
         self._serves: dict[str, Served] = {}
         self._reads: dict[str, None] = {}
+        self._types: dict[str, str] = {}
         self._flush_comes = False
         node.messaging.add_application(self.app_id)
         node.messaging.add_clocks(self.remote_clocks)
@@ -84,6 +91,20 @@ class NodeParticipant:
         self._provides[resource.path] = resource
         self._changed()
 
+    def declare(self, cls: type[msgspec.Struct]) -> None:
+        """Describe a payload type of its own, for those that have no module with it."""
+        name = registry.type_name(cls)
+        if cls.__module__.startswith(_EVERYWHERE) or name in self._types:
+            return
+        from swarmware.types.description import describe  # only what defines types needs it
+
+        try:
+            self._types[name] = msgspec.json.encode(describe(cls)).decode()
+        except (NameError, TypeError, ValueError) as error:  # an annotation that cannot be resolved
+            log.warning("type %s: no description for others: %s", name, error)
+            return
+        self._changed()
+
     def withdraw(self, path: str) -> None:
         """Withdraw the declaration of a resource."""
         if self._provides.pop(path, None) is not None:
@@ -115,6 +136,7 @@ class NodeParticipant:
             other = table.serving_path(path)
         if other is not None and other[0].id != self.id:
             raise Conflict(f"{path}: served by {other[0].id} already; expected one application only")
+        self.declare(cls)
         served = Served(path=path, type=registry.type_name(cls), kind=kind)
         self._serves[path] = served
         self.provide(
@@ -144,6 +166,7 @@ class NodeParticipant:
                 provides=tuple(self._provides.values()),
                 serves=tuple(self._serves.values()),
                 reads=tuple(self._reads),
+                types=self._types,
             )
         )
 

@@ -94,6 +94,17 @@ class RingFollower:
         ring.seen = 0
         return self.newest()
 
+    def oldest(self) -> Frame | None:
+        """The oldest frame in the ring that was read last; None when there are not two."""
+        data = None if self.ring is None else self.ring.oldest()
+        if data is None:
+            return None
+        try:
+            return decode(data)
+        except WireError as error:
+            self.refuse(error)
+            return None
+
     def next(self) -> Frame | None:
         """The next frame in order; None when there is none yet. Overwritten frames are counted in `lost`."""
         while True:

@@ -54,6 +54,15 @@ def known(cls: type[msgspec.Struct]) -> bool:
     return _TYPES.get(cls.__name__) is cls
 
 
+def installed(name: str) -> bool:
+    """Whether a loaded or common module defines a type of that name."""
+    try:
+        find(name)
+    except NotFound:
+        return False
+    return True
+
+
 def find(name: str) -> type[msgspec.Struct]:
     """The payload type of that name.
 

@@ -73,6 +73,8 @@ class TreeValue(msgspec.Struct, frozen=True, array_like=True, gc=False):
     unit: str = ""
     owner: str = ""
     source: ValueSource = ValueSource.OWN
+    measured_hz: float | None = None
+    """Rate at which the owner has written the newest values; None: not known."""
 
 
 @register
@@ -117,6 +119,15 @@ class TreeList(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class TypeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/type`: the description of a payload type; the answer is a `TypeDescription`."""
+
+    name: Annotated[str, msgspec.Meta(max_length=200)]
+    platform: str = ""
+    """Platform that has the type; empty: the one that is asked."""
+
+
+@register
 class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One resource of an answer of `sys/tree/list`."""
 
@@ -143,16 +154,25 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     description: str = ""
     confirm: str = ""
     """Effect of setting it, which an operator must confirm; empty: no confirmation."""
+    measured_hz: float | None = None
+    """Rate at which the owner has written the newest values; None: not known."""
 
     @classmethod
-    def of(cls, resource: Resource, path: str, age_s: float | None, quality: Quality) -> Self:
+    def of(
+        cls,
+        resource: Resource,
+        path: str,
+        age_s: float | None,
+        quality: Quality,
+        measured_hz: float | None = None,
+    ) -> Self:
         """The entry of a resource; `path`: its global path."""
         shared = {field: getattr(resource, field) for field in _OF_RESOURCE}
-        return cls(path=path, age_s=age_s, quality=quality, **shared)
+        return cls(path=path, age_s=age_s, quality=quality, measured_hz=measured_hz, **shared)
 
 
 _OF_RESOURCE: Final = tuple(
-    field for field in TreeEntry.__struct_fields__ if field not in {"path", "age_s", "quality"}
+    field for field in TreeEntry.__struct_fields__ if field not in {"path", "age_s", "quality", "measured_hz"}
 )
 """Fields of an entry that are those of its resource."""
 

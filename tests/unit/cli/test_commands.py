@@ -47,6 +47,7 @@ class ScriptedSession(Session):
         self.here = "gcs"
         self.platform = self.settings.node or self.here
         self.answers = answers
+        self.classes = {}
         self.asked: list[str] = []
 
     async def ask(
@@ -157,6 +158,7 @@ async def test_a_value_is_printed_with_its_unit_and_a_lost_one_with_a_warning() 
     )
     await print_values(session, "height", fresh=False)
     assert session.stdout.getvalue() == "1.5 m\n"
+    assert "Z, 9.000 s old, lost" in session.stderr.getvalue(), "time and age are no part of the value"
     assert "lost; this is the last value, 9 s old" in session.stderr.getvalue()
 
 
@@ -169,14 +171,14 @@ async def test_of_several_values_those_that_there_are_are_printed() -> None:
     session = ScriptedSession(answers)
     with pytest.raises(Partial, match="1 of 2 have no value"):
         await print_values(session, "/uav1/*", fresh=False)
-    assert session.stdout.getvalue() == "/uav1/a  2 m\n"
+    assert session.stdout.getvalue() == "/uav1/a  2 m  0.250 s old\n"
 
 
 async def test_resources_are_listed_and_drawn() -> None:
     session = ScriptedSession({LIST: listing("/uav1/a", "/uav1/b/c")})
     await list_resources(session, "/uav1")
     await draw_resources(session, "/uav1")
-    assert "/uav1/b/c  setting  Float  m" in session.stdout.getvalue()
+    assert "/uav1/b/c  setting  Float" in session.stdout.getvalue()
     assert "    └── b\n        └── c  setting Float m" in session.stdout.getvalue()
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.log.sources import absolute, instant_ns, iso
-from swarmctl.terminal.quantities import rate_hz, span_s, spoken
+from swarmctl.commands.log.sources import absolute, instant_ns
+from swarmctl.terminal.quantities import rate_hz, span_s, spoken, utc_text
 from swarmware.errors import InvalidInput
 
 NOW_NS = 1_795_244_000_000_000_000
@@ -78,8 +78,8 @@ def test_anything_else_is_no_instant(text: str) -> None:
 
 
 def test_an_instant_is_written_as_it_can_be_typed() -> None:
-    assert iso(1_500_000_000) == "1970-01-01T00:00:01.500Z"
-    assert instant_ns(iso(1_500_000_000), NOW_NS) == 1_500_000_000
+    assert utc_text(1_500_000_000) == "1970-01-01T00:00:01.500Z"
+    assert instant_ns(utc_text(1_500_000_000), NOW_NS) == 1_500_000_000
 
 
 def test_a_pattern_without_a_platform_means_the_one_asked_about_or_all() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from swarmctl.resources.values import brief, decoded_payload, field, single, typed
+from swarmctl.resources.values import brief, decoded, field, single, typed
 from swarmware.errors import InvalidInput
 from swarmware.types import registry
 from swarmware.types.json_form import json_form
@@ -63,12 +63,12 @@ def test_a_value_that_is_wrapped_alone_stands_for_itself() -> None:
     assert single(Float(2.5)) == 2.5
     battery = BatteryState(11.1, 2.0, 0.5)
     assert single(battery) == {"voltage_v": 11.1, "current_a": 2.0, "remaining_ratio": 0.5}
-    assert decoded_payload("BatteryState", registry.encode(battery)) == single(battery)
+    assert decoded(BatteryState, registry.encode(battery)) == single(battery)
 
 
 def test_a_type_that_is_not_known_here_is_shown_by_position() -> None:
-    assert decoded_payload("SomebodyElses", msgspec.msgpack.encode([1, "a"])) == [1, "a"]
-    assert decoded_payload("SomebodyElses", b"\xc1") is None
+    assert decoded(None, msgspec.msgpack.encode([1, "a"])) == [1, "a"]
+    assert decoded(None, b"\xc1") is None
 
 
 @pytest.mark.parametrize(

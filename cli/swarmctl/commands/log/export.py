@@ -9,7 +9,7 @@ from typing import Any, BinaryIO, TextIO
 
 import msgspec
 
-from swarmctl.commands.log.sources import iso
+from swarmctl.terminal.quantities import utc_text
 from swarmware.recorder.entry import LogEntry
 
 
@@ -47,7 +47,7 @@ def _jsonl(entries: Iterator[LogEntry], target: str) -> int:
     with _text(target) as file:
         for entry in entries:
             line = {
-                "utc": iso(entry.utc_ns),
+                "utc": utc_text(entry.utc_ns),
                 "utc_ns": entry.utc_ns,
                 "stamp_ns": entry.stamp_ns,
                 "path": entry.topic,
@@ -72,7 +72,7 @@ def _csv(entries: Iterator[LogEntry], target: str) -> int:
         writer = csv.writer(file)
         writer.writerow(["utc", "utc_ns", "stamp_ns", "path", "type", *columns])
         for entry, fields in rows:
-            head = [iso(entry.utc_ns), entry.utc_ns, entry.stamp_ns, entry.topic, entry.type]
+            head = [utc_text(entry.utc_ns), entry.utc_ns, entry.stamp_ns, entry.topic, entry.type]
             writer.writerow([*head, *(fields.get(column, "") for column in columns)])
     return len(rows)
 

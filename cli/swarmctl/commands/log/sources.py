@@ -14,7 +14,7 @@ from swarmctl.resources.values import brief
 from swarmctl.session import labs
 from swarmctl.session.session import config_dir
 from swarmctl.terminal.output import Output
-from swarmctl.terminal.quantities import span_s
+from swarmctl.terminal.quantities import span_s, utc_text
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
@@ -175,7 +175,7 @@ def show(out: Output, entry: LogEntry) -> None:
     if out.settings.structured:
         out.line(
             PrintedEntry(
-                iso(entry.utc_ns),
+                utc_text(entry.utc_ns),
                 entry.utc_ns,
                 entry.stamp_ns,
                 entry.topic,
@@ -188,7 +188,7 @@ def show(out: Output, entry: LogEntry) -> None:
         )
         return
     sender = f"  from {entry.sender}" if entry.sender else ""
-    out.now(f"{iso(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}{sender}")
+    out.now(f"{utc_text(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}{sender}")
 
 
 def refuse_losses(found: LogSource) -> None:
@@ -199,9 +199,3 @@ def refuse_losses(found: LogSource) -> None:
     if losses := found.losses():
         more = f"; and {len(losses) - 3} more" if len(losses) > 3 else ""
         raise Partial(f"the log is incomplete: {'; '.join(losses[:3])}{more}")
-
-
-def iso(instant_utc_ns: int) -> str:
-    """ISO 8601 with milliseconds and Z."""
-    moment = datetime.fromtimestamp(instant_utc_ns // 1_000_000 / 1000, UTC)
-    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")

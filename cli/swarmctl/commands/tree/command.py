@@ -7,6 +7,23 @@ from swarmctl.commandline.completion_cache import VALUED
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.settings import settings
 
+FIELDS = click.option(
+    "--field",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="A field of the value; several are allowed.",
+)
+
+WINDOW = click.option(
+    "--window",
+    "window_s",
+    type=click.FloatRange(min=0, min_open=True, max=86400),
+    default=5.0,
+    metavar="SECONDS",
+    help="Time of the measurement; default: 5.",
+)
+
 
 @click.group(cls=Group)
 def cmd() -> None:
@@ -46,17 +63,19 @@ def show(ctx: click.Context, pattern: str) -> None:
 
 @cmd.command()
 @click.argument("path", shell_complete=completion.resources(VALUED))
+@FIELDS
 @click.option("--fresh", is_flag=True, help="Query the owner even if there is a fresh mirror.")
 @click.pass_context
-def get(ctx: click.Context, path: str, fresh: bool) -> None:
-    """Print the newest value of a resource, or of one of its fields; a pattern gives the values of all.
+def get(ctx: click.Context, path: str, names: tuple[str, ...], fresh: bool) -> None:
+    """Print the newest value of a resource, or of fields of it, with its time (UTC, by the clock of this
+    machine), age and measured rate; a pattern gives the values of all.
 
     Example: swarmctl tree get /uav1/nav/pose.x_m
     """
     from swarmctl.commands.tree.reading import print_values
     from swarmctl.session.session import run
 
-    run(settings(ctx), print_values, path, fresh=fresh)
+    run(settings(ctx), print_values, path, names=names, fresh=fresh)
 
 
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
@@ -82,14 +101,77 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
 
 @cmd.command()
 @click.argument("path", shell_complete=completion.resources(VALUED))
+@FIELDS
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N values.")
 @click.pass_context
-def watch(ctx: click.Context, path: str, count: int | None) -> None:
-    """Print each new value of a resource, of one of its fields, or of all that match; Ctrl-C ends it.
+def watch(ctx: click.Context, path: str, names: tuple[str, ...], count: int | None) -> None:
+    """Print each new value of a resource, of fields of it, or of all that match, with its time (UTC, by the
+    clock of this machine), its age at the arrival and the rate of the arrivals; Ctrl-C ends it.
 
     Example: swarmctl tree watch /uav1/nav/pose --count 10 --json
     """
     from swarmctl.commands.tree.watching import print_changes
     from swarmctl.session.session import run
 
-    run(settings(ctx), print_changes, path, count)
+    run(settings(ctx), print_changes, path, count, names)
+
+
+@cmd.command(name="type")
+@click.argument("name", metavar="TYPE|PATH", shell_complete=completion.resources(VALUED | {"command"}))
+@click.pass_context
+def type_(ctx: click.Context, name: str) -> None:
+    """Show the fields of a type, or of the types of a resource: type, unit, range, default and meaning.
+
+    Example: swarmctl tree type /uav1/nav/pose
+    """
+    from swarmctl.commands.tree.types import print_type
+    from swarmctl.session.session import run
+
+    run(settings(ctx), print_type, name)
+
+
+@cmd.command()
+@click.argument("path", metavar="PATH|PATTERN", shell_complete=completion.resources(VALUED))
+@WINDOW
+@click.pass_context
+def hz(ctx: click.Context, path: str, window_s: float) -> None:
+    """Measure how often a resource is written by its owner (from the counter in its values) and arrives here,
+    with the times between arrivals.
+
+    Example: swarmctl tree hz '/*/nav/pose'
+    """
+    from swarmctl.commands.tree.measuring import print_rates
+    from swarmctl.session.session import run
+
+    run(settings(ctx), print_rates, path, window_s)
+
+
+@cmd.command()
+@click.argument("path", metavar="PATH|PATTERN", shell_complete=completion.resources(VALUED))
+@WINDOW
+@click.pass_context
+def bw(ctx: click.Context, path: str, window_s: float) -> None:
+    """Measure the payload bytes per second of resources, and the sizes of their values.
+
+    Example: swarmctl tree bw '/*/nav/pose'
+    """
+    from swarmctl.commands.tree.measuring import print_bandwidths
+    from swarmctl.session.session import run
+
+    run(settings(ctx), print_bandwidths, path, window_s)
+
+
+@cmd.command()
+@click.argument("path", metavar="PATH|PATTERN", shell_complete=completion.resources(VALUED))
+@WINDOW
+@click.pass_context
+def delay(ctx: click.Context, path: str, window_s: float) -> None:
+    """Measure the time from the stamps of values to their arrival here, by converted clocks, with the bound
+    of the conversion.
+
+    Example: swarmctl tree delay '/*/nav/pose'
+    """
+    from swarmctl.commands.tree.measuring import print_delays
+    from swarmctl.session.session import run
+
+    run(settings(ctx), print_delays, path, window_s)

@@ -1,15 +1,16 @@
 """Resources as a table, and as a tree."""
 
 from swarmctl.commands.tree.drawing import tree
-from swarmctl.resources.listing import listing
+from swarmctl.resources.listing import at_owners, listing
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
+from swarmctl.terminal.quantities import spoken
 from swarmware.types.tree import Quality
 
 
 async def list_resources(session: Session, pattern: str) -> None:
-    """Prints the resources that match, a line each."""
-    found = await listing(session, pattern)
+    """Prints the resources that match, a line each, with age and rate of the value at its owner."""
+    found = await at_owners(session, await listing(session, pattern))
     if session.settings.structured:
         session.out.document(found)
         return
@@ -20,8 +21,9 @@ async def list_resources(session: Session, pattern: str) -> None:
             e.type,
             e.unit,
             e.access,
+            None if e.measured_hz is None else f"{e.measured_hz:.3g}",
             f"{e.rate_hz:g}" if e.rate_hz else None,
-            None if e.age_s is None else f"{e.age_s:.2f}",
+            None if e.age_s is None else spoken(max(e.age_s, 0.0)),
             None if e.quality is Quality.NONE else e.quality,
             e.owner,
         )
@@ -31,12 +33,13 @@ async def list_resources(session: Session, pattern: str) -> None:
         Column("PATH"),
         Column("KIND"),
         Column("TYPE"),
-        Column("UNIT"),
-        Column("ACCESS"),
+        Column("UNIT", wide=True),
+        Column("ACCESS", wide=True),
         Column("HZ", right=True),
-        Column("AGE s", right=True),
+        Column("DECLARED HZ", right=True, wide=True),
+        Column("AGE", right=True),
         Column("QUALITY"),
-        Column("OWNER"),
+        Column("OWNER", wide=True),
     ]
     session.out.table(columns, rows)
 

@@ -1,42 +1,54 @@
 """Prints the newest values of resources."""
 
 from swarmctl.resources.access import Readings, ResourceReading, read, read_all
+from swarmctl.resources.fields import block, shown_fields, with_unit, wrapped
 from swarmctl.resources.listing import is_pattern, valued
-from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
+from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import Partial
+from swarmware.types.units import unit_of
 
 
-async def print_values(session: Session, path: str, *, fresh: bool) -> None:
+async def print_values(session: Session, path: str, *, names: tuple[str, ...] = (), fresh: bool) -> None:
     """Prints the value of one resource or field, or of all resources that match; `fresh`: from their owners.
 
-    Raises: Partial when some have no value; the error itself when none has.
+    `names`: fields of each. Raises: Partial when some have no value; the error itself when none has.
     """
     name, _, fields = path.partition(".")
     if is_pattern(name):
-        await _print_all(session, name, fields, fresh=fresh)
+        await _print_all(session, name, fields, names, fresh=fresh)
         return
-    found = await read(session, session.path(name), fields, fresh=fresh)
+    found = await read(session, session.path(name), fields, names=names, fresh=fresh)
     _warn_lost(session, found)
     if session.settings.structured:
         session.out.document(found)
-        return
-    session.out.text(_text(found, fields))
-    age = "of unknown age" if found.age_s is None else f"{found.age_s:.3f} s old"
-    session.out.detail(f"{found.path}: {found.type}, {age}, {found.quality}, from {found.source}")
+    elif isinstance(found.value, dict):
+        _print_block(session, found)
+    else:
+        session.out.text(with_unit(found.value, _unit(found, fields, names)))
+        session.out.say(_about(found))
 
 
-async def _print_all(session: Session, pattern: str, fields: str, *, fresh: bool) -> None:
+async def _print_all(
+    session: Session, pattern: str, fields: str, names: tuple[str, ...], *, fresh: bool
+) -> None:
     entries = await valued(session, pattern)
-    found, errors = await read_all(session, [entry.path for entry in entries], fields, fresh=fresh)
+    found, errors = await read_all(
+        session, [entry.path for entry in entries], fields, names=names, fresh=fresh
+    )
     for reading in found:
         _warn_lost(session, reading)
     if session.settings.structured:
         session.out.document(Readings(found))
     else:
-        width = max((len(reading.path) for reading in found), default=0)
+        width = max((len(r.path) for r in found if not isinstance(r.value, dict)), default=0)
         for reading in found:
-            session.out.text(f"{reading.path:<{width}}  {_text(reading, fields)}")
+            if isinstance(reading.value, dict):
+                _print_block(session, reading)
+            else:
+                shown = with_unit(reading.value, _unit(reading, fields, names))
+                age = "" if reading.age_s is None else f"  {reading.age_s:.3f} s old"
+                session.out.text(f"{reading.path:<{width}}  {shown}{age}")
     for error in errors:
         session.out.warn(str(error))
     if errors and not found:
@@ -50,6 +62,21 @@ def _warn_lost(session: Session, reading: ResourceReading) -> None:
         session.out.warn(reading.warning)
 
 
-def _text(reading: ResourceReading, fields: str) -> str:
-    """The value with its unit; a field has no unit."""
-    return brief(reading.value) + (f" {reading.unit}" if reading.unit and not fields else "")
+def _unit(reading: ResourceReading, fields: str, names: tuple[str, ...]) -> str:
+    """Unit of the single value: that of the resource, or the one in the name of its field."""
+    chosen = (names[0] if names else fields).rpartition(".")[2]
+    return unit_of(chosen, whole=isinstance(reading.value, int)) if chosen else reading.unit
+
+
+def _print_block(session: Session, reading: ResourceReading) -> None:
+    """A head with time, age and rate, then a line per field."""
+    width = session.out.width
+    lines = [*wrapped(_about(reading), width, "", "  "), *block(shown_fields(reading.value), width)]
+    session.out.text("\n".join(lines))
+
+
+def _about(reading: ResourceReading) -> str:
+    when = "time unknown" if reading.utc_ns is None else utc_text(reading.utc_ns)
+    age = "age unknown" if reading.age_s is None else f"{reading.age_s:.3f} s old"
+    rate = "" if reading.measured_hz is None else f", {reading.measured_hz:.3g} Hz"
+    return f"{reading.path}: {reading.type}, {when}, {age}{rate}, {reading.quality}, {reading.source}"

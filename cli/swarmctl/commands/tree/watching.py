@@ -1,22 +1,22 @@
 """New values of one resource or of many, as they arrive."""
 
-import asyncio
-from typing import Any, Final, Self
+from typing import Any
 
 import msgspec
 
+from swarmctl.resources.fields import attitudes, flow, shown_fields, with_unit
+from swarmctl.resources.limits import thinning
 from swarmctl.resources.listing import is_pattern, valued
-from swarmctl.resources.values import brief, field, single
+from swarmctl.resources.rate_meter import RateMeter
+from swarmctl.resources.subscription import Arrival, Subscription
+from swarmctl.resources.values import select
 from swarmctl.session.session import Session
+from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import Partial
-from swarmware.model.resource import Kind
-from swarmware.module.board import BoardReader
-from swarmware.module.stream import StreamReader
-from swarmware.types import registry
-from swarmware.types.tree import TreeEntry
+from swarmware.types.units import unit_of
 
-QUEUE_LIMIT: Final = 1000
-"""Values waiting to be printed; at the limit readers wait, and count overwritten values."""
+WINDOW_S = 5.0
+"""Window of the shown rate: a resource of 1 Hz has a stable one after a few values."""
 
 
 class WatchedValue(msgspec.Struct, frozen=True):
@@ -29,77 +29,73 @@ class WatchedValue(msgspec.Struct, frozen=True):
     age_s: float | None
     value: Any
     """The plain value; a single value without its Struct."""
+    utc_ns: int | None = None
+    """Its stamp on the wall clock of this machine; None: the owner's clock is not known here."""
+    unit: str = ""
+    written_hz: float | None = None
+    """Rate at which the owner has written the newest values; None: not known yet."""
+    here_hz: float | None = None
+    """Rate of the arrivals here; None: not known yet."""
+    angles: dict[str, dict[str, float]] = {}
+    """Roll, pitch and yaw in degrees of each quaternion, by the name before its components."""
 
 
-class ResourceWatch:
-    """New values: `async for new in ResourceWatch.open(session, entries)`."""
-
-    def __init__(self) -> None:
-        self._news: asyncio.Queue[WatchedValue] = asyncio.Queue(QUEUE_LIMIT)
-        self._streams: list[StreamReader[Any]] = []
-
-    @classmethod
-    def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
-        """Subscribes to the resources.
-
-        Raises: NotFound for a type that is not known here.
-        """
-        watch = cls()
-        for entry in entries:
-            found = registry.find(entry.type)
-            if entry.kind in {Kind.EVENT, Kind.STREAM}:
-                stream = session.module.stream_reader(entry.path, found)
-                watch._streams.append(stream)
-                session.module.start(watch._every(entry, stream, session), f"watch {entry.path}")
-            else:
-                board = session.module.reader(entry.path, found)
-                session.module.start(watch._newest(entry, board), f"watch {entry.path}")
-        return watch
-
-    async def _newest(self, entry: TreeEntry, board: BoardReader[Any]) -> None:
-        async for value in board:
-            await self._news.put(
-                WatchedValue(entry.path, entry.type, board.stamp_ns, board.age_s, single(value))
-            )
-
-    async def _every(self, entry: TreeEntry, stream: StreamReader[Any], session: Session) -> None:
-        async for value in stream:
-            meta = stream.meta
-            stamp_ns = None if meta is None else meta.stamp_ns
-            local_ns = stamp_ns
-            if meta is not None and meta.sender_hw != session.module.node.hardware:
-                local_ns = session.module.remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
-            age_s = None if local_ns is None else (session.module.now_ns() - local_ns) / 1e9
-            await self._news.put(WatchedValue(entry.path, entry.type, stamp_ns, age_s, single(value)))
-
-    @property
-    def lost(self) -> int:
-        """Items of streams that were overwritten before they were read."""
-        return sum(stream.lost for stream in self._streams)
-
-    def __aiter__(self) -> Self:
-        return self
-
-    async def __anext__(self) -> WatchedValue:
-        return await self._news.get()
-
-
-async def print_changes(session: Session, path: str, count: int | None) -> None:
-    """Prints each new value of the resources, or of a field of them; ends after `count`, when one is given.
+async def print_changes(session: Session, path: str, count: int | None, names: tuple[str, ...] = ()) -> None:
+    """Prints each new value of the resources, or of fields of them; ends after `count`, when one is given.
 
     Raises: Partial when values were overwritten before they were read.
     """
     name, _, fields = path.partition(".")
-    watch = ResourceWatch.open(session, await valued(session, name))
+    entries = await valued(session, name)
+    news = await Subscription.open(session, entries)
+    meters = {entry.path: RateMeter(WINDOW_S) for entry in entries}
+    explained: set[str] = set()
     printed = 0
-    async for new in watch:
-        value = field(new.value, new.path, fields)
+    async for new in news:
+        meter = meters[new.path]
+        meter.add(new.observation)
+        value = select(new.value, new.path, fields, names)
+        shown = WatchedValue(
+            new.path,
+            new.entry.type,
+            new.frame.stamp_ns,
+            new.age_s,
+            value,
+            news.utc_ns(new),
+            _unit(new, fields, names),
+            meter.written_hz,
+            meter.here_hz,
+            {name: angles._asdict() for name, angles in attitudes(value).items()},
+        )
         if session.settings.structured:
-            session.out.line(msgspec.structs.replace(new, value=value))
+            session.out.line(shown)
         else:
-            session.out.now(f"{new.path}  {brief(value)}" if is_pattern(name) else brief(value))
+            for line in _lines(shown, session.out.width, with_path=is_pattern(name)):
+                session.out.now(line)
+        if meter.thinned and new.path not in explained:
+            explained.add(new.path)
+            session.out.say(await thinning(session, new.entry, meter))
         printed += 1
         if printed == count:
             break
-    if watch.lost:
-        raise Partial(f"{name}: {watch.lost} values were overwritten before they were read")
+    if news.lost:
+        raise Partial(f"{name}: {news.lost} values were overwritten before they were read")
+
+
+def _unit(new: Arrival, fields: str, names: tuple[str, ...]) -> str:
+    """Unit of a single value or of one selected field."""
+    chosen = ".".join([*filter(None, [fields]), *names[:1]])
+    if len(names) > 1:
+        return ""
+    return unit_of(chosen.rpartition(".")[2]) if chosen else new.entry.unit
+
+
+def _lines(new: WatchedValue, width: int | None, *, with_path: bool) -> list[str]:
+    """Time, age and rate, then the path of one among many, then the value."""
+    when = "-" if new.utc_ns is None else utc_text(new.utc_ns)
+    age = "-" if new.age_s is None else f"{new.age_s:.3f} s"
+    rate = "-" if new.here_hz is None else f"{new.here_hz:.1f} Hz"
+    head = f"{when:<24}  {age:>8}  {rate:>8}  " + (f"{new.path}  " if with_path else "")
+    if isinstance(new.value, dict):
+        return flow(shown_fields(new.value), width, head)
+    return flow([("", with_unit(new.value, new.unit))], width, head)

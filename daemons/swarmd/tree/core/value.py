@@ -20,12 +20,14 @@ def check_settable(resource: Resource, path: str) -> None:
         raise Denied(f"{path}: access {resource.access}; only {owner} sets it")
 
 
-def typed(resource: Resource, plain: Any, path: str) -> msgspec.Struct:
-    """The value of the resource's type.
+def typed(
+    resource: Resource, plain: Any, path: str, cls: type[msgspec.Struct] | None = None
+) -> msgspec.Struct:
+    """The value of the resource's type; `cls`: its class, if it is not a common one.
 
     Raises: TypeMismatch with what was expected, OutOfRange with the range.
     """
-    cls = registry.find(resource.type)
+    cls = cls or registry.find(resource.type)
     fields = [field.name for field in msgspec.structs.fields(cls)]
     if fields == ["value"] and not isinstance(plain, dict | list):
         plain = {"value": plain}

@@ -45,6 +45,8 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     serves: tuple[Served, ...] = ()
     reads: tuple[str, ...] = ()
     """Paths and patterns of other platforms' resources that it subscribes to."""
+    types: dict[str, str] = {}
+    """Descriptions of the payload types that it defines itself, by name: JSON of a `TypeDescription`."""
     config: dict[str, Any] = {}
     """Effective configuration of the service, as TOML values."""
 

@@ -329,6 +329,15 @@ class RingReader:
         """A copy of the newest frame; None before the first."""
         return self._latest(self._copy)
 
+    def oldest(self) -> bytes | None:
+        """A copy of the oldest frame that is still in the ring; None when there is only one."""
+        newest = self._words[_NEWEST]
+        for sequence in range(max(newest - self.slots, self._first) + 1, newest):
+            data = self._copy(sequence)
+            if data is not None:  # else it is being overwritten
+                return data
+        return None
+
     def view(self) -> View | None:
         """The newest frame in place, without a copy; None before the first."""
         return self._latest(self._look)

@@ -1,0 +1,38 @@
+"""Payload types by their names: those installed here, and those that a platform describes."""
+
+import msgspec
+
+from swarmctl.session.session import Session
+from swarmware.errors import NoAnswer, NotFound
+from swarmware.types import registry
+from swarmware.types.described import class_of
+from swarmware.types.description import TypeDescription, describe
+from swarmware.types.tree import TypeRequest
+
+
+async def described(session: Session, platform: str, name: str) -> TypeDescription:
+    """Description of a type: of its class if it is installed here, else that of the platform.
+
+    Raises: NotFound, NoAnswer, WireError.
+    """
+    if not registry.installed(name):
+        request = TypeRequest(name, "" if platform == session.here else platform)
+        about = f"/{platform}/sys/tree/type"
+        return await session.ask(f"/{session.here}/sys/tree/type", request, TypeDescription, about=about)
+    return describe(registry.find(name))
+
+
+async def payload_class(session: Session, platform: str, name: str) -> type[msgspec.Struct] | None:
+    """The class of a type; None when it is not installed here and its platform does not describe it.
+
+    Raises: WireError for an invalid description.
+    """
+    if registry.installed(name):
+        return registry.find(name)
+    key = (platform, name)
+    if key not in session.classes:
+        try:
+            session.classes[key] = class_of(await described(session, platform, name))
+        except (NotFound, NoAnswer):
+            session.classes[key] = None
+    return session.classes[key]

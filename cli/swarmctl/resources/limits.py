@@ -1,0 +1,41 @@
+"""Reasons why fewer values arrive than their owner writes."""
+
+from swarmctl.resources.access import newest
+from swarmctl.resources.rate_meter import RateMeter
+from swarmctl.session.session import Session
+from swarmware.errors import SwarmError
+from swarmware.model import names
+from swarmware.model.names import Pattern
+from swarmware.types import registry
+from swarmware.types.net import ChannelLimit, ChannelLimits
+from swarmware.types.tree import TreeEntry
+
+_BY_LINK = {
+    "tick": "the beacon carries the newest value only",
+    "notify": "notifications carry the newest value only",
+    "request": "it is sent on request only",
+}
+
+
+async def limit_of(session: Session, path: str) -> ChannelLimit | None:
+    """The limit of the rate that an operator has set for a resource; None: none, or it is not known."""
+    platform, local = names.split(path)
+    try:
+        found = await newest(session, names.join(platform or session.here, "net/limits"))
+        limits = registry.decode(ChannelLimits, found.data).limits
+    except SwarmError:
+        return None  # without a broker there is no limit
+    return next((limit for limit in limits if Pattern(limit.pattern).matches(local)), None)
+
+
+async def thinning(session: Session, entry: TreeEntry, meter: RateMeter) -> str:
+    """Sentence about a resource that arrives less often than it is written, with the reason."""
+    written_hz, here_hz = meter.written_hz or 0.0, meter.here_hz or 0.0
+    limit = await limit_of(session, entry.path)
+    if names.split(entry.path)[0] == session.here:
+        reason = "they were replaced before they were read"
+    elif limit is not None:
+        reason = f"limit {limit.max_hz:g} Hz of {limit.pattern!r}; `swarmctl traffic set` changes it"
+    else:
+        reason = _BY_LINK.get(entry.link, "its link carries no more")
+    return f"{entry.path}: written at {written_hz:.1f} Hz, arrives here at {here_hz:.1f} Hz: {reason}"

@@ -1,0 +1,115 @@
+"""Rates, sizes and delays of the values of one resource, over a sliding window."""
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import msgspec
+
+
+class Statistics(msgspec.Struct, frozen=True):
+    """Distribution of a quantity, each in the unit of its field."""
+
+    min: float
+    mean: float
+    max: float
+    std: float
+    """Standard deviation."""
+
+
+class Observation(NamedTuple):
+    """One value as it arrived here."""
+
+    sequence: int
+    """Counter of its owner."""
+    stamp_ns: int
+    """Clock of its owner."""
+    arrived_ns: int
+    """Clock of this node."""
+    size_bytes: int = 0
+    delay_s: float | None = None
+    """Time from the stamp to the arrival; None: the owner's clock is not known here."""
+
+
+class RateMeter:
+    """Observations of one resource within the last `window_s`; None: all."""
+
+    def __init__(self, window_s: float | None = None) -> None:
+        self._window_ns = None if window_s is None else round(window_s * 1e9)
+        self._seen: deque[Observation] = deque()
+
+    def add(self, seen: Observation) -> None:
+        """Add one value; after a restart of its owner the former ones no longer count."""
+        if self._seen and seen.sequence <= self._seen[-1].sequence:
+            self._seen.clear()
+        self._seen.append(seen)
+        if self._window_ns is not None:
+            while len(self._seen) > 2 and seen.arrived_ns - self._seen[0].arrived_ns > self._window_ns:
+                self._seen.popleft()
+
+    def __len__(self) -> int:
+        return len(self._seen)
+
+    @property
+    def span_s(self) -> float:
+        """Time from the first to the last arrival."""
+        return (self._seen[-1].arrived_ns - self._seen[0].arrived_ns) / 1e9 if self._seen else 0.0
+
+    @property
+    def written(self) -> int:
+        """Values that the owner wrote after the first of these: its counter also has those that did not
+        arrive."""
+        return self._seen[-1].sequence - self._seen[0].sequence if self._seen else 0
+
+    @property
+    def written_hz(self) -> float | None:
+        """Rate at which the owner writes, from its counter and its clock; None before the second value."""
+        if len(self._seen) < 2:
+            return None
+        return _rate(self.written, (self._seen[-1].stamp_ns - self._seen[0].stamp_ns) / 1e9)
+
+    @property
+    def here_hz(self) -> float | None:
+        """Rate of the arrivals; None before the second."""
+        return _rate(len(self._seen) - 1, self.span_s)
+
+    @property
+    def intervals_s(self) -> Statistics | None:
+        """Times between two arrivals; None before the second."""
+        pairs = zip(self._seen, list(self._seen)[1:], strict=False)
+        return statistics((after.arrived_ns - before.arrived_ns) / 1e9 for before, after in pairs)
+
+    @property
+    def sizes_bytes(self) -> Statistics | None:
+        """Sizes of the payloads."""
+        return statistics(float(seen.size_bytes) for seen in self._seen)
+
+    @property
+    def bytes_per_s(self) -> float | None:
+        """Bytes of payload that arrive in a second; None before the second value."""
+        return _rate(sum(seen.size_bytes for seen in list(self._seen)[1:]), self.span_s)
+
+    @property
+    def delays_s(self) -> Statistics | None:
+        """Delays of the values whose owner's clock is known."""
+        return statistics(seen.delay_s for seen in self._seen if seen.delay_s is not None)
+
+    @property
+    def thinned(self) -> bool:
+        """Whether clearly fewer values arrive than their owner writes."""
+        return len(self._seen) >= 5 and self.written > 1.3 * (len(self._seen) - 1)
+
+
+def _rate(count: int, span_s: float) -> float | None:
+    return count / span_s if count > 0 and span_s > 0 else None
+
+
+def statistics(values: Iterable[float]) -> Statistics | None:
+    """Minimum, mean, maximum and standard deviation; None without a value."""
+    found = list(values)
+    if not found:
+        return None
+    mean = math.fsum(found) / len(found)
+    spread = math.fsum((value - mean) ** 2 for value in found) / len(found)
+    return Statistics(min(found), mean, max(found), math.sqrt(spread))

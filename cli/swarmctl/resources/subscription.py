@@ -1,0 +1,113 @@
+"""New values of resources, as they arrive at the joined node."""
+
+import asyncio
+from typing import Any, Final, Self
+
+import msgspec
+
+from swarmctl.resources.classes import payload_class
+from swarmctl.resources.rate_meter import Observation
+from swarmctl.resources.values import decoded
+from swarmctl.session.session import Session
+from swarmware.model.clock import utc_ns
+from swarmware.model.frame import Frame
+from swarmware.model.names import split
+from swarmware.model.resource import Kind
+from swarmware.module.frame_reader import FrameReader
+from swarmware.types.tree import TreeEntry
+
+QUEUE_LIMIT: Final = 1000
+"""Values waiting to be printed; at the limit readers wait, and count overwritten values."""
+ORDERED: Final = frozenset({Kind.EVENT, Kind.STREAM})
+
+
+class Arrival(msgspec.Struct, frozen=True):
+    """One new value of a resource, not decoded."""
+
+    entry: TreeEntry
+    cls: type[msgspec.Struct] | None
+    frame: Frame
+    arrived_ns: int
+    """Own clock when it was read here."""
+    local_ns: int | None
+    """Own clock at its stamp; None: the owner's clock is not known here."""
+    bound_s: float | None
+    """Bound of the error of that conversion; None as above."""
+
+    @property
+    def path(self) -> str:
+        """Global path of the resource."""
+        return self.entry.path
+
+    @property
+    def value(self) -> Any:
+        """Plain data with field names; a single value without its Struct."""
+        return decoded(self.cls, self.frame.payload, self.frame.codec)
+
+    @property
+    def age_s(self) -> float | None:
+        """Time from its stamp to its arrival here."""
+        return None if self.local_ns is None else (self.arrived_ns - self.local_ns) / 1e9
+
+    @property
+    def observation(self) -> Observation:
+        """Counter, stamp and size, for a `RateMeter`."""
+        frame = self.frame
+        return Observation(frame.sequence, frame.stamp_ns, self.arrived_ns, len(frame.payload), self.age_s)
+
+
+class Subscription:
+    """New values: `async for new in await Subscription.open(session, entries)`.
+
+    Boards begin with the present value.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._news: asyncio.Queue[Arrival] = asyncio.Queue(QUEUE_LIMIT)
+        self._streams: list[FrameReader] = []
+
+    @classmethod
+    async def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
+        """Subscribes to the resources, after their types were found.
+
+        Raises: WireError for an invalid description of a type.
+        """
+        opened = cls(session)
+        classes = [await payload_class(session, split(e.path)[0] or session.here, e.type) for e in entries]
+        for entry, payload in zip(entries, classes, strict=True):
+            every = entry.kind in ORDERED
+            reader = session.module.frame_reader(entry.path, every=every)
+            if every:
+                opened._streams.append(reader)
+            session.module.start(opened._follow(entry, payload, reader), f"watch {entry.path}")
+        return opened
+
+    async def _follow(
+        self, entry: TreeEntry, payload: type[msgspec.Struct] | None, reader: FrameReader
+    ) -> None:
+        module = self._session.module
+        async for frame in reader:
+            now_ns = module.now_ns()
+            local_ns: int | None = frame.stamp_ns
+            bound_s: float | None = 0.0
+            if frame.sender_hw != module.node.hardware:
+                conversion = module.remote_clocks.conversion(frame.sender_hw)
+                local_ns = None if conversion is None else conversion.to_local(frame.stamp_ns)
+                bound_s = None if conversion is None else conversion.bound_at_ns(now_ns) / 1e9
+            await self._news.put(Arrival(entry, payload, frame, now_ns, local_ns, bound_s))
+
+    def utc_ns(self, new: Arrival) -> int | None:
+        """Stamp of a value on the wall clock of this machine."""
+        return None if new.local_ns is None else utc_ns() - (self._session.module.now_ns() - new.local_ns)
+
+    @property
+    def lost(self) -> int:
+        """Items of streams that were overwritten before they were read."""
+        return sum(stream.lost for stream in self._streams)
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Arrival:
+        return await self._news.get()

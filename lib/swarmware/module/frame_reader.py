@@ -1,0 +1,49 @@
+"""Reader of the frames of a resource of any type, undecoded: for tools."""
+
+import asyncio
+
+from swarmware.model.frame import Frame
+from swarmware.model.names import split
+from swarmware.module.stream import FAIR
+from swarmware.module.wakeup import Wakeup
+from swarmware.node.follower import RingFollower
+from swarmware.node.node import Node
+from swarmware.transport.shm.layout import ring_file
+
+
+class FrameReader:
+    """`async for frame in reader`: the newest frames of a board, or every frame of an event or stream.
+
+    It may be opened before there is a writer.
+    """
+
+    def __init__(self, node: Node, path: str, *, every: bool) -> None:
+        self.path = path
+        platform, local = split(path)
+        self._follower = RingFollower(ring_file(node.shm_dir, local, platform), name=f"frames {path}")
+        self._read = self._follower.next if every else self._follower.newest
+        self._wakeup = Wakeup()
+        self._run = 0
+        self._follower.listen(node, self._wakeup.notify)
+
+    @property
+    def lost(self) -> int:
+        """Frames of an event or stream that were overwritten before they were read."""
+        return self._follower.lost
+
+    def __aiter__(self) -> "FrameReader":
+        return self
+
+    async def __anext__(self) -> Frame:
+        self._run += 1
+        if self._run >= FAIR:
+            self._run = 0
+            await asyncio.sleep(0)
+        while (frame := self._read()) is None:
+            self._run = 0
+            await self._wakeup.wait(None)
+        return frame
+
+    def close(self) -> None:
+        """Stop reading and close the ring."""
+        self._follower.close()

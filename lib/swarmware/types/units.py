@@ -1,0 +1,41 @@
+"""Units by the end of a field's name."""
+
+from typing import Final
+
+UNITS: Final = (
+    ("_rad_s2", "rad/s²"),
+    ("_m_s2", "m/s²"),
+    ("_rad_s", "rad/s"),
+    ("_deg_s", "°/s"),
+    ("_m_s", "m/s"),
+    ("_ns", "ns"),
+    ("_us", "µs"),
+    ("_ms", "ms"),
+    ("_hz", "Hz"),
+    ("_degc", "°C"),
+    ("_deg", "°"),
+    ("_rad", "rad"),
+    ("_percent", "%"),
+    ("_pct", "%"),
+    ("_bytes", "B"),
+    ("_mb", "MB"),
+    ("_ratio", "1"),
+    ("_kg", "kg"),
+    ("_pa", "Pa"),
+    ("_m", "m"),
+    ("_s", "s"),
+    ("_v", "V"),
+    ("_a", "A"),
+    ("_w", "W"),
+    ("_n", "N"),
+    ("_k", "K"),
+)
+"""Ends of names and their units; the first that fits applies."""
+
+_SHORT: Final = frozenset({"_m", "_s", "_v", "_a", "_w", "_n", "_k"})
+
+
+def unit_of(name: str, *, whole: bool = False) -> str:
+    """Unit of a field; empty: none. A `whole` number with a short name is a count, not metres or seconds."""
+    ending, unit = next(((e, u) for e, u in UNITS if name.endswith(e)), ("", ""))
+    return "" if whole and ending in _SHORT else unit
