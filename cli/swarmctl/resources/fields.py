@@ -10,6 +10,8 @@ from swarmware.types.json_form import json_form
 from swarmware.types.units import unit_of
 
 QUATERNION: Final = ("x", "y", "z", "w")
+VERTICAL: Final = 1 - 1e-9
+"""Sine of the pitch from which roll and yaw turn about the same axis: the roll is 0 then."""
 INDENT: Final = "  "
 
 
@@ -33,10 +35,17 @@ def angles_of(x: float, y: float, z: float, w: float) -> Angles | None:
     if not 0 < length < math.inf:
         return None
     x, y, z, w = x / length, y / length, z / length, w / length
+    rise = max(-1.0, min(1.0, 2 * (w * y - z * x)))
+    pitch = math.asin(rise)
+    if abs(rise) > VERTICAL:
+        return _rounded(0.0, pitch, -math.copysign(2 * math.atan2(x, w), rise))
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return Angles(*(round(math.degrees(angle), 3) + 0.0 for angle in (roll, pitch, yaw)))
+    return _rounded(roll, pitch, yaw)
+
+
+def _rounded(*angles: float) -> Angles:
+    return Angles(*(round(math.degrees(angle), 3) + 0.0 for angle in angles))
 
 
 def attitudes(value: Any) -> dict[str, Angles]:
@@ -70,9 +79,9 @@ def shown_fields(value: Any, unit: str = "") -> list[tuple[str, str]]:
 
 def with_unit(value: Any, unit: str) -> str:
     """A plain value as text, radians also in degrees."""
-    text = ", ".join(map(brief, value)) if isinstance(value, list) else brief(json_form(value, ""))
-    if unit in {"", "1"} or value is None:
-        return text if text else "''"
+    text = ", ".join(map(brief, value)) if value and isinstance(value, list) else brief(json_form(value, ""))
+    if unit in {"", "1"} or value is None or value == []:
+        return text or "''"
     degrees = ""
     if unit == "rad" and isinstance(value, float) and math.isfinite(value):
         degrees = f" ({math.degrees(value):.1f}°)"

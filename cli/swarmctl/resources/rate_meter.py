@@ -35,7 +35,11 @@ class Observation(NamedTuple):
 class RateMeter:
     """Observations of one resource within the last `window_s`; None: all."""
 
-    def __init__(self, window_s: float | None = None) -> None:
+    def __init__(self, window_s: float | None = None, *, numbered: bool = True) -> None:
+        """`numbered`: the values have the numbers of their owner; else they were numbered on arrival."""
+        self._numbered = numbered
+        self.counted_hz: float | None = None
+        """Rate by two readings of the owner's counter, for values without its numbers."""
         self._window_ns = None if window_s is None else round(window_s * 1e9)
         self._seen: deque[Observation] = deque()
 
@@ -57,17 +61,15 @@ class RateMeter:
         return (self._seen[-1].arrived_ns - self._seen[0].arrived_ns) / 1e9 if self._seen else 0.0
 
     @property
-    def written(self) -> int:
-        """Values that the owner wrote after the first of these: its counter also has those that did not
-        arrive."""
-        return self._seen[-1].sequence - self._seen[0].sequence if self._seen else 0
-
-    @property
     def written_hz(self) -> float | None:
-        """Rate at which the owner writes, from its counter and its clock; None before the second value."""
-        if len(self._seen) < 2:
-            return None
-        return _rate(self.written, (self._seen[-1].stamp_ns - self._seen[0].stamp_ns) / 1e9)
+        """Rate at which the owner writes, from its counter and its clock: also of what does not arrive.
+
+        None before the second value, or while its counter is not known.
+        """
+        if not self._numbered or len(self._seen) < 2:
+            return self.counted_hz
+        first, last = self._seen[0], self._seen[-1]
+        return _rate(last.sequence - first.sequence, (last.stamp_ns - first.stamp_ns) / 1e9)
 
     @property
     def here_hz(self) -> float | None:
@@ -98,7 +100,8 @@ class RateMeter:
     @property
     def thinned(self) -> bool:
         """Whether clearly fewer values arrive than their owner writes."""
-        return len(self._seen) >= 5 and self.written > 1.3 * (len(self._seen) - 1)
+        written_hz, here_hz = self.written_hz, self.here_hz
+        return len(self._seen) >= 5 and bool(written_hz and here_hz and written_hz > 1.3 * here_hz)
 
 
 def _rate(count: int, span_s: float) -> float | None:

@@ -33,6 +33,8 @@ class Arrival(msgspec.Struct, frozen=True):
     """Own clock at its stamp; None: the owner's clock is not known here."""
     bound_s: float | None
     """Bound of the error of that conversion; None as above."""
+    arrived: bool = True
+    """False: the value of a board that was there before the subscription."""
 
     @property
     def path(self) -> str:
@@ -87,6 +89,7 @@ class Subscription:
         self, entry: TreeEntry, payload: type[msgspec.Struct] | None, reader: FrameReader
     ) -> None:
         module = self._session.module
+        arrived = entry.kind in ORDERED
         async for frame in reader:
             now_ns = module.now_ns()
             local_ns: int | None = frame.stamp_ns
@@ -95,7 +98,8 @@ class Subscription:
                 conversion = module.remote_clocks.conversion(frame.sender_hw)
                 local_ns = None if conversion is None else conversion.to_local(frame.stamp_ns)
                 bound_s = None if conversion is None else conversion.bound_at_ns(now_ns) / 1e9
-            await self._news.put(Arrival(entry, payload, frame, now_ns, local_ns, bound_s))
+            await self._news.put(Arrival(entry, payload, frame, now_ns, local_ns, bound_s, arrived))
+            arrived = True
 
     def utc_ns(self, new: Arrival) -> int | None:
         """Stamp of a value on the wall clock of this machine."""

@@ -173,8 +173,8 @@ class TreeView:
     def _measured_hz(
         self, platform: str, resource: Resource, frame: Frame | None, age_s: float | None
     ) -> float | None:
-        if frame is None:
-            return None
+        if frame is None or (platform != self._own and resource.link == "tick"):
+            return None  # the beacon carries no numbers of the owner
         older = self._peek.older(resource.path, None if platform == self._own else platform)
         if older is None or older.sender_hw != frame.sender_hw:
             return None

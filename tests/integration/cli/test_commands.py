@@ -143,6 +143,14 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
     [
         ("tree get /uav1/nav/bogus", 6, "no such resource; did you mean"),
         ("tree get /uav1/nav", 6, "a branch has no value"),
+        ("tree get uav1/nav/pose", 6, "did you mean /uav1/nav/pose?"),
+        ("tree get 'uav1/nav/*'", 6, "did you mean /uav1/nav/*?"),
+        ("tree watch uav1/nav/pose", 6, "did you mean /uav1/nav/pose?"),
+        ("tree ls uav1/nav", 6, "did you mean /uav1/nav?"),
+        ("tree type uav1/nav/pose", 6, "did you mean /uav1/nav/pose?"),
+        ("tree type Posee", 6, "no platform describes it"),
+        ("tree get /uav1/nav/pose --field xm", 7, "no field 'xm'; expected one of x_m"),
+        ("tree hz /uav1/nav/bogus", 6, "no such resource"),
         ("tree get /uav1", 6, "`swarmctl tree ls /uav1` shows its resources"),
         (
             "tree get /uav9/nav/pose",

@@ -4,6 +4,8 @@ import csv
 import json
 import select
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,7 @@ def test_a_setting_is_changed_versioned_and_read_back(ctl: Ctl) -> None:
     assert ctl(f"tree set {GAIN} 2 --if-version {before['version']}").code == 1
     assert ctl("config set navigator/altitude_kp 1.25 -n uav2").code == 0
     assert ctl("config get navigator/altitude_kp -n uav2").out == "1.25\n"
-    assert ctl(f"tree watch {GAIN} --count 1").out == "1.25\n"
+    assert ctl(f"tree watch {GAIN} --count 1").out.endswith("  1.25 1/s\n")
     undone = ctl("config undo navigator/altitude_kp -n uav2").out
     assert undone == f"{GAIN} = 1.5 (version {before['version'] + 3}; was 1.25)\n"
     assert ctl("config get navigator/altitude_kp -n uav2").out == "1.5\n"
@@ -40,7 +42,65 @@ def test_what_is_not_mirrored_yet_is_watched(ctl: Ctl) -> None:
 
 def test_a_pattern_watches_the_whole_swarm(ctl: Ctl) -> None:
     out = ctl("tree watch '/*/nav/pose.x_m' --count 12").out
-    assert {line.split()[0] for line in out.splitlines()} >= {"/uav1/nav/pose", "/ugv1/nav/pose"}
+    assert {line.split()[-3] for line in out.splitlines()} >= {"/uav1/nav/pose", "/ugv1/nav/pose"}
+
+
+OWN_TYPE = """
+import asyncio, msgspec
+from swarmware import Module
+
+class Gust(msgspec.Struct, array_like=True):
+    speed_m_s: float
+
+class Weather(msgspec.Struct):
+    "Weather at one place."
+    temp_degc: float
+    "Of the air."
+    gusts: list[Gust] = []
+
+class Ask(msgspec.Struct):
+    at_m: float
+
+async def main() -> None:
+    async with Module("weather") as m:
+        board = m.writer("sensor/weather", Weather, rate_hz=20.0)
+        m.serve("cmd/weather", Ask, lambda ask, _: Weather(ask.at_m), reply=Weather)
+        async for _ in m.every(0.05):
+            board.write(Weather(21.5, [Gust(3.0)]))
+
+asyncio.run(main())
+"""
+
+
+def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(lab: Lab, ctl: Ctl) -> None:
+    env = {**lab.env, "SWARM_CONFIG": f"{lab.node('uav1')['folder']}/etc"}
+    with subprocess.Popen([sys.executable, "-c", OWN_TYPE], env=env) as module:
+        try:
+            while ctl("tree get /uav1/sensor/weather --json").code:
+                assert module.poll() is None
+            lines = ctl("tree watch /uav1/sensor/weather --count 3 --json").lines
+            assert lines[2]["value"] == {"temp_degc": 21.5, "gusts": [{"speed_m_s": 3.0}]}
+            assert lines[2]["utc_ns"] is not None
+            out = ctl("tree get /uav1/sensor/weather").out
+            assert "  temp_degc           21.5 °C\n" in out
+            assert "  gusts.0.speed_m_s   3 m/s\n" in out
+            assert ctl("tree watch /uav1/sensor/weather --field temp_degc --count 1").out.endswith(
+                " 21.5 °C\n"
+            )
+            shown = ctl("tree type Weather --json").document["types"]
+            assert [one["name"] for one in shown] == ["Weather", "Gust"]
+            assert shown[0]["fields"][0] | {"unit": "°C", "meaning": "Of the air."} == shown[0]["fields"][0]
+            rate = ctl("tree hz /uav1/sensor/weather --window 1 --json").document["rates"][0]
+            assert 15 < rate["written_hz"] < 25, "the counter of the owner, whatever arrives"
+            assert ctl("tree bw /uav1/sensor/weather --window 0.5 --json").document["bandwidths"][0][
+                "size_bytes"
+            ]
+            delay = ctl("tree delay /uav1/sensor/weather --window 0.5 --json").document["delays"][0]
+            assert delay["bound_s"] > 0
+            entry = ctl("tree ls /uav1/sensor/weather --json").document["entries"][0]
+            assert 15 < entry["measured_hz"] < 25
+        finally:
+            module.terminate()
 
 
 def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
@@ -19,18 +20,22 @@ from swarmctl.commands.topo.topology import show_topology
 from swarmctl.commands.traffic.rates import set_limit
 from swarmctl.commands.tree.listing import draw_resources, list_resources
 from swarmctl.commands.tree.reading import print_values
+from swarmctl.commands.tree.types import print_type
 from swarmctl.resources.access import set_resource
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
+from swarmware.types import registry
+from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
 from swarmware.types.net import ChannelLimits, Neighbours, Routes, RouteState, Traffic
 from swarmware.types.register import Register
 from swarmware.types.system import NodeInfo
-from swarmware.types.tree import Quality, TreeEntry, TreeListing, TreeSetDone, TreeValue
+from swarmware.types.tree import Quality, TreeEntry, TreeListing, TreePlatform, TreeSetDone, TreeValue
+from swarmware.types.vehicle import Pose
 
 R = TypeVar("R", bound=msgspec.Struct)
 GET, SET, UNDO, LIST = (f"/gcs/sys/tree/{verb}" for verb in ("get", "set", "undo", "list"))
@@ -180,6 +185,94 @@ async def test_resources_are_listed_and_drawn() -> None:
     await draw_resources(session, "/uav1")
     assert "/uav1/b/c  setting  Float" in session.stdout.getvalue()
     assert "    └── b\n        └── c  setting Float m" in session.stdout.getvalue()
+
+
+async def test_the_list_has_ages_and_rates_as_the_owners_know_them() -> None:
+    here = TreeListing(
+        (TreeEntry("/uav1/a", Kind.BOARD, "Float"), TreeEntry("/uav1/b/c", Kind.BOARD, "Float")),
+        platforms=(TreePlatform("uav1", True, 2, 1), TreePlatform("gcs", True, 2, 1)),
+    )
+    owner = TreeListing(
+        (TreeEntry("/uav1/a", Kind.BOARD, "Float", age_s=0.04, quality=Quality.LIVE, measured_hz=19.98),)
+    )
+    answers = {LIST: here, "/uav1/sys/tree/list": owner}
+    session = ScriptedSession(answers)
+    await list_resources(session, "/uav1")
+    out = session.stdout.getvalue()
+    assert "/uav1/a    board  Float  20  0.0s  live" in out
+    silent = ScriptedSession(answers | {"/uav1/sys/tree/list": NoAnswer("uav1: silent")}, output="json")
+    await list_resources(silent, "/uav1")
+    assert [entry["measured_hz"] for entry in silent.document["entries"]] == [None, None]
+    assert "as seen from gcs" in silent.stderr.getvalue()
+
+
+async def test_a_type_is_shown_with_units_ranges_and_meaning() -> None:
+    session = ScriptedSession({"/gcs/sys/broker/routes": Routes()}, output="table")
+    await print_type(session, "BatteryState")
+    assert "    current_a        float, A, " in session.stdout.getvalue()
+    assert ": Positive: discharging." in session.stdout.getvalue()
+    entry = TreeEntry(
+        GAIN,
+        Kind.SETTING,
+        "Float",
+        unit="1/s",
+        access="rw",
+        range=(0.0, 5.0),
+        confirm="it may swing",
+    )
+    session = ScriptedSession({LIST: TreeListing((entry,))}, output="json")
+    await print_type(session, GAIN)
+    assert session.document["resource"]["confirm"] == "it may swing"
+    field = session.document["types"][0]["fields"][0]
+    assert (field["unit"], field["low"], field["high"]) == ("1/s", 0.0, 5.0)
+    with pytest.raises(NotFound, match="no platform describes it"):
+        await print_type(
+            ScriptedSession(
+                {
+                    "/gcs/sys/tree/type /gcs/sys/tree/type": NotFound("no"),
+                    "/gcs/sys/tree/type /uav1/sys/tree/type": NotFound("no"),
+                }
+            ),
+            "Unknown",
+        )
+
+
+async def test_a_value_of_several_fields_has_a_line_for_each_with_unit_and_angles() -> None:
+    path = "/uav1/nav/pose"
+    pose = TreeValue(
+        path, "Pose", registry.encode(Pose.planar(1.0, 2.0, yaw_rad=1.5707963)), 1, 1, 1, 0.25, Quality.LIVE,
+        measured_hz=19.96,
+    )  # fmt: skip
+    session = ScriptedSession({f"{GET} {path}": pose}, node="uav1")
+    await print_values(session, path, fresh=False)
+    out = session.stdout.getvalue()
+    assert re.match(r"/uav1/nav/pose: Pose, 20\d\d-.*Z, 0.250 s old, 20 Hz, live", out)
+    assert "\n  x_m       1 m\n" in out
+    assert out.endswith("  attitude  roll 0.0°, pitch 0.0°, yaw 90.0°\n")
+    session = ScriptedSession({f"{GET} {path}": pose}, node="uav1", output="json")
+    await print_values(session, path, names=("x_m", "y_m"), fresh=False)
+    assert session.document["value"] == {"x_m": 1.0, "y_m": 2.0}
+    session = ScriptedSession({f"{GET} {path}": pose}, node="uav1")
+    await print_values(session, path, names=("x_m",), fresh=False)
+    assert session.stdout.getvalue() == "1 m\n"
+    session = ScriptedSession({f"{GET} {path}": pose}, node="uav1", output="json")
+    await print_values(session, path, fresh=False)
+    assert session.document["angles"][""]["yaw_deg"] == pytest.approx(90.0)
+
+
+async def test_a_type_that_is_not_installed_here_is_decoded_by_its_owners_description() -> None:
+    path = "/uav1/sensor/rain"
+    rain = TreeValue(path, "Rain", msgspec.msgpack.encode([1.5, "hail"]), 1, 1, 1, 0.25, Quality.LIVE)
+    fields = (FieldDescription("fallen_m", "float"), FieldDescription("of", "str"))
+    described = TypeDescription((StructDescription("Rain", fields, array=True),))
+    answers: dict[str, Any] = {f"{GET} {path}": rain, "/gcs/sys/tree/type /uav1/sys/tree/type": described}
+    session = ScriptedSession(answers, node="uav1", output="json")
+    await print_values(session, path, fresh=False)
+    assert session.document["value"] == {"fallen_m": 1.5, "of": "hail"}
+    answers["/gcs/sys/tree/type /uav1/sys/tree/type"] = NotFound("type 'Rain'")
+    session = ScriptedSession(answers, node="uav1", output="json")
+    await print_values(session, path, fresh=False)
+    assert session.document["value"] == [1.5, "hail"], "a list only if nobody describes it"
 
 
 async def test_a_resource_that_wants_a_confirmation_is_not_set_without() -> None:

@@ -17,6 +17,7 @@ from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.sender import with_sender
 from swarmware.types import registry
+from swarmware.types.description import TypeDescription
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import StreamLoss, StreamLosses
 
@@ -79,6 +80,44 @@ async def test_what_a_module_provides_stands_in_its_entry_until_it_withdraws_it(
             assert node.table.named("planner") is not None
         node.table.refresh(probe=True)
         assert node.table.named("planner") is None
+
+
+class Rain(msgspec.Struct):
+    mm: float
+    """Since midnight."""
+
+
+class Answer(msgspec.Struct):
+    rain: list[Rain]
+
+
+async def test_a_module_describes_the_types_of_its_own_and_no_common_ones(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("weather", node=node) as m:
+        m.writer("nav/height", Float)
+        assert m.entry.types == {}
+        m.writer("sensor/rain", Rain)
+        m.serve("cmd/rain", Int, lambda _, __: Answer([]), reply=Answer)
+        m.inbox("cmd/forget", Rain)
+        await asyncio.sleep(0)
+        assert m.entry.types.keys() == {"Rain", "Answer"}
+        found = msgspec.json.decode(m.entry.types["Answer"], type=TypeDescription)
+        assert [one.name for one in found.structs] == ["Answer", "Rain"]
+        assert found.structs[1].fields[0].meaning == "Since midnight."
+
+
+async def test_frames_of_any_type_are_read_undecoded(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("weather", node=node) as m:
+        board = m.frame_reader("sensor/rain")
+        events = m.frame_reader("sensor/showers", every=True)
+        writer = m.writer("sensor/rain", Rain)
+        shower = m.stream_writer("sensor/showers", Rain, kind="event")
+        for number in range(3):
+            writer.write(Rain(float(number)))
+            shower.write(Rain(float(number)))
+        newest = await anext(board)
+        assert (newest.sequence, registry.decode(Rain, newest.payload)) == (3, Rain(2.0))
+        assert [(await anext(events)).sequence for _ in range(3)] == [1, 2, 3]
+        assert events.lost == 0
 
 
 async def test_the_first_that_is_seen_of_a_service_has_its_configuration(

@@ -62,6 +62,9 @@ class Seen:
     def mirror(self, stamp_ns: int) -> None:
         self._mirrors.write("uav1", "nav/pose", pose("uav1", stamp_ns))
 
+    def mirror_frame(self, frame: Frame) -> None:
+        self._mirrors.write("uav1", "nav/pose", frame, epoch=1)
+
     def limit(self, *limits: ChannelLimit) -> None:
         self.both.trees["uav1"].on_limits(limits, self.both.now_ns)
         self.both.wait(1)
@@ -182,5 +185,27 @@ def test_resources_are_listed_over_platforms_in_order_and_from_a_path_on(tmp_pat
         assert given.view.platform("uav1").resources == 3
         with pytest.raises(NotFound, match="platform 'uav9': not known to gcs; expected one of gcs, uav1"):
             given.view.check_platform("uav9")
+
+    seen(tmp_path, test)
+
+
+def test_the_rate_is_measured_from_the_numbers_of_the_owner_and_not_known_without(tmp_path: Path) -> None:
+    def test(given: Seen) -> None:
+        for number in range(6):
+            frame = pose("uav1", number * S // 5)
+            frame.sequence = 2 * number + 1
+            given.mirror_frame(frame)
+        given.now_ns = S
+        notified = leaf(msgspec.structs.replace(POSE, link="notify"))
+        assert given.view.entry("uav1", notified).measured_hz == pytest.approx(10.0)
+        assert given.view.entry("uav1", leaf(POSE)).measured_hz is None, "the beacon carries no numbers"
+
+    seen(tmp_path, test)
+
+
+def test_a_path_without_its_first_slash_is_named_as_it_was_meant(tmp_path: Path) -> None:
+    def test(given: Seen) -> None:
+        with pytest.raises(NotFound, match=r"did you mean /uav1/nav/pose\?"):
+            given.view.own_leaf("uav1/nav/pose")
 
     seen(tmp_path, test)

@@ -7,6 +7,7 @@ import msgspec
 
 from swarmctl.resources.limits import thinning
 from swarmctl.resources.listing import valued
+from swarmctl.resources.owner_counter import OwnerCounters, is_numbered
 from swarmctl.resources.rate_meter import RateMeter, Statistics
 from swarmctl.resources.subscription import Subscription
 from swarmctl.session.session import Session
@@ -78,9 +79,9 @@ class MeasuredDelays(msgspec.Struct, frozen=True):
 class Measurement:
     """What arrived of some resources within a time."""
 
-    def __init__(self, entries: list[TreeEntry]) -> None:
+    def __init__(self, session: Session, entries: list[TreeEntry]) -> None:
         self.entries = entries
-        self.meters = {entry.path: RateMeter() for entry in entries}
+        self.meters = {e.path: RateMeter(numbered=is_numbered(session, e)) for e in entries}
         self.bounds_s: dict[str, float] = {}
 
 
@@ -89,21 +90,22 @@ async def measure(session: Session, pattern: str, duration_s: float) -> Measurem
 
     Raises: NotFound, NoAnswer when nothing arrives.
     """
-    found = Measurement(await valued(session, pattern))
+    found = Measurement(session, await valued(session, pattern))
+    counters = OwnerCounters(session, found.entries)
+    await counters.begin()
     news = await Subscription.open(session, found.entries)
-    present = set(found.meters)
     try:
         async with asyncio.timeout(duration_s):
             async for new in news:
-                if new.path in present:
-                    present.discard(new.path)
-                    if new.age_s is None or new.age_s > duration_s:
-                        continue  # the value that was there before: its arrival was not seen
+                if not new.arrived:
+                    continue
                 found.meters[new.path].add(new.observation)
                 if new.bound_s is not None:
                     found.bounds_s[new.path] = max(found.bounds_s.get(new.path, 0.0), new.bound_s)
     except TimeoutError:
         pass
+    for path, counted_hz in (await counters.rates_hz()).items():
+        found.meters[path].counted_hz = counted_hz
     if not any(len(meter) for meter in found.meters.values()):
         raise NoAnswer(f"{pattern}: nothing arrived within {duration_s:g} s")
     return found
@@ -204,9 +206,7 @@ async def print_delays(session: Session, pattern: str, duration_s: float) -> Non
         session.out.table(columns, rows)
     for one in delays:
         if one.delay_s is None:
-            session.out.warn(
-                f"{one.path}: the clock of its owner is not known here; see `swarmctl time ls`"
-            )
+            session.out.warn(f"{one.path}: the clock of its owner is not known here; see `swarmctl time ls`")
     _raise_silent(pattern, found)
 
 

@@ -1,11 +1,15 @@
 """Prints the newest values of resources."""
 
+import msgspec
+
 from swarmctl.resources.access import Readings, ResourceReading, read, read_all
 from swarmctl.resources.fields import block, shown_fields, with_unit, wrapped
 from swarmctl.resources.listing import is_pattern, valued
+from swarmctl.resources.owner_counter import at_owner
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import Partial
+from swarmware.types.tree import Quality, ValueSource
 from swarmware.types.units import unit_of
 
 
@@ -19,6 +23,9 @@ async def print_values(session: Session, path: str, *, names: tuple[str, ...] = 
         await _print_all(session, name, fields, names, fresh=fresh)
         return
     found = await read(session, session.path(name), fields, names=names, fresh=fresh)
+    if found.measured_hz is None and found.source == ValueSource.MIRROR and found.quality is not Quality.LOST:
+        owned = await at_owner(session, found.path)  # the mirror does not know the rate
+        found = msgspec.structs.replace(found, measured_hz=None if owned is None else owned.measured_hz)
     _warn_lost(session, found)
     if session.settings.structured:
         session.out.document(found)

@@ -7,12 +7,14 @@ import msgspec
 from swarmctl.resources.fields import attitudes, flow, shown_fields, with_unit
 from swarmctl.resources.limits import thinning
 from swarmctl.resources.listing import is_pattern, valued
+from swarmctl.resources.owner_counter import OwnerCounters, is_numbered
 from swarmctl.resources.rate_meter import RateMeter
 from swarmctl.resources.subscription import Arrival, Subscription
 from swarmctl.resources.values import select
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import Partial
+from swarmware.types.tree import TreeEntry
 from swarmware.types.units import unit_of
 
 WINDOW_S = 5.0
@@ -48,12 +50,14 @@ async def print_changes(session: Session, path: str, count: int | None, names: t
     name, _, fields = path.partition(".")
     entries = await valued(session, name)
     news = await Subscription.open(session, entries)
-    meters = {entry.path: RateMeter(WINDOW_S) for entry in entries}
+    meters = {e.path: RateMeter(WINDOW_S, numbered=is_numbered(session, e)) for e in entries}
+    session.module.start(_count(session, entries, meters), "count at the owners")
     explained: set[str] = set()
     printed = 0
     async for new in news:
         meter = meters[new.path]
-        meter.add(new.observation)
+        if new.arrived:
+            meter.add(new.observation)
         value = select(new.value, new.path, fields, names)
         shown = WatchedValue(
             new.path,
@@ -80,6 +84,15 @@ async def print_changes(session: Session, path: str, count: int | None, names: t
             break
     if news.lost:
         raise Partial(f"{name}: {news.lost} values were overwritten before they were read")
+
+
+async def _count(session: Session, entries: list[TreeEntry], meters: dict[str, RateMeter]) -> None:
+    """Reads the counters of the owners once per window."""
+    counters = OwnerCounters(session, entries)
+    async for _ in session.module.every(WINDOW_S / 2):
+        for path, counted_hz in (await counters.rates_hz()).items():
+            meters[path].counted_hz = counted_hz
+        await counters.begin()
 
 
 def _unit(new: Arrival, fields: str, names: tuple[str, ...]) -> str:
