@@ -185,6 +185,7 @@ resources: `swarmctl tree ls`.
 |---|---|---|---|---|
 """
 
+
 def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 

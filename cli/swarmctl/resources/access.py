@@ -13,7 +13,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model.clock import utc_ns
-from swarmware.model.names import split
+from swarmware.model.names import join, split
 from swarmware.types.tree import Quality, TreeGet, TreeSet, TreeSetDone, TreeUndo, TreeValue, ValueSource
 
 FRESH_S: Final = 1.0
@@ -77,8 +77,8 @@ async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeVal
     Of a platform without a route it is the last value that the joined node received.
     Raises: NotFound, NoAnswer.
     """
-    ask = names.join(session.here, "sys/tree/get")
-    lost = not fresh and not await session.in_reach(names.split(path)[0] or session.here)
+    ask = join(session.here, "sys/tree/get")
+    lost = not fresh and not await session.in_reach(split(path)[0] or session.here)
     found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about="" if lost else path)
     if (
         found.source is not ValueSource.MIRROR
@@ -150,7 +150,7 @@ async def write(session: Session, path: str, text: str, version: int | None = No
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
     """
     request = TreeSet(path, typed(text), version)
-    done = await session.ask(names.join(session.here, "sys/tree/set"), request, TreeSetDone, about=path)
+    done = await session.ask(join(session.here, "sys/tree/set"), request, TreeSetDone, about=path)
     return await _written(session, done)
 
 
@@ -180,7 +180,5 @@ async def undo(session: Session, path: str) -> Written:
 
     Raises: NotFound when it was not changed, InvalidInput when it is not a setting, NoAnswer, Denied.
     """
-    done = await session.ask(
-        names.join(session.here, "sys/tree/undo"), TreeUndo(path), TreeSetDone, about=path
-    )
+    done = await session.ask(join(session.here, "sys/tree/undo"), TreeUndo(path), TreeSetDone, about=path)
     return await _written(session, done)

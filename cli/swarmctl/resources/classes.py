@@ -4,6 +4,7 @@ import msgspec
 
 from swarmctl.session.session import Session
 from swarmware.errors import NoAnswer, NotFound
+from swarmware.model.names import join
 from swarmware.types import registry
 from swarmware.types.described import class_of
 from swarmware.types.description import TypeDescription, describe
@@ -17,8 +18,8 @@ async def described(session: Session, platform: str, name: str) -> TypeDescripti
     """
     if not registry.installed(name):
         request = TypeRequest(name, "" if platform == session.here else platform)
-        about = f"/{platform}/sys/tree/type"
-        return await session.ask(f"/{session.here}/sys/tree/type", request, TypeDescription, about=about)
+        about = join(platform, "sys/tree/type")
+        return await session.ask(join(session.here, "sys/tree/type"), request, TypeDescription, about=about)
     return describe(registry.find(name))
 
 

@@ -1,4 +1,4 @@
-"""Values for people: one name per field, with units, and angles in degrees."""
+"""Values as text: one name per field, with units, and angles in degrees."""
 
 import math
 import textwrap
@@ -35,7 +35,8 @@ def angles_of(x: float, y: float, z: float, w: float) -> Angles | None:
     if not 0 < length < math.inf:
         return None
     x, y, z, w = x / length, y / length, z / length, w / length
-    rise = max(-1.0, min(1.0, 2 * (w * y - z * x)))
+    sine = 2 * (w * y - z * x)
+    rise = max(-1.0, min(1.0, sine))
     pitch = math.asin(rise)
     if abs(rise) > VERTICAL:
         return _rounded(0.0, pitch, -math.copysign(2 * math.atan2(x, w), rise))

@@ -37,5 +37,5 @@ async def thinning(session: Session, entry: TreeEntry, meter: RateMeter) -> str:
     elif limit is not None:
         reason = f"limit {limit.max_hz:g} Hz of {limit.pattern!r}; `swarmctl traffic set` changes it"
     else:
-        reason = _BY_LINK.get(entry.link, "its link carries no more")
+        reason = _BY_LINK.get(entry.link, "its link carries fewer values")
     return f"{entry.path}: written at {written_hz:.1f} Hz, arrives here at {here_hz:.1f} Hz: {reason}"

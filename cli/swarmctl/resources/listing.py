@@ -60,7 +60,7 @@ async def at_owners(session: Session, found: TreeListing) -> TreeListing:
 
     async def ask(platform: str, paths: list[str]) -> list[TreeEntry]:
         try:
-            return list((await _pages(session, f"/{platform}/{_common(paths)}", platform)).entries)
+            return list((await _pages(session, names.join(platform, _common(paths)), platform)).entries)
         except SwarmError as error:
             session.out.warn(f"{platform}: ages and rates as seen from {session.here}: {error}")
             return []
@@ -124,7 +124,7 @@ async def entry_of(session: Session, path: str) -> TreeEntry:
     found = await _pages(session, full)
     if not found.entries:
         # the error of its tree names similar paths
-        await session.ask(f"/{session.here}/sys/tree/get", TreeGet(full), TreeValue, about=full)
+        await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
         raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
     return found.entries[0]
 

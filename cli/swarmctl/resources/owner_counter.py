@@ -4,7 +4,7 @@ import asyncio
 
 from swarmctl.session.session import Session
 from swarmware.errors import SwarmError
-from swarmware.model.names import split
+from swarmware.model.names import join, split
 from swarmware.model.resource import Kind
 from swarmware.types.tree import TreeEntry, TreeGet, TreeValue
 
@@ -19,7 +19,7 @@ async def at_owner(session: Session, path: str) -> TreeValue | None:
     """The newest value at its owner, with its number and rate there; None: no answer."""
     request = TreeGet(path, True)
     try:
-        return await session.ask(f"/{session.here}/sys/tree/get", request, TreeValue, about=path)
+        return await session.ask(join(session.here, "sys/tree/get"), request, TreeValue, about=path)
     except SwarmError:
         return None
 
@@ -33,7 +33,7 @@ class OwnerCounters:
         self._first: dict[str, TreeValue] = {}
 
     async def begin(self) -> None:
-        """Reads the counters."""
+        """Reads the counters of the owners."""
         self._first = await self._read()
 
     async def rates_hz(self) -> dict[str, float]:

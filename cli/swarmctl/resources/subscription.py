@@ -21,7 +21,7 @@ QUEUE_LIMIT: Final = 1000
 ORDERED: Final = frozenset({Kind.EVENT, Kind.STREAM})
 
 
-class Arrival(msgspec.Struct, frozen=True):
+class ValueArrival(msgspec.Struct, frozen=True):
     """One new value of a resource, not decoded."""
 
     entry: TreeEntry
@@ -58,15 +58,15 @@ class Arrival(msgspec.Struct, frozen=True):
         return Observation(frame.sequence, frame.stamp_ns, self.arrived_ns, len(frame.payload), self.age_s)
 
 
-class Subscription:
-    """New values: `async for new in await Subscription.open(session, entries)`.
+class ValueSubscription:
+    """New values: `async for new in await ValueSubscription.open(session, entries)`.
 
     Boards begin with the present value.
     """
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._news: asyncio.Queue[Arrival] = asyncio.Queue(QUEUE_LIMIT)
+        self._news: asyncio.Queue[ValueArrival] = asyncio.Queue(QUEUE_LIMIT)
         self._streams: list[FrameReader] = []
 
     @classmethod
@@ -98,10 +98,10 @@ class Subscription:
                 conversion = module.remote_clocks.conversion(frame.sender_hw)
                 local_ns = None if conversion is None else conversion.to_local(frame.stamp_ns)
                 bound_s = None if conversion is None else conversion.bound_at_ns(now_ns) / 1e9
-            await self._news.put(Arrival(entry, payload, frame, now_ns, local_ns, bound_s, arrived))
+            await self._news.put(ValueArrival(entry, payload, frame, now_ns, local_ns, bound_s, arrived))
             arrived = True
 
-    def utc_ns(self, new: Arrival) -> int | None:
+    def utc_ns(self, new: ValueArrival) -> int | None:
         """Stamp of a value on the wall clock of this machine."""
         return None if new.local_ns is None else utc_ns() - (self._session.module.now_ns() - new.local_ns)
 
@@ -113,5 +113,5 @@ class Subscription:
     def __aiter__(self) -> Self:
         return self
 
-    async def __anext__(self) -> Arrival:
+    async def __anext__(self) -> ValueArrival:
         return await self._news.get()

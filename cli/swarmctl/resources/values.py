@@ -14,7 +14,7 @@ from swarmware.types import registry
 def decoded(cls: type[msgspec.Struct] | None, data: bytes | memoryview, codec: Codec = Codec.NONE) -> Any:
     """A payload as plain data with field names, a single value without its Struct.
 
-    `cls`: None for a type that nobody describes; then it is a list or a map as on the wire.
+    `cls`: None for a type without a description; then it is a list or a map as on the wire.
     """
     if cls is not None:
         try:

@@ -120,7 +120,10 @@ class OperatorApi:
             return self._types.kept(platform, name)
         try:
             found = await self._module.request(
-                f"/{platform}/sys/tree/type", TypeRequest(name), TypeDescription, timeout_s=self._answer_s
+                names.join(platform, "sys/tree/type"),
+                TypeRequest(name),
+                TypeDescription,
+                timeout_s=self._answer_s,
             )
         except NoAnswer:
             return self._types.kept(platform, name)

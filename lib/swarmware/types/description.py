@@ -15,6 +15,8 @@ NAME_LIMIT: Final = 200
 EXPRESSION_LIMIT: Final = 1000
 TEXT_LIMIT: Final = 1000
 
+_WHOLE: Final = frozenset({"int", "int | None"})
+
 _Name = Annotated[str, msgspec.Meta(min_length=1, max_length=NAME_LIMIT)]
 _Text = Annotated[str, msgspec.Meta(max_length=TEXT_LIMIT)]
 
@@ -35,6 +37,11 @@ class FieldDescription(msgspec.Struct, frozen=True, array_like=True, gc=False):
     high: int | float | None = None
     """Smallest and largest number, both included; None: no limit."""
     meaning: _Text = ""
+
+    @property
+    def whole(self) -> bool:
+        """Whether its values are whole numbers only."""
+        return self.type in _WHOLE
 
 
 @register
@@ -57,7 +64,7 @@ class TypeDescription(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     @property
     def top(self) -> StructDescription:
-        """The type itself."""
+        """The described type itself, without the others."""
         return self.structs[0]
 
 

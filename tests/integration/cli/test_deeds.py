@@ -72,9 +72,13 @@ asyncio.run(main())
 """
 
 
-def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(lab: Lab, ctl: Ctl) -> None:
+def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
+    lab: Lab, ctl: Ctl, tmp_path: Path
+) -> None:
+    source = tmp_path / "weather.py"
+    source.write_text(OWN_TYPE)
     env = {**lab.env, "SWARM_CONFIG": f"{lab.node('uav1')['folder']}/etc"}
-    with subprocess.Popen([sys.executable, "-c", OWN_TYPE], env=env) as module:
+    with subprocess.Popen([sys.executable, source], env=env) as module:
         try:
             while ctl("tree get /uav1/sensor/weather --json").code:
                 assert module.poll() is None
@@ -82,8 +86,8 @@ def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(lab:
             assert lines[2]["value"] == {"temp_degc": 21.5, "gusts": [{"speed_m_s": 3.0}]}
             assert lines[2]["utc_ns"] is not None
             out = ctl("tree get /uav1/sensor/weather").out
-            assert "  temp_degc           21.5 °C\n" in out
-            assert "  gusts.0.speed_m_s   3 m/s\n" in out
+            assert "  temp_degc          21.5 °C\n" in out
+            assert "  gusts.0.speed_m_s  3 m/s\n" in out
             assert ctl("tree watch /uav1/sensor/weather --field temp_degc --count 1").out.endswith(
                 " 21.5 °C\n"
             )

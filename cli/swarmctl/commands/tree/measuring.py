@@ -9,7 +9,7 @@ from swarmctl.resources.limits import thinning
 from swarmctl.resources.listing import valued
 from swarmctl.resources.owner_counter import OwnerCounters, is_numbered
 from swarmctl.resources.rate_meter import RateMeter, Statistics
-from swarmctl.resources.subscription import Subscription
+from swarmctl.resources.subscription import ValueSubscription
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Cell, Column
 from swarmware.errors import NoAnswer, Partial
@@ -35,7 +35,7 @@ class MeasuredRate(msgspec.Struct, frozen=True):
 
 
 class MeasuredRates(msgspec.Struct, frozen=True):
-    """Rates of resources."""
+    """Rates of the measured resources."""
 
     rates: list[MeasuredRate]
 
@@ -54,7 +54,7 @@ class MeasuredBandwidth(msgspec.Struct, frozen=True):
 
 
 class MeasuredBandwidths(msgspec.Struct, frozen=True):
-    """Bandwidths of resources."""
+    """Bandwidths of the measured resources."""
 
     bandwidths: list[MeasuredBandwidth]
 
@@ -71,7 +71,7 @@ class MeasuredDelay(msgspec.Struct, frozen=True):
 
 
 class MeasuredDelays(msgspec.Struct, frozen=True):
-    """Delays of resources."""
+    """Delays of the measured resources."""
 
     delays: list[MeasuredDelay]
 
@@ -93,7 +93,7 @@ async def measure(session: Session, pattern: str, duration_s: float) -> Measurem
     found = Measurement(session, await valued(session, pattern))
     counters = OwnerCounters(session, found.entries)
     await counters.begin()
-    news = await Subscription.open(session, found.entries)
+    news = await ValueSubscription.open(session, found.entries)
     try:
         async with asyncio.timeout(duration_s):
             async for new in news:

@@ -98,7 +98,7 @@ def _shown(one: StructDescription, entry: TreeEntry | None) -> ShownStruct:
 
 
 def _shown_field(field: FieldDescription, one: StructDescription, entry: TreeEntry | None) -> ShownField:
-    unit = unit_of(field.name, whole=field.type == "int")
+    unit = unit_of(field.name, whole=field.whole)
     low, high, choices = field.low, field.high, re.findall(r"'([^']*)'", field.type)
     if entry is not None and one.name == entry.type and len(one.fields) == 1:  # the resource is more precise
         unit = entry.unit or unit

@@ -9,7 +9,7 @@ from swarmctl.resources.limits import thinning
 from swarmctl.resources.listing import is_pattern, valued
 from swarmctl.resources.owner_counter import OwnerCounters, is_numbered
 from swarmctl.resources.rate_meter import RateMeter
-from swarmctl.resources.subscription import Arrival, Subscription
+from swarmctl.resources.subscription import ValueArrival, ValueSubscription
 from swarmctl.resources.values import select
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
@@ -49,7 +49,7 @@ async def print_changes(session: Session, path: str, count: int | None, names: t
     """
     name, _, fields = path.partition(".")
     entries = await valued(session, name)
-    news = await Subscription.open(session, entries)
+    news = await ValueSubscription.open(session, entries)
     meters = {e.path: RateMeter(WINDOW_S, numbered=is_numbered(session, e)) for e in entries}
     session.module.start(_count(session, entries, meters), "count at the owners")
     explained: set[str] = set()
@@ -95,7 +95,7 @@ async def _count(session: Session, entries: list[TreeEntry], meters: dict[str, R
         await counters.begin()
 
 
-def _unit(new: Arrival, fields: str, names: tuple[str, ...]) -> str:
+def _unit(new: ValueArrival, fields: str, names: tuple[str, ...]) -> str:
     """Unit of a single value or of one selected field."""
     chosen = ".".join([*filter(None, [fields]), *names[:1]])
     if len(names) > 1:
