@@ -86,7 +86,7 @@ class Measurement:
 
 
 async def measure(session: Session, pattern: str, duration_s: float) -> Measurement:
-    """Subscribes to resources and takes what arrives within `duration_s`.
+    """Subscribes to resources and takes what arrives within `duration_s` after the first value.
 
     Raises: NotFound, NoAnswer when nothing arrives.
     """
@@ -94,11 +94,16 @@ async def measure(session: Session, pattern: str, duration_s: float) -> Measurem
     counters = OwnerCounters(session, found.entries)
     await counters.begin()
     news = await ValueSubscription.open(session, found.entries)
+    loop = asyncio.get_running_loop()
+    began = False
     try:
-        async with asyncio.timeout(duration_s):
+        async with asyncio.timeout(session.settings.timeout_s + duration_s) as window:
             async for new in news:
                 if not new.arrived:
                     continue
+                if not began:  # a subscription takes a moment; the window begins with what it brings
+                    began = True
+                    window.reschedule(loop.time() + duration_s)
                 found.meters[new.path].add(new.observation)
                 if new.bound_s is not None:
                     found.bounds_s[new.path] = max(found.bounds_s.get(new.path, 0.0), new.bound_s)
@@ -107,7 +112,7 @@ async def measure(session: Session, pattern: str, duration_s: float) -> Measurem
     for path, counted_hz in (await counters.rates_hz()).items():
         found.meters[path].counted_hz = counted_hz
     if not any(len(meter) for meter in found.meters.values()):
-        raise NoAnswer(f"{pattern}: nothing arrived within {duration_s:g} s")
+        raise NoAnswer(f"{pattern}: nothing arrived within {session.settings.timeout_s + duration_s:g} s")
     return found
 
 
