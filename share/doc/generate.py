@@ -11,12 +11,10 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from enum import Enum
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from types import ModuleType
-from typing import Any
 
 import click
 import msgspec
@@ -29,10 +27,13 @@ from swarmlab.report import report
 from swarmware.mission.schema import mission_schema
 from swarmware.model import resource, template
 from swarmware.transport.appfile import entry
-from swarmware.types.quantised import Form
-from swarmware.types.units import unit_of
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import reference_pages  # noqa: E402 - beside this file, which tests load by its path
+from struct_tables import cell, field_docs, struct_section  # noqa: E402 - as above
+
 README = HERE.parent.parent / "README.md"
 MEASURED = HERE / "formation-16.json"
 """The report.json of the run that the README shows."""
@@ -186,135 +187,6 @@ resources: `swarmctl tree ls`.
 """
 
 
-def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
-
-
-def field_docs(module: ModuleType) -> dict[tuple[str, str], str]:
-    """The docstrings below fields and members of enumerations of a module's classes, by class and name."""
-    found = {}
-    for node in ast.walk(ast.parse(inspect.getsource(module))):
-        if not isinstance(node, ast.ClassDef):
-            continue
-        for field, below in zip(node.body, node.body[1:], strict=False):
-            match field:
-                case ast.AnnAssign(target=ast.Name(id=name)) | ast.Assign(targets=[ast.Name(id=name)]):
-                    pass
-                case _:
-                    continue
-            match below:
-                case ast.Expr(value=ast.Constant(value=str(text))):
-                    found[node.name, name] = text
-    return found
-
-
-def _wire_type(kind: Any) -> str:
-    """A field's type as the page writes it."""
-    match kind:
-        case msgspec.inspect.BoolType():
-            return "`bool`"
-        case msgspec.inspect.IntType(ge=low, le=high):
-            return "`int`" if low is None and high is None else f"`int` [{_bound(low)}, {_bound(high)}]"
-        case msgspec.inspect.FloatType(ge=low, le=high):
-            return "`float`" if low is None and high is None else f"`float` [{_real(low)}, {_real(high)}]"
-        case msgspec.inspect.StrType(max_length=longest):
-            return "`text`" if longest is None else f"`text`, at most {longest} characters"
-        case msgspec.inspect.BytesType():
-            return "`bytes`"
-        case msgspec.inspect.NoneType():
-            return "nil"
-        case msgspec.inspect.AnyType():
-            return "anything"
-        case msgspec.inspect.LiteralType(values=values):
-            return " | ".join(f'`"{value}"`' for value in values)
-        case msgspec.inspect.EnumType(cls=cls):
-            return " | ".join(f'`"{one.value}"`' for one in cls)
-        case msgspec.inspect.StructType(cls=cls):
-            return f"[{cls.__name__}](#{cls.__name__.lower()})"
-        case msgspec.inspect.VarTupleType(item_type=item, max_length=longest):
-            return f"[{_wire_type(item)}]" + ("" if longest is None else f", at most {longest}")
-        case msgspec.inspect.TupleType(item_types=items):
-            return f"[{', '.join(map(_wire_type, items))}]"
-        case msgspec.inspect.DictType(key_type=key, value_type=value):
-            return f"{{{_wire_type(key)}: {_wire_type(value)}}}"
-        case msgspec.inspect.UnionType(types=types):
-            rest = [one for one in types if not isinstance(one, msgspec.inspect.NoneType)]
-            return " | ".join(map(_wire_type, rest)) + ("?" if len(rest) < len(types) else "")
-    raise TypeError(f"{kind!r}: a field of a payload; expected a type that this page can name")
-
-
-def _bound(number: float | None) -> str:
-    if number is None:
-        return "…"
-    if isinstance(number, int) and number > 1 << 16:
-        power = (number + 1).bit_length() - 1
-        return f"2^{power} − 1" if number == (1 << power) - 1 else str(number)
-    if isinstance(number, int) and -number > 1 << 16:
-        power = (-number).bit_length() - 1
-        return f"−2^{power}" if -number == 1 << power else str(number)
-    return _real(number)
-
-
-def _real(number: float | None) -> str:
-    """The bound of a float: typing gives 1e6 or 1_000_000, whichever module wrote the same bound first."""
-    return "…" if number is None else f"{number:g}".replace("-", "−")
-
-
-def _unit(name: str, wire: str) -> str:
-    return unit_of(name, whole="int" in wire)
-
-
-def _default(field: msgspec.inspect.Field) -> str:
-    if field.required:
-        return ""
-    value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
-    if isinstance(value, msgspec.Struct):
-        return "its own"
-    return f"`{msgspec.json.encode(value).decode()}`"
-
-
-def struct_section(cls: type[msgspec.Struct], docs: dict[tuple[str, str], str], level: str = "###") -> str:
-    """One type: what it is, its layout, its fields."""
-    info = msgspec.inspect.type_info(cls)
-    assert isinstance(info, msgspec.inspect.StructType)
-    layout = "array" if info.array_like else "map"
-    if cls.__struct_config__.omit_defaults:
-        layout += ", without what equals its default"
-    out = [f"\n{level} {cls.__name__}\n\n{_cell(inspect.getdoc(cls) or '')} ({layout})\n"]
-    if info.fields:
-        out.append("\n| | field | type | unit | default | |\n|---|---|---|---|---|---|\n")
-    for number, field in enumerate(info.fields):
-        wire = _wire_type(field.type)
-        doc = docs.get((cls.__name__, field.name), "")
-        if isinstance(field.type, msgspec.inspect.EnumType):
-            doc = " ".join([doc, *_meanings(field.type.cls, docs)]).strip()
-        cells = (
-            str(number), f"`{field.encode_name}`", wire, _unit(field.name, wire), _default(field), doc,
-        )  # fmt: skip
-        out.append(f"| {' | '.join(_cell(cell) for cell in cells)} |\n")
-    forms: tuple[Form, ...] = getattr(cls, "forms", ())
-    out += [_form_table(cls.__name__, form) for form in forms]
-    return "".join(out)
-
-
-def _meanings(vocabulary: type[Enum], docs: dict[tuple[str, str], str]) -> list[str]:
-    """What those values of a vocabulary mean that do not say it themselves."""
-    known = ((one.value, docs.get((vocabulary.__name__, one.name))) for one in vocabulary)
-    return [f"`{value}`: {text[:1].lower()}{text[1:].rstrip('.')}." for value, text in known if text]
-
-
-def _form_table(name: str, form: Form) -> str:
-    rows, at = [], 0
-    for part in form.parts:
-        rows.append(f"| {at} | {part.name} | {part.wire} | {_cell(part.meaning)} |\n")
-        at += part.size
-    if form.rest:
-        rows.append(f"| {at} | | | {_cell(form.rest)} |\n")
-    return (
-        f"\nQuantised form of {name}, {form.when}:\n\n| at | | type | |\n|---|---|---|---|\n{''.join(rows)}"
-    )
-
-
 def types_page() -> str:
     """The page of all payload types."""
     out = [_TYPES_HEAD]
@@ -337,7 +209,7 @@ def types_page() -> str:
         ]
         if own:
             docs = field_docs(module)
-            out.append(f"\n## Types of {found.name}\n\n{_cell(inspect.getdoc(module) or '')}\n")
+            out.append(f"\n## Types of {found.name}\n\n{cell(inspect.getdoc(module) or '')}\n")
             out += [struct_section(cls, docs) for cls in own]
     out.append("\n## Descriptors\n\nThese types are parts of payloads and files, not payloads themselves.\n")
     for module, classes in (
@@ -397,6 +269,7 @@ PAGES = {
     ARCHITECTURE: architecture,
     SCHEMAS.parent / "template.schema.json": template_schema,
     SCHEMAS.parent / "mission.schema.json": mission_schema,
+    **{path: partial(reference_pages.page, path, made) for path, made in reference_pages.REFERENCE.items()},
 }
 
 

@@ -14,13 +14,17 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Driver `sim`: rates of the simulated devices."""
 
     gnss_hz: Rate = 10.0
+    """Rate of the satellite navigation receiver."""
     imu_hz: Rate = 20.0
+    """Rate of the inertial unit."""
     range_hz: Rate = 10.0
+    """Rate of the range scanner."""
     sonar_hz: Rate = 20.0
     """Rate of the sonar; only on air vehicles."""
     rest_hz: RestRate = 5.0
     """No device of a vehicle that is disarmed and on the ground is read faster."""
     battery_hz: Rate = 1.0
+    """Rate of the battery monitor."""
     sonar_window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
     """Window of the median filter, in echoes (S2.49)."""
 
@@ -29,6 +33,7 @@ class SystemDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Driver `system`: load of the computer."""
 
     rate_hz: Rate = 1.0
+    """Rate of `system/load`."""
 
 
 class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -37,9 +42,11 @@ class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     file: str = "vlp16/recording.bin"
     """Below share/swarm/data, or an absolute path."""
     packet_bytes: Annotated[int, msgspec.Meta(ge=1, le=65_000)] = 1206
+    """Size of each packet of the recording."""
     packets_hz: Annotated[float, msgspec.Meta(gt=0, le=100_000)] = 753.0
     """A VLP-16 in strongest-return mode sends 753 to 754 packets a second."""
     path: str = "sensor/lidar"
+    """Stream resource that gets the packets."""
     wake_hz: Rate = 20.0
     """Rate at which due packets are written, each stamped with its own instant."""
     slots: Annotated[int, msgspec.Meta(ge=16, le=100_000)] = 512
@@ -58,6 +65,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     failures: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 10
     """Failed reads in a row after which the device is reopened."""
     report_hz: Rate = 1.0
+    """Rate of `hal/drivers`."""
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()
     replay: ReplayDriver = ReplayDriver()

@@ -20,8 +20,11 @@ class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     field: str
     """Field of its type."""
     low: bool = False
+    """Whether values below the limits are faults, else values above."""
     warn: float | None = None
+    """Limit of a warning; left out: none."""
     error: float | None = None
+    """Limit of an error; left out: none."""
     hysteresis: float = 0.0
     """Difference to the limit at which the check passes again."""
     confirm: tuple[Annotated[int, msgspec.Meta(ge=1)], Annotated[int, msgspec.Meta(ge=1)]] = (3, 5)

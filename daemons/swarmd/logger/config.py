@@ -23,6 +23,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     mongodb_uri: str = ""
     """Address of the database, such as mongodb://10.0.0.1:27017; empty: no forwarding."""
     mongodb_database: str = "swarm"
+    """Name of the database."""
     queue_size: Annotated[int, msgspec.Meta(ge=100)] = 1_000_000
     """Slots of each circular queue in MongoDB."""
     queue_bytes: Annotated[int, msgspec.Meta(ge=1 << 20)] = 64 << 20

@@ -21,6 +21,7 @@ class EstimatorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     gnss_timeout_s: Positive = 1.0
     """Time without a fix after which the position is invalid, and the vehicle holds."""
     imu_timeout_s: Positive = 0.5
+    """Time without inertial measurements after which the estimate is invalid."""
     rest_accel_m_s2: Positive = 0.4
     """Deviation of the specific force from its mean above which the vehicle moves."""
     rest_gyro_rad_s: Positive = 0.1
@@ -33,17 +34,25 @@ class DwaConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Dynamic window planner of ground vehicles (S0, equations 4 and 5)."""
 
     v_max_m_s: Positive = 3.0
+    """Maximum speed."""
     v_back_m_s: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.3
+    """Maximum speed backwards."""
     a_max_m_s2: Positive = 1.8
+    """Maximum acceleration."""
     w_max_rad_s: Positive = 1.4
+    """Maximum yaw rate."""
     dw_max_rad_s2: Positive = 2.5
+    """Maximum yaw acceleration."""
     window_s: Positive = 0.2
     """Time within which the drive attains every speed of the dynamic window."""
     horizon_s: Positive = 2.0
     """Length of the simulated trajectories."""
     steps: Annotated[int, msgspec.Meta(ge=2, le=100)] = 12
+    """Steps of each simulated trajectory."""
     v_samples: Annotated[int, msgspec.Meta(ge=2, le=100)] = 7
+    """Samples of the speed."""
     w_samples: Annotated[int, msgspec.Meta(ge=3, le=200)] = 21
+    """Samples of the yaw rate."""
     heading_weight: Weight = 2.0
     """δ: weight of the heading towards the goal."""
     distance_weight: Weight = 1.0
@@ -64,14 +73,19 @@ class AirConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Velocity control and avoidance of vehicles that fly."""
 
     v_max_m_s: Positive = 5.0
+    """Maximum horizontal speed."""
     climb_max_m_s: Positive = 2.0
+    """Maximum climb rate."""
     sink_max_m_s: Positive = 1.5
+    """Maximum sink rate."""
     a_max_m_s2: Positive = 2.0
     """Deceleration for braking at the target."""
     kp_1_s: Positive = 1.0
     """Position gain: m/s per metre of distance."""
     yaw_kp_1_s: Positive = 1.0
+    """Heading gain: rad/s per radian of error."""
     w_max_rad_s: Positive = 1.0
+    """Maximum yaw rate."""
     separation_m: Positive = 1.5
     """Minimum distance between the centres of two platforms."""
     obstacle_m: Positive = 0.9
@@ -86,8 +100,11 @@ class AltitudeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """PID altitude hold: from height error in m to climb rate in m/s."""
 
     kp_1_s: Weight = 1.2
+    """Proportional gain; the setting `navigator/altitude_kp` replaces it."""
     ki_1_s2: Weight = 0.15
+    """Integral gain; the setting `navigator/altitude_ki` replaces it."""
     kd: Weight = 0.1
+    """Derivative gain; the setting `navigator/altitude_kd` replaces it."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -106,6 +123,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     look_ahead_s: Positive = 1.2
     """Look-ahead time of a ground vehicle on the path of its slot."""
     look_ahead_min_m: Positive = 1.5
+    """Minimum look-ahead distance of a ground vehicle."""
     along_kp_1_s: Positive = 0.8
     """Along-track gain of a ground vehicle: m/s per metre behind its slot."""
     course_accel_m_s2: Positive = 0.5

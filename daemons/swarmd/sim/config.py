@@ -17,11 +17,15 @@ class GroundLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Limits of the drive of a ground vehicle."""
 
     v_max_m_s: Positive = 3.0
+    """Maximum speed."""
     v_back_m_s: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.5
     """Maximum speed backwards."""
     a_max_m_s2: Positive = 2.0
+    """Maximum acceleration."""
     w_max_rad_s: Positive = 1.5
+    """Maximum yaw rate."""
     dw_max_rad_s2: Positive = 3.0
+    """Maximum yaw acceleration."""
     radius_m: Positive = 0.35
     """Radius of the circle around the vehicle."""
     power_w: Power = 15.0
@@ -34,12 +38,15 @@ class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """Limits of the propulsion of a surface vessel, and the dynamics of its hull."""
 
     v_max_m_s: Positive = 2.5
+    """Maximum speed."""
     v_back_m_s: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.5
     """Maximum speed backwards."""
     a_max_m_s2: Positive = 1.0
+    """Maximum acceleration."""
     tau_s: Positive = 0.6
     """Time constant of the speed."""
     w_max_rad_s: Positive = 1.0
+    """Maximum yaw rate."""
     w_tau_s: Positive = 0.4
     """Time constant of the yaw rate (Nomoto's T)."""
     sway_tau_s: Positive = 0.3
@@ -58,11 +65,15 @@ class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     v_max_m_s: Positive = 6.0
     """Maximum horizontal speed."""
     climb_max_m_s: Positive = 3.0
+    """Maximum climb rate."""
     sink_max_m_s: Positive = 2.0
+    """Maximum sink rate."""
     a_max_m_s2: Positive = 4.0
+    """Maximum acceleration."""
     tau_s: Positive = 0.35
     """Time constant of the velocity."""
     w_max_rad_s: Positive = 1.5
+    """Maximum yaw rate."""
     w_tau_s: Positive = 0.2
     """Time constant of the yaw rate."""
     radius_m: Positive = 0.3
@@ -72,34 +83,46 @@ class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     power_w: Power = 180.0
     """Power in hover."""
     power_per_m_s_w: Power = 12.0
+    """Additional power per m/s."""
 
 
 class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Rates and errors of the sensors; the defaults are those of an RTK receiver and a MEMS inertial unit."""
 
     gnss_hz: Rate = 10.0
+    """Rate of fixes."""
     gnss_sigma_m: Sigma = 0.02
     """White noise of the horizontal position; that of the height is 1.5 times as large."""
     gnss_bias_sigma_m: Sigma = 0.03
     """Bias of the position, a first-order Gauss-Markov process with `gnss_bias_tau_s`."""
     gnss_bias_tau_s: Positive = 60.0
+    """Correlation time of the bias of the position."""
     imu_hz: Rate = 20.0
     """That of the navigator: what is read together is sampled together."""
     gyro_sigma_rad_s: Sigma = 0.01
+    """White noise of the yaw rate."""
     accel_sigma_m_s2: Sigma = 0.08
+    """White noise of the acceleration."""
     yaw_sigma_rad: Sigma = 0.005
+    """White noise of the compass."""
     yaw_bias_sigma_rad: Sigma = 0.01
     """Calibration error of the compass, drawn once at the start."""
     range_hz: Rate = 10.0
+    """Rate of the range scanner."""
     range_beams: Annotated[int, msgspec.Meta(ge=4, le=1440)] = 72
+    """Beams of a scan, evenly around the vehicle."""
     range_max_m: Positive = 10.0
+    """Maximum range of the scanner."""
     range_sigma_m: Sigma = 0.02
+    """White noise of a range."""
     sonar_hz: Rate = 20.0
     """Sonar of air vehicles: height above the ground (S2.49)."""
     rest_hz: RestRate = 5.0
     """No sensor of a vehicle that is disarmed and on the ground is sampled faster."""
     sonar_max_m: Positive = 6.45
+    """Maximum range of the sonar."""
     sonar_sigma_m: Sigma = 0.02
+    """White noise of an echo."""
     sonar_outliers_ratio: Ratio = 0.02
     """Ratio of outliers among the echoes."""
 
@@ -108,9 +131,13 @@ class BatteryConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """Capacity and voltages of the battery."""
 
     capacity_wh: Positive = 120.0
+    """Energy of a full battery, in Wh."""
     start_ratio: Ratio = 1.0
+    """State of charge at the start."""
     voltage_full_v: Positive = 25.2
+    """Voltage of a full battery."""
     voltage_empty_v: Positive = 19.8
+    """Voltage of an empty battery."""
     arm_ratio: Ratio = 0.15
     """State of charge below which arming is refused."""
 

@@ -38,6 +38,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     unit: str = "main"
     """Name of this computer on the platform."""
     kind: PlatformKind = PlatformKind.UAV
+    """Kind of the platform."""
     template: str = "multirotor"
     """Resource template, a file of share/swarm/templates without its ending."""
     services: tuple[str, ...] = (
@@ -67,6 +68,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     share_dir: str = ""
     """Templates, worlds, missions; empty: where the package was installed."""
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
+    """Lowest level of the messages in the process log."""
     clock: ClockConfig = ClockConfig()
 
     def __post_init__(self) -> None:

@@ -59,6 +59,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     path: str
     """Local path, without the platform: `nav/pose`."""
     kind: Kind = Kind.BOARD
+    """How its values are transported."""
     type: str = ""
     """Name of the registered Struct, of a command that of its request; empty for a branch."""
     reply: str = ""
@@ -78,6 +79,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     max_age_s: float = 0.0
     """Age above which the value is stale; 0: three periods, or never without a period."""
     category: Category = ""
+    """Whether its values come with a period, or under a condition."""
     link: Link = ""
     """Default transport to other platforms: in the beacon, by notification, or only on request."""
     log: str = "none"
@@ -87,6 +89,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     default: Plain | None = None
     """Initial value of a setting."""
     description: str = ""
+    """Its meaning, for people."""
     confirm: str = ""
     """Effect of setting it, which an operator must confirm; empty: no confirmation."""
 

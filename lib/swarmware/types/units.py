@@ -4,6 +4,11 @@ from typing import Final
 
 UNITS: Final = (
     ("_rad_s2", "rad/s²"),
+    ("_bytes_s", "B/s"),
+    ("_per_m3_s3_w", "W/(m/s)³"),
+    ("_per_m_s_w", "W/(m/s)"),
+    ("_1_s2", "1/s²"),
+    ("_1_s", "1/s"),
     ("_m_s2", "m/s²"),
     ("_rad_s", "rad/s"),
     ("_deg_s", "°/s"),
@@ -20,6 +25,8 @@ UNITS: Final = (
     ("_bytes", "B"),
     ("_mb", "MB"),
     ("_ratio", "1"),
+    ("_ppm", "ppm"),
+    ("_wh", "Wh"),
     ("_kg", "kg"),
     ("_pa", "Pa"),
     ("_m", "m"),

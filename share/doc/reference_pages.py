@@ -1,0 +1,249 @@
+"""Tables of the folder `reference` that follow from the code: each between two comments on its page."""
+
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+from struct_tables import cell, default, field_docs, unit, wire_type
+
+from swarmctl.terminal import documents
+from swarmware import errors
+from swarmware.model import resource, template
+from swarmware.model.config import NodeConfig
+from swarmware.service.installed import find, installed
+from swarmware.types import registry
+
+HERE = Path(__file__).parent / "reference"
+TEMPLATES = HERE.parent.parent / "swarm" / "templates"
+
+
+class Key(NamedTuple):
+    """A key of a configuration file."""
+
+    name: str
+    """Dotted, `[]` after an array of tables."""
+    type: str
+    unit: str
+    default: str
+    range: str
+    meaning: str
+
+
+def row(*cells: str) -> str:
+    """A row of a table."""
+    return f"| {' | '.join(map(cell, cells))} |\n"
+
+
+def head(*names: str) -> str:
+    """The head of a table."""
+    return row(*names) + "|---" * len(names) + "|\n"
+
+
+_TOML = {
+    msgspec.inspect.NoneType: "none",
+    msgspec.inspect.BoolType: "boolean",
+    msgspec.inspect.IntType: "integer",
+    msgspec.inspect.FloatType: "float",
+    msgspec.inspect.StrType: "string",
+    msgspec.inspect.EnumType: "string",
+    msgspec.inspect.LiteralType: "string",
+}
+
+
+def keys(cls: type[msgspec.Struct], prefix: str = "", value: Any = None) -> Iterator[Key]:
+    """Every key of a table of a configuration file, those of the tables inside it too."""
+    docs = field_docs(sys.modules[cls.__module__])
+    info = msgspec.inspect.type_info(cls)
+    assert isinstance(info, msgspec.inspect.StructType)
+    for field in info.fields:
+        kind, inner = _without_none(field.type), f"{prefix}{field.encode_name}"
+        if isinstance(kind, msgspec.inspect.StructType):
+            yield from keys(kind.cls, f"{inner}.")
+            continue
+        item = _item(kind)
+        meaning = docs.get((cls.__name__, field.name), "")
+        tables = isinstance(item, msgspec.inspect.StructType)
+        yield Key(
+            inner,
+            "array of tables" if tables else toml_type(kind),
+            "" if tables else unit(field.name, wire_type(kind)),
+            _default(field, tables=tables),
+            "" if tables else permitted(kind),
+            meaning,
+        )
+        if isinstance(item, msgspec.inspect.StructType):
+            yield from keys(item.cls, f"{inner}[].")
+
+
+def _without_none(kind: msgspec.inspect.Type) -> msgspec.inspect.Type:
+    if isinstance(kind, msgspec.inspect.UnionType):
+        rest = [one for one in kind.types if not isinstance(one, msgspec.inspect.NoneType)]
+        return rest[0] if len(rest) == 1 else kind
+    return kind
+
+
+def _item(kind: msgspec.inspect.Type) -> msgspec.inspect.Type | None:
+    return kind.item_type if isinstance(kind, msgspec.inspect.VarTupleType) else None
+
+
+def _default(field: msgspec.inspect.Field, *, tables: bool) -> str:
+    if field.required:
+        return "required"
+    if field.default is None:
+        return "left out"
+    if tables:
+        return f"{len(field.default)} tables" if field.default else "`[]`"
+    return default(field)
+
+
+def toml_type(kind: msgspec.inspect.Type) -> str:
+    """Name of a type in a TOML file."""
+    match kind:
+        case msgspec.inspect.VarTupleType(item_type=item):
+            return f"array of {toml_type(item)}s"
+        case msgspec.inspect.TupleType(item_types=items):
+            return f"array of {len(items)} {toml_type(items[0])}s"
+        case msgspec.inspect.UnionType(types=types):
+            return " or ".join(sorted({toml_type(one) for one in types} - {"none"}))
+    return _TOML[type(kind)]
+
+
+def permitted(kind: msgspec.inspect.Type) -> str:
+    """The permitted values of a key: an interval, a pattern, or the values themselves."""
+    match kind:
+        case msgspec.inspect.IntType() | msgspec.inspect.FloatType():
+            return _interval(kind)
+        case msgspec.inspect.StrType(pattern=str(pattern)):
+            return f"`{pattern}`"
+        case msgspec.inspect.LiteralType(values=values):
+            return ", ".join(f"`{value}`" if value else "empty" for value in values)
+        case msgspec.inspect.EnumType(cls=cls):
+            return ", ".join(f"`{one.value}`" for one in cls)
+        case msgspec.inspect.BoolType():
+            return "`true`, `false`"
+        case msgspec.inspect.VarTupleType(item_type=item) | msgspec.inspect.TupleType(item_types=(item, *_)):
+            found = permitted(item)
+            return f"each {found}" if found else ""
+    return ""
+
+
+def _interval(kind: msgspec.inspect.IntType | msgspec.inspect.FloatType) -> str:
+    low = f"[{_number(kind.ge)}" if kind.ge is not None else f"({_number(kind.gt)}"
+    high = f"{_number(kind.le)}]" if kind.le is not None else f"{_number(kind.lt)})"
+    if (low, high) == ("(", ")"):
+        return ""
+    return f"{'(−∞' if low == '(' else low}, {'∞)' if high == ')' else high}"
+
+
+def _number(bound: float | None) -> str:
+    if bound is None:
+        return ""
+    exact = int(bound) if bound == int(bound) else bound
+    return str(exact).replace("-", "−")
+
+
+def configuration() -> str:
+    """Every key of every configuration file."""
+    out = []
+    for name, cls in _configurations():
+        place = "node.toml" if name == "node" else f"services/{name}.toml"
+        out.append(f"\n## {place}\n\n{cell(inspect.getdoc(cls) or '')}\n\n")
+        out.append(head("key", "type", "unit", "default", "range", "meaning"))
+        out += [row(f"`{key.name}`", *key[1:]) for key in keys(cls)]
+    return "".join(out)
+
+
+def _configurations() -> Iterator[tuple[str, type[msgspec.Struct]]]:
+    yield "node", NodeConfig
+    for name, point in installed().items():
+        if point.value.startswith("swarmd."):  # a package that is installed beside this one is not its part
+            yield name, find(name).Config
+
+
+def settings() -> str:
+    """The live settings of each template."""
+    out = []
+    for found in template.whole(TEMPLATES):
+        own = [one for one in found.resources if one.kind is resource.Kind.SETTING]
+        if not own:
+            continue
+        out.append(f"\n## {found.name}\n\n" + head("setting", "type", "unit", "default", "range", "meaning"))
+        for one in own:
+            limits = f"[{one.range[0]:g}, {one.range[1]:g}]" if one.range else ", ".join(one.choices)
+            out.append(row(f"`{one.path}`", one.type, one.unit, f"`{one.default}`", limits, one.description))
+    return "".join(out)
+
+
+def templates() -> str:
+    """The format of templates, and the resources of each."""
+    out = ["\n## Keys of a resource\n\n", head("key", "values", "meaning")]
+    docs = field_docs(resource)
+    info = msgspec.inspect.type_info(resource.Resource)
+    assert isinstance(info, msgspec.inspect.StructType)
+    fields = {field.name: field for field in info.fields}
+    for name in template.Entry.__struct_fields__:
+        kind = _without_none(fields[name].type)
+        values = permitted(kind) or toml_type(kind)
+        out.append(row(f"`{name}`", values, docs.get(("Resource", name), "")))
+    out += ["\nThe kinds:\n\n", head("kind", "meaning")]
+    out += [row(f"`{kind.value}`", docs["Kind", kind.name]) for kind in resource.Kind]
+    shared = {one.path for one in template.load("common", TEMPLATES).resources}
+    for found in template.whole(TEMPLATES):
+        kinds = ", ".join(f"`{kind.value}`" for kind in found.kinds)
+        out.append(f"\n## {found.name}\n\n{cell(found.description)}; for platforms of kind {kinds}.\n\n")
+        out.append(head("path", "kind", "type", "unit", "Hz", "meaning"))
+        for one in found.resources:
+            if one.path in shared or one.kind is resource.Kind.BRANCH:
+                continue
+            hz = f"{one.rate_hz:g}" if one.rate_hz else ""
+            meaning = one.description or inspect.getdoc(registry.find(one.type)) or ""
+            out.append(row(f"`{one.path}`", one.kind.value, one.type, one.unit, hz, meaning))
+    return "".join(out)
+
+
+def schemas() -> str:
+    """The documents of the commands, and their schemas."""
+    out = ["\n", head("command", "schema", "content")]
+    for command in documents.DOCUMENTS:
+        module, _, name = documents.DOCUMENTS[command].partition(":")
+        cls = getattr(__import__(module, fromlist=[name]), name)
+        file = f"{command.lower().replace(' ', '-')}.schema.json"
+        called = "lines on stderr" if command == "message" else f"`swarmctl {command}`"
+        link = f"[`{file}`](../../swarm/schemas/swarmctl/{file})"
+        out.append(row(called, link, inspect.getdoc(cls) or ""))
+    plain = ", ".join(f"`swarmctl {command}`" for command in sorted(documents.NO_DOCUMENT))
+    out.append(f"\nText or a file in every format: {plain}.\n")
+    return "".join(out)
+
+
+def exit_codes() -> str:
+    """The exit codes, and the classes of errors that have them."""
+    out = ["\n", head("class", "exit code", "raised for")]
+    for name, cls in errors.KINDS.items():
+        about = (inspect.getdoc(cls) or "").partition("\n\n")[0]
+        out.append(row(f"`{name}`", str(cls.exit_code), about))
+    return "".join(out)
+
+
+_GENERATED = re.compile(
+    r"(<!-- from the code: [^>]*-->\n)(.*?)(<!-- end of what is from the code -->)", re.DOTALL
+)
+
+
+def page(path: Path, made: Callable[[], str]) -> str:
+    """The page with the part between its two comments made from the code."""
+    return _GENERATED.sub(lambda block: f"{block[1]}{made()}\n{block[3]}", path.read_text())
+
+
+REFERENCE = {
+    HERE / "configuration.md": configuration,
+    HERE / "settings.md": settings,
+    HERE / "templates.md": templates,
+    HERE / "documents.md": schemas,
+    HERE / "exit-codes.md": exit_codes,
+}
+"""What of each page is made from the code."""

@@ -1,0 +1,88 @@
+"""The pages of the folder `reference`: complete against files and code, true where a table can be tried."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from swarmctl.main import INTERRUPTED
+from swarmware.errors import KINDS
+from swarmware.model.names import Pattern
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "share/doc/reference"
+FILES = {
+    str(path.relative_to(ROOT / "etc/swarm")): tomllib.loads(path.read_text())
+    for path in (ROOT / "etc/swarm").rglob("*.toml")
+}
+
+
+def rows(text: str) -> list[list[str]]:
+    """The cells of every table of a text, without its heads."""
+    lines = re.findall(r"^\|(.*)\|$", text, re.MULTILINE)
+    cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)] for line in lines]
+    ruled = {number for number, row in enumerate(cells) if set(row) == {"---"}}
+    return [row for number, row in enumerate(cells) if not {number, number + 1} & ruled]
+
+
+def sections(page: str) -> dict[str, str]:
+    parts = re.split(r"^## ", (REFERENCE / page).read_text("utf-8"), flags=re.MULTILINE)[1:]
+    return {part.partition("\n")[0]: part for part in parts}
+
+
+def keys(table: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from keys(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def test_every_configuration_file_has_its_section() -> None:
+    assert set(sections("configuration.md")) == set(FILES)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_key_of_a_file_is_on_the_page_with_its_default(file: str) -> None:
+    page = {row[0].strip("`"): row for row in rows(sections("configuration.md")[file])}
+    shipped = dict(keys(FILES[file]))
+    assert shipped.keys() <= page.keys()
+    for key, value in shipped.items():
+        if not (isinstance(value, list) and value and isinstance(value[0], dict)):
+            assert page[key][3] == f"`{msgspec.json.encode(value).decode()}`", key
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_key_of_a_file_has_a_type_and_a_meaning(file: str) -> None:
+    found = rows(sections("configuration.md")[file])
+    assert found
+    assert [row for row in found if not (row[1] and row[5])] == []
+
+
+@pytest.mark.parametrize("page", ["settings.md", "templates.md", "documents.md", "exit-codes.md"])
+def test_every_line_of_a_generated_table_says_what_it_is(page: str) -> None:
+    generated = (REFERENCE / page).read_text("utf-8").partition("<!-- from the code")[2]
+    found = rows(generated)
+    assert found
+    assert [row for row in found if not row[-1]] == []
+
+
+def test_the_table_of_patterns_is_what_patterns_do() -> None:
+    table = rows((REFERENCE / "paths.md").read_text("utf-8").partition("## Patterns")[2])
+    assert len(table) >= 4
+    for row in table:
+        (pattern,), yes, no = (re.findall(r"`([^`]+)`", cell) for cell in row[2:])
+        assert [path for path in yes if not Pattern(pattern).matches(path)] == [], pattern
+        assert [path for path in no if Pattern(pattern).matches(path)] == [], pattern
+        assert yes
+        assert no
+
+
+def test_every_exit_code_is_on_the_page() -> None:
+    head = (REFERENCE / "exit-codes.md").read_text("utf-8").partition("<!-- from the code")[0]
+    codes = {int(row[0]) for row in rows(head)}
+    assert codes == {0, 2, INTERRUPTED} | {cls.exit_code for cls in KINDS.values()}
