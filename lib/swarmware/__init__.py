@@ -5,6 +5,9 @@
         goal = m.inbox("cmd/goto", Goal)                     # messages: each exactly once
         path = m.stream_writer("plan/path", Pose)            # stream: every step, in order
 
+`swarmctl docs` opens the documentation in a browser: quick start, tutorials, how-to guides, reference of this
+library (`swarmctl docs reference/library`). In the sources it is the folder share/doc.
+
 `help(swarmware.Module)` lists what a module can do, `help(swarmware.Service)` how it becomes a daemon that
 `swarmd run NAME` starts. Payload types are in `swarmware.types`, or are your own `msgspec.Struct`s.
 

@@ -1,6 +1,7 @@
 """`swarmctl docs`: the page that is opened, and the message where there is none."""
 
 import json
+import pydoc
 from pathlib import Path
 
 import pytest
@@ -106,3 +107,11 @@ def test_without_a_browser_the_path_is_named(
     monkeypatch.setattr("webbrowser.open", lambda url: False)
     assert swarmctl(["docs"]) == 1
     assert str(site / "index.html") in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("swarmware", "swarmctl docs"), ("swarmware.Module", "joins the node"), ("swarmware.Service", "run")],
+)
+def test_the_help_of_python_says_where_to_look(name: str, words: str) -> None:
+    assert words in pydoc.plain(pydoc.render_doc(name))
