@@ -10,7 +10,7 @@ import re
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -261,7 +261,7 @@ def template_schema() -> str:
     return json.dumps(template.schema(), indent=2) + "\n"
 
 
-PAGES = {
+PAGES: dict[Path, Callable[[], str]] = {
     HERE / "cli.md": cli_page,
     HERE / "types.md": types_page,
     README: readme,

@@ -134,6 +134,8 @@ IDENTIFIER = re.compile(r"(?<![\w$])[A-Za-z_][A-Za-z0-9_]{2,}")
 OF_OTHERS = frozenset(
     {
         "activating",
+        "toctree",
+        "SWARMCTL_TRACEBACK",
         "arived",
         "nftables",
         "rclpy",
@@ -147,7 +149,8 @@ OF_OTHERS = frozenset(
         "i64",
     }
 )
-"""Words in backticks that are from other programs, types of the wire, or examples of what is refused."""
+"""Words in backticks that are from other programs, composed by the code, types of the wire, or examples
+of what is refused."""
 SECTIONS = re.compile(r"\bsections? (\d+(?:\.\d+)?)(?:(?:, | and | to )(\d+(?:\.\d+)?))*")
 IN_BRACKETS = re.compile(r"\((\d\.\d)[,)]")
 """How the page of the protocol cites a section of its own."""

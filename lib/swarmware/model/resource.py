@@ -89,7 +89,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     default: Plain | None = None
     """Initial value of a setting."""
     description: str = ""
-    """Its meaning, for people."""
+    """Its meaning: text for operators."""
     confirm: str = ""
     """Effect of setting it, which an operator must confirm; empty: no confirmation."""
 
