@@ -30,6 +30,8 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
     """MessagePack of the type."""
     sender: str = ""
     """Sender of a command: `swarmctl#1@gcs`, or the authenticated role and platform; else empty."""
+    sent_utc_ns: int = 0
+    """`stamp_ns` as wall clock of the logger; 0 when it is not known."""
 
     @property
     def topic(self) -> str:

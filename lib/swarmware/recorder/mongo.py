@@ -200,6 +200,7 @@ def to_document(entry: LogEntry, queue_size: int) -> RawBSONDocument:
         "utc_ns": entry.utc_ns,
         "utc": datetime.fromtimestamp(entry.utc_ns // _MS / 1000, UTC),
         **({"sender": entry.sender} if entry.sender else {}),
+        **({"sent_utc_ns": entry.sent_utc_ns} if entry.sent_utc_ns else {}),
         "value": entry.plain(),
         "payload": entry.payload,
     }
@@ -225,6 +226,7 @@ def from_document(document: Mapping[str, Any]) -> LogEntry:
         int(document["utc_ns"]),
         bytes(document["payload"]),
         str(document.get("sender", "")),
+        int(document.get("sent_utc_ns", 0)),
     )
 
 

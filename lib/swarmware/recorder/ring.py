@@ -7,8 +7,9 @@ from typing import Final, Literal, NamedTuple
 import msgspec
 
 from swarmware.model.clock import utc_ns
+from swarmware.recorder.growing_file import end_at, remove_unfinished
 from swarmware.recorder.scan import MAGIC
-from swarmware.recorder.segment import TAIL, LogChannel, SegmentReader, SegmentWriter, ended
+from swarmware.recorder.segment import LogChannel, SegmentReader, SegmentWriter, ended
 
 Sync = Literal["none", "batch", "segment"]
 
@@ -20,6 +21,8 @@ _EMPTY_FILE_BYTES: Final = 4096
 """A file up to this size without a complete record was cut at its creation: no entry is lost with it."""
 _SEGMENTS_READ: Final = 3
 """Maximum number of segments that a start reads to restore the sequence numbers."""
+_SPARE: Final = 8
+"""The room of a segment is larger than it by this part: a batch may reach beyond its size."""
 _GRANULE_NS: Final = 20_000_000
 """Two changes of the folder within this time may have the same time stamp."""
 
@@ -77,6 +80,7 @@ class LogRing:
         self._finished = (0, 0)
         """Number and bytes of the segments that do not grow any more."""
         self._ended: SegmentWriter | None = None
+        self._utc_minus_clock_ns: int | None = None
         self._writer = self._open(self._last_number() + 1)
 
     def _recover(self) -> None:
@@ -84,6 +88,7 @@ class LogRing:
 
         Of finished segments only the end is read: a full ring starts as fast as an empty one.
         """
+        remove_unfinished(self.directory)
         last: SegmentReader | None = None
         for path in segments(self.directory):
             if not ended(path):
@@ -120,14 +125,11 @@ class LogRing:
             else:
                 self.repairs.set_aside.append(path.rename(path.with_suffix(DAMAGED)))
             return None
-        with path.open("r+b") as file:
-            # only an incomplete record can follow the last complete one
-            file.truncate(reader.offset)
-            file.seek(0, 2)
-            file.write(TAIL)
+        # only an incomplete record, or the room of the writer, can follow the last complete one
+        end_at(path, reader.offset)
         # counted last: when the disk is full the next start repeats the repair
         self.repairs.holes += holes
-        if not reader.ended:
+        if not reader.ended and not reader.growing:
             self.repairs.bytes += size - reader.offset
         return reader
 
@@ -136,7 +138,14 @@ class LogRing:
         return int(paths[-1].stem) if paths else 0
 
     def _open(self, number: int) -> SegmentWriter:
-        return SegmentWriter(self.directory / f"{number:08d}.mcap", self._counters, self._stamps())
+        path = self.directory / f"{number:08d}.mcap"
+        reserved_bytes = self._segment_bytes + self._segment_bytes // _SPARE
+        return SegmentWriter(path, self._counters, self._stamps(), reserved_bytes=reserved_bytes)
+
+    def set_clock(self, utc_minus_clock_ns: int) -> None:
+        """Sets the offset with which the stamps of the next entries are written as UTC, for other readers."""
+        self._utc_minus_clock_ns = utc_minus_clock_ns
+        self._writer.set_clock(utc_minus_clock_ns)
 
     def _stamps(self) -> dict[str, int]:
         return self.last_stamps | {_BOOT: self._boot_id}
@@ -178,6 +187,8 @@ class LogRing:
         fresh = self._open(int(self._writer.path.stem) + 1)
         self._writer.finish(self._counters, self._stamps())
         self._ended, self._writer = self._writer, fresh
+        if self._utc_minus_clock_ns is not None:
+            fresh.set_clock(self._utc_minus_clock_ns)
         self._close_ended()
 
     def _close_ended(self) -> None:
@@ -214,9 +225,10 @@ class LogRing:
             self._listed_ns = changed_ns if settled else -1
         count, total = self._finished
         try:
-            return count + 1, total + os.stat(self._writer.path).st_size  # noqa: PTH116
+            os.stat(self._writer.path)  # noqa: PTH116
         except FileNotFoundError:
             return count, total  # another process has removed it
+        return count + 1, total + self._writer.written_bytes
 
     def close(self) -> None:
         """Writes the summary of the last segment and closes it."""

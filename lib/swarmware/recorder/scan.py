@@ -20,6 +20,14 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE_OPCODE, METADATA, METADATA_INDEX, DATA_
     0x0D,
     0x0F,
 )
+RESERVED: Final = 0x80
+"""Opcode of the room between the data and the end of a file that grows; 0x80 to 0xFF are for applications."""
+FILLER: Final = 0x81
+"""Opcode of an empty record, which moves the next one to another page."""
+EMPTY_END: Final = RECORD.pack(DATA_END, 4) + bytes(4) + RECORD.pack(FOOTER, 20) + bytes(20) + MAGIC
+"""A valid end without a summary."""
+RESERVED_END: Final = b"SwarmLog" + EMPTY_END
+"""End of the room, and of a file that grows: no writer has ended it."""
 RECORD_LIMIT: Final = 2 * PAYLOAD_LIMIT
 """Maximum length of a record that a logger writes."""
 
@@ -36,13 +44,15 @@ LENGTHS: Final = {
     METADATA_INDEX: (20, RECORD_LIMIT),
     0x0E: (17, 17),
     DATA_END: (4, 4),
+    FILLER: (0, 0),
+    RESERVED: (len(RESERVED_END) - len(EMPTY_END), 1 << 31),
 }
 """Opcodes in our files, with minimum and maximum length. Source: MCAP specification."""
-DATA: Final = frozenset({SCHEMA, CHANNEL, MESSAGE_OPCODE, METADATA, DATA_END, FOOTER})
+DATA: Final = frozenset({SCHEMA, CHANNEL, MESSAGE_OPCODE, METADATA, DATA_END, FOOTER, FILLER})
 """Opcodes between header and summary."""
 _CHAIN: Final = 3
 """Consecutive plausible records that prove a record boundary."""
-_CANDIDATE: Final = re.compile(rb"[\x01-\x0f](?=.{4}\x00{4})", re.DOTALL)
+_CANDIDATE: Final = re.compile(rb"[\x01-\x0f\x80](?=.{4}\x00{4})", re.DOTALL)
 _WINDOW: Final = 1 << 20
 
 
@@ -69,6 +79,8 @@ class Scan:
         """Bytes skipped."""
         self.read_bytes = 0
         """Bytes read from the file."""
+        self.room = False
+        """Whether the scan ended at the room of a file that its writer has not ended."""
         self._file = file
         self._size = size
         self._base = 0
@@ -81,6 +93,9 @@ class Scan:
 
     def _next(self) -> Record | None:
         start = self.at
+        if self._is_room(start):
+            self.room = True
+            return None
         found = self._wanted(start)
         if found is not None and found[1] <= self._size:
             opcode, end = found
@@ -104,6 +119,14 @@ class Scan:
         if found is None or found[0] in self._opcodes or (found[0] == HEADER and at == len(MAGIC)):
             return found
         return None
+
+    def _is_room(self, at: int) -> bool:
+        """Whether the room of a growing file begins at this offset: there is no record behind it."""
+        found = self._header(at)
+        if found is None or found[0] != RESERVED:
+            return False
+        mark = len(RESERVED_END) - len(EMPTY_END)
+        return self._peek(found[1] - mark, len(RESERVED_END)) == RESERVED_END
 
     def _header_half_valid(self, at: int, again: int) -> bool:
         """Whether a damaged record begins at this offset: its opcode or its length is valid."""
@@ -133,6 +156,8 @@ class Scan:
 
     def _chain(self, at: int) -> bool:
         for count in range(_CHAIN):
+            if self._is_room(at):
+                return True
             found = self._header(at) if count else self._wanted(at)
             if found is None or found[1] > self._size:
                 return False
@@ -163,10 +188,13 @@ class Scan:
 def has_end(file: BinaryIO, size: int) -> int | None:
     """Offset of the summary of a finished file, 0 when it has none; None for an unfinished file."""
     tail = RECORD.size + 20 + len(MAGIC)
-    if size < 2 * len(MAGIC) + tail:
+    if size < len(MAGIC) + len(RESERVED_END):
         return None
-    file.seek(size - tail)
-    data = file.read(tail)
+    file.seek(size - len(RESERVED_END))
+    data = file.read(len(RESERVED_END))
+    if data == RESERVED_END:
+        return None
+    data = data[-tail:]
     if len(data) < tail or data[-len(MAGIC) :] != MAGIC or RECORD.unpack_from(data) != (FOOTER, 20):
         return None
     start = int.from_bytes(data[RECORD.size : RECORD.size + 8], "little")

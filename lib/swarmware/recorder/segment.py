@@ -11,6 +11,7 @@ import msgspec
 from swarmware import __version__
 from swarmware.errors import InvalidInput
 from swarmware.recorder.entry import LogEntry, schema
+from swarmware.recorder.growing_file import GrowingFile
 from swarmware.recorder.mcap_writer import McapWriter, channel_record
 from swarmware.recorder.scan import (
     CHANNEL,
@@ -28,9 +29,6 @@ from swarmware.recorder.scan import (
     has_end,
 )
 
-TAIL: Final = (
-    RECORD.pack(DATA_END, 4) + bytes(4) + RECORD.pack(FOOTER, 20) + bytes(20) + MAGIC
-)  # a valid end without a summary, for a truncated file
 _I64: Final = 1 << 63
 _U64: Final = 1 << 64
 BUFFER_LIMIT: Final = 32 << 20
@@ -40,6 +38,11 @@ COUNTERS: Final = "swarm.queues"
 """Name of the metadata record at the start of each segment: last sequence number of every queue."""
 STAMPS: Final = "swarm.stamps"
 """As `COUNTERS`, for the newest stamp of every path."""
+CLOCK: Final = "swarm.clock"
+"""Name of a metadata record: UTC minus the clock of the platform, for the stamps of the entries behind it."""
+_OFFSET: Final = "utc_minus_clock_ns"
+_STEP_NS: Final = 1_000_000
+"""Change of that offset that is recorded; MCAP readers show the stamps in UTC with this accuracy."""
 FINAL: Final = "swarm.end."
 """Prefix of both at the end of a finished segment: a start reads only this end."""
 CHECK: Final = "check"
@@ -63,55 +66,6 @@ class BufferFull(OSError):
     """The write buffer is full because the disk has not accepted data for too long."""
 
 
-class AppendBuffer:
-    """Appends to a file through a write buffer, which is kept until it is written completely.
-
-    A partial or failed write leaves no incomplete record: the same bytes are written to the same offset
-    again.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        self._waiting = bytearray()
-        self._on_disk = 0
-
-    def write(self, data: bytes) -> int:
-        """Appends the data to the buffer."""
-        self._waiting += data
-        return len(data)
-
-    def tell(self) -> int:
-        """Length of the file including the buffer."""
-        return self._on_disk + len(self._waiting)
-
-    @property
-    def pending_bytes(self) -> int:
-        """Size of the buffer, in bytes."""
-        return len(self._waiting)
-
-    def flush(self) -> None:
-        """Writes the buffer. Raises: OSError; the buffer is kept then."""
-        view = memoryview(self._waiting)
-        try:
-            at = 0
-            while at < len(view):
-                at += os.pwrite(self._fd, view[at:], self._on_disk + at)
-        finally:
-            view.release()
-        self._on_disk += len(self._waiting)
-        self._waiting.clear()
-
-    def sync(self) -> None:
-        """Waits until the written data survives a power failure."""
-        os.fdatasync(self._fd)
-
-    def close(self) -> None:
-        """Closes the file; the buffer is discarded."""
-        fd, self._fd = self._fd, -1  # the descriptor is released even when close fails
-        if fd >= 0:
-            os.close(fd)
-
-
 class SegmentWriter:
     """Appends entries to one MCAP file.
 
@@ -119,15 +73,32 @@ class SegmentWriter:
     """
 
     def __init__(
-        self, path: Path, counters: Mapping[str, int], stamps: Mapping[str, int] | None = None
+        self,
+        path: Path,
+        counters: Mapping[str, int],
+        stamps: Mapping[str, int] | None = None,
+        *,
+        reserved_bytes: int = 1 << 20,
     ) -> None:
+        """Create the file. `reserved_bytes`: expected size of the segment; it may become larger.
+
+        Raises: FileExistsError, OSError of the file system.
+        """
         self.path = path
-        self._out = AppendBuffer(path)
+        self._out = GrowingFile(path, reserved_bytes)
         self._writer = McapWriter(self._out, f"swarmware {__version__}")
         self._add_numbers(COUNTERS, counters)
         self._add_numbers(STAMPS, stamps or {})
+        try:
+            self._out.flush()
+        except BaseException:
+            self._out.close()
+            raise
         self._channels: dict[LogChannel, int] = {}
         self._schemas: dict[str, int] = {}
+        self._offset_ns: int | None = None
+        self._offset_copy = False
+        """Whether the record of the offset has to be repeated behind the next entry."""
         self._closed = False
         self.bytes = 0
         """Bytes of payload and record headers so far."""
@@ -147,9 +118,21 @@ class SegmentWriter:
         copy = b""
         if number is None:
             number, copy = self._register(channel)
-        self._writer.add_message(number, sequence, utc_ns, stamp_ns % _U64, payload)
+        sent_ns = stamp_ns + (self._offset_ns or 0)
+        self._writer.add_message(number, sequence, utc_ns, sent_ns % _U64, payload)
         self._out.write(copy)
+        if self._offset_copy:
+            self._offset_copy = False
+            self._add_numbers(CLOCK, {_OFFSET: self._offset_ns or 0})
         self.bytes += len(payload) + _SMALLEST
+
+    def set_clock(self, utc_minus_clock_ns: int) -> None:
+        """Sets the offset with which the stamps of the next entries are written as UTC."""
+        if self._offset_ns is None or abs(utc_minus_clock_ns - self._offset_ns) >= _STEP_NS:
+            self._offset_ns = utc_minus_clock_ns
+            self._add_numbers(CLOCK, {_OFFSET: utc_minus_clock_ns})
+            # without it damage to the first would change the stamps of all entries behind it
+            self._offset_copy = True
 
     def _register(self, channel: LogChannel) -> tuple[int, bytes]:
         """Channel id, and a copy of the record: without it damage to the first would lose the channel."""
@@ -177,9 +160,17 @@ class SegmentWriter:
         """Size of the write buffer, in bytes."""
         return self._out.pending_bytes
 
+    @property
+    def written_bytes(self) -> int:
+        """Size of the data in the file, in bytes; the room behind it is sparse."""
+        return self._out.tell() - self._out.pending_bytes
+
     def flush(self) -> int:
         """Writes the buffer; the size of the file."""
-        self._out.flush()
+        if self._closed:
+            self._out.finish()
+        else:
+            self._out.flush()
         return self._out.tell()
 
     def sync(self) -> None:
@@ -200,7 +191,7 @@ class SegmentWriter:
             if not self._closed:
                 self._closed = True
                 self._writer.finish()
-            self._out.flush()
+            self._out.finish()
         finally:
             self._out.close()
 
@@ -223,11 +214,15 @@ class SegmentReader:
         """Whether `counters` could be read."""
         self.ended = False
         """Whether the end record of the data has been read."""
+        self.growing = False
+        """Whether the file has its end and room before it: its writer has not ended it."""
         self.damaged = 0
         """Number of damaged places."""
         self.damaged_bytes = 0
         self.read_bytes = 0
         """Bytes read from the file so far."""
+        self._offset_ns: int | None = None
+        """UTC minus the platform's clock; None: stamps are not in UTC."""
         self._channels: dict[int, LogChannel] = {}
         self._sequences: dict[str, int] = {}
         self._room: dict[str, int] = {}
@@ -261,6 +256,10 @@ class SegmentReader:
                     self._add_channel(record.body)
                 elif record.opcode == METADATA:
                     self._read_numbers(record.body)
+            if scan.damaged_bytes > passed:
+                self._count(scan.damaged_bytes - passed)
+                self.offset = scan.at
+            self.growing = scan.room
             self.read_bytes += scan.read_bytes
 
     def _count(self, length: int) -> None:
@@ -268,7 +267,7 @@ class SegmentReader:
         self.damaged_bytes += length
 
     def _entry(self, record: Record, file: BinaryIO, size: int) -> LogEntry | None:
-        number, sequence, utc_ns, stamp_ns = MESSAGE.unpack_from(record.body)
+        number, sequence, utc_ns, sent_ns = MESSAGE.unpack_from(record.body)
         channel = self._channels.get(number)
         if channel is None and not self._summary_read:
             self._summary_read = True
@@ -277,6 +276,9 @@ class SegmentReader:
         if channel is None or utc_ns >= _I64:
             self._count(record.end - record.start)
             return None
+        if sent_ns >= _I64:
+            sent_ns -= _U64
+        known = self._offset_ns is not None
         return LogEntry(
             channel.queue,
             self._sequence(channel.queue, sequence, record),
@@ -284,10 +286,11 @@ class SegmentReader:
             channel.path,
             channel.kind,
             channel.type,
-            stamp_ns if stamp_ns < _I64 else stamp_ns - _U64,
+            sent_ns - (self._offset_ns or 0),
             utc_ns,
             record.body[MESSAGE.size :],
             channel.sender,
+            sent_ns if known else 0,
         )
 
     def _sequence(self, queue: str, sequence: int, record: Record) -> int:
@@ -321,6 +324,8 @@ class SegmentReader:
             self.counters, self.sound = numbers, True
         elif name == STAMPS:
             self.stamps = numbers
+        elif name == CLOCK:
+            self._offset_ns = numbers.get(_OFFSET)
 
     def final(self) -> bool:
         """Reads the counters at the end of a finished segment; False when there are none."""
@@ -330,7 +335,7 @@ class SegmentReader:
             found: dict[str, dict[str, int]] = {}
             for body in places:
                 offset, length = int.from_bytes(body[:8], "little"), int.from_bytes(body[8:16], "little")
-                if length > size or offset > size:
+                if length > size or offset > size or FINAL.encode() not in body[16:]:
                     continue
                 file.seek(offset)
                 numbers = _numbers(file.read(length)[RECORD.size :])

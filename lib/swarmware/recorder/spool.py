@@ -16,6 +16,7 @@ FOREIGN: Final = "foreign"
 """Platform of the values that are not log entries: `/foreign/spool`."""
 
 _KEYS: Final = LogEntry.__struct_fields__
+_OPTIONAL: Final = {"sender", "sent_utc_ns"}
 
 
 def write(entries: Iterable[LogEntry], file: BinaryIO) -> int:
@@ -71,7 +72,7 @@ class SpoolSource:
 
 
 def _entry(value: Any, number: int) -> LogEntry:
-    if isinstance(value, dict) and value.keys() | {"sender"} == set(_KEYS):
+    if isinstance(value, dict) and value.keys() | _OPTIONAL == set(_KEYS):
         found = LogEntry(**value)
         if all(isinstance(getattr(found, key), kind) for key, kind in LogEntry.__annotations__.items()):
             return found

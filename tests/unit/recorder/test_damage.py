@@ -26,12 +26,14 @@ from swarmware.types.vehicle import Pose
 POSE = LogChannel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
 NOTE = LogChannel("uav1", "mission/note", "event", "Text", "uav1:mission:out")
 COUNT = 60
+SEGMENT = 16_000
+"""Larger than what is written: one segment, with little room at its end."""
 UTC = 1_700_000_000_000_000_000
 
 
 def write(directory: Path, *, end: bool = True, count: int = COUNT) -> Path:
     """One segment of poses and some notes."""
-    ring = LogRing(directory)
+    ring = LogRing(directory, segment_bytes=SEGMENT)
     for number in range(count):
         ring.append(POSE, number, UTC + number, registry.encode(Pose(float(number), 0.5)))
         if number % 10 == 0:
