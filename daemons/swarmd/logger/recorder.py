@@ -26,6 +26,8 @@ class Batch:
         """Logged resource, frame, UTC of the read in ns, and of a command its sender."""
         self.gaps: list[tuple[LogGap, int, int]] = []
         """Gap, stamp of the node's clock, UTC in ns."""
+        self.utc_minus_clock_ns: int | None = None
+        """At the last read; other readers of the log see the stamps as UTC."""
 
     def __bool__(self) -> bool:
         return bool(self.frames or self.gaps)
@@ -83,6 +85,8 @@ class Recorder:
         one; entries that do not fit into the buffer are counted and reported as gaps.
         """
         totals = self.totals
+        if batch.utc_minus_clock_ns is not None:
+            self._ring.set_clock(batch.utc_minus_clock_ns)
         for resource, frame, utc_ns, sender in batch.frames:
             try:
                 data = registry.messagepack(resource.type, frame.payload, frame.codec)

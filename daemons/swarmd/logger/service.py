@@ -123,6 +123,7 @@ class Logger(Service):
 
     def _record_damage(self, repairs: Repairs) -> None:
         now_ns, wall_ns = self.module.now_ns(), utc_ns()
+        self._batch.utc_minus_clock_ns = wall_ns - now_ns
         for hole in repairs.holes:
             gap = LogGap(GapCause.DAMAGED, hole.queue, "", hole.last - hole.first + 1, hole.first, hole.last)
             self._batch.gaps.append((gap, now_ns, wall_ns))
@@ -185,6 +186,7 @@ class Logger(Service):
     def _sample_all(self, *, new_rings: bool = False) -> None:
         """Reads all new values. `new_rings`: checks for rings that did not exist at the last sample, too."""
         now_ns, wall_ns = self.module.now_ns(), utc_ns()
+        self._batch.utc_minus_clock_ns = wall_ns - now_ns
         plan = self._plan
         for path, tap in self._taps.items():
             if new_rings:

@@ -8,6 +8,7 @@ import msgspec
 from swarmware.errors import NotFound, WireError
 from swarmware.model import names
 from swarmware.types import registry
+from swarmware.types.json_form import packed_schema
 
 
 class LogEntry(msgspec.Struct, frozen=True, gc=False):
@@ -76,9 +77,9 @@ def plain(value: Any) -> Any:
 
 @lru_cache(maxsize=256)
 def schema(type_name: str) -> bytes:
-    """JSON Schema of a type, for readers outside Swarmware; empty when the type is unknown."""
+    """JSON Schema of a type's MessagePack form, for other readers; empty when the type is unknown."""
     try:
-        return msgspec.json.encode(msgspec.json.schema(registry.find(type_name)))
+        return msgspec.json.encode(packed_schema(registry.find(type_name)))
     except (NotFound, TypeError):
         return b""
 

@@ -1,8 +1,9 @@
 """An MCAP file that is complete after each write: it has its end from its creation on, and grows before it.
 
 The room between the data and the end of the file is one record, with an opcode that MCAP reserves for
-applications and every reader skips. A batch is written into this room, behind its first 9 bytes; these replace the head
-of the room last, in one write within one page: a reader, or a crash, finds all of the batch or none.
+applications and every reader skips. A batch is written into this room, behind its first 9 bytes; these
+replace the head of the room last, in one write within one page: a reader, or a crash, finds all of the batch
+or none.
 """
 
 import os
@@ -21,7 +22,7 @@ _HEAD_BYTES: Final = RECORD.size
 class GrowingFile:
     """Appends through a write buffer, which is kept until it is written completely.
 
-    A partial or failed write leaves no incomplete record: the same bytes are written to the same offset again.
+    A failed write leaves no incomplete record: the same bytes are written to the same offset again.
     """
 
     def __init__(self, path: Path, reserved_bytes: int) -> None:

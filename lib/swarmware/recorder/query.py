@@ -1,6 +1,7 @@
 """One query interface over the local ring, a report folder and MongoDB."""
 
 import heapq
+from collections import deque
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -77,13 +78,20 @@ class FolderSource:
         self._damage = {
             path: "no readable record" for directory in self.directories for path in set_aside(directory)
         }
+        if query.newest and query.limit is not None:
+            last = [self._newest(directory, wanted, query.limit) for directory in self.directories]
+            return iter(list(heapq.merge(*last, key=_by_utc))[-query.limit :])
         runs = [filter(wanted, self._folder(directory)) for directory in self.directories]
-        merged = heapq.merge(*runs, key=_by_utc)
-        if query.limit is None:
-            return iter(merged)
-        if query.newest:
-            return iter(sorted(heapq.nlargest(query.limit, merged, key=_by_utc), key=_by_utc))
-        return islice(merged, query.limit)
+        return islice(heapq.merge(*runs, key=_by_utc), query.limit)
+
+    def _newest(self, directory: Path, wanted: "Filter", limit: int) -> list[LogEntry]:
+        """The newest matching entries; segments are read from the newest back, until there are enough."""
+        found: list[LogEntry] = []
+        for path in reversed(segments(directory)):
+            found = [*deque(filter(wanted, self._segment(path)), maxlen=limit - len(found)), *found]
+            if len(found) == limit:
+                break
+        return found
 
     def losses(self) -> list[str]:
         """Segments with unreadable parts."""
@@ -97,17 +105,20 @@ class FolderSource:
 
     def _folder(self, directory: Path) -> Iterator[LogEntry]:
         for path in segments(directory):
-            reader = SegmentReader(path)
-            try:
-                yield from reader.entries()
-            except FileNotFoundError:
-                continue  # the ring deleted this segment, its oldest, during the read
-            except OSError as error:
-                self._damage[path] = f"cannot be read: {error.strerror}"
-                continue
-            if reader.damaged:
-                places = "1 place" if reader.damaged == 1 else f"{reader.damaged} places"
-                self._damage[path] = f"{places} damaged, {reader.damaged_bytes} bytes skipped"
+            yield from self._segment(path)
+
+    def _segment(self, path: Path) -> Iterator[LogEntry]:
+        reader = SegmentReader(path)
+        try:
+            yield from reader.entries()
+        except FileNotFoundError:
+            return  # the ring deleted this segment, its oldest, during the read
+        except OSError as error:
+            self._damage[path] = f"cannot be read: {error.strerror}"
+            return
+        if reader.damaged:
+            places = "1 place" if reader.damaged == 1 else f"{reader.damaged} places"
+            self._damage[path] = f"{places} damaged, {reader.damaged_bytes} bytes skipped"
 
 
 class Filter:

@@ -2,7 +2,7 @@
 
 import enum
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -41,33 +41,48 @@ def json_form(value: Any, name: str = "") -> Any:
     return str(value) if is_wide(name) or abs(value) > EXACT else value
 
 
-def json_schema(cls: Any, *, text: bool = True) -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a type's JSON form; Structs are below `$defs`.
+class _Form(NamedTuple):
+    text: bool
+    """Wide integers are text, as in `json_form`."""
+    packed: bool
+    """As in MessagePack: a Struct that is encoded as an array is one, bytes are bytes."""
 
-    With `text` wide integers are text, as in `json_form`; without it all integers are numbers.
-    """
+
+def json_schema(cls: Any) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a type's JSON form; Structs are below `$defs`."""
+    return _document(cls, _Form(text=True, packed=False))
+
+
+def packed_schema(cls: Any) -> dict[str, Any]:
+    """JSON Schema of a type's MessagePack form; the items of an array have the fields' names as titles."""
+    return _document(cls, _Form(text=False, packed=True))
+
+
+def _document(cls: Any, form: _Form) -> dict[str, Any]:
     defs: dict[str, Any] = {}
-    found = _schema(msgspec.inspect.type_info(cls), "", defs, text)
+    found = _schema(msgspec.inspect.type_info(cls), "", defs, form)
     return {**found, "$defs": defs} if defs else found
 
 
-def _schema(info: msgspec.inspect.Type, name: str, defs: dict[str, Any], text: bool) -> dict[str, Any]:
+def _schema(info: msgspec.inspect.Type, name: str, defs: dict[str, Any], form: _Form) -> dict[str, Any]:
     kinds = msgspec.inspect
     match info:
         case kinds.Metadata():
-            return _schema(info.type, name, defs, text)
+            return _schema(info.type, name, defs, form)
         case kinds.StructType():
-            return _reference(info, defs, text)
+            return _reference(info, defs, form)
         case kinds.UnionType():
-            return {"anyOf": [_schema(one, name, defs, text) for one in info.types]}
+            return {"anyOf": [_schema(one, name, defs, form) for one in info.types]}
         case kinds.NoneType():
             return {"type": "null"}
         case kinds.BoolType():
             return {"type": "boolean"}
         case kinds.IntType():
-            return dict(_TEXT) if text and is_wide(name) else {"type": "integer"}
+            return dict(_TEXT) if form.text and is_wide(name) else {"type": "integer"}
         case kinds.FloatType():
-            return {"type": ["number", "null"]}  # NaN and infinity are null
+            return {"type": "number" if form.packed else ["number", "null"]}  # in JSON NaN is null
+        case kinds.BytesType() | kinds.ByteArrayType() | kinds.MemoryViewType() if form.packed:
+            return {"description": "Bytes."}  # not a type of JSON
         case kinds.StrType() | kinds.BytesType() | kinds.ByteArrayType() | kinds.MemoryViewType():
             return {"type": "string"}
         case kinds.EnumType():
@@ -77,26 +92,38 @@ def _schema(info: msgspec.inspect.Type, name: str, defs: dict[str, Any], text: b
         case kinds.LiteralType():
             return {"enum": list(info.values)}
         case kinds.DictType():
-            return {"type": "object", "additionalProperties": _schema(info.value_type, "", defs, text)}
+            return {"type": "object", "additionalProperties": _schema(info.value_type, "", defs, form)}
         case kinds.TupleType():
-            items = [_schema(one, name, defs, text) for one in info.item_types]
+            items = [_schema(one, name, defs, form) for one in info.item_types]
             return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
         case kinds.ListType() | kinds.VarTupleType() | kinds.SetType() | kinds.FrozenSetType():
-            return {"type": "array", "items": _schema(info.item_type, name, defs, text)}
+            return {"type": "array", "items": _schema(info.item_type, name, defs, form)}
         case _:
             return {}  # any value: that of a type of the user's own
 
 
-def _reference(info: msgspec.inspect.StructType, defs: dict[str, Any], text: bool) -> dict[str, Any]:
+def _reference(info: msgspec.inspect.StructType, defs: dict[str, Any], form: _Form) -> dict[str, Any]:
     name = info.cls.__name__
     if name not in defs:
         defs[name] = {}  # a type may hold itself
-        defs[name] = {
-            "type": "object",
-            "description": (info.cls.__doc__ or "").strip().split("\n", 1)[0],
-            "required": [field.encode_name for field in info.fields],
-            "properties": {
-                field.encode_name: _schema(field.type, field.encode_name, defs, text) for field in info.fields
-            },
+        description = (info.cls.__doc__ or "").strip().split("\n", 1)[0]
+        fields = {
+            field.encode_name: _schema(field.type, field.encode_name, defs, form) for field in info.fields
         }
+        if form.packed and info.array_like:
+            defs[name] = {
+                "title": name,
+                "description": description,
+                "type": "array",
+                "prefixItems": [{"title": key, **field} for key, field in fields.items()],
+                "minItems": sum(field.required for field in info.fields),
+            }
+        else:
+            required = [field.encode_name for field in info.fields if field.required or not form.packed]
+            defs[name] = {
+                "type": "object",
+                "description": description,
+                "required": required,
+                "properties": fields,
+            }
     return {"$ref": f"#/$defs/{name}"}

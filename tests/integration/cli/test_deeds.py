@@ -151,9 +151,9 @@ def test_the_graph_is_drawn_in_every_form(ctl: Ctl, tmp_path: Path) -> None:
 
 
 def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -> None:
-    found = ctl("log query nav/pose -n uav1 --limit 5 --json").lines
+    found = ctl("log query nav/pose -n uav1 --limit 5 --oldest --json").lines
     assert [line["path"] for line in found] == ["/uav1/nav/pose"] * 5
-    newest = ctl("log query '/*/nav/pose' --limit 4 --newest --since 1h --json").lines
+    newest = ctl("log query '/*/nav/pose' --limit 4 --since 1h --json").lines
     assert newest == sorted(newest, key=lambda line: int(line["utc_ns"]))
     began_utc_ns = utc_ns()
     tailed = ctl("log tail '/*/{nav,mission}/**' --count 40 --json").lines
@@ -164,13 +164,17 @@ def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -
 
     for form in ("jsonl", "csv", "mcap"):
         assert (
-            ctl(f"log export nav/pose -n uav1 --limit 5 --format {form} --out {tmp_path}/x.{form}").code == 0
+            ctl(
+                f"log export nav/pose -n uav1 --limit 5 --oldest --format {form} --out {tmp_path}/x.{form}"
+            ).code
+            == 0
         )
     lines = [json.loads(line) for line in (tmp_path / "x.jsonl").read_text().splitlines()]
     with (tmp_path / "x.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     with (tmp_path / "x.mcap").open("rb") as file:
-        messages = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages()]
+        read = make_reader(file).iter_messages(topics="/uav1/nav/pose")
+        messages = [json.loads(m.data) for _, _, m in read]
     xs = [line["value"]["x_m"] for line in found]
     assert [line["value"]["x_m"] for line in lines] == xs
     assert [float(row["x_m"]) for row in rows] == xs

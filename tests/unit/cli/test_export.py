@@ -1,36 +1,79 @@
 """Exports are opened again by what they were made for."""
 
+import base64
 import csv
 import json
+import math
+import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import msgspec
 import pytest
 from mcap.reader import make_reader
 
 from swarmctl.commands.log.export import export
+from swarmctl.commands.log.viewer_form import viewer_schema
+from swarmware.errors import InvalidInput, NotFound
 from swarmware.recorder.entry import LogEntry
 from swarmware.types import registry
-from swarmware.types.scalar import Float
-from swarmware.types.vehicle import BatteryState
+from swarmware.types.health import Fault, Phase
+from swarmware.types.scalar import Blob, Float
+from swarmware.types.vehicle import BatteryState, GnssFix, Goal, GoalKind, Imu, Pose, Range
+
+UTC = 1_700_000_000_000_000_000
+
+
+def entry(path: str, value: msgspec.Struct, number: int, kind: str = "board") -> LogEntry:
+    name = type(value).__name__
+    stamp, payload = 5 * number, registry.encode(value)
+    sent = UTC + number - 1000
+    return LogEntry(
+        "uav1:hal:out", number, "uav1", path, kind, name, stamp, UTC + number, payload, sent_utc_ns=sent
+    )
 
 
 def entries() -> Iterator[LogEntry]:
-    values: list[tuple[str, msgspec.Struct]] = [
-        ("power/battery", BatteryState(11.1, 2.0, 0.5)),
-        ("config/gain", Float(2.5)),
-        ("power/battery", BatteryState(11.0, 2.0, 0.49)),
-    ]
-    for number, (path, value) in enumerate(values, 1):
-        payload = registry.encode(value)
-        kind = type(value).__name__
-        yield LogEntry(
-            "uav1:hal:out", number, "uav1", path, "board", kind, 5 * number, 10**18 + number, payload
-        )
+    yield entry("power/battery", BatteryState(11.1, 2.0, 0.5), 1)
+    yield entry("config/gain", Float(2.5), 2)
+    yield entry("power/battery", BatteryState(11.0, 2.0, 0.49), 3)
 
 
-def test_json_lines_are_a_document_each(tmp_path: Path) -> None:
+def packet() -> bytes:
+    """One packet of a VLP-16: every laser at 10 m."""
+    block = struct.pack("<HH", 0xEEFF, 9000) + struct.pack("<HB", 5000, 7) * 32
+    return block * 12 + bytes(6)
+
+
+def flight() -> Iterator[LogEntry]:
+    yield entry("nav/pose", Pose.planar(1.0, 2.0, 3.0, yaw_rad=1.0), 1)
+    yield entry("sim/truth", Pose(1.0, 2.0, 3.1), 2)
+    yield entry("sensor/gnss", GnssFix(48.1, 11.5, math.nan, 0.5, 12), 3)
+    yield entry("sensor/range", Range(0.0, math.pi / 2, 30.0, (1.0, 2.0, math.inf, 4.0)), 4)
+    yield entry("sensor/lidar", Blob(packet()), 5, "stream")
+    yield entry("sensor/camera", Blob(b"\xff\xd8\xff\xe0 picture"), 6, "stream")
+    fault = Fault("battery", "low", "error", Phase.CONFIRMED, 1, 2, 1, "11.0 V", "Battery")
+    yield entry("health/faults", fault, 7, "event")
+    yield entry("sensor/imu", Imu(0.1, math.nan, 0.0, 0.0, 0.0, 9.8), 8)
+    yield entry("nav/goal", Goal(1, GoalKind.FORMATION, offset_m=(1.0, 2.0, 3.0), course=((1.0, 2.0),)), 9)
+
+
+def messages(path: Path) -> list[tuple[str, str, dict[str, Any], Any]]:
+    """Topic, name of the schema, content and message of each record; each content satisfies its schema."""
+    found = []
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            content = json.loads(message.data)
+            jsonschema.Draft202012Validator(json.loads(schema.data)).validate(content)
+            found.append((channel.topic, schema.name, content, message))
+    return found
+
+
+def test_json_lines_are_a_document_each_with_wide_integers_as_text(tmp_path: Path) -> None:
     target = tmp_path / "x.jsonl"
     assert export(entries(), "jsonl", str(target)) == 3
     lines = [json.loads(line) for line in target.read_text().splitlines()]
@@ -40,37 +83,125 @@ def test_json_lines_are_a_document_each(tmp_path: Path) -> None:
         "/uav1/power/battery",
     ]
     assert lines[0]["value"] == {"voltage_v": 11.1, "current_a": 2.0, "remaining_ratio": 0.5}
-    assert (lines[2]["stamp_ns"], lines[2]["utc_ns"]) == (15, 10**18 + 3)
+    assert (lines[2]["stamp_ns"], lines[2]["utc_ns"]) == ("15", str(UTC + 3))
 
 
-def test_a_table_has_the_columns_of_all_types(tmp_path: Path) -> None:
-    target = tmp_path / "x.csv"
+def test_a_table_has_the_columns_of_its_type_alone(tmp_path: Path) -> None:
+    target = tmp_path / "tables/"
+    target.mkdir()
     assert export(entries(), "csv", str(target)) == 3
-    with target.open(newline="") as file:
+    assert sorted(path.name for path in target.iterdir()) == ["BatteryState.csv", "Float.csv"]
+    with (target / "BatteryState.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0])[:5] == ["utc", "utc_ns", "stamp_ns", "path", "type"]
-    assert [row["voltage_v"] for row in rows] == ["11.1", "", "11.0"]
-    assert [row["value"] for row in rows] == ["", "2.5", ""]
+    columns = ["utc", "utc_ns", "stamp_ns", "path", "sender", "voltage_v", "current_a", "remaining_ratio"]
+    assert list(rows[0]) == columns
+    assert [row["voltage_v"] for row in rows] == ["11.1", "11.0"]
 
 
-def test_a_recording_is_read_by_the_public_library(tmp_path: Path) -> None:
+def test_one_type_is_a_file_and_several_need_a_folder(tmp_path: Path) -> None:
+    target = tmp_path / "x.csv"
+    battery = [one for one in entries() if one.type == "BatteryState"]
+    assert export(iter(battery), "csv", str(target)) == 2
+    assert len(target.read_text().splitlines()) == 3
+    target.unlink()
+    for place in (str(target), "-"):
+        with pytest.raises(InvalidInput, match=r"BatteryState, Float\); expected --type"):
+            export(entries(), "csv", place)
+    assert not target.exists()
+
+
+def test_no_column_of_a_table_has_the_name_of_another(tmp_path: Path) -> None:
+    from swarmware.types.log import GapCause, LogGap
+
+    target = tmp_path / "gaps.csv"
+    export(iter([entry("log/gaps", LogGap(GapCause.RING, "q", "a/b", 3), 1, "event")]), "csv", str(target))
+    with target.open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["path"], row["value.path"]) == ("/uav1/log/gaps", "a/b")
+
+
+def test_a_parquet_table_has_typed_columns(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `parquet` is not installed")
+    assert export(flight(), "parquet", f"{tmp_path}/tables/") == 9
+    table = parquet.read_table(tmp_path / "tables" / "Pose.parquet")
+    assert table.num_rows == 2
+    assert str(table.schema.field("utc").type) == "timestamp[ns, tz=UTC]"
+    assert table.column("z_m").to_pylist() == [3.0, 3.1]
+    assert table.column("stamp_ns").to_pylist() == [5, 10]
+
+
+def test_a_recording_has_the_fields_of_each_type_and_both_times_in_utc(tmp_path: Path) -> None:
     target = tmp_path / "x.mcap"
     assert export(entries(), "mcap", str(target)) == 3
+    found = messages(target)
+    assert [(topic, content) for topic, _, content, _ in found][1] == ("/uav1/config/gain", {"value": 2.5})
+    assert [(m.log_time, m.publish_time) for *_, m in found] == [(UTC + n, UTC + n - 1000) for n in (1, 2, 3)]
     with target.open("rb") as file:
-        reader = make_reader(file)
-        found = [(c.topic, json.loads(m.data), m.log_time) for _, c, m in reader.iter_messages()]
-        summary = reader.get_summary()
-    assert found[1] == ("/uav1/config/gain", {"value": 2.5}, 10**18 + 2)
-    assert summary is not None
-    assert summary.statistics is not None
+        summary = make_reader(file).get_summary()
+    assert summary is not None and summary.statistics is not None
     assert summary.statistics.message_count == 3
+    schemas = {schema.name: json.loads(schema.data) for schema in summary.schemas.values()}
+    assert schemas["BatteryState"]["properties"] == {
+        "voltage_v": {"type": "number"},
+        "current_a": {"type": "number"},
+        "remaining_ratio": {"type": "number"},
+    }
 
 
-@pytest.mark.parametrize("form", ["jsonl", "csv", "mcap"])
-def test_an_export_of_nothing_is_a_whole_file(form: str, tmp_path: Path) -> None:
+def test_panels_of_foxglove_get_poses_fixes_points_images_and_log_lines(tmp_path: Path) -> None:
+    target = tmp_path / "x.mcap"
+    assert export(flight(), "mcap", str(target)) == 9
+    shown = {topic: (name, content) for topic, name, content, _ in messages(target) if "foxglove" in topic}
+    assert {topic: name for topic, (name, _) in shown.items()} == {
+        "/foxglove/uav1/nav/pose": "foxglove.PoseInFrame",
+        "/foxglove/tf": "foxglove.FrameTransform",
+        "/foxglove/uav1/sim/truth": "foxglove.PoseInFrame",
+        "/foxglove/uav1/sensor/gnss": "foxglove.LocationFix",
+        "/foxglove/uav1/sensor/range": "foxglove.PointCloud",
+        "/foxglove/uav1/sensor/lidar": "foxglove.PointCloud",
+        "/foxglove/uav1/sensor/camera": "foxglove.CompressedImage",
+        "/foxglove/log": "foxglove.Log",
+    }
+    pose = shown["/foxglove/uav1/nav/pose"][1]
+    assert (pose["frame_id"], pose["pose"]["position"]) == ("map", {"x": 1.0, "y": 2.0, "z": 3.0})
+    assert pose["timestamp"] == {"sec": 1_699_999_999, "nsec": 999_999_001}
+    moved = shown["/foxglove/tf"][1]
+    assert (moved["parent_frame_id"], moved["child_frame_id"]) == ("map", "uav1")
+    fix = shown["/foxglove/uav1/sensor/gnss"][1]
+    assert (fix["latitude"], fix["altitude"], fix["position_covariance"][4]) == (48.1, 0.0, 0.25)
+    points = struct.unpack("<9f", base64.b64decode(shown["/foxglove/uav1/sensor/range"][1]["data"]))
+    assert points == pytest.approx((1, 0, 0, 0, 2, 0, 0, -4, 0), abs=1e-6)
+    cloud = base64.b64decode(shown["/foxglove/uav1/sensor/lidar"][1]["data"])
+    assert len(cloud) == 12 * 384
+    assert {round(math.hypot(*struct.unpack_from("<3f", cloud, at)), 4) for at in range(0, 4608, 12)} == {10}
+    image = shown["/foxglove/uav1/sensor/camera"][1]
+    assert (image["format"], base64.b64decode(image["data"])) == ("jpeg", b"\xff\xd8\xff\xe0 picture")
+    line = shown["/foxglove/log"][1]
+    assert (line["level"], line["message"]) == (4, "battery low (confirmed): Battery: 11.0 V")
+
+
+def test_the_schema_of_every_registered_type_has_one_type_a_field_and_no_references() -> None:
+    def check(node: dict[str, Any], where: str) -> None:
+        assert isinstance(node["type"], str), where
+        assert not {"$ref", "anyOf", "prefixItems"} & node.keys(), where
+        if node["type"] == "array":
+            assert node["items"]["type"] != "array", where
+            check(node["items"], where)
+        for key, one in node.get("properties", {}).items():
+            check(one, f"{where}.{key}")
+
+    names = sorted(registry._TYPES)
+    assert len(names) > 80
+    for name in names:
+        found = viewer_schema(name)
+        assert found["type"] == "object", name
+        check(found, name)
+    assert "course" not in viewer_schema("Goal")["properties"], "viewers have no arrays of arrays"
+
+
+@pytest.mark.parametrize("form", ["jsonl", "csv", "parquet", "mcap", "msgpack"])
+def test_an_export_of_nothing_is_refused_and_writes_no_file(form: str, tmp_path: Path) -> None:
     target = tmp_path / f"x.{form}"
-    assert export(iter(()), form, str(target)) == 0
-    assert target.exists()
-    if form == "mcap":
-        with target.open("rb") as file:
-            assert list(make_reader(file).iter_messages()) == []
+    with pytest.raises(NotFound, match="no entry matches"):
+        export(iter(()), form, str(target))
+    assert not target.exists()

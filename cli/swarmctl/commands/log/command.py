@@ -35,9 +35,9 @@ def _query_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
         click.option("--since", metavar="TIME", help="Start: 30s, 5m, 2h ago, or an ISO date."),
         click.option("--until", metavar="TIME", help="End, in the format of --since."),
         click.option(
-            "--limit", type=click.IntRange(min=1), metavar="N", help="At most N entries, the oldest."
+            "--limit", type=click.IntRange(min=1), metavar="N", help="At most N entries, the newest."
         ),
-        click.option("--newest", is_flag=True, help="With --limit: the newest entries instead."),
+        click.option("--oldest", is_flag=True, help="With --limit: the oldest entries instead."),
     ):
         function = option(function)
     return function
@@ -87,17 +87,23 @@ def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
 @click.option(
     "--format",
     "form",
-    type=click.Choice(["jsonl", "csv", "mcap", "msgpack"]),
+    type=click.Choice(["jsonl", "csv", "parquet", "mcap", "msgpack"]),
     default="jsonl",
     show_default=True,
-    help="JSON Lines, CSV, MCAP with JSON, or a stream of MessagePack.",
+    help="JSON Lines; CSV or Parquet with one table a type; MCAP for viewers; a stream of MessagePack.",
 )
-@click.option("--out", "target", required=True, metavar="FILE", help="File to write; `-` for stdout.")
+@click.option(
+    "--out",
+    "target",
+    required=True,
+    metavar="FILE",
+    help="File to write; `-` for stdout; `NAME/` for a folder, with a file for each type.",
+)
 @click.pass_context
 def export(ctx: click.Context, /, form: str, target: str, **options: Any) -> None:
     """Write entries to a file that other tools read.
 
-    Example: swarmctl log export '/*/nav/pose' --format csv --out poses.csv
+    Example: swarmctl log export --since 10m --format mcap --out flight.mcap
     """
     from swarmctl.commands.log.entries import export_entries
     from swarmctl.terminal.output import Output

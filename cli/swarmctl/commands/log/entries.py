@@ -1,6 +1,6 @@
 """Prints, exports and counts log entries."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import Any
 
@@ -9,7 +9,8 @@ import msgspec
 from swarmctl.commands.log import export, sources, tail
 from swarmctl.terminal.output import Column, Output
 from swarmware.errors import Partial
-from swarmware.recorder.query import Query, QueueStats, stats
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import LogSource, Query, QueueStats, stats
 
 
 class LogStatistics(msgspec.Struct, frozen=True):
@@ -25,12 +26,25 @@ def print_entries(options: Mapping[str, Any], out: Output) -> None:
     """
     with sources.source(out.settings, options) as found:
         count = 0
-        for entry in found.entries(sources.query(out.settings, options)):
+        for entry in _selected(found, options, out):
             sources.show(out, entry)
             count += 1
     if not count:
         out.say(found.why_empty() or "no entry matches")
     sources.refuse_losses(found)
+
+
+def _selected(found: LogSource, options: Mapping[str, Any], out: Output) -> Iterator[LogEntry]:
+    """The entries that the options name; reports whether `--limit` leaves others out."""
+    query = sources.query(out.settings, options)
+    if query.limit is None:
+        yield from found.entries(query)
+        return
+    entries = list(found.entries(msgspec.structs.replace(query, limit=query.limit + 1)))
+    others = len(entries) > query.limit
+    yield from entries[-query.limit :] if query.newest else entries[: query.limit]
+    if others:
+        out.say(f"--limit {query.limit}: {'older' if query.newest else 'newer'} entries are left out")
 
 
 def follow_entries(pattern: str, count: int | None, out: Output) -> None:
@@ -45,10 +59,10 @@ def follow_entries(pattern: str, count: int | None, out: Output) -> None:
 def export_entries(options: Mapping[str, Any], form: str, target: str, out: Output) -> None:
     """Writes the entries that the options name to a file.
 
-    Raises: Partial when a part of the log could not be read; as `sources.source`.
+    Raises: NotFound when no entry matches; Partial when a part could not be read; as `sources.source`.
     """
     with sources.source(out.settings, options) as found:
-        count = export.export(found.entries(sources.query(out.settings, options)), form, target)
+        count = export.export(_selected(found, options, out), form, target)
     out.say(f"{count} entries to {target}")
     sources.refuse_losses(found)
 

@@ -150,7 +150,7 @@ def query(settings: CliSettings, options: Mapping[str, Any]) -> Query:
         since_ns=instant_ns(options["since"], now_ns) if options["since"] else None,
         until_ns=instant_ns(options["until"], now_ns) if options["until"] else None,
         limit=options["limit"],
-        newest=options["newest"],
+        newest=not options["oldest"],
     )
 
 

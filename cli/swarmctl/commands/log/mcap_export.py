@@ -1,0 +1,62 @@
+"""Entries as an MCAP file for viewers: JSON messages with schemas, chunks and an index."""
+
+from collections.abc import Iterable
+from typing import Any, BinaryIO
+
+import msgspec
+
+from swarmctl.commands.log.panels import panel_messages
+from swarmctl.commands.log.viewer_form import viewer_schema, viewer_value
+from swarmware import __version__
+from swarmware.model.config import share_dir
+from swarmware.recorder.entry import LogEntry, list_or_none
+
+
+def write_mcap(entries: Iterable[LogEntry], file: BinaryIO) -> int:
+    """Writes each entry on its topic, and what panels show below `/foxglove`; the number of entries."""
+    from mcap.writer import Writer
+
+    writer: Any = Writer(file)
+    writer.start(profile="", library=f"swarmware {__version__}")
+    topics = _Topics(writer)
+    count = 0
+    for entry in entries:
+        sent_ns = max(0, entry.sent_utc_ns or entry.utc_ns)
+        value = entry.value()
+        content = viewer_value(value if value is not None else list_or_none(entry.payload))
+        sent = {"log_time": entry.utc_ns, "publish_time": sent_ns, "sequence": entry.sequence & 0xFFFFFFFF}
+        channel = topics.channel(entry.topic, entry.type)
+        writer.add_message(channel, data=msgspec.json.encode(content), **sent)
+        for message in panel_messages(entry):
+            channel = topics.channel(message.topic, message.schema)
+            writer.add_message(channel, data=msgspec.json.encode(message.content), **sent)
+        count += 1
+    writer.finish()
+    return count
+
+
+class _Topics:
+    """Numbers of the channels and schemas that are written."""
+
+    def __init__(self, writer: Any) -> None:
+        self._writer = writer
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
+
+    def channel(self, topic: str, schema: str) -> int:
+        """Channel of a topic with messages of this schema: a registered type, or one of Foxglove's."""
+        found = self._channels.get((topic, schema))
+        if found is None:
+            found = self._writer.register_channel(topic, "json", self._schema(schema))
+            self._channels[topic, schema] = found
+        return found
+
+    def _schema(self, name: str) -> int:
+        if name not in self._schemas:
+            if name.startswith("foxglove."):
+                path = share_dir() / "schemas" / "foxglove" / f"{name.removeprefix('foxglove.')}.json"
+                data = path.read_bytes()
+            else:
+                data = msgspec.json.encode(viewer_schema(name))
+            self._schemas[name] = self._writer.register_schema(name or "unknown", "jsonschema", data)
+        return self._schemas[name]
