@@ -45,6 +45,8 @@ PICTURE: Final = "paths.png"
 """The paths as a picture, for documents."""
 OLD_PICTURES: Final = ("formation-error.png", "command-to-receipt.png", "topology.png", "traffic.png")
 """Pictures of earlier versions, whose charts are in the page now."""
+MERGED: Final = "run.mcap"
+"""The logs of all nodes in one file, for viewers."""
 DATA_LOST: Final = 3
 """Exit code of a successful experiment with missing log entries."""
 
@@ -79,6 +81,7 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
     command = command_line.run_command(spec, duration_s, out_dir)
     metadata = _metadata(running, spec, course, started_utc_ns, here, command)
     (out_dir / RUN_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(metadata), indent=1))
+    _merge_logs(out_dir, out)
     return report(out_dir, out, strict=strict)
 
 
@@ -140,7 +143,7 @@ def prepare(out_dir: Path) -> None:
     """Removes an earlier report from the folder; other files are not changed."""
     shutil.rmtree(out_dir / LOGS, ignore_errors=True)
     (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
-    for name in (RUN_FILE, REPORT, PAGE, PICTURE, *OLD_PICTURES):
+    for name in (RUN_FILE, REPORT, PAGE, PICTURE, MERGED, *OLD_PICTURES):
         (out_dir / name).unlink(missing_ok=True)
 
 
@@ -232,6 +235,16 @@ def _keep_logs(lab: LabState, out_dir: Path) -> None:
         for path in [node.log_file, *paths.log(node.data_dir).glob("*.mcap")]:
             if path.exists():
                 shutil.copy2(path, target / path.name)
+
+
+def _merge_logs(out_dir: Path, out: Output) -> None:
+    from swarmctl.commands.log.mcap_export import write_mcap
+    from swarmware.recorder.query import FolderSource, Query
+
+    out.say(f"writing {MERGED}")
+    entries = FolderSource(sorted((out_dir / LOGS).iterdir())).entries(Query())
+    with (out_dir / MERGED).open("wb") as file:
+        write_mcap(entries, file)
 
 
 def _metadata(

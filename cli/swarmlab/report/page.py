@@ -231,6 +231,7 @@ def _origin(data: PlotData, report: ExperimentReport, metadata: RunMetadata) -> 
         (
             "files",
             '<a href="report.json">report.json</a> (figures), <a href="run.json">run.json</a> (the run), '
+            '<a href="run.mcap">run.mcap</a> (logs of all nodes for Foxglove and PlotJuggler), '
             '<a href="logs/">logs/</a> (MCAP segments and output of every node)',
         ),
     )

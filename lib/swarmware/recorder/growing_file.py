@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 from typing import Final
 
+from swarmware.errors import InvalidInput
 from swarmware.recorder.scan import EMPTY_END, FILLER, RECORD, RESERVED, RESERVED_END
 
 _PAGE: Final = 4096
@@ -28,10 +29,10 @@ class GrowingFile:
     def __init__(self, path: Path, reserved_bytes: int) -> None:
         """Open the file; it has its name after the first `flush`. `reserved_bytes`: room that it begins with.
 
-        Raises: FileExistsError when there is one; OSError of the file system.
+        Raises: InvalidInput when there is one; OSError of the file system.
         """
         if path.exists():
-            raise FileExistsError(f"{path}: exists; expected to be created by its writer")
+            raise InvalidInput(f"{path}: exists; expected a new file, with one writer")
         self._path = path
         self._new: Path | None = path.with_suffix(_NEW)
         """Name of the file until it is complete."""

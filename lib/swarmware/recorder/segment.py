@@ -82,7 +82,7 @@ class SegmentWriter:
     ) -> None:
         """Create the file. `reserved_bytes`: expected size of the segment; it may become larger.
 
-        Raises: FileExistsError, OSError of the file system.
+        Raises: InvalidInput when it exists; OSError of the file system.
         """
         self.path = path
         self._out = GrowingFile(path, reserved_bytes)

@@ -67,6 +67,11 @@ def test_three_nodes_fly_the_formation_and_the_report_has_everything(
     assert all(f"{node}: " in page for node in ("gcs", "uav1", "ugv1"))
     links = set(re.findall(r'href="([^"#]+)"', page))
     assert {"report.json", "run.json"} < links and all((out / link).exists() for link in links)
+    with (out / "run.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    topics = {channel.topic for channel in summary.channels.values()}
+    assert topics >= {"/uav1/nav/pose", "/ugv1/nav/pose", "/foxglove/tf", "/foxglove/log"}
     logs = sorted(out.glob("logs/*/*.mcap"))
     assert {path.parent.name for path in logs} == {"gcs", "ugv1", "uav1"}
     for path in logs:

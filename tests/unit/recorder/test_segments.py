@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from swarmware.errors import InvalidInput
 from swarmware.recorder import ring as ring_module
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.ring import LogRing, segments
@@ -241,5 +242,5 @@ def test_a_type_nobody_knows_is_still_kept_and_shown(tmp_path: Path) -> None:
 
 def test_two_writers_never_share_a_segment(tmp_path: Path) -> None:
     (tmp_path / "00000001.mcap").write_bytes(b"")
-    with pytest.raises(FileExistsError):
+    with pytest.raises(InvalidInput, match="exists"):
         SegmentWriter(tmp_path / "00000001.mcap", {})

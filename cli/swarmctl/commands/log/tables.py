@@ -23,7 +23,7 @@ class Table:
         self._fields: dict[str, None] = {}
 
     def add(self, entry: LogEntry) -> None:
-        """Append a row."""
+        """Append the row of an entry."""
         fields = dict(_flat("", entry.plain()))
         self._fields |= dict.fromkeys(fields)
         self._entries.append((entry, fields))
