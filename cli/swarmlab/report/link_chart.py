@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmlab.report.plot_data import ObservedLink, PlotData
+from swarmlab.report.scale import label
 from swarmlab.report.svg import document, element, rectangle, text, title
 
 EQUAL_LOSS: Final = 0.005
@@ -51,7 +52,7 @@ def summary(data: PlotData) -> LinkSummary:
 
 
 def _range(values: Sequence[float], factor: float, unit: str) -> str:
-    low, high = f"{min(values) * factor:.2g}", f"{max(values) * factor:.2g}"
+    low, high = label(round(min(values) * factor, 2)), label(round(max(values) * factor, 2))
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 

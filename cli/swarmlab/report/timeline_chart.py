@@ -122,5 +122,5 @@ def passage_text(passage: BarrierPassage) -> str:
     spread_ms = passage.spread_s * 1000
     return (
         f"barrier {name}: opened after {passage.at_s:.3f} s for {passage.members} members, "
-        f"{spread_ms:.2g} ms apart"
+        f"{spread_ms:.1f} ms apart"
     )

@@ -132,6 +132,8 @@ def test_the_page_names_every_node_block_and_barrier_and_what_made_it() -> None:
         assert f'href="logs/{name}/node.log"' in html
     assert "barrier airborne: opened after 15.000 s for 3 members, 0.1 ms apart" in html
     assert "barrier down (2): did not open" in html
+    late = timeline_chart.passage_text(BarrierPassage("start", 1, 1.0, 0.18, 3))
+    assert late.endswith("180.0 ms apart"), "without an exponent"
     assert "Formation &lt;of&gt; 3 &amp; more" in html
     assert "swarmctl lab run formation --nodes 3 &lt;x&gt;" in html
     assert all(word in html for word in ("abc1234", "Python 3.11", "Some CPU, 2 cores", "6.1"))
