@@ -36,6 +36,9 @@ html_show_sourcelink = False
 html_show_search_summary = False
 """A summary is fetched, which a browser refuses to a page from a file."""
 
+html_domain_indices = False
+"""The index of names has the modules, too."""
+
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_default_options = {"members": True, "undoc-members": True, "show-inheritance": True}
