@@ -107,10 +107,12 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
         return entries
     platform = names.split(names.check_path(full))[0] or session.platform
     await session.reach(platform)
-    if not entries:
+    entry = entries[0] if entries else await _at_owner(session, platform, full)
+    if entry is None or entry.kind not in VALUED:
         # the error of its tree has the reason: an unknown path, a branch, a command
         await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
-    return entries
+        raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
+    return [entry]
 
 
 async def entry_of(session: Session, path: str) -> TreeEntry:
@@ -119,22 +121,38 @@ async def entry_of(session: Session, path: str) -> TreeEntry:
     Raises: NotFound with similar paths, NoAnswer when the platform is not reachable.
     """
     full = names.check_path(session.path(path))
-    platform = names.split(full)[0] or session.here
-    await session.reach(platform)
-    found = await _pages(session, full)
-    if not found.entries:
+    entry = await _exact(session, full)
+    if entry is None:
         # the error of its tree names similar paths
         await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
         raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
-    return found.entries[0]
+    return entry
 
 
 async def consequence(session: Session, path: str) -> str:
     """Effect of setting the resource or a field, from its template; empty: no confirmation needed."""
     platform, local = names.split(names.check_path(path.partition(".")[0]))
-    await session.reach(platform or session.here)
-    found = await _pages(session, names.join(platform or session.here, local))
-    return found.entries[0].confirm if found.entries else ""
+    entry = await _exact(session, names.join(platform or session.here, local))
+    return "" if entry is None else entry.confirm
+
+
+async def _exact(session: Session, full: str) -> TreeEntry | None:
+    """The resource at a global path; None: there is none.
+
+    Raises: NotFound, NoAnswer for a platform that is unknown or not reachable.
+    """
+    platform = names.split(full)[0] or session.here
+    await session.reach(platform)
+    found = await _pages(session, full)
+    return found.entries[0] if found.entries else await _at_owner(session, platform, full)
+
+
+async def _at_owner(session: Session, platform: str, full: str) -> TreeEntry | None:
+    """The resource as its platform lists it: a new one is known there first."""
+    if platform == session.here:
+        return None
+    found = await _pages(session, full, platform)
+    return found.entries[0] if found.entries else None
 
 
 async def _pages(session: Session, pattern: str, platform: str = "") -> TreeListing:

@@ -22,6 +22,7 @@ from swarmctl.commands.tree.listing import draw_resources, list_resources
 from swarmctl.commands.tree.reading import print_values
 from swarmctl.commands.tree.types import print_type
 from swarmctl.resources.access import set_resource
+from swarmctl.resources.listing import valued
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
@@ -204,6 +205,22 @@ async def test_the_list_has_ages_and_rates_as_the_owners_know_them() -> None:
     await list_resources(silent, "/uav1")
     assert [entry["measured_hz"] for entry in silent.document["entries"]] == [None, None]
     assert "as seen from gcs" in silent.stderr.getvalue()
+
+
+async def test_a_resource_that_only_its_platform_knows_yet_is_found_with_its_confirmation() -> None:
+    owner = "/uav1/sys/tree/list"
+    answers = {LIST: TreeListing(()), owner: listing(GAIN, confirm="the vehicle may swing")}
+    session = ScriptedSession(answers, node="uav1")
+    assert [entry.path for entry in await valued(session, "config/gain")] == [GAIN]
+    with pytest.raises(click.UsageError, match="the vehicle may swing"):
+        await set_resource(session, "config/gain", "1.5", version=None, yes=False)
+    unknown: dict[str, Any] = {
+        LIST: TreeListing(()),
+        owner: TreeListing(()),
+        f"{GET} {GAIN}": value(GAIN, 1.0),
+    }
+    with pytest.raises(NotFound, match="no such resource"):
+        await valued(ScriptedSession(unknown, node="uav1"), "config/gain")
 
 
 async def test_a_type_is_shown_with_units_ranges_and_meaning() -> None:
