@@ -125,7 +125,8 @@ def test_a_rate_limit_holds_within_a_second_and_ends_by_itself(lab: Lab, ctl: Ct
     with lab.started("tree watch /uav1/nav/pose --json") as reader:
         try:
             assert reader.stdout is not None
-            json.loads(reader.stdout.readline())
+            for _ in range(8):  # the first values may be of a mirror that another command left
+                json.loads(reader.stdout.readline())
             free = rates(ctl("traffic top -n uav1 --count 1 --json").lines[0], "nav/pose")
             limits = ctl("traffic set '/uav1/nav/*' --rate 1hz --for 3s --json").document["limits"]
             assert [(one["pattern"], one["max_hz"]) for one in limits] == [("nav/*", 1.0)]
