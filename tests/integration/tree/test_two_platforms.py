@@ -350,7 +350,7 @@ async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_stream
             there = "/uav1/sys/broker/set_channel"
             return await gcs.probe.request(there, SetChannel(pattern, max_hz), ChannelLimits, timeout_s=5)
 
-        with pytest.raises(InvalidInput, match="sensor/scan, of which each item is promised"):
+        with pytest.raises(InvalidInput, match="sensor/scan, whose items are all delivered"):
             await limit("sensor/scan", 1.0)
         stopped = uav.probe.reader("net/limits", ChannelLimits)
         assert "sensor/scan" in (await limit("**", 0.0)).unlimited
