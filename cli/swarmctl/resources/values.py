@@ -7,8 +7,9 @@ import msgspec
 
 from swarmware.errors import InvalidInput, SwarmError
 from swarmware.model.frame import Codec
-from swarmware.recorder.entry import list_or_none, plain
+from swarmware.recorder.entry import list_or_none
 from swarmware.types import registry
+from swarmware.types.json_form import plain
 
 
 def decoded(cls: type[msgspec.Struct] | None, data: bytes | memoryview, codec: Codec = Codec.NONE) -> Any:

@@ -8,7 +8,7 @@ import msgspec
 from swarmware.errors import NotFound, WireError
 from swarmware.model import names
 from swarmware.types import registry
-from swarmware.types.json_form import packed_schema
+from swarmware.types.json_form import packed_schema, plain
 
 
 class LogEntry(msgspec.Struct, frozen=True, gc=False):
@@ -58,21 +58,6 @@ def list_or_none(payload: bytes) -> Any:
         return msgspec.msgpack.decode(payload)
     except (msgspec.DecodeError, ValueError, RecursionError):
         return None
-
-
-def plain(value: Any) -> Any:
-    """A Struct as a dictionary with its field names, at any depth."""
-    if isinstance(value, msgspec.Struct):
-        return {name: plain(getattr(value, name)) for name in value.__struct_fields__}
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, bytes | memoryview):
-        return f"{len(value)} bytes"
-    if isinstance(value, msgspec.msgpack.Ext):
-        return f"{len(bytes(value.data))} bytes"
-    return value
 
 
 @lru_cache(maxsize=256)

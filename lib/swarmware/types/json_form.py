@@ -25,18 +25,27 @@ def json_form(value: Any, name: str = "") -> Any:
 
     Integers of wide fields and those beyond 2^53 are text; bytes are their number.
     """
+    return _named(value, name, text=True)
+
+
+def plain(value: Any) -> Any:
+    """A value as plain data with all integers as numbers: for databases, exports and calculation."""
+    return _named(value, "", text=False)
+
+
+def _named(value: Any, name: str, *, text: bool) -> Any:
     if isinstance(value, msgspec.Struct):
         keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
-        return {key: json_form(getattr(value, field), key) for key, field in keys}
+        return {key: _named(getattr(value, field), key, text=text) for key, field in keys}
     if isinstance(value, Mapping):
-        return {str(key): json_form(item, str(key)) for key, item in value.items()}
+        return {str(key): _named(item, str(key), text=text) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [json_form(item, name) for item in value]
+        return [_named(item, name, text=text) for item in value]
     if isinstance(value, bytes | bytearray | memoryview):
         return f"{len(value)} bytes"
     if isinstance(value, msgspec.msgpack.Ext):
         return f"{len(bytes(value.data))} bytes"
-    if not isinstance(value, int) or isinstance(value, bool | enum.Enum):
+    if not text or not isinstance(value, int) or isinstance(value, bool | enum.Enum):
         return value
     return str(value) if is_wide(name) or abs(value) > EXACT else value
 

@@ -26,6 +26,14 @@ from swarmware.types.vehicle import BatteryState, GnssFix, Goal, GoalKind, Imu, 
 UTC = 1_700_000_000_000_000_000
 
 
+@registry.register
+class Sighting(msgspec.Struct, frozen=True):
+    """A type of a module's own, whose names on the wire are those of another program."""
+
+    count: int
+    species: str = msgspec.field(name="class")
+
+
 def entry(path: str, value: msgspec.Struct, number: int, kind: str = "board") -> LogEntry:
     name = type(value).__name__
     stamp, payload = 5 * number, registry.encode(value)
@@ -120,6 +128,19 @@ def test_no_column_of_a_table_has_the_name_of_another(tmp_path: Path) -> None:
     assert (row["path"], row["value.path"]) == ("/uav1/log/gaps", "a/b")
 
 
+def test_a_renamed_field_has_the_name_of_its_schema_in_every_export(tmp_path: Path) -> None:
+    seen = [entry("camera/sighting", Sighting(2, "heron"), 1)]
+    for form in ("csv", "jsonl", "mcap"):
+        export(iter(seen), form, f"{tmp_path}/x.{form}")
+    with (tmp_path / "x.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["count"], row["class"], "species" in row) == ("2", "heron", False)
+    assert json.loads((tmp_path / "x.jsonl").read_text())["value"] == {"count": 2, "class": "heron"}
+    ((_, _, content, _),) = messages(tmp_path / "x.mcap")
+    assert content == {"count": 2, "class": "heron"} and seen[0].plain() == content
+    assert list(viewer_schema("Sighting")["properties"]) == ["count", "class"]
+
+
 def test_a_parquet_table_has_typed_columns(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `parquet` is not installed")
     assert export(flight(), "parquet", f"{tmp_path}/tables/") == 9
@@ -190,6 +211,7 @@ def test_the_schema_of_every_registered_type_has_one_type_a_field_and_no_referen
         for key, one in node.get("properties", {}).items():
             check(one, f"{where}.{key}")
 
+    assert not registry.installed("")  # a search for it loads all modules with types
     names = sorted(registry._TYPES)
     assert len(names) > 80
     for name in names:
