@@ -6,9 +6,10 @@ from typing import Any, Final
 import msgspec
 
 from swarmctl.resources.classes import payload_class
+from swarmctl.resources.entering import json_or_text
 from swarmctl.resources.fields import attitudes
 from swarmctl.resources.listing import consequence
-from swarmctl.resources.values import brief, decoded, select, typed
+from swarmctl.resources.values import brief, decoded, select
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmware.errors import NoAnswer, NotFound, SwarmError
@@ -149,7 +150,7 @@ async def write(session: Session, path: str, text: str, version: int | None = No
 
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
     """
-    request = TreeSet(path, typed(text), version)
+    request = TreeSet(path, msgspec.msgpack.encode(json_or_text(text)), version)
     done = await session.ask(join(session.here, "sys/tree/set"), request, TreeSetDone, about=path)
     return await _written(session, done)
 

@@ -37,3 +37,14 @@ async def payload_class(session: Session, platform: str, name: str) -> type[msgs
         except (NotFound, NoAnswer):
             session.classes[key] = None
     return session.classes[key]
+
+
+async def known_class(session: Session, platform: str, name: str) -> type[msgspec.Struct]:
+    """The class of a type whose values are to be sent or compared.
+
+    Raises: NotFound when it is neither installed here nor described by its platform.
+    """
+    found = await payload_class(session, platform, name)
+    if found is None:
+        raise NotFound(f"type {name!r}: not installed here, and {platform} does not describe it")
+    return found

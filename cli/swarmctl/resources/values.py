@@ -1,6 +1,5 @@
 """Conversion of values between wire format and text."""
 
-import json
 from typing import Any
 
 import msgspec
@@ -63,17 +62,6 @@ def _fields(value: Any) -> str:
     if isinstance(value, list):
         return f"0 to {len(value) - 1}" if value else "none, the list is empty"
     return f"none, it is the value {brief(value)}"
-
-
-def typed(text: str) -> bytes:
-    """Encode a value of an operator, JSON or a plain word, as MessagePack."""
-    try:
-        value = json.loads(text)
-    except RecursionError:
-        raise InvalidInput("value: nested too deep; expected JSON or a plain word") from None
-    except ValueError:
-        value = text
-    return msgspec.msgpack.encode(value)
 
 
 def brief(value: Any) -> str:

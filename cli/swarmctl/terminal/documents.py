@@ -25,6 +25,7 @@ DOCUMENTS: Final = {
     "tree hz": "swarmctl.commands.tree.measuring:MeasuredRates",
     "tree bw": "swarmctl.commands.tree.measuring:MeasuredBandwidths",
     "tree delay": "swarmctl.commands.tree.measuring:MeasuredDelays",
+    "call": "swarmctl.commands.call.request:CallAnswer",
     "topo": "swarmctl.commands.topo.topology:SwarmTopology",
     "link ls": "swarmware.types.net:Neighbours",
     "traffic ls": "swarmware.types.net:Traffic",

@@ -65,6 +65,10 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
             lambda d: len(d["values"]) == 3 and all(0 < v["value"] <= 1 for v in d["values"]),
         ),
         (
+            "call /uav1/sys/tree/get path=nav/pose",
+            lambda d: d["type"] == "TreeValue" and d["value"]["path"] == "/uav1/nav/pose",
+        ),
+        (
             "topo",
             lambda d: (
                 d["nodes"] == list(NODES)
@@ -173,6 +177,12 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
         ("tree set /uav1/nav/pose 1", 5, "access r"),
         ("tree set /uav9/nav/pose 1", 6, "node 'uav9'"),
         ("tree set /uav1/nav/pose", 2, "Missing argument 'VALUE'"),
+        ("call /uav1/nav/pose", 7, "a board; expected a command"),
+        ("call /uav1/cmd/bogus", 6, "no such resource"),
+        ("call /uav9/cmd/abort reason=test", 6, "node 'uav9'"),
+        ("call /uav1/sys/tree/get", 7, "field 'path' of TreeGet is missing"),
+        ("call /uav1/sys/tree/get path=nav/bogus", 6, "no such resource"),
+        ("call /uav1/sys/vehicle/arm armed=true", 2, "motors may turn: expected --yes"),
         ("node info uav9", 6, "node 'uav9'"),
         ("node info Uav1", 7, "platform name 'Uav1'"),
         ("node ls -n uav9", 6, "node 'uav9'"),

@@ -6,6 +6,7 @@ import select
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,9 @@ def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
             shown = ctl("tree type Weather --json").document["types"]
             assert [one["name"] for one in shown] == ["Weather", "Gust"]
             assert shown[0]["fields"][0] | {"unit": "°C", "meaning": "Of the air."} == shown[0]["fields"][0]
+            answer = ctl("call /uav1/cmd/weather at_m=12 --json").document
+            assert (answer["type"], answer["value"]) == ("Weather", {"temp_degc": 12.0, "gusts": []})
+            assert ctl("call cmd/weather 12 -n uav1").code == 7, "a type with a field of another name"
             rate = ctl("tree hz /uav1/sensor/weather --window 1 --json").document["rates"][0]
             assert 15 < rate["written_hz"] < 25, "the counter of the owner, whatever arrives"
             width = ctl("tree bw /uav1/sensor/weather --window 0.5 --json").document["bandwidths"][0]
@@ -104,6 +108,27 @@ def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
             assert 15 < entry["measured_hz"] < 25
         finally:
             module.terminate()
+
+
+@pytest.fixture
+def hello(lab: Lab) -> Iterator[None]:
+    """The example module, on uav1."""
+    source = Path(__file__).parents[3] / "share/swarm/examples/hello.py"
+    env = {**lab.env, "SWARM_CONFIG": f"{lab.node('uav1')['folder']}/etc"}
+    with subprocess.Popen([sys.executable, source], env=env) as module:
+        try:
+            yield
+        finally:
+            module.terminate()
+
+
+def test_a_command_of_the_example_module_is_called_from_another_platform(hello: None, ctl: Ctl) -> None:
+    while (done := ctl("call /uav1/cmd/goto seq=1 kind=goto x_m=2.5 --json")).code == 6:
+        pass
+    assert done.document["receiver"] == "uav1:hello#1", done.err
+    assert ctl('call cmd/goto \'{"seq": 2, "kind": "goto"}\' -n uav1').code == 0
+    wrong = ctl("call /uav1/cmd/goto seq=2 kind=goto x_m=far")
+    assert (wrong.code, "/uav1/cmd/goto.x_m: expected `float`, got `str`" in wrong.err) == (7, True)
 
 
 def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None:

@@ -6,7 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from swarmctl.resources.values import brief, decoded, field, single, typed
+from swarmctl.resources.entering import json_or_text
+from swarmctl.resources.values import brief, decoded, field, single
 from swarmware.errors import InvalidInput
 from swarmware.types import registry
 from swarmware.types.json_form import json_form
@@ -56,7 +57,7 @@ def test_a_field_that_is_not_there_names_those_that_are(fields: str, said: str) 
     ],
 )
 def test_what_is_typed_is_json_or_a_word(text: str, value: Any) -> None:
-    assert msgspec.msgpack.decode(typed(text)) == value
+    assert json_or_text(text) == value
 
 
 def test_a_value_that_is_wrapped_alone_stands_for_itself() -> None:

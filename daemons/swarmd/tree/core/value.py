@@ -4,9 +4,10 @@ from typing import Any
 
 import msgspec
 
-from swarmware.errors import Denied, InvalidInput, NotFound, OutOfRange, TypeMismatch
+from swarmware.errors import Denied, InvalidInput, NotFound
 from swarmware.model.resource import Kind, Resource
 from swarmware.types import registry
+from swarmware.types.typed_value import check_limits, value_of
 
 _SETTABLE = frozenset({Kind.SETTING, Kind.COMMAND, Kind.BOARD})
 
@@ -27,56 +28,9 @@ def typed(
 
     Raises: TypeMismatch with what was expected, OutOfRange with the range.
     """
-    cls = cls or registry.find(resource.type)
-    fields = [field.name for field in msgspec.structs.fields(cls)]
-    if fields == ["value"] and not isinstance(plain, dict | list):
-        plain = {"value": plain}
-    if isinstance(plain, list | tuple):
-        if len(plain) > len(fields):
-            raise TypeMismatch(
-                f"{path}: {len(plain)} items; {resource.type} has the fields {', '.join(fields)}"
-            )
-        plain = dict(zip(fields, plain, strict=False))
-    if not isinstance(plain, dict):
-        raise TypeMismatch(
-            f"{path}: {plain!r} is not a {resource.type}; expected its fields {', '.join(fields)}"
-        )
-    strange = [name for name in plain if name not in fields]
-    if strange:
-        raise TypeMismatch(
-            f"{path}: no field {strange[0]!r} in {resource.type}; expected some of {', '.join(fields)}"
-        )
-    value = _made(cls, plain, path)
-    _check_range(resource, value, path)
+    value = value_of(cls or registry.find(resource.type), plain, path, resource.type)
+    check_limits(resource, value, path)
     return value
-
-
-def _made(cls: type[msgspec.Struct], plain: dict[str, Any], path: str) -> msgspec.Struct:
-    given: dict[str, Any] = {}
-    for field in msgspec.structs.fields(cls):
-        if field.name not in plain:
-            if field.required:
-                raise TypeMismatch(f"{path}: field {field.name!r} of {cls.__name__} is missing")
-            continue
-        try:
-            given[field.name] = msgspec.convert(plain[field.name], field.type, strict=True)
-        except msgspec.ValidationError as error:
-            where = path if field.name == "value" else f"{path}.{field.name}"
-            text = str(error)
-            raise TypeMismatch(
-                f"{where}: {text[:1].lower()}{text[1:]} (it is {plain[field.name]!r})"
-            ) from error
-    return cls(**given)
-
-
-def _check_range(resource: Resource, value: msgspec.Struct, path: str) -> None:
-    number = getattr(value, "value", None)
-    if resource.range is not None and isinstance(number, int | float) and not resource.in_range(number):
-        low, high = resource.range
-        unit = f" {resource.unit}" if resource.unit else ""
-        raise OutOfRange(f"{path}: {number:g}{unit}; expected {low:g} to {high:g}{unit}")
-    if resource.choices and number not in resource.choices:
-        raise OutOfRange(f"{path}: {number!r}; expected one of {', '.join(resource.choices)}")
 
 
 def with_field(current: msgspec.Struct | None, fields: str, plain: Any, path: str) -> dict[str, Any]:
@@ -86,10 +40,11 @@ def with_field(current: msgspec.Struct | None, fields: str, plain: Any, path: st
     """
     if current is None:
         raise NotFound(f"{path}: no value yet, so no field of it can be set; expected the whole value")
-    names = list(current.__struct_fields__)
+    names = current.__struct_encode_fields__
     if fields not in names:
         raise NotFound(f"{path}: no field {fields!r}; expected one of {', '.join(names)}")
-    return {name: getattr(current, name) for name in names} | {fields: plain}
+    values = (getattr(current, field) for field in current.__struct_fields__)
+    return dict(zip(names, values, strict=True)) | {fields: plain}
 
 
 def unpacked(data: bytes, path: str) -> Any:
