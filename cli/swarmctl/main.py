@@ -43,6 +43,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
     "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes."),
     "doctor": Lazy("swarmctl.commands.doctor.command:cmd", "Check this machine and its node for problems."),
+    "new": Lazy("swarmctl.commands.new.command:cmd", "Make a module, driver or service to begin with."),
     "docs": Lazy("swarmctl.commands.docs.command:cmd", "Open the documentation in a browser."),
 }
 """All commands with their modules, which are imported when they are called."""

@@ -107,6 +107,8 @@ def toml_type(kind: msgspec.inspect.Type) -> str:
             return f"array of {toml_type(item)}s"
         case msgspec.inspect.TupleType(item_types=items):
             return f"array of {len(items)} {toml_type(items[0])}s"
+        case msgspec.inspect.DictType():
+            return "tables"
         case msgspec.inspect.UnionType(types=types):
             return " or ".join(sorted({toml_type(one) for one in types} - {"none"}))
     return _TOML[type(kind)]

@@ -52,12 +52,11 @@ def last_word(node: ast.expr) -> str:
 
 
 def bases_of(trees: list[ast.Module]) -> dict[str, set[str]]:
-    return {
-        node.name: {last_word(base) for base in node.bases} - {node.name}
-        for tree in trees
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ClassDef)
-    }
+    """Bases of each class; of classes with one name, as those of the scaffolds, the bases of all."""
+    found: dict[str, set[str]] = {}
+    for node in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+        found.setdefault(node.name, set()).update({last_word(base) for base in node.bases} - {node.name})
+    return found
 
 
 def test_what_never_waits_is_not_async() -> None:

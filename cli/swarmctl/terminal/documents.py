@@ -65,6 +65,9 @@ DOCUMENTS: Final = {
     "config diff": "swarmctl.commands.config.transfer:SettingsDiff",
     "config show": "swarmctl.commands.config.effective:EffectiveSettings",
     "doctor": "swarmctl.commands.doctor.diagnosis:Diagnosis",
+    "new module": "swarmctl.commands.new.scaffold:NewFolder",
+    "new driver": "swarmctl.commands.new.scaffold:NewFolder",
+    "new service": "swarmctl.commands.new.scaffold:NewFolder",
     "docs": "swarmctl.commands.docs.site:DocumentationPage",
     "message": "swarmctl.terminal.documents:Message",
 }

@@ -6,13 +6,9 @@ from typing import Final
 from swarmd.hal.config import Config
 from swarmd.hal.driver import Driver, Factory, Site
 from swarmware.errors import ConfigError, NotFound
-from swarmware.model.plugins import DRIVER_GROUP, entry_points
+from swarmware.model.plugins import DRIVER_GROUP, OWN_DRIVERS, entry_points
 
-DRIVERS: Final = {
-    "replay": "swarmd.hal.drivers.replay",
-    "sim": "swarmd.hal.drivers.sim",
-    "system": "swarmd.hal.drivers.system",
-}
+DRIVERS: Final = {name: f"swarmd.hal.drivers.{name}" for name in OWN_DRIVERS}
 """Modules with a function `make(config, site)`; imported only when configured."""
 
 

@@ -1,8 +1,12 @@
 """Settings of the hardware abstraction (services/hal.toml)."""
 
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import msgspec
+
+from swarmware.model.config import convert
+
+T = TypeVar("T", bound=msgspec.Struct)
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
@@ -69,3 +73,12 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()
     replay: ReplayDriver = ReplayDriver()
+    plugins: dict[str, dict[str, Any]] = {}
+    """Tables of settings for drivers of installed packages, by their names: `[plugins.NAME]`."""
+
+    def plugin(self, name: str, cls: type[T]) -> T:
+        """Settings of an installed driver: its table, or the defaults when there is none.
+
+        Raises: ConfigError when the table does not fit its class.
+        """
+        return convert(self.plugins.get(name, {}), cls, f"services/hal.toml: table plugins.{name}")

@@ -15,6 +15,9 @@ SERVICE_GROUP: Final = "swarmware.services"
 DRIVER_GROUP: Final = "swarmware.drivers"
 BLOCK_GROUP: Final = "swarmware.blocks"
 
+OWN_DRIVERS: Final = ("replay", "sim", "system")
+"""Drivers of the daemon hal itself, whose names no plug-in can have."""
+
 _OWN: Final = "swarmd."
 """Start of what the entry points of this package name."""
 

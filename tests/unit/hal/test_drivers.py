@@ -1,5 +1,6 @@
 """Which drivers a platform gets, and the filter of its sonar."""
 
+import msgspec
 import pytest
 
 from swarmd.hal.catalogue import DRIVERS, find, make_all
@@ -7,6 +8,7 @@ from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Site
 from swarmware.errors import ConfigError, NotFound
+from swarmware.model.config import parse
 from swarmware.model.platform_kind import PlatformKind
 
 UGV, UAV, GCS = (Site(kind, "/nowhere") for kind in (PlatformKind.UGV, PlatformKind.UAV, PlatformKind.GCS))
@@ -48,6 +50,24 @@ def test_an_unknown_driver_is_named_with_the_known_ones() -> None:
 def test_the_same_device_twice_is_refused() -> None:
     with pytest.raises(ConfigError, match="system is listed twice"):
         make_all(Config(drivers=("system", "system")), UGV)
+
+
+class Sonar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Settings of a driver of another package."""
+
+    rate_hz: float = 5.0
+
+
+def test_a_driver_of_another_package_has_a_table_of_its_own() -> None:
+    config = parse("[plugins.sonar]\nrate_hz = 2.0\n", Config, "hal.toml")
+    assert config.plugin("sonar", Sonar) == Sonar(2.0)
+    assert Config().plugin("sonar", Sonar) == Sonar(5.0)
+
+
+def test_a_wrong_key_in_the_table_of_a_driver_is_named_with_its_place() -> None:
+    config = parse("[plugins.sonar]\nrate = 2.0\n", Config, "hal.toml")
+    with pytest.raises(ConfigError, match=r"services/hal.toml: table plugins.sonar: key rate: unknown"):
+        config.plugin("sonar", Sonar)
 
 
 @pytest.mark.parametrize("name", DRIVERS)

@@ -1,0 +1,1 @@
+"""The group `new`: folders to begin with, made from the scaffolds of this installation."""
