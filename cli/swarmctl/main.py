@@ -7,7 +7,7 @@ from typing import Final
 import click
 
 from swarmctl.commandline.lazy import Lazy, LazyGroup
-from swarmctl.commandline.settings import PREFIX, CliSettings, settings, wants_structured
+from swarmctl.commandline.settings import PREFIX, CliSettings, Nodes, settings, wants_structured
 from swarmctl.commandline.shared_options import shared_options
 from swarmware import __version__
 from swarmware.errors import Denied, NotFound, SwarmError
@@ -73,7 +73,7 @@ def cli(ctx: click.Context) -> None:
 cli.params += shared_options(set())
 
 
-@cli.command()
+@cli.command(nodes=Nodes.NONE)
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the completion script of a shell.

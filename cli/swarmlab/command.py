@@ -7,7 +7,8 @@ from typing import Any, Final
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.settings import settings
+from swarmctl.commandline.parameters import at_nodes, nodes_argument
+from swarmctl.commandline.settings import Nodes, settings
 
 EXPERIMENTS: Final = ("formation",)
 
@@ -48,7 +49,7 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @_swarm_options
 @click.option(
     "--duration",
@@ -81,7 +82,7 @@ def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: 
     ctx.exit(experiment.main(LabSpec(**spec), duration_s, out, Output(settings(ctx)), strict=strict))
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--markdown", is_flag=True, help="Print the table in Markdown, without computing the report.")
 @click.option("--strict", is_flag=True, help="Exit with 1 when a goal is missed.")
@@ -100,7 +101,7 @@ def report(ctx: click.Context, folder: Path, markdown: bool, strict: bool) -> No
     ctx.exit(experiment.report(folder, Output(settings(ctx)), strict=strict))
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @_swarm_options
 @click.option("--detach", is_flag=True, help="Return when the swarm is up; `lab down` ends it.")
 @click.pass_context
@@ -116,7 +117,7 @@ def up(ctx: click.Context, /, detach: bool, **spec: Any) -> None:
     lifecycle.main(LabSpec(**spec), Output(settings(ctx)), detach=detach)
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @click.pass_context
 def ls(ctx: click.Context) -> None:
     """List the labs of this user.
@@ -130,22 +131,22 @@ def ls(ctx: click.Context) -> None:
 
 
 @cmd.command()
-@click.argument("platform", default="")
+@nodes_argument()
 @click.option("--follow", "-f", is_flag=True, help="Follow new lines.")
 @click.option("--lines", type=click.IntRange(min=1), default=20, show_default=True, help="Lines per node.")
 @click.pass_context
-def logs(ctx: click.Context, platform: str, follow: bool, lines: int) -> None:
-    """Show the output of the processes of a lab.
+def logs(ctx: click.Context, platforms: tuple[str, ...], follow: bool, lines: int) -> None:
+    """Show the output of the processes of a lab, or of its nodes that are named.
 
     Example: swarmctl lab logs uav1 --follow
     """
     from swarmctl.terminal.output import Output
     from swarmlab.run.listing import print_logs
 
-    print_logs(platform, lines, Output(settings(ctx)), follow=follow)
+    print_logs(lines, Output(at_nodes(ctx, platforms)), follow=follow)
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @click.argument("name", default="")
 @click.option("--all", "everything", is_flag=True, help="All labs of this user.")
 @click.option("--keep", is_flag=True, help="Keep configuration and logs.")

@@ -75,7 +75,21 @@ A command joins the node that `--config DIR` names, else the
 ground station of the lab that `--lab NAME` names, else the node of `SWARM_CONFIG` (which daemons and modules
 read, too), else the ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` selects the
 platform of the request. Every other option is also read from the environment: `SWARMCTL_NODE`,
-`SWARMCTL_JSON` …
+`SWARMCTL_JSON` … A variable that is set and empty counts as not set; an empty `--node ""` on the command line
+is refused.
+
+Every command that takes nodes takes several: `-n uav1,uav2`, `-n uav1 -n uav2`, `-n 'uav*'`, `-n 'uav{1,3}'`,
+`--all` (the same as `-n '*'`). A selection is what stands between the braces of a
+[path pattern](reference/paths.md); each of its parts must match a known platform. Arguments `PLATFORM…` have
+the same form, and go before `--node`. The command runs at all selected nodes at the same time and prints one
+result: a table with the column NODE, in which a node that failed has its error in its row. As a document it
+is [`nodes.schema.json`](reference/documents.md): a list with the platform, the document of the command as for
+one node, the error and the exit code of each. One name prints the document of the command itself. Commands
+whose own document has a platform per item (`node ls`, `health ls`, `app ls`, `topo`, `tree`, `log`, those
+that move vehicles) keep it. Where a confirmation is needed there is one, which names all nodes. The exit code
+is 0 when all nodes succeeded, 3 when some failed, else that of the failure, or 1 where they failed
+differently.
+`mission start` acts through one ground station, and `kill` on one vehicle.
 
 | exit code | means |
 |---|---|

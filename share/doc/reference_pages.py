@@ -207,6 +207,10 @@ def templates() -> str:
     return "".join(out)
 
 
+SHARED_DOCUMENTS = {"message": "lines on stderr", "nodes": "a command at several nodes"}
+"""Documents that do not belong to one command."""
+
+
 def schemas() -> str:
     """The documents of the commands, and their schemas."""
     out = ["\n", head("command", "schema", "content")]
@@ -214,7 +218,7 @@ def schemas() -> str:
         module, _, name = documents.DOCUMENTS[command].partition(":")
         cls = getattr(__import__(module, fromlist=[name]), name)
         file = f"{command.lower().replace(' ', '-')}.schema.json"
-        called = "lines on stderr" if command == "message" else f"`swarmctl {command}`"
+        called = SHARED_DOCUMENTS.get(command) or f"`swarmctl {command}`"
         link = f"[`{file}`](../../swarm/schemas/swarmctl/{file})"
         out.append(row(called, link, inspect.getdoc(cls) or ""))
     plain = ", ".join(f"`swarmctl {command}`" for command in sorted(documents.NO_DOCUMENT))

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from swarmctl.commandline.nodes import NodeSelection
 from swarmware.runtime.filewriter import replace_file
 
 LIMIT: Final = 20_000
@@ -79,8 +80,9 @@ def _cut(path: str, at: int) -> str:
 
 
 def local(rows: Iterable[CachedResource], platform: str) -> Iterator[str]:
-    """Paths without their platform, of one platform, or of all when none is named."""
+    """Paths without their platform, of the selected platforms, or of all when none is selected."""
+    selected = NodeSelection(platform).matches if platform else None
     for row in rows:
         _, name, path = row.path.split("/", 2) if row.path.count("/") > 1 else ("", "", "")
-        if path and (not platform or name == platform):
+        if path and (selected is None or selected(name)):
             yield path

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import click
 
+from swarmctl.commandline.settings import Nodes, settings
 from swarmctl.commandline.shared_options import shared_options
 
 EXTERNAL: Final = "swarmctl-"
@@ -26,11 +27,24 @@ class Lazy(NamedTuple):
 class Command(click.Command):
     """A command that also accepts the shared options."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, nodes: Nodes = Nodes.SOME, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        self.nodes = nodes
         taken = {name for param in self.params for name in (param.name or "", *param.opts)}
-        self._shared = shared_options(taken)
+        self._shared = shared_options(taken, nodes)
         self.params += self._shared
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Runs the command.
+
+        Raises: UsageError when several nodes are selected for a command of one.
+        """
+        selected = settings(ctx).node
+        if self.nodes is Nodes.ONE and any(char in selected for char in "*{,"):
+            raise click.UsageError(
+                f"--node {selected!r}: this command acts through one node; expected its name", ctx
+            )
+        return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The command's own options first, the shared ones below."""

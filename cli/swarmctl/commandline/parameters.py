@@ -1,10 +1,12 @@
 """Types of options and arguments that several commands have."""
 
+from collections.abc import Callable
 from typing import Any, Final
 
 import click
 
 from swarmctl.commandline import completion
+from swarmctl.commandline.settings import CliSettings, settings
 
 
 class GivenText(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generic
@@ -20,16 +22,36 @@ class GivenText(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generi
 
 
 class PlatformName(GivenText):
-    """A platform, completed from the cache."""
+    """A platform, or a selection of some, completed from the cache."""
 
     name = "platform"
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-        """Platforms that were listed before."""
+        """Platforms that were listed before, also after a comma."""
         from click.shell_completion import CompletionItem
 
-        return [CompletionItem(name) for name in completion.platforms(incomplete)]
+        begun, comma, word = incomplete.rpartition(",")
+        return [CompletionItem(f"{begun}{comma}{name}") for name in completion.platforms(word)]
 
 
 TEXT: Final = GivenText()
 PLATFORM: Final = PlatformName()
+
+
+def nodes_argument(name: str = "[PLATFORM…]") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Argument `platforms` of a command: nodes by name or pattern."""
+    return click.argument("platforms", nargs=-1, metavar=name, type=PLATFORM)
+
+
+def at_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
+    """The settings with the nodes that the arguments name; without any those of `-n`."""
+    found = settings(ctx)
+    return found._replace(node=",".join(platforms)) if platforms else found
+
+
+def at_path(ctx: click.Context, path: str) -> tuple[CliSettings, str]:
+    """The settings with the nodes of a path, which may be a pattern, and the path without them."""
+    platform, _, local = path.removeprefix("/").partition("/")
+    if not path.startswith("/") or not platform or not local:
+        return settings(ctx), path
+    return settings(ctx)._replace(node=platform), local

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from enum import Enum
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -16,11 +17,22 @@ FORMATS: Final = ("table", "wide", "json", "jsonl", "yaml")
 STRUCTURED: Final = frozenset({"json", "jsonl", "yaml"})
 
 
+class Nodes(Enum):
+    """Nodes that a command acts on."""
+
+    SOME = "some"
+    """Each selected node, or the one that was joined."""
+    ONE = "one"
+    """By its nature one node."""
+    NONE = "none"
+    """No node of a running swarm."""
+
+
 class CliSettings(NamedTuple):
     """Options of `swarmctl` itself; accepted before or after the command's name."""
 
     node: str = ""
-    """Platform of the session; empty: that of the joined node."""
+    """Selected platforms, as in `commandline/nodes.py`; empty: that of the joined node."""
     lab: str = ""
     """Running lab whose ground station is joined; empty: the newest."""
     config: str = ""

@@ -7,7 +7,10 @@ import click
 
 from swarmctl.commandline import completion
 from swarmctl.commandline.parameters import PLATFORM, TEXT
-from swarmctl.commandline.settings import FORMATS, PREFIX, settings
+from swarmctl.commandline.settings import FORMATS, PREFIX, Nodes, settings
+
+_NODES: Final = "swarmctl.nodes"
+"""Key of the context's data: the command and the option that selected the nodes last."""
 
 
 def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
@@ -22,7 +25,27 @@ def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
             if value:
                 ctx.obj = settings(ctx)._replace(output="json")
             return
+        if param.name in {"node", "everywhere"}:
+            _keep_nodes(ctx, param.name, value, typed=source.name == "COMMANDLINE")
+            return
         ctx.obj = settings(ctx)._replace(**{param.name or "": value})
+
+
+def _keep_nodes(ctx: click.Context, name: str, value: Any, *, typed: bool) -> None:
+    """Stores the selection of `--node` or `--all`; a typed one is not replaced by that of the environment.
+
+    Raises: UsageError when both are typed at one command.
+    """
+    if not value:
+        return
+    before = ctx.meta.get(_NODES)
+    if before is not None and before[0] is ctx and before[1] != name:
+        if typed:
+            raise click.UsageError("--node and --all: expected one of them", ctx)
+        return
+    if typed:
+        ctx.meta[_NODES] = (ctx, name)
+    ctx.obj = settings(ctx)._replace(node="*" if name == "everywhere" else ",".join(value))
 
 
 def _option(*names: str, name: str, help_text: str, **rest: Any) -> Callable[[], click.Option]:
@@ -46,8 +69,18 @@ _SHARED: Final = (
         "-n",
         name="node",
         metavar="PLATFORM",
-        help_text="Platform to query or command.",
+        help_text="Platforms to query or command: names or patterns (uav1,ugv1 'uav*' 'uav{1,3}'); several -n"
+        " add up.",
         type=PLATFORM,
+        multiple=True,
+    ),
+    _option(
+        "--all",
+        name="everywhere",
+        is_flag=True,
+        help_text="All platforms, same as -n '*'; of a command to vehicles, all vehicles.",
+        envvar=None,  # a variable that is forgotten must not address the whole swarm
+        allow_from_autoenv=False,
     ),
     _option(
         "--lab",
@@ -88,7 +121,15 @@ _SHARED: Final = (
 )
 
 
-def shared_options(taken: set[str]) -> list[click.Option]:
-    """The options of every command, except those that the command defines itself."""
+def shared_options(taken: set[str], nodes: Nodes = Nodes.SOME) -> list[click.Option]:
+    """The options of every command, except those that the command defines itself.
+
+    `nodes`: which of the options that select nodes it accepts.
+    """
+    without = {Nodes.SOME: set(), Nodes.ONE: {"everywhere"}, Nodes.NONE: {"node", "everywhere"}}[nodes]
     made = [make() for make in _SHARED]
-    return [option for option in made if not taken & {option.name or "", *option.opts}]
+    return [
+        option
+        for option in made
+        if option.name not in without and not taken & {option.name or "", *option.opts}
+    ]

@@ -11,7 +11,6 @@ from swarmctl.resources.fields import attitudes
 from swarmctl.resources.listing import consequence
 from swarmctl.resources.values import brief, decoded, select
 from swarmctl.session.session import Session
-from swarmctl.terminal.confirmation import confirm
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, split
@@ -167,8 +166,8 @@ async def set_resource(session: Session, path: str, text: str, *, version: int |
     Raises: as `write` and `confirm`.
     """
     full = session.path(path)
-    if not yes and (will := await consequence(session, full)):
-        confirm(yes, f"set {full}: {will}")
+    will = "" if yes else await consequence(session, full)
+    await session.confirm(yes, will and f"set {split(full)[1]}: {will}")
     done = await write(session, full, text, version)
     if session.settings.structured:
         session.out.document(done)

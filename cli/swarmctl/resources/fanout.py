@@ -14,15 +14,6 @@ from swarmware.types import registry
 R = TypeVar("R", bound=msgspec.Struct)
 
 
-async def platforms(session: Session) -> list[str]:
-    """The joined node, every platform it can reach, and known ones that are unreachable.
-
-    Raises: NoAnswer when its broker does not answer.
-    """
-    ways = {route.platform for route in (await session.routes()).routes}
-    return sorted({session.here, *ways, *await session.known()}, key=names.natural)
-
-
 async def ask_all(
     session: Session, asked: list[str], path: str, value: msgspec.Struct, reply: type[R]
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:

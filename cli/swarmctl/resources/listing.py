@@ -26,10 +26,11 @@ async def listing(session: Session, pattern: str) -> TreeListing:
 
     Raises: NotFound when nothing matches, or the platform is not known.
     """
+    await session.check_selected(pattern)
     if not pattern:
-        full = f"/{session.settings.node}/**" if session.settings.node else "/**"
+        full = session.path("**") if session.settings.node else "/**"
     elif is_pattern(pattern):
-        full = pattern if pattern.startswith("/") else session.path(pattern)
+        full = session.path(pattern)
     else:
         full = f"{session.path(pattern.rstrip('/') or '/')}/**" if pattern != "/" else "/**"
     found = await _pages(session, full)
@@ -95,6 +96,7 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
 
     Raises: NotFound when there are none, NoAnswer when the platform is not reachable.
     """
+    await session.check_selected(path)
     full = session.path(path)
     found = await _pages(session, full)
     entries = [entry for entry in found.entries if entry.kind in VALUED]

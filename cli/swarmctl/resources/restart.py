@@ -7,7 +7,6 @@ import msgspec
 
 from swarmctl.resources.access import newest
 from swarmctl.session.session import Session
-from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column
 from swarmware.errors import Denied, NoAnswer, NotFound
 from swarmware.model import names
@@ -30,16 +29,14 @@ class RestartedServices(msgspec.Struct, frozen=True):
 
 
 async def restart(
-    session: Session, platform: str, wanted: tuple[str, ...], wait_s: float, *, yes: bool, force: bool
+    session: Session, wanted: tuple[str, ...], wait_s: float, *, yes: bool, force: bool
 ) -> None:
     """Restarts services one after the other and prints each; nothing named: all under the guard.
-
-    `platform`: empty for the one that `-n` names.
 
     Raises: NotFound for a service that is not under the guard, Denied for an armed vehicle unless `force`,
     NoAnswer when one does not run again in time; as `confirm`.
     """
-    platform = names.check_platform(platform or session.platform)
+    platform = session.platform
     status = await session.ask(names.join(platform, "sys/guard/status"), Empty(), GuardStatus)
     known = [one.name for one in status.services]
     if unknown := [name for name in wanted if name not in known]:
@@ -53,8 +50,10 @@ async def restart(
     if armed and not force and not GROUNDED.issuperset(chosen):
         flies = ", ".join(name for name in chosen if name not in GROUNDED)
         raise Denied(f"{platform} is armed and flies with {flies}; expected a disarmed vehicle, or --force")
-    air = ", which is armed" if armed else ""
-    confirm(yes, f"restart {', '.join(chosen)} of {platform}{air}: interrupted until they run again")
+    air = ", with which the armed vehicle flies" if armed and not GROUNDED.issuperset(chosen) else ""
+    await session.confirm(yes, f"restart {', '.join(chosen)}{air}: interrupted until they run again")
+    if platform == session.here:
+        await session.others_ended()  # they are reached through the services of this node
     done = [await _one(session, platform, name, wait_s) for name in chosen]
     if session.settings.structured:
         session.out.document(RestartedServices(platform, done))

@@ -9,6 +9,7 @@ from typing import Final
 import msgspec
 
 from swarmctl.commandline.completion import default_labs_folder
+from swarmctl.commandline.nodes import NodeSelection
 from swarmctl.session.processes import NODE_MARK, ProcessIdentity, marked, marks
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 from swarmware.model import document
@@ -109,6 +110,16 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
         known = ", ".join(node.platform for node in self.nodes)
         raise NotFound(f"node {platform!r} (lab {self.name}): no such node; expected one of {known}")
 
+    def select(self, selection: str) -> list[LabNode]:
+        """The selected nodes in natural order; empty: all, in the order of their numbers.
+
+        Raises: NotFound naming the existing nodes when a name or a pattern matches none.
+        """
+        if not selection:
+            return list(self.nodes)
+        known = {node.platform: node for node in self.nodes}
+        return [known[name] for name in NodeSelection(selection).choose(known, f"lab {self.name}")]
+
     @property
     def station(self) -> LabNode:
         """The ground station's node, which commands join."""
@@ -194,6 +205,11 @@ def running_labs() -> list[LabState]:
         except (NotFound, ConfigError):
             continue
     return found
+
+
+def of_station(config_dir: Path) -> LabState | None:
+    """The lab whose ground station has this configuration folder; None: there is none."""
+    return next((lab for lab in labs() if lab.station.config_dir == config_dir), None)
 
 
 def find(name: str = "") -> LabState:

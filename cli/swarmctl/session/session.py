@@ -3,12 +3,15 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from copy import copy
 from pathlib import Path
-from typing import Concatenate, Final, ParamSpec, TypeVar
+from typing import Concatenate, Final, ParamSpec, Self, TypeVar
 
 import msgspec
 
+from swarmctl.commandline.nodes import NodeSelection, is_selection, names_one
 from swarmctl.commandline.settings import CliSettings
+from swarmctl.terminal.confirmation import JointConfirmation, confirm
 from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
@@ -35,17 +38,76 @@ class Session:
         self.out = out
         self.here = module.platform
         """Platform of the node that was joined."""
-        self.platform = names.check_platform(settings.node) if settings.node else self.here
-        """Platform that `--node` names, else the one that was joined."""
+        self.selection = NodeSelection(settings.node or self.here)
+        self.platform = "" if is_selection(settings.node) else settings.node or self.here
+        """Platform that `--node` names, else the one that was joined; empty where it may name several."""
+        self._joint: JointConfirmation | None = None
         self._routes: Routes | None = None
         self._known: tuple[str, ...] = ()
         self.classes: dict[tuple[str, str], type[msgspec.Struct] | None] = {}
         """Payload types that are not installed here, by platform and name; None: not described."""
 
+    def at(self, platform: str, out: Output, joint: JointConfirmation) -> Self:
+        """This session for one of the selected nodes, with a confirmation in common with the others."""
+        one = copy(self)
+        one.settings = self.settings._replace(node=platform)
+        one.selection = NodeSelection(platform)
+        one.platform = platform
+        one.out = out
+        one._joint = joint
+        return one
+
+    @property
+    def joint(self) -> bool:
+        """Whether the command runs at the same time for other nodes."""
+        return self._joint is not None
+
     def path(self, path: str) -> str:
-        """A path with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`."""
+        """A path with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`; of several a pattern."""
         platform, local = names.split(path)
-        return names.join(platform or self.platform, local)
+        return names.join(platform or self.selection.pattern, local)
+
+    async def check_selected(self, path: str) -> None:
+        """Check that each name and pattern of the selection matches a platform, unless the path has its own.
+
+        Raises: NotFound naming the known platforms.
+        """
+        if is_selection(self.settings.node) and not path.startswith("/"):
+            await self.selected()
+
+    async def confirm(self, yes: bool, what: str) -> None:
+        """Returns when the operator confirms what happens at this platform; once for all selected ones.
+
+        Empty: nothing that needs it here. Then it waits for the answer about the others.
+        Raises: UsageError without a terminal, Abort after a refusal.
+        """
+        if self._joint is None:
+            confirm(yes or not what, f"{self.platform}: {what}")
+        else:
+            await self._joint.confirm(yes, self.platform, what)
+
+    async def others_ended(self) -> None:
+        """Returns when the command has ended at the other selected nodes."""
+        if self._joint is not None:
+            await self._joint.others_ended()
+
+    async def platforms(self) -> list[str]:
+        """The joined node, every platform it can reach, and known ones that are unreachable.
+
+        Raises: NoAnswer when its broker does not answer.
+        """
+        ways = {route.platform for route in (await self.routes()).routes}
+        return sorted({self.here, *ways, *await self.known()}, key=names.natural)
+
+    async def selected(self) -> list[str]:
+        """The selected platforms; without a selection all known ones. A single name is not checked.
+
+        Raises: NotFound when a name or a pattern matches none.
+        """
+        if names_one(self.settings.node):
+            return [self.platform]
+        known = await self.platforms()
+        return self.selection.choose(known, self.here) if self.settings.node else known
 
     async def ask(
         self,
@@ -137,26 +199,26 @@ def config_dir(settings: CliSettings) -> Path:
     )
 
 
-def local_config_dir(settings: CliSettings) -> Path:
-    """Configuration folder of the platform of the session, whose files must be on this machine.
+def local_config_dirs(settings: CliSettings) -> dict[str, Path]:
+    """Configuration folders of the selected platforms, whose files must be on this machine, in natural order.
 
-    Raises: NotFound when they are not.
+    Without a selection that of the node to join. Raises: NotFound when one is not on this machine.
     """
     from swarmctl.session import labs
 
     joined = config_dir(settings)
+    lab = labs.of_station(joined) if settings.config_dir is None else None
+    if lab is None:
+        known = {load_node(joined).platform: joined}
+    else:
+        known = {node.platform: node.config_dir for node in lab.nodes}
     if not settings.node:
-        return joined
-    if settings.config_dir is None:
-        for lab in labs.labs():
-            if lab.station.config_dir == joined:
-                return lab.node(settings.node).config_dir
-    here = load_node(joined).platform
-    if here != settings.node:
-        raise NotFound(
-            f"files of {settings.node!r}: not on this machine; expected {here}, or swarmctl on its machine"
-        )
-    return joined
+        return {name: folder for name, folder in known.items() if folder == joined}
+    try:
+        chosen = NodeSelection(settings.node).choose(known, "this machine")
+    except NotFound as error:
+        raise NotFound(f"files of {error}; expected one of these, or swarmctl on its machine") from error
+    return {name: known[name] for name in chosen}
 
 
 @asynccontextmanager

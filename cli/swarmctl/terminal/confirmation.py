@@ -1,6 +1,8 @@
 """Confirmation before something irreversible; scripts give it as an option."""
 
+import asyncio
 import sys
+from collections.abc import Iterable
 
 import click
 
@@ -28,3 +30,58 @@ def confirm_by_name(name: str, given: str, what: str) -> None:
         given = click.prompt(f"{what}. Type {name} to continue", err=True)
     if given != name:
         raise click.UsageError(f"{what}: confirmed by {given!r}; expected the same name, {name!r}")
+
+
+class JointConfirmation:
+    """One confirmation of a command at several nodes, asked when each node asks for it or has ended."""
+
+    def __init__(self, nodes: Iterable[str]) -> None:
+        self._running = set(nodes)
+        self._effects: dict[str, str] = {}
+        self._answered = asyncio.Event()
+        self._last = asyncio.Event()
+        self._refusal: BaseException | None = None
+
+    async def confirm(self, yes: bool, node: str, what: str) -> None:
+        """Returns when the operator confirms what happens at all nodes; empty: nothing at this one.
+
+        Raises: as `confirm`.
+        """
+        if not yes:
+            self._effects[node] = what
+            self._ask()
+            await self._answered.wait()
+        if self._refusal is not None:
+            raise self._refusal
+
+    async def others_ended(self) -> None:
+        """Returns when the command has ended at all other nodes."""
+        if len(self._running) > 1:
+            await self._last.wait()
+
+    def finish(self, node: str) -> None:
+        """The command has ended at a node."""
+        self._running.discard(node)
+        self._effects.pop(node, None)
+        if len(self._running) <= 1:
+            self._last.set()
+        self._ask()
+
+    def fail(self, error: BaseException) -> None:
+        """The command has an error that ends it at all nodes."""
+        self._refusal = error
+        self._answered.set()
+        self._last.set()
+
+    def _ask(self) -> None:
+        if self._answered.is_set() or not self._effects or self._running - self._effects.keys():
+            return
+        nodes: dict[str, list[str]] = {}
+        for node, what in self._effects.items():
+            if what:
+                nodes.setdefault(what, []).append(node)
+        try:
+            confirm(not nodes, "; ".join(f"{', '.join(names)}: {what}" for what, names in nodes.items()))
+        except (click.UsageError, click.Abort) as refusal:
+            self._refusal = refusal
+        self._answered.set()

@@ -69,6 +69,7 @@ DOCUMENTS: Final = {
     "new driver": "swarmctl.commands.new.scaffold:NewFolder",
     "new service": "swarmctl.commands.new.scaffold:NewFolder",
     "docs": "swarmctl.commands.docs.site:DocumentationPage",
+    "nodes": "swarmctl.terminal.node_output:NodeResults",
     "message": "swarmctl.terminal.documents:Message",
 }
 """`module:type` by command, and of the lines on stderr; imported only where a schema is made."""

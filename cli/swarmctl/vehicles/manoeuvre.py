@@ -77,14 +77,12 @@ async def _send(session: Session, name: str, order: MissionAbort) -> str:
     return "" if outcome.delivered else f"no answer: {outcome}"
 
 
-async def command(
-    session: Session, then: str, wanted: tuple[str, ...], wait_s: float, reason: str, *, everything: bool
-) -> None:
+async def command(session: Session, then: str, wanted: tuple[str, ...], wait_s: float, reason: str) -> None:
     """`swarmctl hold|land|return` from the names to the result.
 
     Raises: as `choose` and `judge`.
     """
-    chosen = await choose(session, wanted, everything=everything)
+    chosen = await choose(session, wanted)
     found = await manoeuvre(session, MissionAbort(reason, then), chosen, wait_s)
     if session.settings.structured:
         session.out.document(CommandResult(then, found))

@@ -5,13 +5,12 @@ from typing import Any, Final
 
 import click
 
-from swarmctl.commandline.parameters import PLATFORM
+from swarmctl.commandline.parameters import nodes_argument
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
-EVERYTHING: Final = click.option("--all", "everything", is_flag=True, help="All known vehicles.")
 REASON: Final = click.option("--reason", default="operator", help="Reason, recorded in all logs.")
-PLATFORMS: Final = click.argument("platforms", nargs=-1, metavar="PLATFORM…", type=PLATFORM)
+PLATFORMS: Final = nodes_argument("PLATFORM…")
 
 
 def timeout_option(wait_s: float) -> Decorator:

@@ -86,15 +86,14 @@ def list_labs(out: Output) -> None:
     out.table(_COLUMNS, rows)
 
 
-def print_logs(platform: str, lines: int, out: Output, *, follow: bool) -> None:
-    """Prints the last lines of each node's log; of one platform when it is named, here or by `-n`.
+def print_logs(lines: int, out: Output, *, follow: bool) -> None:
+    """Prints the last lines of each node's log; of the selected platforms.
 
     With `follow` the process becomes tail(1), which prints new lines.
     Raises: NotFound when there is no such lab or node.
     """
     lab = labs.find(out.settings.lab)
-    wanted = platform or out.settings.node
-    nodes = (lab.node(wanted),) if wanted else lab.nodes
+    nodes = lab.select(out.settings.node)
     if follow:
         _exec_tail(nodes, lines)
     for node in nodes:

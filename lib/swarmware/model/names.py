@@ -223,5 +223,5 @@ def _alternatives(text: str, segment: str) -> list[str]:
         else:
             raise InvalidInput(f"pattern {text!r}: unexpected {char!r}; expected [a-z0-9_/], *, **, {{a,b}}")
     if len(done) > 1:
-        raise InvalidInput(f"pattern {text!r}: a '{{' is not closed")
+        raise InvalidInput(f"pattern {text!r}: a '{{' is not closed; expected '}}'")
     return open_[0]

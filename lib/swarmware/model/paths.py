@@ -24,6 +24,11 @@ def application_file(name: str, instance: int) -> str:
     return f"{name}#{instance}.toml"
 
 
+def platform_settings(folder: Path, platform: str) -> Path:
+    """File of the live settings of a platform, in a folder with those of several."""
+    return folder / f"{platform}.toml"
+
+
 def sockets(run_dir: Path) -> Path:
     """Folder of the sockets of all processes."""
     return run_dir / "p"

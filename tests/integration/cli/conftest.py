@@ -158,5 +158,12 @@ def _validate(words: list[str], out: str) -> None:
         command = "tree get PATTERN"
     if command == "mission start" and found is None:
         command = "mission watch"
+    if found and "result" in (found.get("nodes") or [{}])[0]:
+        jsonschema.validate(found, documents.schema("nodes"))
+        for node in found["nodes"]:
+            if node["result"] is not None:
+                whole = {"schema_version": found["schema_version"], **node["result"]}
+                jsonschema.validate(whole, documents.schema(command))
+        return
     for one in [found] if found else [json.loads(line) for line in out.splitlines()]:
         jsonschema.validate(one, documents.schema(command))

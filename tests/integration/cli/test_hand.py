@@ -95,7 +95,7 @@ def test_arming_asks_shows_and_is_audited(ctl: Ctl) -> None:
 
     hazard = ctl("""tree set /uav1/sys/vehicle/arm.armed true""")
     assert hazard.code == 2
-    assert "/uav1/sys/vehicle/arm.armed: motors may turn: expected --yes" in hazard.err
+    assert "uav1: set sys/vehicle/arm.armed: motors may turn: expected --yes" in hazard.err
     assert ctl("""tree set /uav1/sys/vehicle/kill '{"platform": "uav1"}'""").code == 2
     assert ctl("disarm uav1 uav2 --json").document["vehicles"][0]["armed"] is False
     assert ctl("disarm uav1").out.startswith("uav1 landed")
@@ -110,7 +110,7 @@ def test_who_is_not_named_or_not_there_or_no_vehicle_is_refused(ctl: Ctl) -> Non
         assert ctl(command).code == 2, command
         assert ctl(f"{command} uav1 --all").code == 2, command
         missing = ctl(f"{command} 'uav7*'")
-        assert (missing.code, "no vehicle matches" in missing.err) == (6, True), missing.err
+        assert (missing.code, "no node matches" in missing.err) == (6, True), missing.err
         station = ctl(f"{command} gcs")
         assert (station.code, "a ground station; expected a vehicle" in station.err) == (7, True), station.err
     assert ctl("kill nobody --confirm nobody").code == 6

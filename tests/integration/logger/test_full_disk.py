@@ -85,7 +85,7 @@ async def test_a_full_disk_is_shown_and_costs_nothing_when_there_is_room_again(
             for number in range(1, 400):
                 writer.write(Int(number))
             await until_shown(health, full=True)
-            results = await asyncio.to_thread(examine, config, fix=False)
+            results = await asyncio.to_thread(examine, {"uav1": config}, fix=False)
             found = {result.text for result in results if result.check == "fault"}
             assert any(
                 text.startswith("logger/disk: full: ") and f"{log}: No space left" in text for text in found

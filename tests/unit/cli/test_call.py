@@ -131,7 +131,7 @@ async def test_an_answer_without_fields_is_done_and_a_single_value_is_printed_al
 async def test_a_request_that_arms_or_silences_asks_first_and_is_not_sent_without_an_answer() -> None:
     entry = command(reply="VehicleState", confirm="motors may turn")
     session = Recording(entry, VehicleState(True, False))
-    with pytest.raises(click.UsageError, match="call /uav1/sys/vehicle/arm: motors may turn: expected --yes"):
+    with pytest.raises(click.UsageError, match="call sys/vehicle/arm: motors may turn: expected --yes"):
         await call_resource(session, ARM, ("armed=true",), yes=False)
     assert session.sent == []
     await call_resource(session, ARM, ("armed=true",), yes=True)

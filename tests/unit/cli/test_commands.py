@@ -4,7 +4,8 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from types import SimpleNamespace
+from typing import Any, TypeVar, cast
 
 import click
 import msgspec
@@ -28,6 +29,7 @@ from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
+from swarmware.module.module import Module
 from swarmware.types import registry
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.health import FaultList
@@ -48,12 +50,10 @@ class ScriptedSession(Session):
 
     def __init__(self, answers: Mapping[str, Any], **options: Any) -> None:
         self.stdout, self.stderr = io.StringIO(), io.StringIO()
-        self.settings = CliSettings(**options)
-        self.out = Output(self.settings, self.stdout, self.stderr)
-        self.here = "gcs"
-        self.platform = self.settings.node or self.here
+        settings = CliSettings(**options)
+        module = SimpleNamespace(platform="gcs")
+        super().__init__(cast("Module", module), settings, Output(settings, self.stdout, self.stderr))
         self.answers = answers
-        self.classes = {}
         self.asked: list[str] = []
 
     async def ask(
@@ -69,7 +69,7 @@ class ScriptedSession(Session):
         found = self.answers[f"{path} {about}".strip()]
         if isinstance(found, SwarmError):
             raise found
-        assert isinstance(found, reply)
+        assert isinstance(found, reply), path
         return found
 
     async def routes(self) -> Routes:
@@ -115,9 +115,9 @@ def listing(*paths: str, confirm: str = "") -> TreeListing:
 
 
 async def test_applications_of_a_platform_without_a_register_are_not_found() -> None:
-    session = ScriptedSession({"sys/register/apps": Register()}, node="uav1")
+    session = ScriptedSession({"/uav1/sys/register/apps": Register()}, node="uav1")
     with pytest.raises(NotFound, match="register of uav1"):
-        await list_applications(session, everywhere=False)
+        await list_applications(session)
     assert session.stdout.getvalue() == ""
 
 
@@ -126,8 +126,8 @@ async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
         "uav1", "main", PlatformKind.UAV, "multirotor", "0.1.0", 7, 61.0, ("broker",), "/etc/swarm", "one"
     )
     for output in ("table", "json"):
-        session = ScriptedSession({"/uav1/sys/node/info": info}, output=output)
-        await show_node(session, "uav1")
+        session = ScriptedSession({"/uav1/sys/node/info": info}, output=output, node="uav1")
+        await show_node(session)
         if output == "json":
             assert session.document["uptime_s"] == 61.0
         else:
@@ -136,9 +136,9 @@ async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
 
 async def test_faults_that_match_nothing_are_an_error_unless_all_were_meant() -> None:
     session = ScriptedSession({"sys/health/clear": FaultList("uav1", 1)})
-    await clear_faults(session, "**")
+    await clear_faults(session, "**", yes=True)
     with pytest.raises(NotFound, match="no fault matches age/x"):
-        await clear_faults(session, "age/x")
+        await clear_faults(session, "age/x", yes=True)
 
 
 async def test_no_faults_are_talk_and_not_a_result() -> None:
@@ -356,7 +356,7 @@ async def test_a_mission_is_not_started_before_the_operator_agrees() -> None:
     plan = MissionPlan("formation", "h", (), (LeftOut("uav2", "battery low"),), ("a parameter is unused",))
     session = ScriptedSession({"sys/mission/plan": plan})
     with pytest.raises(click.UsageError, match="without uav2: they will move"):
-        await start(session, "formation", MissionTask("formation"), yes=False, watch=False)
+        await start(session, "formation", MissionTask("formation"), (), yes=False, watch=False)
     assert session.asked == ["sys/mission/plan"]
     assert "uav2: takes no part: battery low" in session.stderr.getvalue()
     assert "a parameter is unused" in session.stderr.getvalue()
@@ -370,7 +370,7 @@ async def test_a_mission_that_a_platform_refuses_is_partial_and_names_it() -> No
     }
     session = ScriptedSession(answers)
     with pytest.raises(Partial, match="refused or not answered by uav2; not started"):
-        await start(session, "formation", MissionTask("formation"), yes=True, watch=False)
+        await start(session, "formation", MissionTask("formation"), (), yes=True, watch=False)
     assert "uav2" in session.stdout.getvalue()
 
 

@@ -11,7 +11,7 @@ from swarmware.types.net import Denial
 
 
 async def examined(config_dir: Path, *checks: str) -> list[CheckResult]:
-    results = await asyncio.to_thread(examine, config_dir, fix=False)
+    results = await asyncio.to_thread(examine, {"uav1": config_dir}, fix=False)
     return [result for result in results if result.check in checks]
 
 

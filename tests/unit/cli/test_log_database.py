@@ -65,11 +65,11 @@ def test_a_password_is_shown_nowhere_and_a_file_that_all_can_read_is_named(tmp_p
     folder = Path(settings.config)
     file = folder / "services" / "logger.toml"
     file.chmod(0o644)
-    found = {result.check: result for result in checks.examine(folder, fix=False)}
+    found = {result.check: result for result in checks.examine({"uav1": folder}, fix=False)}
     assert found["mongodb"].verdict == "warning"
     assert f"{file}: its password is readable by all users" in found["mongodb"].text
     file.chmod(0o640)
-    found = {result.check: result for result in checks.examine(folder, fix=False)}
+    found = {result.check: result for result in checks.examine({"uav1": folder}, fix=False)}
     assert (found["mongodb"].verdict, "Connection refused" in found["mongodb"].text) == ("warning", True)
     shown = [setting.value for setting in effective.effective(folder, "logger")]
     assert not [text for text in [*shown, found["mongodb"].text] if "s3cret" in text]
@@ -77,7 +77,7 @@ def test_a_password_is_shown_nowhere_and_a_file_that_all_can_read_is_named(tmp_p
 
 def test_a_wrong_address_is_an_error_of_the_file(tmp_path: Path) -> None:
     folder = Path(node(tmp_path, mongodb_uri="mongo//swarm:s3cret@h").config)
-    found = {result.check: result for result in checks.examine(folder, fix=False)}
+    found = {result.check: result for result in checks.examine({"uav1": folder}, fix=False)}
     assert found["mongodb"].verdict == "error"
     assert "s3cret" not in found["mongodb"].text
 

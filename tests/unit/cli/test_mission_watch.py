@@ -89,4 +89,4 @@ async def test_a_refused_start_names_the_reason_in_its_error() -> None:
     }
     session = ScriptedSession(answers)
     with pytest.raises(Partial, match=r"refused or not answered by uav2 \(uav2 is busy\); not started"):
-        await start(session, "formation", MissionTask("formation"), yes=True, watch=True)
+        await start(session, "formation", MissionTask("formation"), (), yes=True, watch=True)

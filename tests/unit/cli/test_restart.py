@@ -32,7 +32,7 @@ class Guarded(ScriptedSession):
         self.revives = True
         data = registry.encode(VehicleState(armed, True))
         state = TreeValue("/uav1/vehicle/state", "VehicleState", data, 1, 1, 1, 0.1, "live")  # type: ignore[arg-type]
-        super().__init__({STATE: state}, **options)
+        super().__init__({STATE: state}, node="uav1", **options)
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[Any], **rest: Any) -> Any:
         if path == RESTART:
@@ -52,23 +52,25 @@ class Guarded(ScriptedSession):
 async def test_what_an_armed_vehicle_flies_with_is_restarted_by_force_only() -> None:
     session = Guarded(armed=True)
     with pytest.raises(Denied, match="uav1 is armed and flies with navigator"):
-        await restart(session, "uav1", ("logger", "navigator"), 1.0, yes=True, force=False)
+        await restart(session, ("logger", "navigator"), 1.0, yes=True, force=False)
     assert session.restarts == {"navigator": 0, "logger": 0}
-    await restart(session, "uav1", ("logger",), 1.0, yes=True, force=False)
-    await restart(session, "uav1", ("navigator",), 1.0, yes=True, force=True)
+    await restart(session, ("logger",), 1.0, yes=True, force=False)
+    await restart(session, ("navigator",), 1.0, yes=True, force=True)
     assert session.restarts == {"navigator": 1, "logger": 1}
 
 
 async def test_nothing_is_restarted_before_the_operator_agrees() -> None:
     session = Guarded(armed=True)
-    with pytest.raises(click.UsageError, match=r"restart navigator of uav1, which is armed.*expected --yes"):
-        await restart(session, "uav1", ("navigator",), 1.0, yes=False, force=True)
+    with pytest.raises(
+        click.UsageError, match=r"uav1: restart navigator, with which the armed .*expected --yes"
+    ):
+        await restart(session, ("navigator",), 1.0, yes=False, force=True)
     assert session.restarts["navigator"] == 0
 
 
 async def test_all_services_of_a_node_are_restarted_in_order_and_printed() -> None:
     session = Guarded(armed=False, output="json")
-    await restart(session, "uav1", (), 1.0, yes=True, force=False)
+    await restart(session, (), 1.0, yes=True, force=False)
     assert [one["name"] for one in session.document["services"]] == ["navigator", "logger"]
     assert {one["restarts"] for one in session.document["services"]} == {1}
 
@@ -77,10 +79,10 @@ async def test_a_service_that_does_not_run_again_is_an_error() -> None:
     session = Guarded(armed=False)
     session.revives = False
     with pytest.raises(NoAnswer, match=r"logger of uav1: does not run again within 0.05 s"):
-        await restart(session, "uav1", ("logger",), 0.05, yes=True, force=False)
+        await restart(session, ("logger",), 0.05, yes=True, force=False)
 
 
 async def test_an_unknown_service_is_not_found_before_a_question_is_asked() -> None:
     session = Guarded(armed=False)
     with pytest.raises(NotFound, match=r"'gps' of uav1: .* expected one of navigator, logger"):
-        await restart(session, "uav1", ("gps",), 1.0, yes=False, force=False)
+        await restart(session, ("gps",), 1.0, yes=False, force=False)

@@ -16,17 +16,16 @@ def cmd() -> None:
 
 
 @cmd.command()
-@click.option("--all", "everywhere", is_flag=True, help="Applications of all known platforms.")
 @click.pass_context
-def ls(ctx: click.Context, everywhere: bool) -> None:
-    """List the applications of a platform.
+def ls(ctx: click.Context) -> None:
+    """List the applications of platforms.
 
     Example: swarmctl app ls --node uav1
     """
     from swarmctl.commands.app.listing import list_applications
     from swarmctl.session.session import run
 
-    run(settings(ctx), list_applications, everywhere)
+    run(settings(ctx), list_applications)
 
 
 @cmd.command()
@@ -36,13 +35,13 @@ def ls(ctx: click.Context, everywhere: bool) -> None:
 @timeout_option(30.0)
 @click.pass_context
 def restart(ctx: click.Context, services: tuple[str, ...], yes: bool, force: bool, wait_s: float) -> None:
-    """Restart services of a platform by its guard, one after the other, and wait until each runs again.
+    """Restart services of platforms by their guards, one after the other, and wait until each runs again.
 
     On an armed vehicle what it flies with is refused, unless --force is given.
 
     Example: swarmctl app restart logger --node uav1 --yes
     """
     from swarmctl.resources.restart import restart
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), restart, "", services, wait_s, yes=yes, force=force)
+    run_each(settings(ctx), restart, services, wait_s, yes=yes, force=force)

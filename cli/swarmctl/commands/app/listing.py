@@ -2,10 +2,12 @@
 
 import msgspec
 
+from swarmctl.commandline.nodes import is_selection
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
 from swarmctl.terminal.quantities import spoken
-from swarmware.errors import NotFound
+from swarmware.errors import NotFound, Partial
+from swarmware.model import names
 from swarmware.types.register import KnownUnit, Register
 from swarmware.types.rpc import Empty
 
@@ -16,20 +18,21 @@ class ApplicationList(msgspec.Struct, frozen=True):
     units: list[KnownUnit]
 
 
-async def list_applications(session: Session, everywhere: bool) -> None:
-    """Prints the applications of the platform of the session; with `everywhere` of all platforms.
+async def list_applications(session: Session) -> None:
+    """Prints the applications of a platform, or of several as the joined node knows them.
 
-    Raises: NotFound when the register of the platform is not known here yet.
+    Raises: NotFound when the register of a platform is not known here yet.
     """
-    register = await session.ask("sys/register/apps", Empty(), Register)
-    units = [u for u in register.units if everywhere or u.table.platform == session.platform]
+    several = is_selection(session.settings.node)
+    asked = await session.selected() if several else [session.platform]
+    register_of = session.here if several else session.platform
+    register = await session.ask(names.join(register_of, "sys/register/apps"), Empty(), Register)
+    units = [unit for unit in register.units if unit.table.platform in asked]
+    there = {unit.table.platform for unit in units}
     if not units:
         raise NotFound(
-            f"register of {session.platform}: not known here; expected a table of its register daemon"
+            f"register of {', '.join(asked)}: not known here; expected a table of its register daemon"
         )
-    if session.settings.structured:
-        session.out.document(ApplicationList(units))
-        return
     rows = [
         (
             f"{unit.table.platform}.{unit.table.unit}",
@@ -54,9 +57,16 @@ async def list_applications(session: Session, everywhere: bool) -> None:
         Column("HOPS", right=True),
         Column("MASTER"),
     ]
-    session.out.table(columns, rows)
+    if session.settings.structured:
+        session.out.document(ApplicationList(units))
+    else:
+        session.out.table(columns, rows)
     for unit in units:
         if unit.table.omitted:
             session.out.warn(
                 f"{unit.table.platform}: {unit.table.omitted} more applications than the table has room for"
             )
+    if absent := [name for name in asked if name not in there]:
+        raise Partial(
+            f"register of {', '.join(absent)}: not known here; expected a table of its register daemon"
+        )

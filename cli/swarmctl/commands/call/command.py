@@ -4,7 +4,7 @@ import click
 
 from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Command
-from swarmctl.commandline.settings import settings
+from swarmctl.commandline.parameters import at_path
 
 
 @click.command(cls=Command, context_settings={"ignore_unknown_options": True})
@@ -22,6 +22,7 @@ def call(ctx: click.Context, path: str, value: tuple[str, ...], yes: bool) -> No
     Example: swarmctl call /uav1/sys/tree/get path=nav/pose
     """
     from swarmctl.commands.call.request import call_resource
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), call_resource, path, value, yes=yes)
+    chosen, local = at_path(ctx, path)
+    run_each(chosen, call_resource, local, value, yes=yes)

@@ -10,7 +10,6 @@ from swarmctl.resources.fields import block, shown_fields
 from swarmctl.resources.listing import entry_of
 from swarmctl.resources.values import single
 from swarmctl.session.session import Session
-from swarmctl.terminal.confirmation import confirm
 from swarmware.errors import Denied, InvalidInput, NoAnswer
 from swarmware.model.names import split
 from swarmware.model.resource import Kind
@@ -44,8 +43,7 @@ async def call_resource(session: Session, path: str, words: tuple[str, ...], *, 
     request = entered(await known_class(session, platform, entry.type), words, entry.path)
     check_limits(entry, request, entry.path)
     reply = await known_class(session, platform, entry.reply) if entry.reply else None
-    if entry.confirm:
-        confirm(yes, f"call {entry.path}: {entry.confirm}")
+    await session.confirm(yes, entry.confirm and f"call {split(entry.path)[1]}: {entry.confirm}")
     if reply is None:
         answer = CallAnswer(entry.path, "", None, await _send(session, entry.path, request))
     else:

@@ -41,9 +41,9 @@ def get(ctx: click.Context, key: str) -> None:
     Example: swarmctl config get navigator/altitude_kp --node uav1
     """
     from swarmctl.commands.config.live import print_settings
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), print_settings, key)
+    run_each(settings(ctx), print_settings, key)
 
 
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
@@ -57,9 +57,9 @@ def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
     Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """
     from swarmctl.resources.access import set_resource
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), set_resource, paths.setting(key), value, version=None, yes=yes)
+    run_each(settings(ctx), set_resource, paths.setting(key), value, version=None, yes=yes)
 
 
 @cmd.command()
@@ -72,9 +72,9 @@ def undo(ctx: click.Context, key: str, yes: bool) -> None:
     Example: swarmctl config undo navigator/altitude_kp --node uav1
     """
     from swarmctl.commands.config.live import undo_setting
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), undo_setting, key, yes=yes)
+    run_each(settings(ctx), undo_setting, key, yes=yes)
 
 
 @cmd.command()
@@ -83,12 +83,14 @@ def undo(ctx: click.Context, key: str, yes: bool) -> None:
 def dump(ctx: click.Context, file: str) -> None:
     """Print the live settings of a platform as TOML, or write them to a file for `config load`.
 
+    Of several platforms FILE is a folder, `NAME/`, with a file for each.
+
     Example: swarmctl config dump uav1.toml --node uav1
     """
     from swarmctl.commands.config import transfer
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), transfer.dump, file)
+    run_each(settings(ctx), transfer.dump, file)
 
 
 @cmd.command()
@@ -98,14 +100,15 @@ def dump(ctx: click.Context, file: str) -> None:
 def load(ctx: click.Context, file: str, yes: bool) -> None:
     """Set the live settings of a file, all or none, and print what changed.
 
-    All values are checked before one is set; when one is refused the others are taken back.
+    All values are checked before one is set; when one is refused the others are taken back. Each of several
+    platforms gets the values of the file, or of its own file in a folder, `NAME/`.
 
     Example: swarmctl config load uav1.toml --node uav2
     """
     from swarmctl.commands.config import transfer
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), transfer.load, file, yes=yes)
+    run_each(settings(ctx), transfer.load, file, yes=yes)
 
 
 @cmd.command()
@@ -117,6 +120,6 @@ def diff(ctx: click.Context, other: str) -> None:
     Example: swarmctl config diff uav1 --node uav2
     """
     from swarmctl.commands.config import transfer
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), transfer.diff, other)
+    run_each(settings(ctx), transfer.diff, other)

@@ -6,10 +6,12 @@ from typing import Any
 
 import msgspec
 
+from swarmctl.commandline.nodes import is_selection
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.session.session import local_config_dir
+from swarmctl.session.session import local_config_dirs
+from swarmctl.terminal.node_output import NodeOutput, print_results, raise_errors
 from swarmctl.terminal.output import Column, Output
-from swarmware.errors import NotFound
+from swarmware.errors import NotFound, SwarmError
 from swarmware.model import document, paths
 from swarmware.model.config import NodeConfig, load_node, load_service
 from swarmware.recorder.address import without_password
@@ -56,14 +58,30 @@ def effective(folder: Path, service: str) -> list[EffectiveSetting]:
 
 
 def print_effective(settings: CliSettings, service: str, out: Output, *, changed: bool) -> None:
-    """Prints the keys of a node whose files are on this machine; `changed`: only those without their default.
+    """Prints the keys of nodes whose files are on this machine; `changed`: only those without their default.
 
-    Raises: as `effective` and `local_config_dir`.
+    Raises: as `effective` and `local_config_dirs`, Partial when it failed at some nodes.
     """
-    rows = effective(local_config_dir(settings), service)
+    folders = local_config_dirs(settings)
+    several = is_selection(settings.node)
+    outputs = {name: NodeOutput(name, out) for name in folders}
+    errors: dict[str, SwarmError] = {}
+    for name, folder in folders.items():
+        try:
+            _print_rows(effective(folder, service), outputs[name] if several else out, changed=changed)
+        except SwarmError as error:
+            if not several:
+                raise
+            errors[name] = error
+    if several:
+        print_results(out, outputs, errors)
+        raise_errors(len(folders), errors)
+
+
+def _print_rows(rows: list[EffectiveSetting], out: Output, *, changed: bool) -> None:
     if changed:
         rows = [row for row in rows if row.origin != "default"]
-    if settings.structured:
+    if out.settings.structured:
         out.document(EffectiveSettings(rows))
         return
     out.table(

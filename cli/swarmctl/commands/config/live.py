@@ -8,7 +8,6 @@ from swarmctl.resources.access import read, read_all, undo
 from swarmctl.resources.listing import consequence, is_pattern, valued
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
-from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column
 from swarmware.errors import NotFound
 from swarmware.model import paths
@@ -77,8 +76,8 @@ async def undo_setting(session: Session, key: str, *, yes: bool) -> None:
     Raises: NotFound when it was not changed; as `confirm`.
     """
     path = session.path(paths.setting(key))
-    if not yes and (will := await consequence(session, path)):
-        confirm(yes, f"undo the last change of {path}: {will}")
+    will = "" if yes else await consequence(session, path)
+    await session.confirm(yes, will and f"undo the last change of {paths.setting(key)}: {will}")
     before = await read(session, path, fresh=True)
     done = await undo(session, path)
     if session.settings.structured:

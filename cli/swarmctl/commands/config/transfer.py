@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import click
 import msgspec
 import tomli_w
 
@@ -11,7 +12,6 @@ from swarmctl.resources.access import read_all, write
 from swarmctl.resources.listing import valued
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
-from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model import document, names, paths
@@ -68,13 +68,18 @@ class DumpedSettings(msgspec.Struct, frozen=True):
 async def dump(session: Session, file: str) -> None:
     """Prints the live settings as TOML, or writes them to a file.
 
-    Raises: as `_present`; OSError when the file cannot be written.
+    Raises: UsageError when several platforms would write one file; as `_present`; OSError when the file
+    cannot be written.
     """
+    if file and session.joint and not file.endswith("/"):
+        raise click.UsageError(f"{file}: one file of several platforms; expected a folder, {file}/")
     values = {key: value for key, (_, value) in (await _present(session, session.platform)).items()}
     text = tomli_w.dumps(values)
     if file:
-        replace_file(Path(file), text.encode())
-        session.out.say(f"{file}: {len(values)} settings of {session.platform}")
+        target = _own_file(session, file)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(target, text.encode())
+        session.out.say(f"{target}: {len(values)} settings of {session.platform}")
     if session.settings.structured:
         session.out.document(DumpedSettings(session.platform, values))
     elif not file:
@@ -87,7 +92,7 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
     Raises: ConfigError for a file that is not TOML, NotFound for an unknown key, InvalidInput for an invalid
     value, the error of a refused change after all others were taken back; as `confirm`.
     """
-    wanted = _file(file)
+    wanted = _file(str(_own_file(session, file)))
     present = await _present(session, session.platform)
     for key, value in wanted.items():
         if key not in present:
@@ -101,8 +106,8 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
         if value != present[key][1]
     ]
     asks = sorted({entry.confirm for key, (entry, _) in present.items() if key in wanted and entry.confirm})
-    if changes and asks:
-        confirm(yes, f"set {', '.join(change.key for change in changes)}: {'; '.join(asks)}")
+    effect = f"set {', '.join(change.key for change in changes)}: {'; '.join(asks)}"
+    await session.confirm(yes, effect if changes and asks else "")
     await _set_all(session, changes)
     if session.settings.structured:
         session.out.document(SettingsLoaded(changes, session.platform))
@@ -194,6 +199,11 @@ async def _present(session: Session, platform: str) -> dict[str, tuple[TreeEntry
         raise errors[0]
     values = {reading.path: reading.value for reading in readings}
     return {entry.path.removeprefix(prefix): (entry, values[entry.path]) for entry in entries}
+
+
+def _own_file(session: Session, file: str) -> Path:
+    """The file, or that of the platform in a folder: `NAME/`."""
+    return paths.platform_settings(Path(file), session.platform) if file.endswith("/") else Path(file)
 
 
 def _file(file: str) -> dict[str, Any]:

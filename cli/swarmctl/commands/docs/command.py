@@ -4,7 +4,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from swarmctl.commandline.lazy import Command
-from swarmctl.commandline.settings import settings
+from swarmctl.commandline.settings import Nodes, settings
 
 
 def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -17,7 +17,7 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
         return []  # nothing to complete where the documentation was not built
 
 
-@click.command(cls=Command)
+@click.command(cls=Command, nodes=Nodes.NONE)
 @click.argument("page", default="index", shell_complete=_complete)
 @click.option("--path", "only_path", is_flag=True, help="Print the path of the page and open nothing.")
 @click.pass_context

@@ -6,7 +6,7 @@ import shutil
 import socket
 import struct
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -49,14 +49,20 @@ class CheckResult(msgspec.Struct, frozen=True):
     text: str
     advice: str = ""
     fixed: bool = False
+    platform: str = ""
+    """Platform of the node; empty: a check of this machine."""
 
 
-def examine(folder: Path | None, *, fix: bool) -> list[CheckResult]:
-    """Runs all checks, with a configuration folder also those of that node; `fix` removes leftovers."""
-    out = [_python(), _share(), _shared_memory(), _multicast(), _remove_ipc(_owner(folder))]
+def examine(folders: Mapping[str, Path], *, fix: bool) -> list[CheckResult]:
+    """Runs all checks of this machine and of the nodes of these configuration folders, by platform.
+
+    `fix` removes leftovers.
+    """
+    out = [_python(), _share(), _shared_memory(), _multicast()]
+    out += [_remove_ipc(uid) for uid in sorted({*map(_owner, folders.values())} or {os.getuid()})]
     out += _leftovers(fix)
-    if folder is not None:
-        out += _node(folder, fix)
+    for platform, folder in folders.items():
+        out += [msgspec.structs.replace(one, platform=platform) for one in _node(folder, fix)]
     return out
 
 
@@ -115,10 +121,10 @@ def _multicast() -> CheckResult:
     return CheckResult("multicast", "ok", "loopback delivers datagrams")
 
 
-def _owner(folder: Path | None) -> int:
+def _owner(folder: Path) -> int:
     """User of the node that runs, else of this process."""
     try:
-        return os.getuid() if folder is None else load_node(folder).run_path.stat().st_uid
+        return load_node(folder).run_path.stat().st_uid
     except (OSError, SwarmError):
         return os.getuid()
 

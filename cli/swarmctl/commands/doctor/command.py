@@ -10,7 +10,9 @@ from swarmctl.commandline.settings import settings
 @click.option("--fix", is_flag=True, help="Remove files of dead processes.")
 @click.pass_context
 def cmd(ctx: click.Context, fix: bool) -> None:
-    """Check this machine and its node for problems; exit code 0 healthy, 1 warnings, 2 errors.
+    """Check this machine and its node, or the selected nodes, for problems.
+
+    The exit code is 0 when healthy, 1 after warnings, 2 after errors.
 
     Example: swarmctl doctor --fix
     """

@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 
 from swarmctl.commands.doctor.checks import CheckResult, examine
-from swarmctl.session.session import local_config_dir
+from swarmctl.session.session import local_config_dirs
 from swarmctl.terminal.output import Column, Output
 from swarmware.errors import NotFound
 
@@ -25,17 +25,28 @@ def diagnose(out: Output, *, fix: bool) -> int:
     Raises: NotFound when a given node or lab is not on this machine.
     """
     try:
-        folder = local_config_dir(out.settings)
+        folders = local_config_dirs(out.settings)
     except NotFound as error:
         if out.settings.node or out.settings.lab:
             raise
         out.say(f"{error}; only the machine is checked")
-        folder = None
-    results = examine(folder, fix=fix)
+        folders = {}
+    results = examine(folders, fix=fix)
     if out.settings.structured:
         out.document(Diagnosis(results))
     else:
-        rows = [(result.verdict, result.check, result.text, result.advice) for result in results]
-        out.table([Column("VERDICT"), Column("CHECK"), Column("FOUND"), Column("ADVICE")], rows)
+        several = len(folders) > 1
+        rows = [
+            (
+                *((result.platform,) if several else ()),
+                result.verdict,
+                result.check,
+                result.text,
+                result.advice,
+            )
+            for result in results
+        ]
+        columns = [Column("VERDICT"), Column("CHECK"), Column("FOUND"), Column("ADVICE")]
+        out.table([*((Column("NODE"),) if several else ()), *columns], rows)
     verdicts = {result.verdict for result in results}
     return ERRORS if "error" in verdicts else WARNINGS if "warning" in verdicts else 0

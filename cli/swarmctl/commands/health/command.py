@@ -3,7 +3,7 @@
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import PLATFORM
+from swarmctl.commandline.parameters import at_nodes, nodes_argument
 from swarmctl.commandline.settings import settings
 
 
@@ -18,7 +18,7 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """Show the state of every platform, or of one: level, battery, applications, guard, confirmed faults.
+    """Show the state of all or of selected platforms: level, battery, applications, guard, confirmed faults.
 
     Example: swarmctl health ls
     """
@@ -29,31 +29,31 @@ def ls(ctx: click.Context) -> None:
 
 
 @cmd.command()
-@click.argument("platform", required=False, type=PLATFORM)
+@nodes_argument()
 @click.pass_context
-def info(ctx: click.Context, platform: str | None) -> None:
-    """Show each check of a platform and its present result.
+def info(ctx: click.Context, platforms: tuple[str, ...]) -> None:
+    """Show each check of platforms and its present result.
 
     Example: swarmctl health info uav1
     """
     from swarmctl.commands.health.report import show_checks
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), show_checks, platform or "")
+    run_each(at_nodes(ctx, platforms), show_checks)
 
 
 @cmd.command()
 @click.option("--cleared", is_flag=True, help="Also cleared faults.")
 @click.pass_context
 def faults(ctx: click.Context, cleared: bool) -> None:
-    """List the faults of a platform, newest first.
+    """List the faults of platforms, newest first.
 
-    Example: swarmctl health faults --node uav1 --cleared
+    Example: swarmctl health faults --node 'uav*' --cleared
     """
     from swarmctl.commands.health.report import list_faults
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), list_faults, cleared)
+    run_each(settings(ctx), list_faults, cleared)
 
 
 @cmd.command()
@@ -61,17 +61,15 @@ def faults(ctx: click.Context, cleared: bool) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def clear(ctx: click.Context, pattern: str, yes: bool) -> None:
-    """Clear the faults of a platform whose check matches; forget ended applications and lost platforms.
+    """Clear the faults of platforms whose check matches; forget ended applications and lost platforms.
 
     A check that still fails makes a new fault.
 
     Example: swarmctl health clear 'age/sensor/**' --node uav1
     """
     from swarmctl.commands.health.report import clear_faults
-    from swarmctl.session.session import run
-    from swarmctl.terminal.confirmation import confirm
+    from swarmctl.session.each_node import run_each
     from swarmware.model.names import Pattern
 
-    Pattern(pattern)  # an invalid one is refused before the confirmation
-    confirm(yes, f"clear the faults that match {pattern}")
-    run(settings(ctx), clear_faults, pattern)
+    Pattern(pattern)  # an invalid one is refused before the node is joined
+    run_each(settings(ctx), clear_faults, pattern, yes=yes)

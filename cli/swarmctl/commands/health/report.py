@@ -2,12 +2,12 @@
 
 import msgspec
 
-from swarmctl.resources.fanout import platforms, read_boards, warn_errors
+from swarmctl.commandline.nodes import names_one
+from swarmctl.resources.fanout import read_boards, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Cell, Column
 from swarmctl.terminal.quantities import spoken
 from swarmware.errors import NotFound, Partial
-from swarmware.model import names
 from swarmware.types.health import FaultClear, FaultList, FaultQuery, HealthReport, HealthState
 from swarmware.types.rpc import Empty
 
@@ -28,13 +28,13 @@ class HealthStates(msgspec.Struct, frozen=True):
 
 
 async def list_states(session: Session) -> None:
-    """Prints the state of the platform that `-n` names, else of all.
+    """Prints the state of the selected platforms, else of all.
 
     Raises: Partial when a platform did not answer; the error itself when one was named.
     """
-    asked = [session.platform] if session.settings.node else await platforms(session)
+    asked = await session.selected()
     states, errors = await read_boards(session, asked, "health/state", HealthState)
-    if session.settings.node and errors:
+    if session.platform in errors and names_one(session.settings.node):
         raise errors[session.platform]
     if session.settings.structured:
         rows = [PlatformHealth(platform, states.get(platform)) for platform in asked]
@@ -74,10 +74,9 @@ def _row(platform: str, state: HealthState | None) -> tuple[Cell, ...]:
     )
 
 
-async def show_checks(session: Session, platform: str) -> None:
-    """Prints each check of a platform and its newest result; empty: the platform that `-n` names."""
-    target = names.check_platform(platform or session.platform)
-    report = await session.ask(names.join(target, "sys/health/state"), Empty(), HealthReport)
+async def show_checks(session: Session) -> None:
+    """Prints each check of a platform and its newest result."""
+    report = await session.ask("sys/health/state", Empty(), HealthReport)
     if session.settings.structured:
         session.out.document(report)
         return
@@ -141,11 +140,12 @@ async def list_faults(session: Session, cleared: bool) -> None:
     session.out.table(columns, rows)
 
 
-async def clear_faults(session: Session, pattern: str) -> None:
-    """Clears the faults whose check matches.
+async def clear_faults(session: Session, pattern: str, *, yes: bool) -> None:
+    """Clears the faults whose check matches; asks before.
 
-    Raises: NotFound when none does.
+    Raises: NotFound when none does; as `Session.confirm`.
     """
+    await session.confirm(yes, f"clear the faults that match {pattern}")
     cleared = await session.ask("sys/health/clear", FaultClear(pattern), FaultList)
     if not cleared.faults and pattern != "**":
         raise NotFound(f"{cleared.platform}: no fault matches {pattern}; `health faults` lists them")

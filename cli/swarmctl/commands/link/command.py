@@ -22,6 +22,6 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl link ls --node uav1
     """
     from swarmctl.commands.link.neighbours import list_neighbours
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), list_neighbours)
+    run_each(settings(ctx), list_neighbours)

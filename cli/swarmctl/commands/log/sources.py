@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from swarmctl.commandline.nodes import EVERY, NodeSelection
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.resources.values import brief
 from swarmctl.session import labs
@@ -126,10 +127,9 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
             if settings.lab:
                 raise
         else:
-            nodes = [lab.node(settings.node)] if settings.node else list(lab.nodes)
-            return [path for node in nodes if (path := paths.log(node.data_dir)).is_dir()]
+            return [path for node in lab.select(settings.node) if (path := paths.log(node.data_dir)).is_dir()]
     node = load_node(config_dir(settings))
-    if settings.node and settings.node != node.platform:
+    if settings.node and not NodeSelection(settings.node).matches(node.platform):
         raise NotFound(
             f"log of {settings.node}: not on this machine; expected --mongodb URI, or swarmctl on its machine"
         )
@@ -137,8 +137,9 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
 
 
 def absolute(pattern: str, settings: CliSettings) -> str:
-    """A pattern with its platform: that of `-n`, else all."""
-    return pattern if pattern.startswith("/") else f"/{settings.node or '*'}/{pattern}"
+    """A pattern with its platforms: those of `-n`, else all."""
+    platforms = NodeSelection(settings.node or EVERY).pattern
+    return pattern if pattern.startswith("/") else f"/{platforms}/{pattern}"
 
 
 def query(settings: CliSettings, options: Mapping[str, Any]) -> Query:

@@ -11,7 +11,7 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.interleaving import Interleaving
 from swarmctl.commands.log.sources import absolute
 from swarmctl.session import labs
-from swarmctl.session.session import config_dir, local_config_dir
+from swarmctl.session.session import config_dir, local_config_dirs
 from swarmware.errors import NotFound
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
@@ -43,12 +43,12 @@ def follow(settings: CliSettings, pattern: str) -> Iterator[LogEntry]:
 
 def _folders(settings: CliSettings) -> list[Path]:
     """Configuration folders of the nodes that are followed: of the named node, else of its whole lab."""
-    joined = local_config_dir(settings)
+    chosen = local_config_dirs(settings)
     if not settings.node and settings.config_dir is None:
-        for lab in labs.labs():
-            if lab.station.config_dir == config_dir(settings):
-                return [node.config_dir for node in lab.nodes if node.alive()]
-    return [joined]
+        lab = labs.of_station(config_dir(settings))
+        if lab is not None:
+            return [node.config_dir for node in lab.nodes if node.alive()]
+    return list(chosen.values())
 
 
 class Tail:

@@ -7,27 +7,25 @@ import click
 
 from swarmctl.commandline.lazy import Command
 from swarmctl.commandline.settings import settings
-from swarmctl.vehicles.options import EVERYTHING, PLATFORMS, REASON, Decorator, timeout_option
+from swarmctl.vehicles.options import PLATFORMS, REASON, Decorator, timeout_option
 
 
 def _options(wait_s: float) -> Decorator:
     """Options of all these commands."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for decorator in (PLATFORMS, EVERYTHING, REASON, timeout_option(wait_s), click.pass_context):
+        for decorator in (PLATFORMS, REASON, timeout_option(wait_s), click.pass_context):
             function = decorator(function)
         return function
 
     return decorate
 
 
-def _run(
-    ctx: click.Context, then: str, platforms: tuple[str, ...], everything: bool, reason: str, wait_s: float
-) -> None:
+def _run(ctx: click.Context, then: str, platforms: tuple[str, ...], reason: str, wait_s: float) -> None:
     from swarmctl.session.session import run
     from swarmctl.vehicles.manoeuvre import command
 
-    run(settings(ctx), command, then, platforms, wait_s, reason, everything=everything)
+    run(settings(ctx), command, then, platforms, wait_s, reason)
 
 
 @click.command(cls=Command)

@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmctl.commandline.nodes import EVERY, names_one
 from swarmctl.commands.mission.members import find_active
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
@@ -28,8 +29,9 @@ async def abort(
 
     Raises: NotFound when no mission runs; as `choose` and `raise_failures`.
     """
-    one = session.settings.node and not await is_station(session, session.settings.node)
-    if platforms or one:
+    node = session.settings.node
+    some = node not in {"", EVERY} and not (names_one(node) and await is_station(session, node))
+    if platforms or some:
         chosen = await choose(session, platforms)
         what = f"abort the mission at {', '.join(chosen)} only, then {then}; where others wait for it"
         confirm(yes, f"{what} their barriers break")

@@ -3,8 +3,8 @@
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import PLATFORM
-from swarmctl.commandline.settings import settings
+from swarmctl.commandline.parameters import PLATFORM, nodes_argument
+from swarmctl.commandline.settings import Nodes, settings
 
 
 @click.group(cls=Group)
@@ -23,12 +23,12 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl mission ls
     """
     from swarmctl.commands.mission.status import list_missions
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), list_missions)
+    run_each(settings(ctx), list_missions)
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @click.argument("missions", nargs=-1, required=True, metavar="FILE|FOLDER|NAME…")
 @click.pass_context
 def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
@@ -42,14 +42,14 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
     check_missions(missions, Output(settings(ctx)))
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.ONE)
 @click.argument("mission")
 @click.option(
     "--member",
     "members",
     multiple=True,
     metavar="PLATFORM",
-    help="Platforms that take part; default: all.",
+    help="Platforms that take part, names or patterns; default: all.",
     type=PLATFORM,
 )
 @click.option("--set", "params", multiple=True, metavar="NAME=VALUE", help="Set a parameter of the mission.")
@@ -75,7 +75,7 @@ def start(
     from swarmctl.commands.mission.task import task
     from swarmctl.session.session import run
 
-    run(settings(ctx), starting.start, mission, task(mission, members, params), yes=yes, watch=watch)
+    run(settings(ctx), starting.start, mission, task(mission, (), params), members, yes=yes, watch=watch)
 
 
 @cmd.command()
@@ -86,13 +86,13 @@ def status(ctx: click.Context) -> None:
     Example: swarmctl mission status --json
     """
     from swarmctl.commands.mission.status import print_status
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), print_status)
+    run_each(settings(ctx), print_status)
 
 
 @cmd.command()
-@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", type=PLATFORM)
+@nodes_argument()
 @click.pass_context
 def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
     """Follow a mission until it ends, at all its members or at the named ones.
@@ -109,7 +109,7 @@ def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 
 
 @cmd.command()
-@click.argument("platforms", nargs=-1, metavar="[PLATFORM…]", type=PLATFORM)
+@nodes_argument()
 @click.option("--reason", default="operator", help="Reason, recorded in all logs.")
 @click.option(
     "--then",

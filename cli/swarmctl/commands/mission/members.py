@@ -6,6 +6,7 @@ from typing import Final
 
 import msgspec
 
+from swarmctl.commandline.nodes import EVERY, NodeSelection, is_selection, joined, names_one
 from swarmctl.commands.mission.member_lines import (
     MemberProgress,
     change_line,
@@ -53,7 +54,7 @@ async def find_active(session: Session) -> ActiveMission:
     Raises: NotFound when there is none.
     """
     states = _states(session)
-    if session.settings.node:
+    if names_one(session.settings.node):
         found = await session.ask("sys/mission/status", Empty(), MissionStatus)
         if not found.state.epoch:
             raise NotFound(f"{found.platform}: no mission was started; expected one")
@@ -179,12 +180,13 @@ def _print_change(session: Session, platform: str, state: MissionState) -> None:
 
 
 async def watch(session: Session, platforms: tuple[str, ...]) -> None:
-    """Follows the active mission of all its members, or of those that are named.
+    """Follows the active mission of all its members, or of the selected ones.
 
     Raises: NotFound for a platform that is not a member; as `follow`.
     """
+    await session.check_selected("")
     found = await find_active(session)
-    if others := [name for name in platforms if name not in found.members]:
-        members = ", ".join(found.members)
-        raise NotFound(f"{others[0]}: not a member of {found.mission}; expected some of {members}")
-    await follow(session, found.epoch, platforms or found.members)
+    node = session.settings.node
+    words = joined(platforms) or (node if is_selection(node) else EVERY)
+    members = NodeSelection(words).choose(found.members, f"the run of {found.mission}")
+    await follow(session, found.epoch, tuple(members))

@@ -2,6 +2,9 @@
 
 from typing import Final
 
+import msgspec
+
+from swarmctl.commandline.nodes import NodeSelection, joined
 from swarmctl.commands.mission.members import follow
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
@@ -13,11 +16,17 @@ ANSWER_S: Final = 15.0
 """Minimum time-out of the ground station, which checks the mission and sends orders to all platforms."""
 
 
-async def start(session: Session, mission: str, task: MissionTask, *, yes: bool, watch: bool) -> None:
+async def start(
+    session: Session, mission: str, task: MissionTask, members: tuple[str, ...], *, yes: bool, watch: bool
+) -> None:
     """Prints the members, asks, sends the instruction; `mission`: name given by the operator.
+
+    `members`: names and patterns of those that take part; empty: all.
 
     Raises: Partial when a platform refused or did not answer; with `watch` as `follow`.
     """
+    if members:
+        task = msgspec.structs.replace(task, members=tuple(await _members(session, members)))
     wait_s = max(session.settings.timeout_s, ANSWER_S)
     plan = await session.ask("sys/mission/plan", task, MissionPlan, timeout_s=wait_s)
     for warning in plan.warnings:
@@ -61,3 +70,7 @@ async def start(session: Session, mission: str, task: MissionTask, *, yes: bool,
     if watch:
         took = tuple(order.platform for order in answer.orders)
         await follow(session, answer.epoch, took)
+
+
+async def _members(session: Session, wanted: tuple[str, ...]) -> list[str]:
+    return NodeSelection(joined(wanted)).choose(await session.platforms(), session.here)

@@ -4,19 +4,18 @@ import click
 
 from swarmctl.commandline.lazy import Command
 from swarmctl.commandline.parameters import PLATFORM
-from swarmctl.commandline.settings import settings
-from swarmctl.vehicles.options import EVERYTHING, PLATFORMS, REASON, timeout_option
+from swarmctl.commandline.settings import Nodes, settings
+from swarmctl.vehicles.options import PLATFORMS, REASON, timeout_option
 
 _WAIT_S = 10.0
 
 
 @click.command(cls=Command)
 @PLATFORMS
-@EVERYTHING
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation; motors may turn.")
 @timeout_option(_WAIT_S)
 @click.pass_context
-def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: bool, wait_s: float) -> None:
+def arm(ctx: click.Context, platforms: tuple[str, ...], yes: bool, wait_s: float) -> None:
     """Arm vehicles on the ground, after a confirmation that names them. Names may be patterns: 'uav*'.
 
     Example: swarmctl arm uav1 --yes
@@ -24,15 +23,14 @@ def arm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, yes: b
     from swarmctl.commands.motors import requests
     from swarmctl.session.session import run
 
-    run(settings(ctx), requests.arm, platforms, wait_s, everything=everything, yes=yes)
+    run(settings(ctx), requests.arm, platforms, wait_s, yes=yes)
 
 
 @click.command(cls=Command)
 @PLATFORMS
-@EVERYTHING
 @timeout_option(_WAIT_S)
 @click.pass_context
-def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wait_s: float) -> None:
+def disarm(ctx: click.Context, platforms: tuple[str, ...], wait_s: float) -> None:
     """Disarm vehicles that are on the ground; one in the air refuses. Names may be patterns: 'uav*'.
 
     Example: swarmctl disarm --all
@@ -40,10 +38,10 @@ def disarm(ctx: click.Context, platforms: tuple[str, ...], everything: bool, wai
     from swarmctl.commands.motors import requests
     from swarmctl.session.session import run
 
-    run(settings(ctx), requests.disarm, platforms, wait_s, everything=everything)
+    run(settings(ctx), requests.disarm, platforms, wait_s)
 
 
-@click.command(cls=Command)
+@click.command(cls=Command, nodes=Nodes.NONE)
 @click.argument("platform", type=PLATFORM)
 @click.option(
     "--confirm", "again", metavar="PLATFORM", default="", help="The same name, instead of the prompt."

@@ -79,24 +79,22 @@ class MotorRequests:
         return seen
 
 
-async def arm(
-    session: Session, wanted: tuple[str, ...], wait_s: float, *, everything: bool, yes: bool
-) -> None:
+async def arm(session: Session, wanted: tuple[str, ...], wait_s: float, *, yes: bool) -> None:
     """Arms vehicles on the ground, after a confirmation that names them.
 
     Raises: as `choose`, `confirm` and `MotorRequests.run`.
     """
-    chosen = await choose(session, wanted, everything=everything)
+    chosen = await choose(session, wanted)
     confirm(yes, f"arm {', '.join(chosen)}: motors may turn")
     await _request(session, "arm", ARM, ArmRequest(True), chosen, wait_s)
 
 
-async def disarm(session: Session, wanted: tuple[str, ...], wait_s: float, *, everything: bool) -> None:
+async def disarm(session: Session, wanted: tuple[str, ...], wait_s: float) -> None:
     """Disarms vehicles on the ground.
 
     Raises: as `choose` and `MotorRequests.run`.
     """
-    chosen = await choose(session, wanted, everything=everything)
+    chosen = await choose(session, wanted)
     await _request(session, "disarm", ARM, ArmRequest(False), chosen, wait_s)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.settings import settings
+from swarmctl.commandline.settings import Nodes, settings
 
 
 @click.group(cls=Group)
@@ -38,7 +38,7 @@ def _make(ctx: click.Context, kind: str, name: str, parent: Path) -> None:
     make_scaffold(kind, name, parent, Output(settings(ctx)))
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @_scaffold_arguments
 @click.pass_context
 def module(ctx: click.Context, name: str, parent: Path) -> None:
@@ -49,7 +49,7 @@ def module(ctx: click.Context, name: str, parent: Path) -> None:
     _make(ctx, "module", name, parent)
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @_scaffold_arguments
 @click.pass_context
 def driver(ctx: click.Context, name: str, parent: Path) -> None:
@@ -60,7 +60,7 @@ def driver(ctx: click.Context, name: str, parent: Path) -> None:
     _make(ctx, "driver", name, parent)
 
 
-@cmd.command()
+@cmd.command(nodes=Nodes.NONE)
 @_scaffold_arguments
 @click.pass_context
 def service(ctx: click.Context, name: str, parent: Path) -> None:

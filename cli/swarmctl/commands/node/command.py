@@ -3,7 +3,7 @@
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import PLATFORM
+from swarmctl.commandline.parameters import at_nodes, nodes_argument
 from swarmctl.commandline.settings import settings
 from swarmctl.vehicles.options import timeout_option
 
@@ -30,33 +30,34 @@ def ls(ctx: click.Context) -> None:
 
 
 @cmd.command()
-@click.argument("platform", required=False, type=PLATFORM)
+@nodes_argument()
 @click.pass_context
-def info(ctx: click.Context, platform: str | None) -> None:
-    """Show one node: identity, services, and path of its configuration.
+def info(ctx: click.Context, platforms: tuple[str, ...]) -> None:
+    """Show nodes: identity, services, and path of the configuration.
 
     Example: swarmctl node info uav1
     """
     from swarmctl.commands.node.overview import show_node
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), show_node, platform or "")
+    run_each(at_nodes(ctx, platforms), show_node)
 
 
 @cmd.command()
-@click.argument("platform", required=False, type=PLATFORM)
+@nodes_argument()
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.option("--force", is_flag=True, help="Also of an armed vehicle.")
 @timeout_option(30.0)
 @click.pass_context
-def restart(ctx: click.Context, platform: str | None, yes: bool, force: bool, wait_s: float) -> None:
-    """Restart all services of a node by its guard, one after the other; the time-out is that of each.
+def restart(ctx: click.Context, platforms: tuple[str, ...], yes: bool, force: bool, wait_s: float) -> None:
+    """Restart all services of nodes by their guards, one after the other; the time-out is that of each.
 
-    An armed vehicle is refused, unless --force is given.
+    Several nodes restart at the same time, the joined one after the others. An armed vehicle is refused,
+    unless --force is given.
 
     Example: swarmctl node restart uav1 --yes
     """
     from swarmctl.resources.restart import restart
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), restart, platform or "", (), wait_s, yes=yes, force=force)
+    run_each(at_nodes(ctx, platforms), restart, (), wait_s, yes=yes, force=force)

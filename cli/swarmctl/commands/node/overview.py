@@ -4,7 +4,8 @@ import asyncio
 
 import msgspec
 
-from swarmctl.resources.fanout import ask_all, platforms, read_boards, warn_errors
+from swarmctl.commandline.nodes import names_one
+from swarmctl.resources.fanout import ask_all, read_boards, warn_errors
 from swarmctl.resources.last_words import LastWords, last_words
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Cell, Column
@@ -45,8 +46,8 @@ class NodeList(msgspec.Struct, frozen=True):
 
 
 async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, SwarmError]]:
-    """The platform that `-n` names, else all known ones; and the errors of those without an answer."""
-    asked = [session.platform] if session.settings.node else await platforms(session)
+    """The selected platforms, else all known ones; and the errors of those without an answer."""
+    asked = await session.selected()
     ways = {route.platform: route for route in (await session.routes()).routes}
     (
         (infos, errors),
@@ -140,7 +141,7 @@ async def list_nodes(session: Session) -> None:
     Raises: Partial when one did not answer; the error itself when `-n` names it.
     """
     nodes, errors = await overview(session)
-    if session.settings.node and errors:
+    if session.platform in errors and names_one(session.settings.node):
         raise errors[session.platform]
     if session.settings.structured:
         session.out.document(NodeList(nodes))
@@ -151,12 +152,12 @@ async def list_nodes(session: Session) -> None:
         raise Partial(f"nodes: {len(errors)} of {len(nodes)} did not answer")
 
 
-async def show_node(session: Session, platform: str) -> None:
-    """Prints the identity of one node; empty: the platform that `-n` names.
+async def show_node(session: Session) -> None:
+    """Prints the identity of one node.
 
     Of a lost platform the last known state is printed. Raises: NoAnswer then; as `Session.ask`.
     """
-    target = names.check_platform(platform or session.platform)
+    target = session.platform
     if not await session.in_reach(target):
         _show_lost(session, await last_words(session, target))
         raise NoAnswer(f"node {target!r}: known, but {session.here} has no route to it now")

@@ -22,6 +22,6 @@ def ls(ctx: click.Context) -> None:
     Example: swarmctl time ls --node uav1
     """
     from swarmctl.commands.time.conversions import list_conversions
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), list_conversions)
+    run_each(settings(ctx), list_conversions)

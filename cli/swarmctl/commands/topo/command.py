@@ -11,7 +11,7 @@ from swarmctl.commandline.settings import settings
 @click.option("--png", metavar="FILE", help="Write a picture.")
 @click.pass_context
 def cmd(ctx: click.Context, dot: bool, png: str | None) -> None:
-    """Show the links of the swarm as a graph, from the neighbour tables of all reachable platforms.
+    """Show the links of the swarm as a graph, from the neighbour tables of all platforms, or of the selected.
 
     Example: swarmctl topo --dot | neato -Tsvg > swarm.svg
     """

@@ -3,7 +3,7 @@
 import msgspec
 
 from swarmctl.commands.topo.graph import TopologyEdge, edges, kinds, to_dot, to_png
-from swarmctl.resources.fanout import ask_all, platforms, warn_errors
+from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
 from swarmware.errors import Partial
@@ -25,7 +25,7 @@ async def show_topology(session: Session, *, dot: bool, png: str) -> None:
 
     Raises: Partial when a platform did not answer.
     """
-    asked = await platforms(session)
+    asked = await session.selected()
     answers, errors = await ask_all(session, asked, "sys/broker/links", Empty(), Neighbours)
     found = edges(answers)
     if png:

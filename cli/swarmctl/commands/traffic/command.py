@@ -3,6 +3,7 @@
 import click
 
 from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.parameters import at_path
 from swarmctl.commandline.settings import settings
 
 
@@ -17,14 +18,14 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List the traffic of a platform's broker since its start: by link, by channel, and refused input.
+    """List the traffic of platforms since the start of their brokers: by link, by channel, and refused input.
 
     Example: swarmctl traffic ls --node uav1
     """
     from swarmctl.commands.traffic.counters import list_counters
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), list_counters)
+    run_each(settings(ctx), list_counters)
 
 
 @cmd.command()
@@ -40,7 +41,7 @@ def ls(ctx: click.Context) -> None:
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N periods.")
 @click.pass_context
 def top(ctx: click.Context, period_s: float, count: int | None) -> None:
-    """Follow the rate of each channel, from the broker's counters; Ctrl-C ends it.
+    """Follow the rate of each channel, from the counters of brokers; Ctrl-C ends it.
 
     Example: swarmctl traffic top --node uav1 --count 5
     """
@@ -57,17 +58,17 @@ def top(ctx: click.Context, period_s: float, count: int | None) -> None:
 @click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: the limit ends after that.")
 @click.pass_context
 def set_(ctx: click.Context, pattern: str, rate: str, span: str, yes: bool) -> None:
-    """Limit the rate at which a platform sends matching boards; then show all its limits.
+    """Limit the rate at which platforms send matching boards; then show all their limits.
 
     It asks for a confirmation where the limit silences boards, or slows the states that barriers wait for.
 
     Example: swarmctl traffic set 'nav/*' --rate 5hz --for 5m --node uav1
     """
     from swarmctl.commands.traffic.rates import set_limit
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
     from swarmctl.terminal.quantities import rate_hz, span_s
-    from swarmware.model import names
     from swarmware.model.names import Pattern
 
-    Pattern(names.split(pattern)[1])  # an invalid one is refused before the node is joined
-    run(settings(ctx), set_limit, pattern, rate_hz(rate), span_s(span) if span else 0.0, yes=yes)
+    chosen, local = at_path(ctx, pattern)
+    Pattern(local)  # an invalid one is refused before the node is joined
+    run_each(chosen, set_limit, local, rate_hz(rate), span_s(span) if span else 0.0, yes=yes)

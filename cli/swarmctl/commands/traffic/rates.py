@@ -5,9 +5,11 @@ from typing import Final
 import click
 import msgspec
 
+from swarmctl.commandline.nodes import is_selection
+from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.session.session import Session
-from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Column
+from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.names import Pattern
 from swarmware.types.net import ChannelLimits, SetChannel, Traffic
@@ -42,24 +44,45 @@ class TrafficRates(msgspec.Struct, frozen=True):
 
 
 async def follow_rates(session: Session, period_s: float, count: int | None) -> None:
-    """Prints the rate of each channel once per period; ends after `count` periods, when one is given."""
-    before = await session.ask("sys/broker/traffic", Empty(), Traffic)
+    """Prints the rate of each channel once per period; ends after `count` periods, when one is given.
+
+    Raises: as `Session.ask` where no platform answers; Partial when one did not answer in the last period.
+    """
+    asked = await session.selected() if session.settings.node else [session.platform]
+    before, errors = await _traffic(session, asked)
+    if not before:
+        raise errors[asked[0]]
     turn = 0
     async for _ in session.module.every(period_s):
-        now = await session.ask("sys/broker/traffic", Empty(), Traffic)
-        if now.at_ns == before.at_ns:
+        now, errors = await _traffic(session, asked)
+        rates = [
+            _rates(name, before[name], one)
+            for name, one in now.items()
+            if name in before and one.at_ns != before[name].at_ns
+        ]
+        if not now and len(asked) == 1:
+            raise errors[asked[0]]
+        if not rates and now:
             continue
-        _show_rates(session, before, now)
-        before = now
+        _show_rates(session, rates, several=is_selection(session.settings.node))
+        warn_errors(session, errors)
+        before |= now
         turn += 1
         if turn == count:
-            return
+            break
+    if errors:
+        raise Partial(f"traffic: {', '.join(errors)} did not answer")
 
 
-def _show_rates(session: Session, before: Traffic, now: Traffic) -> None:
+async def _traffic(session: Session, asked: list[str]) -> tuple[dict[str, Traffic], dict[str, SwarmError]]:
+    return await ask_all(session, asked, "sys/broker/traffic", Empty(), Traffic)
+
+
+def _rates(platform: str, before: Traffic, now: Traffic) -> TrafficRates:
+    """Rates between two readings, channels with the most bytes first."""
     span_s = (now.at_ns - before.at_ns) / 1e9
     old = {one.channel: one for one in before.channels}
-    rates = []
+    channels = []
     for one in now.channels:
         was = old.get(one.channel)
         deltas = [
@@ -75,15 +98,22 @@ def _show_rates(session: Session, before: Traffic, now: Traffic) -> None:
             )
         ]
         if any(deltas):
-            rates.append((one.channel, *deltas))
-    rates.sort(key=lambda row: -(row[3] + row[5]))
-    total = (
+            channels.append(ChannelRates(one.channel, *deltas))
+    channels.sort(key=lambda one: -(one.sent_bytes_s + one.received_bytes_s))
+    return TrafficRates(
+        platform,
+        now.at_ns,
         (now.sent_bytes - before.sent_bytes) / span_s,
         (now.received_bytes - before.received_bytes) / span_s,
+        channels,
     )
+
+
+def _show_rates(session: Session, rates: list[TrafficRates], *, several: bool) -> None:
+    """Prints a line per platform for programs, else one table; `several`: with a column of the node."""
     if session.settings.structured:
-        channels = [ChannelRates(*row) for row in rates]
-        session.out.line(TrafficRates(session.platform, now.at_ns, *total, channels))
+        for one in rates:
+            session.out.line(one)
         return
     if session.out.fancy:
         click.clear()
@@ -97,8 +127,16 @@ def _show_rates(session: Session, before: Traffic, now: Traffic) -> None:
         Column("DROPPED /s", right=True),
         Column("HELD BACK /s", right=True),
     ]
-    title = f"{session.platform}: {total[0] / 1000:.2f} kB/s out, {total[1] / 1000:.2f} kB/s in, on the wire"
-    session.out.table(columns, [(row[0], *(f"{rate:.1f}" for rate in row[1:])) for row in rates], title)
+    rows = []
+    for one in rates:
+        for channel in one.channels:
+            name, *figures = msgspec.structs.astuple(channel)
+            rows.append((*((one.platform,) if several else ()), name, *(f"{rate:.1f}" for rate in figures)))
+    sent = sum(one.sent_bytes_s for one in rates) / 1000
+    received = sum(one.received_bytes_s for one in rates) / 1000
+    whose = f"{len(rates)} nodes" if several else session.platform
+    title = f"{whose}: {sent:.2f} kB/s out, {received:.2f} kB/s in, on the wire"
+    session.out.table([*((Column("NODE"),) if several else ()), *columns], rows, title)
 
 
 def effect(local: str, max_hz: float | None, duration_s: float) -> str:
@@ -112,18 +150,16 @@ def effect(local: str, max_hz: float | None, duration_s: float) -> str:
 
 
 async def set_limit(
-    session: Session, pattern: str, max_hz: float | None, duration_s: float, *, yes: bool
+    session: Session, local: str, max_hz: float | None, duration_s: float, *, yes: bool
 ) -> None:
     """Limits matching boards and prints all limits; `max_hz` None: no limit, `duration_s` 0: no end.
 
     Raises: as `confirm` and `Session.ask`.
     """
-    platform, local = names.split(pattern)
     request = SetChannel(Pattern(local).text, max_hz, duration_s)
-    target = names.check_platform(platform or session.platform)
+    target = session.platform
     await session.reach(target)
-    if will := effect(local, max_hz, duration_s):
-        confirm(yes, f"{target}: {will}")
+    await session.confirm(yes, effect(local, max_hz, duration_s))
     limits = await session.ask(names.join(target, "sys/broker/set_channel"), request, ChannelLimits)
     for path in limits.unlimited:
         session.out.warn(f"/{target}/{path}: not limited, because each of its items is delivered")

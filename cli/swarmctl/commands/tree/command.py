@@ -5,6 +5,7 @@ import click
 from swarmctl.commandline import completion
 from swarmctl.commandline.completion_cache import VALUED
 from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.parameters import at_path
 from swarmctl.commandline.settings import settings
 
 FIELDS = click.option(
@@ -89,14 +90,16 @@ def get(ctx: click.Context, path: str, names: tuple[str, ...], fresh: bool) -> N
 def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bool) -> None:
     """Set a resource, or one of its fields; the owner checks type, range and permission.
 
-    It asks for a confirmation where the template of the resource requires one.
+    It asks for a confirmation where the template of the resource requires one. Several platforms are set at
+    the same time: '/uav*/config/navigator/altitude_kp'.
 
     Example: swarmctl tree set /uav1/config/navigator/altitude_kp 1.5
     """
     from swarmctl.resources.access import set_resource
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), set_resource, path, value, version=version, yes=yes)
+    chosen, local = at_path(ctx, path)
+    run_each(chosen, set_resource, local, value, version=version, yes=yes)
 
 
 @cmd.command()
@@ -125,9 +128,10 @@ def type_(ctx: click.Context, name: str) -> None:
     Example: swarmctl tree type /uav1/nav/pose
     """
     from swarmctl.commands.tree.types import print_type
-    from swarmctl.session.session import run
+    from swarmctl.session.each_node import run_each
 
-    run(settings(ctx), print_type, name)
+    chosen, local = at_path(ctx, name)
+    run_each(chosen, print_type, local)
 
 
 @cmd.command()

@@ -19,7 +19,7 @@ async def print_values(session: Session, path: str, *, names: tuple[str, ...] = 
     `names`: fields of each. Raises: Partial when some have no value; the error itself when none has.
     """
     name, _, fields = path.partition(".")
-    if is_pattern(name):
+    if is_pattern(session.path(name)):
         await _print_all(session, name, fields, names, fresh=fresh)
         return
     found = await read(session, session.path(name), fields, names=names, fresh=fresh)

@@ -6,7 +6,6 @@ from typing import Any, Final
 import msgspec
 
 from swarmctl.resources.classes import described
-from swarmctl.resources.fanout import platforms
 from swarmctl.resources.fields import wrapped
 from swarmctl.resources.listing import entry_of
 from swarmctl.resources.values import brief
@@ -84,7 +83,7 @@ async def _anywhere(session: Session, name: str) -> TypeDescription:
 
     Raises: NotFound.
     """
-    known = await platforms(session)
+    known = await session.platforms()
     for platform in sorted(known, key=lambda one: one != session.here):
         try:
             return await described(session, platform, name)

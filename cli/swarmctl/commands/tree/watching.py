@@ -74,7 +74,7 @@ async def print_changes(session: Session, path: str, count: int | None, names: t
         if session.settings.structured:
             session.out.line(shown)
         else:
-            for line in _lines(shown, session.out.width, with_path=is_pattern(name)):
+            for line in _lines(shown, session.out.width, with_path=is_pattern(session.path(name))):
                 session.out.now(line)
         if meter.thinned and new.path not in explained:
             explained.add(new.path)

@@ -1,0 +1,68 @@
+"""Runs a command at each selected node, concurrently, and prints one result."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Concatenate, ParamSpec, TypeVar
+
+from swarmctl.commandline.nodes import NodeSelection, is_selection
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.session.session import Session, connect
+from swarmctl.terminal.confirmation import JointConfirmation
+from swarmctl.terminal.node_output import NodeOutput, print_results, raise_errors
+from swarmware.errors import SwarmError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+async def at_each(
+    session: Session,
+    command: Callable[Concatenate[Session, P], Awaitable[T]],
+    *args: P.args,
+    **kwargs: P.kwargs,
+) -> None:
+    """Calls `command` for each selected node; a single name is the command as it is.
+
+    Raises: NotFound when a name or a pattern matches no node; Partial when the command failed at some;
+    the error of a single node.
+    """
+    if not is_selection(session.settings.node):
+        await command(session, *args, **kwargs)
+        return
+    nodes = NodeSelection(session.settings.node).choose(await session.platforms(), session.here)
+    joint = JointConfirmation(nodes)
+    outputs = {name: NodeOutput(name, session.out) for name in nodes}
+    errors: dict[str, SwarmError] = {}
+
+    async def one(name: str) -> None:
+        try:
+            await command(session.at(name, outputs[name], joint), *args, **kwargs)
+        except SwarmError as error:
+            errors[name] = error
+        except BaseException as error:
+            joint.fail(error)
+            raise
+        joint.finish(name)
+
+    ended = await asyncio.gather(*(one(name) for name in nodes), return_exceptions=True)
+    for error in ended:
+        if isinstance(error, BaseException):
+            raise error
+    failed = {name: errors[name] for name in nodes if name in errors}
+    print_results(session.out, outputs, failed)
+    raise_errors(len(nodes), failed)
+
+
+def run_each(
+    settings: CliSettings,
+    command: Callable[Concatenate[Session, P], Awaitable[T]],
+    *args: P.args,
+    **kwargs: P.kwargs,
+) -> None:
+    """Joins the node, calls `command(session, …)` for each selected node, and leaves the node."""
+
+    async def main() -> None:
+        async with connect(settings) as session:
+            await at_each(session, command, *args, **kwargs)
+
+    asyncio.run(main())
